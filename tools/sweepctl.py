@@ -1,6 +1,6 @@
-"""Where ``sweepctl`` starts: Ctrl-C ends it in order from the first import on.
+"""Entry point of ``sweepctl``, which handles Ctrl-C from the first import on.
 
-Starting takes a tenth of a second and more, nearly all of it imports.
+The start takes 0.1 s or more, nearly all of it for imports.
 """
 
 from __future__ import annotations

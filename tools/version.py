@@ -1,4 +1,4 @@
-"""The distribution's version; the packaging reads it from here."""
+"""Version of the distribution; the packaging reads it here."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def test_a_note_alone_is_no_trouble(folder: Path) -> None:
     done = sweepctl("doctor", capture)
     assert done.status == 0
     assert "info    waiting: only hellos came" in done.out
-    assert "nothing is wrong" in done.out
+    assert "no problem found" in done.out
     assert sweepctl("doctor", capture, "--json").json["healthy"]
 
 

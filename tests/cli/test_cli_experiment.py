@@ -117,13 +117,14 @@ def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float
     done = end(process, signal.SIGINT)
     kept = len(rows(tmp_path)) if (tmp_path / LINES).exists() else 0
     printed = done.err.splitlines()
-    if printed[-1] == "the same command goes on from there":
-        assert printed[-2] == f"interrupted before the report: the runs done are kept in {tmp_path}"
+    if printed[-1] == "the same command continues from there":
+        kept_in = f"interrupted before the report; completed runs are kept in {tmp_path}"
+        assert printed[-2] == kept_in
         assert done.status == 1
         assert kept, "there was something to report"
     else:
         reported = (
-            f"{kept} of 200 runs done, kept in {tmp_path}; the same command goes on from there"
+            f"{kept} of 200 runs done, kept in {tmp_path}; the same command continues from there"
         )
         assert printed[-1] == reported
         # the workers take longer to end than two signals to come
@@ -158,8 +159,8 @@ def test_interrupted_before_the_report_it_reports_where_the_runs_are(two_jobs: P
     done = end(process, signal.SIGINT)
     assert done.status == 1
     assert done.err.splitlines() == [
-        f"interrupted before the report: the runs done are kept in {two_jobs}",
-        "the same command goes on from there",
+        f"interrupted before the report; completed runs are kept in {two_jobs}",
+        "the same command continues from there",
     ]
 
 
@@ -182,14 +183,14 @@ def test_a_users_mistakes_are_one_line(tmp_path: Path, monkeypatch: pytest.Monke
     for arguments, text in (
         (("compare", "--rooms", "nowhere"), "no room 'nowhere'"),
         (("compare", "--planners", "x"), "'x' is not one of recovery"),
-        (("compare", "--rooms", ","), "no rooms: give --rooms or --generated"),
-        (("limits", "--zimablue"), "--zimablue is for compare"),
-        (("paper", "--zimablue"), "--zimablue is for compare"),
+        (("compare", "--rooms", ","), "no room: give --rooms or --generated"),
+        (("limits", "--zimablue"), "--zimablue needs compare"),
+        (("paper", "--zimablue"), "--zimablue needs compare"),
         (("compare", "--rooms", "layout:moat"), "no layout 'moat': there are wall-obstacle,"),
-        (("paper", "--rooms", "case-1"), "--rooms: for compare and limits; paper has rooms,"),
-        (("paper", "--planners", "recovery"), "--planners: for compare and limits"),
-        (("paper", "--generated", "0"), "--generated: for compare and limits"),
-        (("--noise", "typical", "--seeds", "3"), "--noise, --seeds: for compare and limits"),
+        (("paper", "--rooms", "case-1"), "--rooms: only for compare and limits; paper has its"),
+        (("paper", "--planners", "recovery"), "--planners: only for compare and limits"),
+        (("paper", "--generated", "0"), "--generated: only for compare and limits"),
+        (("--noise", "typical", "--seeds", "3"), "--noise, --seeds: only for compare and limits"),
     ):
         done = sweepctl("experiment", *arguments, "--out", tmp_path)
         assert done.status == 2

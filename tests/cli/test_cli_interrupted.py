@@ -35,7 +35,8 @@ def test_a_stop_that_ctrl_c_cuts_off_is_not_done(
     monkeypatch.setattr("bridge.io.stopping.stop_device", stop_device)
     assert run(["stop", str(tmp_path / "port")]) == 3
     printed = capsys.readouterr().err.strip()
-    assert printed == "sweepctl: interrupted: no stop is confirmed; see that the robot stands"
+    expected = "interrupted: the stop is not confirmed; check that the robot stands still"
+    assert printed == f"sweepctl: {expected}"
 
 
 class Robot:
@@ -85,10 +86,10 @@ class Asked(Robot):
 @pytest.mark.parametrize(
     ("arguments", "cut", "known"),
     [
-        (("reboot",), "reboot", "it was not done yet"),
-        (("reboot",), "snapshot", "it was not done yet"),
-        (("param", "save"), "list_parameters", "it was not done yet"),
-        (("param", "get", "max_speed"), "get_parameter", "it was not done yet"),
+        (("reboot",), "reboot", "the command was not done"),
+        (("reboot",), "snapshot", "the command was not done"),
+        (("param", "save"), "list_parameters", "the command was not done"),
+        (("param", "get", "max_speed"), "get_parameter", "the command was not done"),
     ],
 )
 def test_what_ctrl_c_cuts_off_is_not_done(
@@ -112,7 +113,7 @@ def test_an_awaited_boot_is_reported_as_under_way(
     monkeypatch.setattr("bridge.io.clock.pause", interrupt)
     assert run(["reboot", "/nowhere", "--json"]) == 1
     printed = capsys.readouterr()
-    assert "the device took the command and was not back yet" in printed.err
+    assert "the device accepted the command and was not back yet" in printed.err
     assert json.loads(printed.out)["exit_status"] == 1
 
 

@@ -65,7 +65,7 @@ def test_the_log_itself_is_never_written_over(
     name, option = command
     done = sweepctl(name, copy, option, tmp_path / "." / "run.mcap", "--force")
     assert done.status == 1
-    assert "it is the file to read; give another name" in done.line
+    assert "it is also the input; give another name" in done.line
     assert copy.read_bytes() == log.read_bytes()
     both = sweepctl("diff", log, copy, "--out", copy, "--force")
     assert both.status == 1
@@ -123,14 +123,14 @@ def test_a_name_of_another_format_is_rejected(
 ) -> None:
     done = sweepctl(command[0], log, command[1], tmp_path / name)
     assert done.status == 2
-    assert f"it writes {wanted}, not {Path(name).suffix.lower()}" in done.line
+    assert f"the format is {wanted}, not {Path(name).suffix.lower()}" in done.line
     assert not (tmp_path / name).exists()
 
 
 def test_diff_writes_a_page_or_a_picture_and_reports_so(log: Path, tmp_path: Path) -> None:
     done = sweepctl("diff", log, log, "--out", tmp_path / "foo.pdf")
     assert done.status == 2
-    assert "it writes .html or .htm or .png, not .pdf" in done.line
+    assert "the format is .html or .htm or .png, not .pdf" in done.line
     assert sweepctl("diff", log, log, "--out", tmp_path / "both.PNG").status == 0
     assert (tmp_path / "both.PNG").read_bytes().startswith(b"\x89PNG")
     assert sweepctl("diff", log, log, "--out", tmp_path / "run-1.5").status == 0

@@ -36,7 +36,7 @@ def test_it_asks_before_it_turns_a_wheel_and_reports_what_it_saw(
         assert declined.status == 0
         assert "motors: left out: the wheels are not free" in declined.err
         assert plant.wheel_angles_rad == (0.0, 0.0)
-        assert declined.out == "0 of 4 looks found a fault, 2 left out\n"
+        assert declined.out == "0 of 4 checks failed, 2 skipped\n"
 
         plant.faults.lifted = True  # on a stand
         wrong = "y\ny\nrf\ny\nrf\n"  # "the RIGHT wheel turned" for both outputs

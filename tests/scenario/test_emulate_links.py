@@ -196,7 +196,7 @@ def a_line_that_is_too_slow_is_reported(tmp_path: Path) -> None:
     )
     assert found, reported
     assert int(found[4]) <= 1920 * float(found[1])
-    assert re.search(r"\d+ B were lost by the device, which had more to say", reported)
+    assert re.search(r"\d+ B were lost in the device: it sent more than", reported)
 
 
 def an_adapter_as_python_can_expects_it(tmp_path: Path) -> None:

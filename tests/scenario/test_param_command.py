@@ -123,7 +123,7 @@ def test_a_value_that_a_reboot_would_undo_reports_what_it_needs(port: str) -> No
     assert "so save and reboot it" in reported.err
     assert row("infrared_left_scale").endswith("after reboot  needs save and reboot")
     assert "needs" not in row("infrared_right_scale")
-    assert "infrared_left_scale: counts from the device's next boot on, so reboot it" in (
+    assert "infrared_left_scale: takes effect at the next boot; reboot the device" in (
         param("save", port).err
     )
     assert row("infrared_left_scale").endswith("after reboot  stored")

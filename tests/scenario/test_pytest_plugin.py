@@ -161,7 +161,7 @@ def test_the_port_fixture_beside_a_folder_named_like_ours(
 
 
 WRONG = {
-    "room": ('room="no-such-room"', "no room 'no-such-room': neither a file nor one of"),
+    "room": ('room="no-such-room"', "no room 'no-such-room': give a file or one of"),
     "noise": ('noise="loud"', "loud"),
     "fault": ('faults=["gremlins@3"]', "there is no kind 'gremlins'"),
     "key": ('rooom="empty"', "no 'rooom'; there are room, noise, seed, faults, node, link"),

@@ -41,7 +41,7 @@ def metadata(log: Path) -> dict[str, str]:
     [
         (("--planner-option", "side=up"), "paper: 'side=up': not one of left, right"),
         (("--planner-option", "colour=red"), "paper: no option 'colour'; there are: side, end"),
-        (("--planner-option", "side=left", "--supervise"), "not with --supervise"),
+        (("--planner-option", "side=left", "--supervise"), "cannot be used with --supervise"),
     ],
 )
 def test_what_cannot_be_is_rejected_before_a_log_is_made(

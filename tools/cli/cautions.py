@@ -1,4 +1,4 @@
-"""What is probably wrong with a room or a robot although both can be used."""
+"""Warnings about a robot or a room that are valid but will probably not work well."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def cautions(model: RobotModel, plan: FloorPlan | None) -> list[tuple[str, str]]:
-    """Each with its source, ``robot`` or ``room``."""
+    """Return each caution with its source, ``robot`` or ``room``."""
     found = [("robot", text) for text in robot_cautions(model)]
     if plan is not None:
         found += [("room", text) for text in plan.cautions]
@@ -22,12 +22,12 @@ def cautions(model: RobotModel, plan: FloorPlan | None) -> list[tuple[str, str]]
 
 
 def caution_lines(model: RobotModel, plan: FloorPlan | None) -> list[str]:
-    """The same as lines for people."""
+    """Return the cautions as lines to print."""
     return [f"warning: {source}: {text}" for source, text in cautions(model, plan)]
 
 
 def caution_records(model: RobotModel, plan: FloorPlan | None, log_ns: int) -> list[EventRecord]:
-    """The same for a log."""
+    """Return the cautions as events of a log, at time ``log_ns``."""
     return [
         EventRecord(log_ns, Severity.WARNING, source, EventKind.CAUTION, text, {})
         for source, text in cautions(model, plan)

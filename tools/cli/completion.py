@@ -1,4 +1,4 @@
-"""What the shell offers for an argument: rooms, robot files, parameters, kinds of fault."""
+"""Shell completion of rooms, robot files, parameters and kinds of fault."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def complete_room(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Rooms that ship with the project, and room files."""
+    """Return the rooms that ship with sweepctl, and room files."""
     from tools.cli.rooms import shipped_rooms
 
     return [*_beginning(shipped_rooms(), incomplete), *_files(incomplete, ".json")]
@@ -27,7 +27,7 @@ def complete_robot(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Robot files."""
+    """Return robot files."""
     return _files(incomplete, ".toml")
 
 
@@ -36,7 +36,7 @@ def complete_parameter(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Parameters of the reference firmware: a device is not asked for a key press."""
+    """Return the parameters of the reference firmware; completion asks no device."""
     from bridge.motion.robot_model import RobotModel
     from sim_device.device.parameters import table
 
@@ -48,7 +48,7 @@ def complete_fault(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Kinds of fault, which a fault's text begins with."""
+    """Return the kinds of fault, with which the text of a fault begins."""
     from sim_device.faults.kinds import KINDS
 
     return _beginning(KINDS, incomplete)
@@ -59,7 +59,7 @@ def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
 
 
 def _files(incomplete: str, suffix: str) -> list[str]:
-    """Files with this ending, and folders, that a path may go on with."""
+    """Return the files with this suffix, and the folders, that begin with ``incomplete``."""
     folder, _, begun = incomplete.rpartition("/")
     where = Path(f"{folder}/") if "/" in incomplete else Path()
     head = f"{folder}/" if "/" in incomplete else ""

@@ -1,7 +1,6 @@
-"""What people read: a summary as a table, progress, one-line messages.
+"""Output of every command: messages on stderr, results on stdout, summaries as tables.
 
-Every command writes through this module, and text from outside is made visible here: see
-``visible_text``.
+Text from outside is escaped here: see ``visible_text``.
 """
 
 from __future__ import annotations
@@ -26,81 +25,81 @@ _OUTCOME_STYLE = {"complete": "green", "stopped": "yellow", "timeout": "red", "f
 
 @cache
 def err() -> Console:
-    """Where people read; made, and its library imported, when there is something to read."""
+    """Return the console on stderr; the first call imports Rich and makes it."""
     from tools.cli.visible_console import VisibleConsole
 
     return VisibleConsole(stderr=True)
 
 
 def plain_console() -> Console:
-    """Make a console on stdout."""
+    """Return a new console on stdout."""
     from tools.cli.visible_console import VisibleConsole
 
     return VisibleConsole()
 
 
 def is_drawable() -> bool:
-    """Whether people read on a terminal where a picture can be drawn over an older one."""
+    """Return whether stderr is a terminal on which a display can be redrawn in place."""
     return err().is_interactive
 
 
 def inform(text: str, *, style: str | None = None) -> None:
-    """Print a line for people, on stderr."""
+    """Print a one-line message on stderr."""
     err().print(one_line(text), soft_wrap=True, style=style)
 
 
 def inform_lines(text: str) -> None:
-    """Print several lines for people, on stderr."""
+    """Print a message of several lines on stderr."""
     for line in text.splitlines():
         inform(line)
 
 
 def complain(text: str) -> None:
-    """Print an error in one line, on stderr."""
+    """Print a one-line error on stderr, after the name of the command."""
     click.echo(f"{click.style('sweepctl:', fg='red', bold=True)} {one_line(text)}", err=True)
 
 
 def ask(text: str) -> None:
-    """Print a question on stderr; the answer is typed on the same line."""
+    """Print a prompt on stderr without a line end; the answer is typed behind it."""
     sys.stderr.write(visible(text))
     sys.stderr.flush()
 
 
 def send(sequence: str) -> None:
-    """Send a control sequence of our own to the terminal on stderr."""
+    """Send a control sequence to the terminal on stderr, unescaped."""
     sys.stderr.write(sequence)
     sys.stderr.flush()
 
 
 def drop_queued() -> None:
-    """Drop what still waits for a terminal to take it, where output is queued."""
-    for stream in (err().file, plain_console().file):  # those below what Rich puts in their place
+    """Drop queued output that a terminal has not taken yet."""
+    for stream in (err().file, plain_console().file):  # Rich may have replaced sys.stderr
         if isinstance(stream, QueuedStream) and stream.isatty():
             stream.drop_queued()
 
 
 def write_line(*lines: str) -> None:
-    """Write lines on stdout, however long they are."""
+    """Write lines on stdout without wrapping or shortening them."""
     sys.stdout.write("".join(f"{visible(line)}\n" for line in lines))
 
 
 def write_lines(text: str) -> None:
-    """Write text of several lines on stdout; tabs and line ends are its own."""
+    """Write text of several lines on stdout; its tabs and line ends are kept."""
     sys.stdout.write(visible(text, keep="\n\t"))
 
 
 def write_json(value: object) -> None:
-    """Write one JSON object in a line on stdout; it is ASCII, so nothing in it is left to hide."""
+    """Write one JSON object as a line on stdout; it is ASCII, so it needs no escaping."""
     sys.stdout.write(json.dumps(value) + "\n")
 
 
 def flush() -> None:
-    """Let a program that reads stdout have what was written."""
+    """Flush stdout, so that a program that reads it gets what was written."""
     sys.stdout.flush()
 
 
 def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
-    """Print a run's summary: one JSON object, or a table."""
+    """Print the summary of a run as one JSON object or as a table."""
     if as_json:
         write_json(summary)
         flush()
@@ -109,7 +108,7 @@ def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
 
 
 def summary_table(summary: dict[str, Any]) -> Table:
-    """The figures that people ask for first."""
+    """Return the main figures of a run's summary as a table."""
     from rich.table import Table
     from rich.text import Text
 
@@ -129,15 +128,15 @@ def summary_table(summary: dict[str, Any]) -> Table:
         ("outcome", outcome),
         ("time", _with(summary["duration_s"], "{:.1f} s")),
         ("path", _path(summary)),
-        ("swept by the mouth", _share(coverage, "mouth_sweepable", "of what it can reach")),
-        ("swept by the body", _share(coverage, "body_free", "of the floor (the paper's figure)")),
+        ("swept by the mouth", _share(coverage, "mouth_sweepable", "of the reachable floor")),
+        ("covered by the body", _share(coverage, "body_free", "of the floor (the paper's figure)")),
         ("90 % / 99 % after", _pair(summary["t90_s"], summary["t99_s"], "{:.0f} s")),
         ("largest hole", _with(summary["largest_hole_cm2"], "{:.0f} cm²")),
-        ("pose error, end / most", _pose_error(summary["pose_error_m"])),
+        ("pose error, end / max", _pose_error(summary["pose_error_m"])),
         ("collisions", _with(summary["collisions"], "{}")),
         ("energy", _with(summary["energy_wh"], "{:.2f} Wh")),
         (
-            "wire",
+            "link",
             (
                 f"{wire['frames']['rx']} frames in, {wire['frames']['tx']} out, "
                 f"{_or_unknown(wire['lost'])} lost, {_or_unknown(wire['crc_errors'])} damaged, "
@@ -148,7 +147,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
     ]
     for name, value in rows:
         if value is not None:
-            # Rooms and reasons are others' words: no markup.
+            # Names of rooms and reasons come from outside: Text takes them without markup.
             table.add_row(name, Text(value) if isinstance(value, str) else value)
     return table
 

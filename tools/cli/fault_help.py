@@ -1,4 +1,4 @@
-"""Faults for people and for logs: the list, its page in the docs, and the record of an event."""
+"""Faults as text: the list of kinds, the page ``docs/faults.md``, and the event in a log."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ GRAMMAR = "kind@time[:for][:name=value,...]"
 
 
 def print_faults(*, as_json: bool) -> None:
-    """Every kind on stdout."""
+    """Print every kind of fault on stdout."""
     if as_json:
         write_json({"faults": [as_dict(kind) for kind in KINDS.values()]})
         return
     lines = [
         f"--fault {GRAMMAR}",
         "",
-        "Times are seconds since the device was switched on (also 500ms, 2s). Without a duration",
-        "a fault lasts until the end. Faults may overlap: their effects add up.",
+        "Times are seconds since the device was switched on (500ms and 2s work too). A fault",
+        "without a duration lasts until the end. Faults can overlap: their effects combine.",
         "",
     ]
     for kind in KINDS.values():
@@ -47,11 +47,11 @@ def _argument(argument: Argument) -> str:
 
 
 def _lasts(kind: FaultKind) -> str:
-    return "Lasts." if kind.lasting else "Over at once."
+    return "Has a duration." if kind.lasting else "Momentary."
 
 
 def faults_page() -> str:
-    """``docs/faults.md``."""
+    """Return the page ``docs/faults.md``."""
     rows = []
     for kind in KINDS.values():
         arguments = "<br>".join(_cell(a) for a in kind.arguments)
@@ -68,7 +68,7 @@ def _cell(argument: Argument) -> str:
 
 
 def fault_record(event: FaultEvent, log_ns: int) -> EventRecord:
-    """A fault's beginning or end, for the log's ``/events``."""
+    """Return the beginning or end of a fault as a record for ``/events``."""
     from bridge.session.records import EventRecord, Severity
 
     data: dict[str, float | str] = {

@@ -1,7 +1,7 @@
-"""Ctrl-C while the command starts: put off until no import is cut short.
+"""Ctrl-C while the command starts: deferred until no import is in progress.
 
-A ``KeyboardInterrupt`` inside of an import ends in a traceback, and inside of an extension
-module's in worse. A Ctrl-C that comes then is put off until the import is done.
+A ``KeyboardInterrupt`` during an import ends in a traceback; during the import of an extension
+module it can crash the interpreter. A Ctrl-C is therefore deferred until the import is done.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from types import FrameType
 
 _AGAIN_S = 0.02
-"""Time after which a signal that came within an import comes again, seconds."""
+"""Delay after which a deferred signal is sent again, s."""
 _MAX_TIMES = 250
-"""Times that one is put off: 5 s, after which the import hangs."""
+"""Number of times that a signal is deferred: 5 s in all. An import that takes longer hangs."""
 
 _LOADER = "importlib._bootstrap"
-"""Beginning of the names of modules that load code, which an exception would leave half done."""
+"""Prefix of the names of the modules that load code, which must not be interrupted."""
 
 _put_off = 0
 _has_begun = False
@@ -28,31 +28,31 @@ _is_done = False
 
 
 def install() -> None:
-    """Take Ctrl-C, where Python's own handler has it."""
+    """Install the handler for Ctrl-C, if Python's own handler is installed."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupted)
 
 
 def begin() -> None:
-    """From now on Ctrl-C raises ``KeyboardInterrupt``: all is imported, and it is caught."""
-    global _has_begun  # noqa: PLW0603 - the handler of a signal gets nothing else to look at
+    """Make Ctrl-C raise ``KeyboardInterrupt`` from now on: ``main`` catches it."""
+    global _has_begun  # noqa: PLW0603 - a signal handler gets no argument of ours
     _has_begun = True
 
 
 def set_done(*, done: bool = True) -> None:
-    """From now on Ctrl-C takes nothing back: what was asked for is confirmed and reported."""
-    global _is_done  # noqa: PLW0603 - as above
+    """Record that the command's work is confirmed and reported: Ctrl-C changes nothing now."""
+    global _is_done  # noqa: PLW0603 - a signal handler gets no argument of ours
     _is_done = done
 
 
 def is_done() -> bool:
-    """Whether what was asked for is confirmed and reported."""
+    """Return whether the command's work is confirmed and reported."""
     return _is_done
 
 
 def interrupted(_number: int, frame: FrameType | None) -> None:
-    """Raise ``KeyboardInterrupt``, where that is caught and no loading of code is cut off."""
-    global _put_off  # noqa: PLW0603 - as above
+    """Raise ``KeyboardInterrupt``, or defer the signal while code is being imported."""
+    global _put_off  # noqa: PLW0603 - a signal handler gets no argument of ours
     if _has_begun and not _loads(frame):
         raise KeyboardInterrupt
     _put_off += 1

@@ -1,4 +1,4 @@
-"""A key for authenticated motion, in a file of its owner's alone."""
+"""Key files for authenticated motion, which only their owner can read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 KEY_BYTES = 16
+"""Length of a key, bytes: the protocol's."""
 MAX_FILE = 256
+"""Number of bytes that are read of a key file: the 32 digits, and room for white space."""
 
 
 class KeyFileError(BridgeError):
@@ -24,10 +26,10 @@ class KeyFileError(BridgeError):
 
 
 def read_key(path: Path | None) -> bytes | None:
-    """The key in a file: 32 hexadecimal digits; None without a file.
+    """Return the key in a file, 32 hexadecimal digits; None without a file.
 
     Raises:
-        KeyFileError: it cannot be read, others may read it, or it holds no key.
+        KeyFileError: the file cannot be read, other users can read it, or it holds no key.
 
     """
     if path is None:
@@ -39,22 +41,22 @@ def read_key(path: Path | None) -> bytes | None:
     except OSError as error:
         raise KeyFileError(f"cannot read the key file {path}: {error.strerror}") from None
     if os.name == "posix" and stat.S_IMODE(mode) & 0o077:
-        raise KeyFileError(f"others may read the key file {path}: chmod 600 {path}")
+        raise KeyFileError(f"other users can read the key file {path}: run chmod 600 {path}")
     try:
         key = bytes.fromhex(text.decode("ascii").strip())
     except ValueError:
         key = b""
     if len(key) != KEY_BYTES:
-        raise KeyFileError(f"{path} holds no key: it must be {2 * KEY_BYTES} hexadecimal digits")
+        raise KeyFileError(f"{path} holds no key: a key has {2 * KEY_BYTES} hexadecimal digits")
     return key
 
 
 def make_key(path: Path) -> bytes:
-    """A new random key in a new file of mode 0600.
+    """Write a new random key to a new file of mode 0600 and return it.
 
     Raises:
         OutputExistsError: the file exists.
-        KeyFileError: it cannot be made.
+        KeyFileError: the file cannot be made.
 
     """
     key = secrets.token_bytes(KEY_BYTES)
@@ -63,7 +65,7 @@ def make_key(path: Path) -> bytes:
     except FileExistsError:
         raise OutputExistsError(path, can_replace=False) from None
     except OSError as error:
-        raise KeyFileError(f"cannot make the key file {path}: {error.strerror}") from None
+        raise KeyFileError(f"cannot write the key file {path}: {error.strerror}") from None
     with os.fdopen(fd, "w", encoding="ascii") as file:
         file.write(key.hex() + "\n")
     return key

@@ -65,22 +65,33 @@ _COMMANDS = {name: text for section in _SECTIONS.values() for name, text in sect
 
 
 class LazyGroup(click.Group):
-    """Imports a command's module only when it runs, so that help is quick."""
+    """Group that imports a command's module only when the command is used.
+
+    ``sweepctl --help`` therefore imports none of them.
+    """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's interface
-        """Names in the order of use."""
+        """Return the names of the commands in the order of the help."""
         return list(_COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command of this name, imported now."""
+    def get_command(
+        self,
+        ctx: click.Context,  # noqa: ARG002 - click's interface
+        cmd_name: str,
+    ) -> click.Command | None:
+        """Import and return the command of this name; None if there is none."""
         if cmd_name not in _COMMANDS:
             return None
         command = importlib.import_module(f"tools.commands.{cmd_name}").command
         assert isinstance(command, click.Command)  # noqa: S101 - every module has one
         return command
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """List the commands without importing them."""
+    def format_commands(
+        self,
+        ctx: click.Context,  # noqa: ARG002 - click's interface
+        formatter: click.HelpFormatter,
+    ) -> None:
+        """Write the sections of the help without importing a command."""
         width = max(map(len, _COMMANDS))
         for title, commands in _SECTIONS.items():
             with formatter.section(title):
@@ -95,29 +106,38 @@ class LazyGroup(click.Group):
 )
 @click.version_option(VERSION, prog_name="sweepctl")
 def cli() -> None:
-    """Drive, record and simulate a small sweeping robot."""
+    """Drive, record and simulate a small sweeping robot.
+
+    `sweepctl COMMAND --help` explains a command.
+    """
 
 
 _LIVE = {
     *("connect", "drive", "monitor", "bringup", "calibrate", "param", "key", "stop", "doctor"),
     *("emulate", "replay", "simulate"),
 }
-"""Commands with a loop, a port or a log to close: they never wait for who reads their output."""
-
+"""Commands with a loop, a port or a log to close. Their output is queued, so that a reader that
+does not read never blocks them."""
 
 _STOP = "stop"
-"""Command that is not done before the device has confirmed it, Ctrl-C or not."""
+"""Command that succeeds only when the device has confirmed the stop, even after Ctrl-C."""
 _UNTIL_ENDED = frozenset(
     {"connect", "drive", "monitor", "emulate", "simulate", "replay", "view"},
 )
-"""Commands that run until somebody ends them: there Ctrl-C leaves nothing undone."""
+"""Commands that run until a person ends them. Ctrl-C is their normal end: exit status 0."""
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
+"""Signals whose handlers a command may replace; Windows has no SIGHUP."""
 
 
 def run(arguments: list[str] | None = None) -> int:
-    """Run the command line; its exit status."""
+    """Run a command line and return its exit status.
+
+    Args:
+        arguments: words after ``sweepctl``; None: those of this process.
+
+    """
     given = sys.argv[1:] if arguments is None else arguments
     if _command_of(given) not in _LIVE:
         return _run(given)
@@ -128,16 +148,17 @@ def run(arguments: list[str] | None = None) -> int:
 
 @contextlib.contextmanager
 def _unchanged_signals(*, is_process: bool) -> Iterator[None]:
-    """Undo what a command did to signals, but where it is the whole of a process.
+    """Restore the signal handlers afterwards, unless the command is the whole process.
 
-    A run leaves them ignored as it ends, so that nothing cuts off its summary.
+    A run ignores signals while it ends, so that nothing cuts off its summary.
     """
     handlers = {} if is_process else {number: signal.getsignal(number) for number in _SIGNALS}
     try:
         yield
     finally:
         for number, handler in handlers.items():
-            with contextlib.suppress(ValueError, TypeError):  # of another thread, or not Python's
+            # ValueError: not the main thread. TypeError: the handler was not set by Python.
+            with contextlib.suppress(ValueError, TypeError):
                 signal.signal(number, handler)
 
 
@@ -152,11 +173,11 @@ def _run(arguments: list[str]) -> int:
         if command in _UNTIL_ENDED or command is None or is_done():
             complain("interrupted")
             return 0
-        if command == _STOP:  # where a script asks for one, 0 means that it stands
-            text = "interrupted: no stop is confirmed; see that the robot stands"
+        if command == _STOP:  # for a script, status 0 means that the robot has stopped
+            text = "interrupted: the stop is not confirmed; check that the robot stands still"
             return _failed(arguments, text, 3)
-        # click puts an exception of its own in the place of the signal's.
-        notes = getattr(error.__cause__ or error, "__notes__", ["it was not done yet"])
+        # click replaces the KeyboardInterrupt by an exception of its own.
+        notes = getattr(error.__cause__ or error, "__notes__", ["the command was not done"])
         return _failed(arguments, f"interrupted: {'; '.join(notes)}", 1)
 
 
@@ -166,13 +187,13 @@ def _command_of(arguments: list[str]) -> str | None:
 
 def _warned(  # noqa: PLR0913, PLR0917 - the library's interface
     message: Warning | str,
-    category: type[Warning],  # noqa: ARG001 - as above
-    filename: str,  # noqa: ARG001 - as above
-    lineno: int,  # noqa: ARG001 - as above
-    file: TextIO | None = None,  # noqa: ARG001 - as above
-    line: str | None = None,  # noqa: ARG001 - as above
+    category: type[Warning],  # noqa: ARG001 - the library's interface
+    filename: str,  # noqa: ARG001 - the library's interface
+    lineno: int,  # noqa: ARG001 - the library's interface
+    file: TextIO | None = None,  # noqa: ARG001 - the library's interface
+    line: str | None = None,  # noqa: ARG001 - the library's interface
 ) -> None:
-    """Print a library's warning as our own: it may quote a text from outside."""
+    """Print a library's warning through our console, which escapes control characters."""
     inform(f"warning: {message}")
 
 
@@ -183,7 +204,7 @@ def _invoke(arguments: list[str]) -> int:
 
     try:
         result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)
-        flush()  # what cannot be written is reported now, not as the interpreter ends
+        flush()  # so that a write error is reported here, not at the exit of the interpreter
     except click.ClickException as error:
         text = _usage_text(error)
         if text is None:
@@ -204,28 +225,31 @@ def _invoke(arguments: list[str]) -> int:
 
 
 _UNWRITTEN = {errno.EPIPE, errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-"""Errors of a write to stdout."""
+"""Error numbers by which a write to stdout fails."""
 
 
 def _unwritten(error: OSError) -> int:
-    """Say why stdout could not be written; nothing is tried again as the interpreter ends."""
-    if error.errno not in {errno.EPIPE, errno.EIO}:  # else its reader left: nobody is there to ask
+    """Print why stdout could not be written, and redirect it to /dev/null.
+
+    Without that the interpreter would try to write the rest again at its exit.
+    """
+    if error.errno not in {errno.EPIPE, errno.EIO}:  # those two: the reader has left
         complain(f"cannot write the output: {error.strerror}")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1
 
 
 def _usage_text(error: click.ClickException) -> str | None:
-    """What is wrong with the command line and where to read on; None: there is no command."""
+    """Return what is wrong with the command line and which help to read; None: no command."""
     text = error.format_message()
-    if isinstance(error, click.exceptions.NoArgsIsHelpError):  # the text is the whole help
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):  # its text is the whole help
         return None
     context = error.ctx if isinstance(error, click.UsageError) else None
     return f"{text} (see {context.command_path} --help)" if context else text
 
 
 def _unusable(error: OSError) -> str | None:
-    """Say which path cannot be used, or that there is no working directory; None: it is neither."""
+    """Return which path, or that the working directory, cannot be used; None: neither."""
     if isinstance(error.filename, str | bytes):
         return f"cannot use {os.fsdecode(error.filename)}: {error.strerror}"
     try:
@@ -236,7 +260,7 @@ def _unusable(error: OSError) -> str | None:
 
 
 def _failed(arguments: list[str], text: str, status: int) -> int:
-    """Say why a command did not do its work, with --json as its one object too."""
+    """Print why a command failed, with --json also as an object, and return ``status``."""
     complain(text)
     if "--json" in arguments:
         write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
@@ -249,22 +273,22 @@ def _nowhere() -> TextIO:
 
 def main() -> None:
     """Entry point."""
-    # Imports make tens of thousands of objects that stay: looking at them all again and again
-    # is a tenth of a short command's time.
+    # Imports create tens of thousands of objects that stay. With the default thresholds the garbage
+    # collector would scan them again and again: a tenth of a short command's time.
     gc.set_threshold(50_000, 20, 20)
-    # Where whoever started us closed them, their numbers must not become a log's.
+    # If the parent process closed stdout or stderr, a log must not get their descriptor.
     sys.stdout = sys.stdout or _nowhere()
     sys.stderr = sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
-        # A terminal, or a file's name, that knows no "m²": a mark in its place, no traceback.
+        # An encoding without "m²" prints a question mark instead of a traceback.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
         status = run()
-    except KeyboardInterrupt:  # a second one, as the first was answered
+    except KeyboardInterrupt:  # a second Ctrl-C while the first one was handled
         status = 0 if is_done() or _command_of(sys.argv[1:]) in _UNTIL_ENDED else 1
     if signal.getsignal(signal.SIGINT) in {signal.default_int_handler, interrupted}:
-        # From here on Ctrl-C finds nothing that it could break off in order.
+        # From here on a Ctrl-C may end the process at once: nothing is left to clean up.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    gc.freeze()  # the same when the interpreter ends: a tenth of a second of looking
+    gc.freeze()  # skips the scan at the exit of the interpreter, which takes 0.1 s
     sys.exit(status)

@@ -27,7 +27,7 @@ DEFAULT_PLANNER = "recovery"
 
 
 class Number(click.FloatRange):
-    """A number in a range; "nan" is in none."""
+    """Parameter type: a number in a range. "nan" is rejected."""
 
     name = "number"
 
@@ -37,7 +37,7 @@ class Number(click.FloatRange):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> float:
-        """Read the number."""
+        """Convert the text to a number."""
         number = super().convert(value, param, ctx)
         if math.isnan(number):
             self.fail(f"{value!r} is not a number.", param, ctx)
@@ -45,7 +45,7 @@ class Number(click.FloatRange):
 
 
 class Baud(click.IntRange):
-    """A baud rate, or 0 for none."""
+    """Parameter type: a baud rate, or 0 for a line without pacing."""
 
     def __init__(self) -> None:
         super().__init__(0, 12_000_000)
@@ -56,14 +56,15 @@ class Baud(click.IntRange):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> int:
-        """Read it."""
+        """Convert the text to a rate in baud."""
         number = int(super().convert(value, param, ctx))
         if 0 < number < _MIN_BAUD:
-            self.fail(f"{number} is not 0, nor in the range {_MIN_BAUD}<=x<=12000000.", param, ctx)
+            self.fail(f"{number} is not 0 or in the range {_MIN_BAUD}<=x<=12000000.", param, ctx)
         return number
 
 
 _MIN_BAUD = 1200
+"""Lowest baud rate of the virtual line, baud: the lowest that ``--baud`` of a real port takes."""
 
 
 def _faults(
@@ -79,7 +80,7 @@ def _faults(
 
 
 def address(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[str, int] | None:
-    """``HOST:PORT`` in two, an IPv6 address in brackets."""
+    """Split ``HOST:PORT``; an IPv6 address stands in brackets."""
     if text is None:
         return None
     host, colon, port = text.rpartition(":")
@@ -87,41 +88,44 @@ def address(ctx: click.Context, param: click.Parameter, text: str | None) -> tup
     if not colon or not host or not port.isascii() or not port.isdigit():
         raise click.BadParameter(f"{text!r} is not HOST:PORT.", ctx, param)
     if int(port) > _MAX_PORT:
-        raise click.BadParameter(f"port {port} is not in 0 to {_MAX_PORT}.", ctx, param)
+        raise click.BadParameter(f"port {port} is not in the range 0 to {_MAX_PORT}.", ctx, param)
     return host, int(port)
 
 
 _MAX_PORT = 65_535
+"""Highest TCP port number."""
 
 
 def fault_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--fault``, any number of times."""
+    """Add ``--fault``, which may be repeated."""
     return click.option(
         "--fault",
         callback=_faults,
         shell_complete=complete_fault,
         multiple=True,
         metavar="SPEC",
-        help="Inject kind@time[:for][:name=value,...], in seconds since the device "
-        "booted. Repeatable. `sweepctl emulate --list-faults` explains the kinds.",
+        help="Fault to inject: kind@time[:for][:name=value,...], in seconds since the device "
+        "booted; may be repeated. `sweepctl emulate --list-faults` explains each kind.",
     )(f)
 
 
 def baud_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--baud`` of the virtual line."""
+    """Add ``--baud`` of the virtual serial line."""
     return click.option(
         "--baud",
         type=Baud(),
-        help="Baud rate at which bytes are paced, 10 bits each; 0: unlimited.  [default: 921600]",
+        help="Baud rate of the virtual serial line, 10 bits a byte; 0: no pacing.  "
+        "[default: 921600]",
     )(f)
 
 
 def latency_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--latency-ms`` of the virtual adapter."""
+    """Add ``--latency-ms`` of the virtual USB adapter."""
     return click.option(
         "--latency-ms",
         type=Number(0.0, 1000.0),
-        help="Latency timer of the USB adapter, ms; FTDI's default is 16.  [default: 1; udpcan: 0]",
+        help="Latency timer of the virtual USB adapter, ms; an FTDI adapter has 16 by default.  "
+        "[default: 1; udpcan: 0]",
     )(f)
 
 
@@ -132,10 +136,17 @@ def rig(
     seed: int,
     cannot: Mapping[str, str] | None = None,
 ) -> Rig:
-    """Connect a device as asked for.
+    """Connect a virtual device to a line and its faults.
+
+    Args:
+        device: the virtual sweeper.
+        line: properties of the link to the host.
+        faults: faults of ``--fault``.
+        seed: seed of everything random in the line and the faults.
+        cannot: kinds of fault that the device does not support, with the reason.
 
     Raises:
-        click.BadParameter: a fault cannot be on this device.
+        click.BadParameter: the device does not support a fault.
 
     """
     from sim_device.faults.spec import FaultSpecError
@@ -148,17 +159,17 @@ def rig(
 
 
 def out_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--out`` and ``--force``."""
+    """Add ``--out`` and ``--force``."""
     f = click.option("--force", is_flag=True, help="Replace the log file if it exists.")(f)
     return click.option(
         "--out",
         type=click.Path(dir_okay=False, path_type=Path),
-        help="Log file.  [default: runs/<UTC>-<name>.mcap]",
+        help="Log file to write.  [default: runs/<UTC>-<room or port>.mcap]",
     )(f)
 
 
 def json_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--json``."""
+    """Add ``--json``."""
     return click.option(
         "--json",
         "as_json",
@@ -168,19 +179,19 @@ def json_option(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def port_options(f: Callable[..., object]) -> Callable[..., object]:
-    """``--node``, ``--baud``, ``--bitrate``, ``--lan``, ``--dtr``, ``--rts`` of opening a port."""
+    """Add the options by which a port is opened, from ``--node`` to ``--rts``."""
     for option in (
-        click.option("--rts", is_flag=True, help="Set RTS (this resets many boards)."),
-        click.option("--dtr", is_flag=True, help="Set DTR (this resets many boards)."),
+        click.option("--rts", is_flag=True, help="Assert RTS when opening (may reset the board)."),
+        click.option("--dtr", is_flag=True, help="Assert DTR when opening (may reset the board)."),
         click.option(
             "--lan",
             is_flag=True,
-            help="With can:udp_multicast: send frames to other machines and accept theirs.",
+            help="With can:udp_multicast: exchange frames with other machines on the network.",
         ),
         click.option(
             "--bitrate",
             type=click.IntRange(10_000, 1_000_000),
-            help="CAN bit rate, if the adapter can set it.  [default: 500000]",
+            help="CAN bit rate, for adapters that can be configured.  [default: 500000]",
         ),
         click.option(
             "--baud",
@@ -189,23 +200,27 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
             show_default=True,
             help="Serial baud rate.",
         ),
-        click.option("--node", type=click.IntRange(1, 15), help="Talk to this device only."),
+        click.option(
+            "--node",
+            type=click.IntRange(1, 15),
+            help="Node number of the device, where several share a bus.",
+        ),
     ):
         f = option(f)
     return f
 
 
 def key_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--key-file``."""
+    """Add ``--key-file``."""
     return click.option(
         "--key-file",
         type=click.Path(dir_okay=False, path_type=Path),
-        help="File with the key that authenticates motion commands (see sweepctl key).",
+        help="Key file that authenticates motion (`sweepctl key` makes one).",
     )(f)
 
 
 def robot_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--robot``."""
+    """Add ``--robot``."""
     return click.option(
         "--robot",
         type=click.Path(dir_okay=False, path_type=Path),
@@ -215,7 +230,7 @@ def robot_option(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def noise_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--noise``."""
+    """Add ``--noise``."""
     return click.option(
         "--noise",
         type=click.Choice(NOISE_LEVELS),
@@ -226,25 +241,26 @@ def noise_option(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def seed_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--seed``."""
+    """Add ``--seed``."""
     return click.option(
         "--seed",
         type=click.IntRange(0, 2**63 - 1),
         default=0,
         show_default=True,
-        help="Random seed: equal seeds give equal runs.",
+        help="Seed of everything random; equal seeds give equal runs.",
     )(f)
 
 
 _NAME_BYTES = 100
-"""Bytes of a room's or port's name in a log's name. With stamp and ending 255 may not be passed."""
+"""Maximum length of a room's or port's name in the name of a log, bytes. With time stamp and suffix
+the name stays below the 255 bytes that file systems allow."""
 
 
 def log_path(out: Path | None, name: str) -> Path:
-    """The log to write; a default one gets its folder.
+    """Return the path of the log to write; for the default path, make its folder.
 
     Raises:
-        LogWriteError: that folder cannot be made.
+        LogWriteError: the folder cannot be made.
 
     """
     if out is not None:
@@ -259,6 +275,6 @@ def log_path(out: Path | None, name: str) -> Path:
         from bridge.record.errors import LogWriteError
 
         raise LogWriteError.of(path, error) from None
-    while is_there(path):  # two runs in one second
+    while is_there(path):  # two runs began in the same second
         path = path.with_name(f"{stamp}-{clean}-{secrets.token_hex(2)}.mcap")
     return path

@@ -1,7 +1,7 @@
-"""Output that never makes its writer wait: a bounded queue, and a thread that writes it out.
+"""Output that never blocks its writer: a bounded queue, and a thread that writes it.
 
-A full pipe, a terminal held by Ctrl-S or one whose reader hangs blocks ``write`` for as long as it
-likes. A loop that drives a robot must not wait for that.
+A full pipe, or a terminal that is paused with Ctrl-S or hangs, blocks ``write`` without a limit.
+A loop that drives a robot must not wait for it.
 """
 
 from __future__ import annotations
@@ -18,31 +18,35 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 QUEUE_BYTES = {True: 1 << 16, False: 1 << 22}
-"""Bytes that wait for a terminal, and for a pipe or file. A terminal gets the last few pictures
-and lines; a program gets 4 s of the lines of a full line at 3 Mbaud."""
+"""Size of the queue for a terminal (True) and for a pipe or file (False), bytes. A terminal holds
+the last few screens; a pipe 4 s of ``monitor --lines`` on a fully used link at 3 Mbaud."""
 _PIECE = 512
-"""Bytes of one system call: small, so that a reader that still reads, however slowly, shows it.
-At 9600 baud this takes 0.53 s."""
+"""Bytes of one system call. Small, so that a slow reader still shows progress: at 9600 baud this
+takes 0.53 s."""
 IDLE_S = 0.6
-"""Time without a byte taken after which nobody reads, at the end of a command, seconds. Longer
-than a piece takes at 9600 baud."""
+"""Time without progress after which the end of a command gives up its reader, s. Longer than
+``_PIECE`` takes at 9600 baud."""
 _END_S = 5.0
-"""Time that the end of a command waits for a slow reader at most, seconds."""
+"""Maximum time that the end of a command waits for a slow reader, s."""
 
 
 class QueuedStream(io.TextIOBase):
-    """A text stream over a file descriptor; writing to it takes no time.
+    """A text stream over a file descriptor whose ``write`` never blocks.
 
-    What finds no room is dropped, whole writes at a time, and counted; the count is printed once
-    the reader is back.
+    If the queue is full, whole writes are dropped and counted. The count is printed when the reader
+    reads again.
     """
 
     def __init__(
         self, stream: TextIO, *, raises: bool = False, notices: QueuedStream | None = None
     ) -> None:
-        """With ``raises`` a write after one that failed raises the same error.
+        """Queue writes to ``stream``.
 
-        ``notices`` gets the count of dropped lines; None: this stream itself.
+        Args:
+            stream: where the text goes; it must have a file descriptor.
+            raises: after a write has failed, each further one raises the same error.
+            notices: where the count of dropped lines is printed; None: this stream.
+
         """
         self._fd = stream.fileno()
         self._encoding, self._errors = stream.encoding or "utf-8", stream.errors or "replace"
@@ -53,44 +57,44 @@ class QueuedStream(io.TextIOBase):
         self._news = threading.Condition()
         self._queue: deque[bytes] = deque()
         self._waiting = 0
-        """Bytes not yet written, those that are being written included."""
+        """Bytes not yet written, including those that are being written."""
         self._busy = False
-        """Whether the thread has something in hand."""
+        """Whether the thread is writing."""
         self._dropped = 0
         self._thread: threading.Thread | None = None
         self.error: OSError | None = None
-        """Why nothing more can be written."""
+        """Why nothing more can be written; None: no write has failed."""
 
     @property
-    def encoding(self) -> str:  # type: ignore[override]  # typeshed has an attribute
-        """Of the stream below."""
+    def encoding(self) -> str:  # type: ignore[override]  # typeshed declares an attribute
+        """Encoding of the stream below."""
         return self._encoding
 
     @property
-    def errors(self) -> str:  # type: ignore[override]  # as above
-        """Of the stream below."""
+    def errors(self) -> str:  # type: ignore[override]  # typeshed declares an attribute
+        """Error handler of the stream below."""
         return self._errors
 
     def fileno(self) -> int:
-        """Of the stream below."""
+        """Return the descriptor of the stream below."""
         return self._fd
 
     def isatty(self) -> bool:
-        """Whether a terminal reads."""
+        """Return whether the stream below is a terminal."""
         return self._terminal
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True, as ``print`` expects."""
         return True
 
     def flush(self) -> None:
-        """Nothing waits here for a flush."""
+        """Do nothing: the thread writes without being asked to."""
 
     def write(self, text: str) -> int:
         """Queue a text.
 
         Raises:
-            OSError: what was written before could not be, and this stream ``raises``.
+            OSError: an earlier write failed, and this stream ``raises``.
 
         """
         data = text.encode(self._encoding, self._errors)
@@ -104,14 +108,17 @@ class QueuedStream(io.TextIOBase):
                 self._queue.append(data)
                 self._waiting += len(data)
                 if self._thread is None:
-                    # Not waited for at the end: it may be in a write that never returns.
+                    # A daemon, because its write may never return.
                     self._thread = threading.Thread(target=self._run, name="output", daemon=True)
                     self._thread.start()
                 self._news.notify_all()
         return len(text)
 
     def drop_queued(self) -> None:
-        """Drop what waits: pictures that newer ones replace. What is half written stays."""
+        """Drop the queued writes, such as screens that newer ones replace.
+
+        A write that has begun is completed.
+        """
         with self._news:
             self._waiting -= sum(map(len, self._queue))
             self._queue.clear()
@@ -130,7 +137,7 @@ class QueuedStream(io.TextIOBase):
                     self._queue.clear()
             with self._news:
                 if self._dropped and not self._queue and self.error is None:
-                    text = f"sweepctl: {self._dropped} lines were dropped: nobody read them\n"
+                    text = f"sweepctl: {self._dropped} lines were dropped: the reader is too slow\n"
                     self._dropped = 0
                     (self._notices or self).write(text)
                 self._busy = False
@@ -149,28 +156,28 @@ class QueuedStream(io.TextIOBase):
         return self.error is not None or not (self._queue or self._busy)
 
     def drain(self, limit_s: float = _END_S) -> None:
-        """Wait for the queue to empty: as long as its reader reads, and ``limit_s`` at most."""
+        """Wait until the queue is empty, its reader stops reading, or ``limit_s`` has passed."""
         until_s = time.monotonic() + limit_s
         with self._news:
             while not self._done:
                 wait_s = min(IDLE_S, until_s - time.monotonic())
-                if wait_s <= 0 or not self._news.wait(wait_s):  # nothing was taken meanwhile
+                if wait_s <= 0 or not self._news.wait(wait_s):  # no progress
                     return
 
 
 class QueuedOutput:
-    """Meanwhile stdout and stderr are queued; streams without a file descriptor stay as they are.
+    """Context in which stdout and stderr are queued, if they have a file descriptor.
 
-    At the end what is queued is waited for, as :meth:`QueuedStream.drain` does.
+    Its end waits for the readers as :meth:`QueuedStream.drain` does.
     """
 
     def __init__(self) -> None:
-        """Nothing is queued before it is entered."""
+        """Prepare; queueing begins with ``__enter__``."""
         self.error: OSError | None = None
-        """Why stdout could not be written, once it is over."""
+        """Why stdout could not be written; set at the end of the context."""
 
     def __enter__(self) -> Self:
-        """Queue from now on."""
+        """Replace stdout and stderr by queued streams."""
         self._before = sys.stdout, sys.stderr
         self._err = QueuedStream(sys.stderr) if _has_descriptor(sys.stderr) else None
         self._out = None
@@ -185,7 +192,7 @@ class QueuedOutput:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Wait for the readers, and give the streams back."""
+        """Wait for the readers and restore the streams."""
         try:
             for stream in (self._out, self._err):
                 if stream is not None:
@@ -198,7 +205,7 @@ class QueuedOutput:
 def _has_descriptor(stream: TextIO) -> bool:
     try:
         stream.fileno()
-        stream.flush()  # what it holds comes before what is queued
-    except (OSError, ValueError):  # io.UnsupportedOperation is both
+        stream.flush()  # buffered text comes before queued text
+    except (OSError, ValueError):  # io.UnsupportedOperation is a subclass of both
         return False
     return True

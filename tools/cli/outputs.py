@@ -1,4 +1,4 @@
-"""Files that a command is asked to write, looked at before any work is done."""
+"""Checks of the files that a command is to write, before it does any work."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PNG, PAGE, RERUN, LOG = (".png",), (".html", ".htm"), (".rrd",), (".mcap",)
-"""Endings of what the commands write."""
+"""Suffixes of the formats that the commands write."""
 _FORMATS = frozenset(
     (
         *(*PNG, *PAGE, *RERUN, *LOG, ".jpg", ".jpeg", ".gif", ".svg", ".webp", ".bmp", ".tif"),
@@ -21,14 +21,14 @@ _FORMATS = frozenset(
         *(".bag", ".db3", ".xlsx", ".docx", ".zip", ".gz", ".zst", ".mp4", ".log"),
     )
 )
-"""Endings that name a format. Another one is taken for a part of the name, as in ``run-1.5``."""
+"""Suffixes that name a format. Any other suffix is part of the name, as in ``run-1.5``."""
 
 
 def check_format(option: str, path: Path | None, *endings: str) -> None:
-    """Refuse a name that says another format than the one that would be written.
+    """Reject a file name whose suffix names another format than the one written.
 
     Raises:
-        click.UsageError: it does.
+        click.UsageError: the suffix names another format.
 
     """
     if path is None:
@@ -36,21 +36,21 @@ def check_format(option: str, path: Path | None, *endings: str) -> None:
     ending = path.suffix.lower()
     if ending in _FORMATS and ending not in endings:
         wanted = " or ".join(endings)
-        raise click.UsageError(f"{option} {path}: it writes {wanted}, not {ending}")
+        raise click.UsageError(f"{option} {path}: the format is {wanted}, not {ending}")
 
 
 def check_outputs(
     wanted: Iterable[Path | None], sources: Iterable[Path], *, force: bool = False
 ) -> None:
-    """Refuse to write over what exists, over a log that is read, or twice into one file.
+    """Check that no output replaces an existing file, an input or another output.
 
-    /dev/null holds nothing to lose.
+    /dev/null is always allowed.
 
     Raises:
-        click.UsageError: two outputs have one name.
-        LogWriteError: an output is one of ``sources``, whatever ``force`` is.
-        LogWriteError: its folder may not be entered, or it is a pipe, a socket or a device.
-        OutputExistsError: it exists and ``force`` is not set.
+        click.UsageError: two outputs have the same name.
+        LogWriteError: an output is one of ``sources``, even with ``force``.
+        LogWriteError: access to the folder is denied, or an output is a pipe, socket or device.
+        OutputExistsError: an output exists and ``force`` is not set.
 
     """
     from bridge.errors import OutputExistsError
@@ -60,23 +60,23 @@ def check_outputs(
     given = [path for path in wanted if path is not None]
     whole = [_resolved(path) for path in given]
     if len(set(whole)) < len(whole):
-        raise click.UsageError("give each file to write a name of its own")
+        raise click.UsageError("two outputs have the same name: give each its own")
     read = {_resolved(path) for path in sources}
     for path, resolved in zip(given, whole, strict=True):
         if resolved in read:
-            raise LogWriteError(path, "it is the file to read; give another name")
+            raise LogWriteError(path, "it is also the input; give another name")
         try:
             check_target(path)
             is_there = is_file(path)
-        except OSError as error:  # a name too long, a folder that may not be entered
+        except OSError as error:  # such as a name that is too long, or access denied
             raise LogWriteError.of(path, error) from None
         if is_there and not force:
             raise OutputExistsError(path)
 
 
 def _resolved(path: Path) -> Path:
-    """Give the whole path; where it cannot be found out, what was given."""
+    """Return the absolute path; if it cannot be resolved, the path as given."""
     try:
         return path.resolve()
-    except (OSError, RuntimeError):  # the working directory is gone; links in a circle
+    except (OSError, RuntimeError):  # no working directory; symbolic links in a loop
         return path

@@ -1,4 +1,4 @@
-"""Paths that people give: a look never raises."""
+"""Tests of paths from the command line that never raise."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ if TYPE_CHECKING:
 
 
 def is_there(path: Path) -> bool:
-    """Whether something stands there; a path that cannot be looked at stands for nothing."""
+    """Return whether the path exists; False also if it cannot be accessed."""
     return _mode(path) is not None
 
 
 def is_file(path: Path) -> bool:
-    """Whether a regular file stands there."""
+    """Return whether the path is a regular file."""
     mode = _mode(path)
     return mode is not None and stat.S_ISREG(mode)
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a folder stands there."""
+    """Return whether the path is a folder."""
     mode = _mode(path)
     return mode is not None and stat.S_ISDIR(mode)
 
@@ -29,5 +29,5 @@ def is_folder(path: Path) -> bool:
 def _mode(path: Path) -> int | None:
     try:
         return path.stat().st_mode
-    except (OSError, ValueError):  # the latter: a zero byte in it
+    except (OSError, ValueError):  # ValueError: the path contains a zero byte
         return None

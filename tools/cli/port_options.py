@@ -1,4 +1,4 @@
-"""The port that a bench command is asked to open."""
+"""``PORT`` and the options that open it, as one argument of a command."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PortAsked:
-    """A port as a command line names it."""
+    """A port as the command line declares it."""
 
     name: str
     node: int | None
     how: dict[str, Any]
-    """Keywords of ``bridge.io.reopening.PortOptions`` and of ``bridge.open``."""
+    """Keyword arguments of ``bridge.io.reopening.PortOptions`` and of ``bridge.open``."""
     key_file: Path | None = None
 
     @property
     def key(self) -> bytes | None:
-        """What motion and changes are signed with; None: they are not.
+        """Key that signs motion commands and changes; None: they are not signed.
 
         Raises:
-            ConfigError: the file cannot be read or holds no key.
+            KeyFileError: the file cannot be read or holds no key.
 
         """
         from tools.cli.keyfile import read_key
@@ -40,11 +40,11 @@ class PortAsked:
         return read_key(self.key_file)
 
     def open(self) -> BytePort:
-        """Open it.
+        """Open the port.
 
         Raises:
-            PortBusyError: another program has it.
-            PortError: it does not exist, may not be opened, or is no port.
+            PortBusyError: another program has it open.
+            PortError: it does not exist, access is denied, or it is not a port.
 
         """
         from bridge.io.reopening import Opener, PortOptions
@@ -53,7 +53,7 @@ class PortAsked:
 
 
 def port_options(f: Callable[..., object]) -> Callable[..., object]:
-    """``PORT`` and how to open it; the command gets one ``port: PortAsked``."""
+    """Add ``PORT`` and the options that open it; the command gets one ``port: PortAsked``."""
 
     def gathered(**given: Any) -> object:  # noqa: ANN401 - click's values
         name, node, key_file = given.pop("port"), given.pop("node"), given.pop("key_file", None)
@@ -65,12 +65,12 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def keyed_port_options(f: Callable[..., object]) -> Callable[..., object]:
-    """The same with ``--key-file``, for commands that move the robot or change it."""
+    """Add the same and ``--key-file``, for commands that move or change the robot."""
     return port_options(options.key_option(f))
 
 
 def port_argument(f: Callable[..., object]) -> Callable[..., object]:
-    """``PORT``, completed by the shell."""
+    """Add ``PORT``, with completion in the shell."""
     return click.argument("port", shell_complete=complete_port)(f)
 
 
@@ -79,7 +79,7 @@ def complete_port(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Ports that are there, for the shell: serial devices by their lasting names first."""
+    """Return the ports that exist; stable names of serial devices come first."""
     from pathlib import Path
 
     folders = (

@@ -1,4 +1,4 @@
-"""Options of recording and live viewing, for the commands that do."""
+"""Options of recording and live viewing."""
 
 from __future__ import annotations
 
@@ -20,38 +20,40 @@ _MB = 1_000_000
 
 
 def recording_options(f: Callable[..., object]) -> Callable[..., object]:
-    """``--fsync``, ``--rotate-mb``, ``--rotate-s`` and ``--on-log-error``."""
+    """Add ``--fsync``, ``--rotate-mb``, ``--rotate-s`` and ``--on-log-error``."""
     f = click.option(
         "--on-log-error",
         type=click.Choice(["stop", "continue"]),
         default="stop",
         show_default=True,
-        help="What to do if the log cannot be written, as on a full disk: stop the robot, "
-        "or continue.",
+        help="If the log cannot be written (such as on a full disk), stop the robot or continue.",
     )(f)
     f = click.option(
         "--rotate-s",
         type=options.Number(1.0, 1e6),
-        help="Start a new log file after this many seconds.",
+        help="Start a new log file after N seconds.",
+        metavar="N",
     )(f)
     f = click.option(
         "--rotate-mb",
         type=click.FloatRange(0.1, 1e6),
-        help="Start a new log file (NAME-0002.mcap and so on) at this size, in 10^6 bytes.",
+        help="Start a new log file (NAME-0002.mcap and so on) at N megabytes (10^6 bytes).",
+        metavar="N",
     )(f)
     return click.option(
         "--fsync",
         is_flag=True,
-        help="Flush the log to disk, so that a power loss costs at most half a second.",
+        help="Flush the log to the disk as it is written, so that a power failure loses at most "
+        "0.5 s.",
     )(f)
 
 
 def viewing_options(f: Callable[..., object]) -> Callable[..., object]:
-    """``--view`` and ``--serve``."""
+    """Add ``--view`` and ``--serve``."""
     f = click.option(
         "--serve",
         is_flag=True,
-        help="Serve the live view to a browser on this machine instead of a window.",
+        help="Show the run live in a browser on this machine instead of a window.",
     )(f)
     return click.option("--view", is_flag=True, help="Show the run live in Rerun.")(f)
 
@@ -59,7 +61,7 @@ def viewing_options(f: Callable[..., object]) -> Callable[..., object]:
 def record_options(
     *, fsync: bool, rotate_mb: float | None, rotate_s: float | None, on_log_error: str
 ) -> RecordOptions:
-    """What was asked for."""
+    """Return the recording options in the units of the recorder."""
     from bridge.record.policy import RecordOptions
 
     size = None if rotate_mb is None else round(rotate_mb * _MB)
@@ -67,21 +69,22 @@ def record_options(
 
 
 def take_record_options(given: dict[str, Any]) -> RecordOptions:
-    """The same, out of a command's other options."""
+    """Remove the recording options from a command's options and return them."""
     names = ("fsync", "rotate_mb", "rotate_s", "on_log_error")
     return record_options(**{name: given.pop(name) for name in names})
 
 
 @contextlib.contextmanager
 def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
-    """Rerun beside a run, where it was asked for; it is left alone then.
+    """Run Rerun beside a run, with ``view`` or ``serve``; without both do nothing.
 
-    Gives the page to open in a browser, where it is served.
+    Yields:
+        The address of the page to open in a browser; empty without ``serve``.
 
     Raises:
         ViewerMissingError: Rerun is not installed.
-        NoDisplayError: a window is wanted and there is no display.
-        ViewerFailedError: it did not start.
+        NoDisplayError: a window was requested and there is no display.
+        ViewerFailedError: Rerun did not start.
 
     """
     if not view and not serve:
@@ -93,18 +96,18 @@ def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
     try:
         viewer.wait_started()
         if viewer.page:
-            inform(f"the live picture is at {viewer.page}")
+            inform(f"live view: {viewer.page}")
         yield viewer.page
     finally:
         viewer.close()
 
 
 def check_view(*, view: bool, serve: bool) -> None:
-    """Complain of a viewer that cannot be started before a robot is spoken to.
+    """Check that the viewer can start, before the port is opened.
 
     Raises:
         ViewerMissingError: Rerun is not installed.
-        NoDisplayError: a window is wanted and there is no display.
+        NoDisplayError: a window was requested and there is no display.
 
     """
     if view or serve:

@@ -1,11 +1,11 @@
-"""How the command line says what can be done about an error."""
+"""Errors as one line with the option that helps."""
 
 from __future__ import annotations
 
 from bridge.errors import Remedy
 
 _WORDS = {
-    Remedy.CLEAR_STOP: ", then add --clear-stop",
+    Remedy.CLEAR_STOP: ", then add --clear-stop",  # after "look at the robot"
     Remedy.KEY: ": give it with --key-file",
     Remedy.NODE: "; choose one with --node N",
     Remedy.FORCE: ", or --force to replace it",
@@ -13,12 +13,12 @@ _WORDS = {
 
 
 def with_remedy(text: str, remedy: Remedy | None) -> str:
-    """The text and what to type."""
+    """Append the option to use to an error's text."""
     return text if remedy is None else text + _WORDS[remedy]
 
 
 def error_line(error: Exception) -> str:
-    """What is wrong and what to type, in one line."""
+    """Return an error and the option to use as one line."""
     from bridge.errors import BridgeError
 
     if isinstance(error, BridgeError):

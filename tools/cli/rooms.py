@@ -1,4 +1,4 @@
-"""Floor plans by path or by the name of one that ships with the project."""
+"""Floor plans from a file, or by the name of a room that ships with sweepctl."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ from tools.cli.paths import is_there
 
 
 def shipped_rooms() -> list[str]:
-    """Names of the floor plans that ship with the project."""
+    """Return the names of the rooms that ship with sweepctl."""
     folder = resources.files("sim_device") / "rooms"
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".json"))
 
 
 def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
-    """Read a room file, or a shipped one by its name.
+    """Read a room file, or a room that ships with sweepctl.
 
-    With ``radius_m`` a robot of this radius must fit at the start.
+    Args:
+        room: path of a file, or name of a room.
+        radius_m: radius of a robot that must fit at the start, m; None: no check.
 
     Raises:
-        FloorPlanError: no such room, or the file cannot be used; the text names it.
+        FloorPlanError: there is no such room, or its file is invalid.
 
     """
     path = Path(room)
@@ -33,18 +35,18 @@ def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
         with open_to_read(path, takes_pipe=True) as file:
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
-            raise FloorPlanError(f"room {room} is larger than {MAX_FILE_BYTES} bytes")
+            raise FloorPlanError(f"room {room}: the file is larger than {MAX_FILE_BYTES} bytes")
         text = content.decode()
     except FileNotFoundError:
         names = ", ".join(shipped_rooms())
-        raise FloorPlanError(f"no room {room!r}: neither a file nor one of {names}") from None
+        raise FloorPlanError(f"no room {room!r}: give a file or one of {names}") from None
     except OSError as error:
         raise FloorPlanError(f"cannot read room {room}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise FloorPlanError(f"room {room} is not UTF-8 text") from None
-    except ValueError as error:  # a zero byte in its name
+        raise FloorPlanError(f"room {room}: the file is not UTF-8 text") from None
+    except ValueError as error:  # the name contains a zero byte
         raise FloorPlanError(f"cannot read room {room!r}: {error}") from None
     try:
         return parse_floorplan(text, default_name=path.stem, radius_m=radius_m)
-    except (ValueError, OverflowError) as error:  # also a number of hundreds of digits
+    except (ValueError, OverflowError) as error:  # OverflowError: a number of hundreds of digits
         raise FloorPlanError(f"room {room}: {error}") from None

@@ -1,4 +1,4 @@
-"""Signals that end a command in order."""
+"""Handling of the signals that end a command."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if sys.platform != "win32":
 
 
 def ending_signals() -> list[signal.Signals]:
-    """Signals that end a command: Ctrl-C, a request to terminate, and the loss of the terminal.
+    """Return the signals that end a command: SIGINT, SIGTERM and SIGHUP.
 
-    Not the last one where it is ignored: ``nohup`` asks for that.
+    SIGHUP is left out if it is ignored, as ``nohup`` does.
     """
     numbers = [signal.SIGINT, signal.SIGTERM]
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -31,7 +31,7 @@ def ending_signals() -> list[signal.Signals]:
 
 @contextlib.contextmanager
 def until_signalled(end: Callable[[], None]) -> Iterator[None]:
-    """Call ``end`` at a signal that ends a command."""
+    """Call ``end`` at each signal that ends a command."""
     before = {number: signal.signal(number, lambda _n, _f: end()) for number in ending_signals()}
     try:
         yield
@@ -42,16 +42,16 @@ def until_signalled(end: Callable[[], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Processes that this thread begins meanwhile do not get the signals that end a command yet.
+    """Block the ending signals in processes that this thread starts meanwhile.
 
-    A process begins with what its thread holds back, and lets them come with :func:`let_come` when
-    it knows what to do about them: before that they would end it with a traceback, or silently.
-    Another thread of ours may get them, for whose handler it makes no difference.
+    A child process inherits the blocked signals. It calls :func:`let_come` when its handlers are
+    installed; before that, a signal would end it silently or with a traceback. Other threads of
+    this process may still get the signals, which makes no difference to the handlers.
     """
-    if sys.platform == "win32":  # signals cannot be held back there
+    if sys.platform == "win32":  # Windows cannot block signals
         yield
         return
-    resource_tracker.ensure_running()  # it lets them come again if it begins its process meanwhile
+    resource_tracker.ensure_running()  # if it started later, it would unblock the signals
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
     try:
         yield
@@ -60,21 +60,21 @@ def held_back() -> Iterator[None]:
 
 
 def let_come() -> None:
-    """Let the signals come that were held back as this process began."""
+    """Unblock the signals that :func:`held_back` blocked when this process started."""
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
 
 @contextlib.contextmanager
 def leaving_at_once(text: str) -> Iterator[None]:
-    """Meanwhile a signal ends the process there and then, with a line on stderr and status 1.
+    """Make an ending signal print ``text`` and end the process at once with status 1.
 
-    For work that can be done again. An exception out of a signal's handler can come in the
-    middle of loading an extension module, which the interpreter does not survive.
+    For work that can be repeated. An exception from a signal handler is no alternative: it can
+    interrupt the loading of an extension module, which crashes the interpreter.
     """
 
     def leave() -> None:
-        # The terminal may be what went away, or what does not read.
+        # The terminal may be closed, or not reading.
         with contextlib.suppress(OSError, ValueError):
             if select.select([], [2], [], 0.0)[1]:
                 os.write(2, f"{text}\n".encode())

@@ -1,4 +1,4 @@
-"""Options of a run that is supervised, and the rules that follow from them."""
+"""``--supervise-rule``, and the settings of the rules of a supervised run."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ if TYPE_CHECKING:
 
 
 def rule_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--supervise-rule``, any number of times."""
+    """Add ``--supervise-rule``, which may be repeated."""
     return click.option(
         "--supervise-rule",
         "rules",
         multiple=True,
         metavar="RULE.KEY=VALUE",
-        help="Supervise the run with this rule changed (stall.reaction=pause). Repeatable.",
+        help="Supervise the run, with this setting of a rule (stall.reaction=pause); may be "
+        "repeated.",
     )(f)
 
 
 def supervise_rules(robot: Path | None, changes: tuple[str, ...]) -> SuperviseSettings:
-    """What is watched, and how hard: the robot file's rules, changed as asked.
+    """Return the rules of the robot file with the changes of ``--supervise-rule``.
 
     Raises:
-        ConfigError: the file or a change names no rule, or a value that it does not take.
+        ConfigError: the file or a change names an unknown rule or an invalid value.
 
     """
     from bridge.config import load_supervise

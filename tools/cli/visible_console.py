@@ -1,4 +1,4 @@
-"""Rich's console, for text from outside: no markup, no emoji codes, nothing that acts."""
+"""Rich's console for text from outside: no markup, no emoji codes, no control characters."""
 
 from __future__ import annotations
 
@@ -20,48 +20,48 @@ if TYPE_CHECKING:
     from rich.console import ConsoleOptions, RenderableType
 
 _SIZES = frozenset({"COLUMNS", "LINES", "JUPYTER_COLUMNS", "JUPYTER_LINES"})
-"""Variables from which Rich takes the size of a terminal."""
+"""Environment variables from which Rich takes the size of a terminal."""
 _SIZE = re.compile("[1-9][0-9]*")
 _MAX_DIGITS = 6
-"""Digits of a size that are read: more are more than any screen has."""
+"""Maximum number of digits of a size that are read: no screen has more."""
 _KEPT = "\n\t"
-"""Characters that Rich lays out itself: line ends, and tabs."""
+"""Characters that Rich lays out itself: line ends and tabs."""
 MAX_COLUMNS, MAX_ROWS = 500, 200
-"""Size up to which a window is filled, characters. A screen of 3840 pixels has some 480 by 140. A
-terminal may report 65 535 by 65 535, of which one picture has 4 GB."""
+"""Maximum size of what is drawn, characters. A screen of 3840 pixels has about 480 by 140. A
+terminal may report 65 535 by 65 535: one screen would then take 4 GB."""
 
 
 class VisibleConsole(Console):
-    """A console that escapes what is not visible, wherever it comes to it: text, table, picture."""
+    """A console that escapes control and invisible characters in texts, tables and displays."""
 
     def __init__(self, *, stderr: bool = False) -> None:
-        """Write to stdout, or to stderr."""
+        """Write to stdout, or with ``stderr`` to stderr."""
         super().__init__(
             stderr=stderr, highlight=False, markup=False, emoji=False, _environ=_environment()
         )
 
     @property
     def size(self) -> ConsoleDimensions:
-        """Size of the terminal, as far as it is filled."""
+        """Size of the terminal, at most ``MAX_COLUMNS`` by ``MAX_ROWS``."""
         size = super().size
         return ConsoleDimensions(min(size.width, MAX_COLUMNS), min(size.height, MAX_ROWS))
 
     @size.setter
     def size(self, new_size: tuple[int, int]) -> None:
-        """Lay out for another size than the terminal's."""
+        """Use another size than the terminal's."""
         self.width, self.height = new_size
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
-        """Render as Rich does, text made visible before it is laid out."""
+        """Render as Rich does, with text escaped before it is laid out."""
         cast = rich_cast(renderable)
         if isinstance(cast, str):
             cast = Text(visible(cast, keep=_KEPT))
         elif isinstance(cast, Text):
             cast = _visible(cast)
         for segment in super().render(cast, options):
-            # What Rich sends to the terminal on its own account is a control segment.
+            # Rich's own terminal sequences are control segments; they pass.
             if segment.control is None and not segment.text.isprintable():
                 yield Segment(visible(segment.text, keep="\n"), segment.style)
             else:
@@ -69,9 +69,9 @@ class VisibleConsole(Console):
 
 
 def _environment() -> dict[str, str]:
-    """The environment, without sizes that are no numbers.
+    """Return the environment without invalid terminal sizes.
 
-    Rich takes every digit of Unicode for one of a number: ``²`` would be an error in it.
+    Rich tests them with ``str.isdigit``, which accepts ``²``, and then fails in ``int``.
     """
     return {
         name: value[:_MAX_DIGITS] if name in _SIZES else value
@@ -81,7 +81,7 @@ def _environment() -> dict[str, str]:
 
 
 def _visible(text: Text) -> Text:
-    """Give a text with its escapes, styled as it was."""
+    """Return the text with escapes, with its styles on the same characters."""
     plain = visible(text.plain, keep=_KEPT)
     if plain == text.plain:
         return text

@@ -1,8 +1,8 @@
-"""Text from outside as a person may see it: nothing in it acts on the terminal or hides.
+"""Escaping of text from outside, so that it cannot act on the terminal or hide anything.
 
-Names, log texts and file names come from devices, files and arguments. A control character of
-theirs moves the cursor or writes the clipboard; a bidirectional control reorders what follows; a
-zero-width character hides. Each becomes a backslash escape, as Python's ``repr`` writes it.
+Names, log texts and file names come from devices, files and arguments. A control character in
+them can move the cursor or write the clipboard, a bidirectional control reorders the following
+text, and a zero-width character is invisible. Each becomes a backslash escape, as in ``repr``.
 """
 
 from __future__ import annotations
@@ -11,32 +11,33 @@ import re
 import unicodedata
 
 MAX_WORD = 400
-"""Length of a word that is still shown whole, characters. A path of four long names fits."""
+"""Maximum length of a word that is not shortened, characters: a path of four long names fits."""
 MAX_LINE = 2000
-"""Length of a line that is still shown whole, characters: some 20 rows of a terminal."""
+"""Maximum length of a line that is not shortened, characters: about 20 rows of a terminal."""
 _HEAD = 80
-"""Characters kept of the beginning of what is too long."""
+"""Length of the beginning of a shortened word or line that is kept, characters."""
 _WORD_TAIL = 40
-"""Characters kept of the end of a long word: by its end a path differs from others."""
+"""Length of the end of a shortened word that is kept, characters: paths differ at their end."""
 _LINE_TAIL = 400
-"""Characters kept of the end of a long line: what is wrong with a quoted value stands there."""
+"""Length of the end of a shortened line that is kept, characters: the text after a quoted value
+says what is wrong with the value."""
 _LONG_WORD = re.compile(rf"\S{{{MAX_WORD + 1},}}")
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0")
-"""Letters and marks without a shape of their own: Unicode's default ignorable code points that
-its general category does not already give away. Variation selectors stay: they choose a shape."""
+"""Letters and marks without a glyph: Unicode's default ignorable code points that their general
+category does not reveal. Variation selectors are not included: they choose a glyph."""
 
 
 def is_visible(character: str) -> bool:
-    """Whether a character may reach a terminal as it is."""
+    """Return whether a character may be printed unescaped."""
     if character in _INVISIBLE:
         return False
     return character.isprintable() or unicodedata.category(character) == "Zs"
 
 
 def visible(text: str, *, keep: str = "") -> str:
-    """Escape every character that acts on a terminal, reorders or hides, except those in ``keep``.
+    """Escape every control, bidirectional and invisible character, except those in ``keep``.
 
-    Printable text comes back unchanged.
+    Printable text is returned unchanged.
     """
     bare = text
     for character in keep:
@@ -53,12 +54,12 @@ def _escape(character: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """Escape a message's text, line ends included, and shorten what is too long to read."""
+    """Escape a message, including its line ends, and shorten what is too long to read."""
     return shortened(visible(text))
 
 
 def shortened(text: str) -> str:
-    """Leave out the middle of words, and then of a line, that are too long to read."""
+    """Cut the middle out of long words, then out of a long line."""
     line = _LONG_WORD.sub(lambda found: _cut(found[0], _WORD_TAIL), text)
     return line if len(line) <= MAX_LINE else _cut(line, _LINE_TAIL)
 

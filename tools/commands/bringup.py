@@ -1,4 +1,4 @@
-"""``sweepctl bringup``: whether everything is connected where it should be."""
+"""``sweepctl bringup``: check that everything is connected where it should be."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
     "steps",
     multiple=True,
     type=click.Choice(_STEPS),
-    help="Run only this step. Repeatable.  [default: all]",
+    help="Run only this step; may be repeated.  [default: all]",
 )
 @click.option(
     "--plot",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Plot the wheels' step response to this file (needs the extra `plot`).",
+    help="Write a plot of the wheels' step response (.png, .svg or .pdf; needs the extra `plot`).",
 )
 @clear_stop_option
 @log_options
@@ -49,14 +49,20 @@ def command(  # noqa: PLR0913 - one parameter per option
     robot: Path | None,
     as_json: bool,
 ) -> int:
-    """Check a robot's wiring step by step, its WHEELS OFF THE FLOOR.
+    """Check the wiring of the robot on PORT step by step, WHEELS OFF THE FLOOR.
 
-    Steps: supply (rails, currents), rest (inertial sensor, encoders), motors (which output turns
-    which wheel in which direction, encoder signs and sides), axes (of the inertial sensor; you
-    turn the robot), sensors (one after another), control (step response of the wheel controllers).
-    The command asks before it turns a wheel. Exit status 0: no fault found; 1: a wiring fault was
-    found.
-    """
+    \b
+    supply   supply voltages and currents
+    rest     inertial sensor and encoders at standstill
+    motors   which output turns which wheel, and in which direction; encoder signs and sides
+    axes     axes of the inertial sensor; you turn the robot by hand
+    sensors  each range sensor, bumper switch and cliff sensor
+    control  step response of the wheel controller
+
+    The command asks you before it turns a wheel.
+
+    Exit status: 0 everything is correct; 1 something is wired wrongly.
+    """  # noqa: D301 - click keeps the lines of a block behind \b
     from bridge.bringup.procedure import BringUp
     from bridge.bringup.wheel_step import as_text
     from bridge.config import load_robot
@@ -77,8 +83,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     else:
         wrong = [f for f in bench.findings if f.ok is False]
         skipped = [f for f in bench.findings if f.ok is None]
-        tail = f", {len(skipped)} left out" if skipped else ""
-        write_line(f"{len(wrong)} of {len(bench.findings)} looks found a fault{tail}")
+        tail = f", {len(skipped)} skipped" if skipped else ""
+        write_line(f"{len(wrong)} of {len(bench.findings)} checks failed{tail}")
     return 0 if bench.well else 1
 
 
@@ -111,7 +117,12 @@ def _finite(value: float) -> float | None:
 
 
 def _check_plot(path: Path) -> None:
-    """Complain of a picture that could not be drawn, before a wheel turns for it."""
+    """Check that the plot can be written, before a wheel turns.
+
+    Raises:
+        click.UsageError: matplotlib is missing, or it does not write this format.
+
+    """
     from importlib.util import find_spec
 
     from tools.cli.outputs import check_outputs
@@ -122,8 +133,8 @@ def _check_plot(path: Path) -> None:
 
     known = FigureCanvasBase.get_supported_filetypes()
     if path.suffix[1:] not in known:
-        raise click.UsageError(f"--plot {path}: write a name that ends with .png, .svg or .pdf")
-    force = click.get_current_context().params.get("force")  # of the log, and of the picture
+        raise click.UsageError(f"--plot {path}: the name must end with .png, .svg or .pdf")
+    force = click.get_current_context().params.get("force")  # --force covers the log and the plot
     check_outputs([path], [], force=bool(force))
 
 
@@ -135,8 +146,8 @@ def _draw(steps: tuple[WheelStep, ...], path: Path) -> None:
     axes = figure.subplots()
     for step in steps:
         axes.plot(step.response.time_s, step.response.value, label=f"{step.wheel} wheel")
-    axes.axhline(steps[0].response.target, color="0.6", linestyle="--", label="wanted")
-    axes.set(xlabel="time since the step, s", ylabel="speed, m/s", title="Wheel control")
+    axes.axhline(steps[0].response.target, color="0.6", linestyle="--", label="setpoint")
+    axes.set(xlabel="time since the step, s", ylabel="speed, m/s", title="Wheel step response")
     axes.grid(alpha=0.3)
     axes.legend()
     try:

@@ -27,14 +27,14 @@ _DISTANCES_M = {
     "infrared-left": (0.06, 0.12, 0.20),
     "infrared-right": (0.06, 0.12, 0.20),
 }
+"""Default distances of the wall from each sensor's face, m: spread over its measuring range."""
 
 
 @click.group("calibrate", epilog="Example:  sweepctl calibrate gyro /dev/ttyUSB0")
 def command() -> None:
-    """Measure the systematic errors of a robot and store the corrections.
+    """Calibrate the gyro, the odometry or the range sensors of a robot.
 
-    Each command shows its changes and asks before it writes them to the robot file and to the
-    device.
+    Each command shows the changes and asks before it writes them to the robot file and the device.
     """
 
 
@@ -49,7 +49,8 @@ def command() -> None:
     type=options.Number(2.0, 3600.0),
     default=10.0,
     show_default=True,
-    help="Duration of the measurement at rest.",
+    metavar="N",
+    help="Duration of the measurement, s.",
 )
 @writing_options
 @log_options
@@ -63,10 +64,10 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     log: BenchLog | None,
     as_json: bool,
 ) -> int:
-    """Measure the gyro's bias on a robot that stands still. Nothing moves.
+    """Measure the gyro bias while the robot stands still. Nothing moves.
 
     Each run measures the bias again before it starts. The stored bias is the initial estimate, and
-    shows how far the bias has drifted since.
+    shows how far the bias has drifted since the calibration.
     """
     from bridge.bringup.applying import Change
     from bridge.bringup.gyro import biases, complaint
@@ -83,7 +84,9 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
         readings = desk.collect(Imu, duration_s)
         desk.unwatch(turned)
         if len({(m.left, m.right) for _, m in turned if isinstance(m, Encoders)}) > 1:
-            raise BridgeError("a wheel turned meanwhile; nothing was measured")
+            raise BridgeError(
+                "a wheel turned during the measurement; repeat it with a robot at rest"
+            )
         found = biases(
             [(t_s, (m.gyro_x_rad_s, m.gyro_y_rad_s, m.gyro_z_rad_s)) for t_s, m in readings]
         )
@@ -91,7 +94,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
             bias, sure, wander = (
                 math.degrees(v) for v in (axis.bias_rad_s, axis.sure_rad_s, axis.wander_rad_s)
             )
-            person.show(f"{axis.name}: {bias:+.4f} ±{sure:.4f} °/s, wandered by {wander:.4f}")
+            person.show(f"{axis.name}: {bias:+.4f} ±{sure:.4f} °/s, drift {wander:.4f} °/s")
         wrong = complaint(found[2])
         if wrong is not None:
             raise BridgeError(wrong)
@@ -119,14 +122,14 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     default=2.0,
     show_default=True,
     metavar="M",
-    help="Side of the square.",
+    help="Side length of the square.",
 )
 @click.option(
     "--runs",
     type=click.IntRange(1, 20),
     default=5,
     show_default=True,
-    help="Squares in each direction; more squares average out random errors.",
+    help="Number of squares in each direction; more average out random errors.",
 )
 @click.option(
     "--speed",
@@ -135,24 +138,25 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     default=0.15,
     show_default=True,
     metavar="M/S",
-    help="Driving speed; a slow robot slips less.",
+    help="Driving speed. Keep it low: a wheel that slips spoils the measurement.",
 )
 @click.option(
     "--straight/--no-straight",
     default=True,
     show_default=True,
-    help="Also measure a straight drive first, which gives the mean wheel diameter.",
+    help="First drive a straight line, which gives the mean wheel diameter; squares do not.",
 )
 @click.option(
     "--verify",
     is_flag=True,
-    help="Drive the squares again with the new values, and write only values that they confirm.",
+    help="Drive the squares again with the new values, and write them only if the result agrees.",
 )
 @click.option(
     "--truth",
     type=click.Path(path_type=Path),
     metavar="SOCKET",
-    help="Control socket of an emulator that measures instead of a tape.",
+    help="Control socket of an emulator: read the true pose from it instead of asking for tape "
+    "measurements.",
 )
 @clear_stop_option
 @writing_options
@@ -173,13 +177,13 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     log: BenchLog | None,
     as_json: bool,
 ) -> int:
-    """Drive squares both ways (UMBmark) and find wheel base and diameters: THE ROBOT MOVES.
+    """Calibrate wheel base and wheel diameters by driving squares (UMBmark): THE ROBOT MOVES.
 
-    You put the robot on its mark before each direction and measure its position afterwards. The
-    method is that of Borenstein and Feng (1996); its closed form is then refined on the recorded
-    counts. The command shows the largest systematic error before, and after with the new values.
+    Before each square you place the robot on a mark; after it you measure where the robot stands.
+    The method is that of Borenstein and Feng (1996); its closed form is then refined with the
+    recorded encoder counts. The largest systematic error is shown for the old and the new values.
 
-    Exit status 0: done; 1: the repeated squares contradict the values, and nothing was written.
+    Exit status: 0 done; 1 the verification contradicts the new values, and nothing was written.
     """
     from bridge.bringup.square import Asked, ByTape, Squares
     from tools.bringup.calibrating import NOWHERE, ByTruth, load_existing, write_results
@@ -200,8 +204,8 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
             changes = _odometry_changes(model, found.model)
             written = write_results(desk, person, changes, robot, text)
         else:
-            person.show(f"refuted: {found.refuted}; nothing was written")
-            person.show("drive more squares (--runs), slower, on a floor where no wheel slips")
+            person.show(f"verification failed: {found.refuted}; nothing was written")
+            person.show("repeat with more squares (--runs), slower (--speed), on a floor with grip")
             written = NOWHERE
     _report(as_json, {"odometry": _figures(found), "written": written.to_dict()})
     return 0 if found.refuted is None else 1
@@ -223,16 +227,16 @@ def _result_lines(found: Result) -> list[str]:
     correction, first = found.correction, found.first
     lines = []
     if found.scale is not None:
-        lines.append(f"straight way: E_s = {found.scale:.5f}")
+        lines.append(f"straight line: E_s = {found.scale:.5f}")
     lines += [
         f"alpha {math.degrees(first.alpha_rad):+.4f}°, beta {math.degrees(first.beta_rad):+.4f}°",
-        f"closed form: E_d = {first.wheel_ratio:.5f}, E_b = {first.base_factor:.5f} (as told)",
+        f"closed form: E_d = {first.wheel_ratio:.5f}, E_b = {first.base_factor:.5f}",
         f"refined: E_d = {correction.wheel_ratio:.5f}, E_b = {correction.base_factor:.5f}",
         f"before: {_centres(found.before)}",
         f"after:  {_centres(found.after)}",
     ]
     if found.verified is not None:
-        lines.append(f"driven again: {_centres(found.verified)}")
+        lines.append(f"verification: {_centres(found.verified)}")
     return lines
 
 
@@ -283,7 +287,7 @@ def _figures(found: Result) -> dict[str, Any]:
     "sensors",
     multiple=True,
     type=click.Choice(_SENSORS),
-    help="Calibrate only this sensor. Repeatable.  [default: all]",
+    help="Calibrate only this sensor; may be repeated.  [default: all]",
 )
 @click.option(
     "--at",
@@ -291,8 +295,8 @@ def _figures(found: Result) -> dict[str, Any]:
     multiple=True,
     type=options.Number(0.02, 5.0),
     metavar="M",
-    help="Distance of the wall from the sensor's face. Repeatable.  [default: 0.2, 0.5 "
-    "and 1 m for the ultrasonic, 0.06, 0.12 and 0.2 m for the infrared]",
+    help="Distance of the wall from the sensor's face; give two or three.  [default: 0.2, 0.5 and "
+    "1 m for ultrasonic, 0.06, 0.12 and 0.2 m for infrared]",
 )
 @writing_options
 @log_options
@@ -307,10 +311,10 @@ def _range(  # noqa: PLR0913 - one parameter per option
     log: BenchLog | None,
     as_json: bool,
 ) -> int:
-    """Compare range sensors with a tape and find their scale and offset. Nothing moves.
+    """Calibrate scale and offset of the range sensors with a tape measure. Nothing moves.
 
-    You hold a flat wall at each distance from the sensor's face. One distance gives an offset; two
-    or more also give a scale.
+    You hold a flat board at each distance from the sensor's face. One distance gives the offset,
+    two or more give the scale too.
     """
     from bridge.bringup.ranging import fit
     from tools.bringup.calibrating import load_existing, write_results
@@ -332,7 +336,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
             )
             points = measured(desk, person, name, distances_m or _DISTANCES_M[sensor])
             if not points:
-                person.show(f"{sensor}: left out")
+                person.show(f"{sensor}: skipped")
                 continue
             result = fit(points, *now)
             person.show(
@@ -355,6 +359,6 @@ def _range_changes(name: str, old: tuple[float, float], new: tuple[float, float]
     ]
 
 
-def _report(as_json: bool, found: dict[str, Any]) -> None:  # noqa: FBT001 - of every command
+def _report(as_json: bool, found: dict[str, Any]) -> None:  # noqa: FBT001 - named as the option
     if as_json:
         write_json(found)

@@ -1,4 +1,4 @@
-"""``sweepctl completion``: the shell's completion."""
+"""``sweepctl completion``: the completion script of a shell."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ VARIABLE = "_SWEEPCTL_COMPLETE"
 )
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(*, shell: str) -> int:
-    """Print a completion script for commands, options, ports and message names.
+    """Print the script by which SHELL completes commands, options, ports and message names.
+
+    Write it where the shell looks for it:
 
     \b
     bash:  sweepctl completion bash > ~/.local/share/bash-completion/completions/sweepctl
     zsh:   sweepctl completion zsh > "${fpath[1]}/_sweepctl"
     fish:  sweepctl completion fish > ~/.config/fish/completions/sweepctl.fish
-    """  # noqa: D301 - click's mark of a block that is kept as it is
+    """  # noqa: D301 - click keeps the lines of a block behind \b
     from click.shell_completion import get_completion_class
 
     from tools.cli.main import cli
@@ -30,6 +32,6 @@ def command(*, shell: str) -> int:
     kind = get_completion_class(shell)
     assert kind is not None  # noqa: S101 - the choices are click's own
     made = kind(cli, {}, "sweepctl", VARIABLE)
-    # Not source(), which looks for a bash here: the script may be for another machine.
+    # Not source(), which requires bash on this machine: the script may be for another one.
     write_lines(made.source_template % made.source_vars() + "\n")
     return 0

@@ -1,4 +1,4 @@
-"""``sweepctl connect``: a live session with a robot."""
+"""``sweepctl connect``: a live run with a robot."""
 
 from __future__ import annotations
 
@@ -45,26 +45,27 @@ from tools.cli.supervising import rule_option
     "--duration",
     "duration_s",
     type=options.Number(0.1, 1e6),
-    help="Stop cleanly after this many seconds.",
+    metavar="N",
+    help="Stop cleanly after N seconds.",
 )
 @click.option(
     "--room",
     shell_complete=complete_room,
-    help="Room file or name, if known: adds coverage and a map.",
+    help="Room file or name of a shipped room; adds coverage and a map.",
 )
 @options.port_options
 @adapter_delay_option
 @click.option(
     "--clear-stop",
     is_flag=True,
-    help="With --plan or --supervise: also clear a stop that was latched for safety. "
-    "Check the robot first.",
+    help="With --plan or --supervise: clear a latched safety stop first. Look at the robot before "
+    "you do.",
 )
 @click.option(
     "--resume",
     type=click.Choice(["ask", "never"]),
-    help="With --plan, when a lost device is back: ask for 30 s whether to continue (key "
-    "r), or end the run.  [default: ask on a terminal]",
+    help="With --plan, after the device was lost and is back: wait 30 s for the key r to resume, "
+    "or end the run.  [default: ask on a terminal, else never]",
 )
 @viewing_options
 @recording_options
@@ -92,13 +93,15 @@ def command(  # noqa: PLR0913 - one parameter per option
     out: Path | None,
     force: bool,
     as_json: bool,
-    **opening: Any,  # noqa: ANN401 - of the port (baud, dtr...) and of the recording, as declared
+    **opening: Any,  # noqa: ANN401 - options of the port and of the recording, declared above
 ) -> int:
-    """Connect to the robot on PORT, record it and show it.
+    """Connect to the robot on PORT, show it and record it.
 
-    Nothing moves without --plan, --supervise, or a dashboard key that you press twice. PORT is a
-    device path, socket://HOST:PORT, rfc2217://HOST:PORT, or can:INTERFACE:CHANNEL for a CAN bus
-    (can:slcan:/dev/ttyACM0, can:socketcan:can0, can:udp_multicast:239.74.163.2).
+    The robot moves only with --plan or --supervise, or after a key of the dashboard that must be
+    pressed twice.
+
+    PORT is a device path, socket://HOST:PORT, rfc2217://HOST:PORT, or can:INTERFACE:CHANNEL for a
+    CAN bus (can:slcan:/dev/ttyACM0, can:socketcan:can0, can:udp_multicast:239.74.163.2).
     """
     from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot
@@ -111,13 +114,15 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     moves = supervise or planner is not None
     if supervise and planner is not None:
-        raise click.UsageError("--plan runs a planner here, --supervise one on the device")
+        raise click.UsageError(
+            "give --plan (planner on the host) or --supervise (planner on the device), not both"
+        )
     if clear_stop and not moves:
-        raise click.UsageError("--clear-stop goes with --plan or --supervise")
+        raise click.UsageError("--clear-stop needs --plan or --supervise")
     if rules and not moves:
-        raise click.UsageError("--supervise-rule goes with --plan or --supervise")
+        raise click.UsageError("--supervise-rule needs --plan or --supervise")
     if resume is not None and planner is None:
-        raise click.UsageError("--resume goes with --plan")
+        raise click.UsageError("--resume needs --plan")
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m) if room else None
     if resume is None:

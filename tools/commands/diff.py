@@ -1,4 +1,4 @@
-"""``sweepctl diff``: two runs beside each other."""
+"""``sweepctl diff``: compare two runs."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from tools.cli.console import inform, plain_console, write_json
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Also overlay paths and curves in a page (.html) or a picture (.png).",
+    help="Write a comparison with overlaid paths and curves: a page (.html) or a picture (.png).",
 )
-@click.option("--force", is_flag=True, help="Replace output files that exist.")
+@click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @options.json_option
 def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -> int:
     """Compare the figures of two runs, A and B.
 
-    The difference is B minus A. Differences of shares are in percentage points (from 90 % to 91 %
-    is one), with --json as fractions.
+    The difference is B minus A. For percentages it is in percentage points; with --json it is a
+    fraction, like the values.
     """
     from bridge.convert.sources import readable
     from bridge.view.report.comparison import compare, rows, write_page

@@ -1,4 +1,4 @@
-"""``sweepctl doctor``: what is wrong with a device's line or a log, and what to do."""
+"""``sweepctl doctor``: diagnose a device on a port, or a log."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from bridge.doctor import Examination, Finding
 
 _NO_DEVICE = frozenset({"no_data", "no_answer", "wrong_baud", "echo", "other_node", "words"})
+"""Kinds of finding that mean that no device answered: exit status 3."""
 _NO_AGREEMENT = frozenset({"version"})
+"""Kinds of finding that mean that host and device are incompatible: exit status 4."""
 
 
 @click.command("doctor", epilog="Example:  sweepctl doctor /dev/ttyUSB0 --duration 20")
@@ -26,13 +28,14 @@ _NO_AGREEMENT = frozenset({"version"})
     type=options.Number(1.0, 86_400.0),
     default=10.0,
     show_default=True,
-    help="With a PORT: examine it for this many seconds.",
+    metavar="N",
+    help="With a PORT: examine it for N seconds.",
 )
 @click.option("--listen", is_flag=True, help="With a PORT: only listen, send nothing.")
 @click.option(
     "--find-baud",
     is_flag=True,
-    help="With a serial PORT: try one baud rate after another until a device is found.",
+    help="With a serial PORT: listen at each common baud rate until a sweeper is found.",
 )
 @options.port_options
 @options.json_option
@@ -50,14 +53,13 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     rts: bool,
     as_json: bool,
 ) -> int:
-    """Diagnose a device's link, clock and sensors, and say what to do.
+    """Diagnose a device's link, clock and sensors, and recommend what to do.
 
-    FILE is a log of sweepctl, an MCAP file of another program (with fewer checks), a `candump -l`
-    log or the raw bytes of a serial link. On a PORT the command connects and listens. It sends
-    nothing that moves a wheel, and a robot that another host left moving stops.
+    With a PORT, the command completes the handshake and listens. Nothing that it sends can move a
+    wheel, and a robot that another host left moving stops. FILE is a log, an MCAP file of another
+    program (as far as possible), a `candump -l` log, or the raw bytes of a serial line.
 
-    Exit status: 0 no problem found, 1 problems found, 3 no device to examine, 4 incompatible
-    device.
+    Exit status: 0 no problem found; 1 a problem; 3 no device found; 4 incompatible device.
     """
     path = Path(target)
     _check(target, path, listen=listen, find_baud=find_baud)
@@ -70,9 +72,9 @@ def command(  # noqa: PLR0913 - what a port can be asked for
 
         found = search(target, on_rate=lambda rate: inform(f"listening at {rate} baud"))
         if found is None:
-            inform("no sweeper was heard at any rate")
+            inform(f"{target}: no sweeper found at any baud rate")
             return 3
-        inform(f"a sweeper is heard at {found} baud: --baud {found}")
+        inform(f"{target}: sweeper found at {found} baud (--baud {found})")
         baud = found
     import threading
 
@@ -83,10 +85,10 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     port = open_port(target, baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
     note = getattr(port, "latency_note", None)
     if not as_json:
-        how = "listening" if listen else "asking and listening; nothing moves"
-        inform(f"{target}: {how}, {duration_s:g} s (Ctrl-C ends it sooner)")
+        how = "listening" if listen else "examining (nothing moves)"
+        inform(f"{target}: {how} for {duration_s:g} s; Ctrl-C ends it earlier")
     ended = threading.Event()
-    with until_signalled(ended.set):  # what was seen is reported
+    with until_signalled(ended.set):  # an interrupted examination is reported too
         examination = attend(
             port, target, duration_s, node=node, ask=not listen, ended=ended.is_set
         )
@@ -94,20 +96,26 @@ def command(  # noqa: PLR0913 - what a port can be asked for
 
 
 def _check(target: str, path: Path, *, listen: bool, find_baud: bool) -> None:
-    """See that what was asked for goes together."""
+    """Check that the options suit the target.
+
+    Raises:
+        click.UsageError: they do not.
+        LogReadError: the target is a file that does not exist.
+
+    """
     if is_folder(path):
-        raise click.UsageError(f"{target} is a folder; give a log, or a port.")
+        raise click.UsageError(f"{target} is a folder; give a log file or a port")
     if is_file(path) and (listen or find_baud):
         option = "--find-baud" if find_baud else "--listen"
-        raise click.UsageError(f"{option} is for a port, and {target} is a file.")
+        raise click.UsageError(f"{option} needs a port, but {target} is a file")
     if find_baud and target.startswith("can:"):
-        raise click.UsageError(f"--find-baud is for a serial port; for {target} give --bitrate.")
+        raise click.UsageError(f"--find-baud needs a serial port; for {target} give --bitrate")
     if find_baud and "://" in target and not target.startswith("rfc2217://"):
-        raise click.UsageError(f"--find-baud is for a serial port; {target} has no baud rate.")
+        raise click.UsageError(f"--find-baud needs a serial port; {target} has no baud rate")
     if path.suffix and not is_there(path) and "://" not in target and not target.startswith("can:"):
         from bridge.record.errors import LogReadError
 
-        raise LogReadError(path, "there is no such file, and no such port")
+        raise LogReadError(path, "no such file or port")
 
 
 def _report(
@@ -161,8 +169,8 @@ def _print(target: str, findings: list[Finding], figures: dict[str, Any], note: 
             )
         )
         console.print(Text.assemble("        ", ("what to do:", "dim"), f" {finding.advice}"))
-    if _status(findings) == 0:  # notes are no trouble
-        console.print("nothing is wrong", style="green")
+    if _status(findings) == 0:  # notes are not problems
+        console.print("no problem found", style="green")
     if note:
         console.print(Text.assemble(("note    ", "yellow"), note))
     _print_figures(console, figures)
@@ -182,10 +190,10 @@ def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN4
     if figures["drift_error_ppm"] is not None:
         counts.append(f"clock {figures['drift_ppm']:+.0f} ppm (± {figures['drift_error_ppm']:.0f})")
     elif figures["drift_ppm"] is not None:
-        counts.append("clock not judged in so short a time")
+        counts.append("clock drift not measured: too short")
     console.print(", ".join(counts), style="dim")
     for boot in figures["boots"][:1]:
-        who = f"{boot['firmware']}, uid {boot['uid']}, booted by {boot['cause']}"
+        who = f"{boot['firmware']}, uid {boot['uid']}, reset cause {boot['cause']}"
         console.print(who, style="dim")
     off = [
         f"{name} {stream['rate_hz']:g} Hz (default {stream['default_hz']:g})"
@@ -196,5 +204,5 @@ def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN4
         and name != "hello"
     ]
     if off:
-        others = f"rates other than the defaults: {', '.join(off)}"
+        others = f"rates that differ from the default: {', '.join(off)}"
         console.print(others, style="dim")

@@ -1,4 +1,4 @@
-"""``sweepctl drive``: by hand, with a dead man."""
+"""``sweepctl drive``: manual driving with a dead-man switch."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ from tools.cli.recording import recording_options, take_record_options
     default=0.15,
     show_default=True,
     metavar="M/S",
-    help="Speed of a held key or a full stick; + and - change it. A tapped key drives at "
-    "0.1 m/s at most.",
+    help="Speed of a held key or a stick at its end; the keys + and - change it. A tapped key "
+    "drives at 0.1 m/s at most.",
 )
 @click.option(
     "--gamepad",
     metavar="DEVICE",
-    help="Linux joystick (/dev/input/js0): left stick drives while the left shoulder "
-    "button is held, B stops.",
+    help="Linux joystick (/dev/input/js0): hold the left shoulder button and steer with the left "
+    "stick; B stops.",
 )
 @click.option(
     "--duration",
     "duration_s",
     type=options.Number(0.1, 1e6),
-    help="Stop cleanly after this many seconds.",
+    metavar="N",
+    help="Stop cleanly after N seconds.",
 )
 @clear_stop_option
 @options.robot_option
@@ -56,12 +57,12 @@ def command(  # noqa: PLR0913 - one parameter per option
     as_json: bool,
     **recording: Any,  # noqa: ANN401 - click's values
 ) -> int:
-    """Drive the robot on PORT manually: THE ROBOT MOVES.
+    """Drive the robot on PORT by keyboard or gamepad: THE ROBOT MOVES.
 
-    Arrow keys (or i j k l) drive while they are held, if the terminal reports key releases (kitty,
-    foot, WezTerm, Ghostty and others). In other terminals a press drives for 0.7 s at 0.1 m/s, and
-    any other key stops. Space or s latches a stop and ends the run. The robot moves only while an
-    input is held. The run is recorded.
+    The arrow keys (or i j k l) drive while you hold them, in terminals that report key releases
+    (kitty, foot, WezTerm, Ghostty and others). In other terminals a key press drives for 0.7 s at
+    0.1 m/s, and any other key stops. Space or s stops the robot, latches the stop and ends the run.
+    The run is recorded.
     """
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
@@ -70,7 +71,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.live.terminal_keys import Keyboard
 
     if gamepad is None and not Keyboard.possible():
-        raise click.UsageError("drive needs a terminal's keys, or --gamepad DEVICE")
+        raise click.UsageError("drive needs a terminal with a keyboard, or --gamepad DEVICE")
     model, robot_toml = load_robot(robot)
     result = run_live(
         LiveOptions(

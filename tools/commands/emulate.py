@@ -1,4 +1,4 @@
-"""``sweepctl emulate``: a virtual sweeper on a serial line, a socket or a CAN bus."""
+"""``sweepctl emulate``: a virtual sweeper on a serial port, a TCP socket or a CAN bus."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ _SERIAL = {"pty", "tcp"}
     type=click.Choice(_LINKS),
     default="pty",
     show_default=True,
-    help="How the device is connected: a pseudo-terminal, a TCP socket, a serial CAN "
-    "adapter, or a CAN bus over UDP multicast that several devices and one host can join.",
+    help="Link to the device: a serial line (pty), a serial line over TCP (tcp), a serial CAN "
+    "adapter (slcan), or a CAN bus over UDP that several devices and a host can join (udpcan).",
 )
 @click.option(
     "--target",
     type=click.Choice(("python", "qemu")),
     default="python",
     show_default=True,
-    help="Firmware of the device: the Python model, or the reference firmware in C on an "
-    "STM32F405 that QEMU emulates (needs qemu-system-arm and, once, gcc-arm-none-eabi).",
+    help="Firmware of the device: the model in Python (python), or the C firmware on an STM32F405 "
+    "in QEMU (qemu; needs qemu-system-arm and, for the first build, gcc-arm-none-eabi).",
 )
 @click.option(
     "--firmware",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE.elf",
-    help="With qemu: program to run.  [default: built from the shipped sources]",
+    help="With --target qemu: firmware to run.  [default: the C firmware of sweepctl]",
 )
 @options.baud_option
 @options.latency_option
@@ -70,44 +70,50 @@ _SERIAL = {"pty", "tcp"}
     type=click.IntRange(10_000, 1_000_000),
     default=500_000,
     show_default=True,
-    help="CAN bit rate.",
+    help="Bit rate of the CAN bus.",
 )
 @click.option(
     "--listen",
     callback=options.address,
     metavar="HOST:PORT",
-    help="With tcp: address to listen on; port 0 picks a free one.  [default: 127.0.0.1:0]",
+    help="With --link tcp: address to listen on; port 0 is any free one.  [default: 127.0.0.1:0]",
 )
 @click.option(
     "--lan",
     is_flag=True,
-    help="With udpcan: send frames to other machines and accept theirs. With tcp: listen "
-    "on all addresses. Anyone who can reach the machine can then drive the virtual robot.",
+    help="Accept other machines: with --link udpcan exchange frames with the network, with "
+    "--link tcp listen on all addresses. They can then drive the virtual robot.",
 )
 @options.seed_option
 @options.noise_option
 @options.robot_option
-@click.option("--node", type=click.IntRange(1, 15), default=1, show_default=True)
+@click.option(
+    "--node",
+    type=click.IntRange(1, 15),
+    default=1,
+    show_default=True,
+    help="Node number of the device.",
+)
 @options.fault_option
 @click.option("--list-faults", is_flag=True, help="Explain each kind of fault and exit.")
 @click.option(
     "--control",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Create this Unix socket, through which `sweepctl fault` switches faults on and off.",
+    help="Unix socket to create, by which `sweepctl fault` controls faults during the run.",
 )
 @options.key_option
 @click.option(
     "--truth",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Log file of the true pose (/truth/pose, Unix time) and the faults (/events).",
+    help="Log file for the true pose (/truth/pose, Unix time) and the faults (/events).",
 )
 @click.option("--force", is_flag=True, help="Replace the truth file if it exists.")
 @click.option(
     "--pty-link",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Also create this symbolic link to the port.",
+    help="Symbolic link to the port to create.",
 )
-@click.option("--stats", is_flag=True, help="Print timing statistics at the end.")
+@click.option("--stats", is_flag=True, help="Print the timing accuracy at the end.")
 @click.option("--json", "as_json", is_flag=True, help="With --list-faults: print one JSON object.")
 def command(  # noqa: PLR0913 - one parameter per option
     *,
@@ -134,9 +140,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     stats: bool,
     as_json: bool,
 ) -> int:
-    """Run a virtual sweeper in ROOM in real time until a signal ends it.
+    """Run a virtual sweeper in ROOM in real time, until Ctrl-C.
 
-    The first line on stdout is "ready PORT"; pass PORT to `sweepctl connect`.
+    ROOM is a room file or the name of a shipped room; the default is case-1. The first line on
+    stdout is "ready PORT"; pass this PORT to connect.
     """
     if list_faults:
         from tools.cli.fault_help import print_faults
@@ -157,7 +164,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m)
     kind = Link if link in _SERIAL else CanLink
-    boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice that it was started anew
+    boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice a restart
     stopper = Stopper()
     for number in ending_signals():
         signal.signal(number, lambda _number, _frame: stopper.stop())
@@ -205,7 +212,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             flush()
             _notify(
                 f"virtual sweeper{' with its firmware in QEMU' if chip else ''}, node {node}, in "
-                f"{plan.name} ({noise} noise, seed {seed}, {link}); Ctrl-C ends it"
+                f"{plan.name} ({noise} noise, seed {seed}, {link}); press Ctrl-C to end"
             )
             watchers = Watchers(
                 on_truth=_recording(writer) if writer else None,
@@ -217,12 +224,12 @@ def command(  # noqa: PLR0913 - one parameter per option
             _sum_up(rig, report, chip, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
-    for number in ending_signals():  # a second one, as `timeout` sends, must not spoil the status
+    for number in ending_signals():  # a second one, as `timeout` sends, must not change the status
         signal.signal(number, signal.SIG_IGN)
     return 0
 
 
-def _sweeper(  # noqa: PLR0913 - what a device is made with
+def _sweeper(  # noqa: PLR0913 - one parameter for each property of the device
     plan: FloorPlan,
     model: RobotModel,
     *,
@@ -234,8 +241,8 @@ def _sweeper(  # noqa: PLR0913 - what a device is made with
     local: bool,
     key: bytes | None,
 ) -> VirtualSweeper:
-    # It may be asked to run its own planner, whose modules would then load between two periods.
-    import bridge.coverage.recovery.planner  # noqa: F401
+    # The device may run its own planner. Importing it only then would delay a control period.
+    import bridge.coverage.recovery.planner  # noqa: F401 - imported in advance
     from sim_device.sweeper import VirtualSweeper
 
     device = VirtualSweeper(
@@ -256,20 +263,20 @@ def _check(  # noqa: PLR0913 - the options that exclude each other
     as_json: bool,
 ) -> None:
     if lan and link not in {"udpcan", "tcp"}:
-        raise click.UsageError("--lan goes with --link udpcan or tcp")
+        raise click.UsageError("--lan needs --link udpcan or tcp")
     if lan and listen is not None:
-        raise click.UsageError("--lan and --listen both say where to listen; give one")
+        raise click.UsageError("--lan and --listen exclude each other; give one")
     if listen is not None and link != "tcp":
-        raise click.UsageError("--listen goes with --link tcp")
+        raise click.UsageError("--listen needs --link tcp")
     if pty_link is not None and link not in {"pty", "slcan"}:
-        raise click.UsageError("--pty-link goes with --link pty or slcan")
+        raise click.UsageError("--pty-link needs --link pty or slcan")
     if baud is not None and link not in _SERIAL:
-        raise click.UsageError("--baud goes with --link pty or tcp; a bus has a --bitrate")
+        raise click.UsageError("--baud needs --link pty or tcp; for a CAN bus give --bitrate")
     if as_json:
-        raise click.UsageError("--json goes with --list-faults")
+        raise click.UsageError("--json needs --list-faults")
 
 
-def _warn(  # noqa: PLR0913 - everything that can be wrong at the start
+def _warn(  # noqa: PLR0913 - one parameter for each thing to warn of
     plan: FloorPlan,
     model: RobotModel,
     link: str,
@@ -318,7 +325,7 @@ def _port(
 
 
 def _notify(text: str) -> None:
-    """A line for people; whoever read them may have left, and the device runs on."""
+    """Print a message; if stderr is closed, the device keeps running."""
     with suppress(OSError, ValueError):
         inform(text)
 
@@ -342,23 +349,23 @@ def _sum_up(rig: Rig, report: ServeReport, chip: QemuSweeper | None, *, asked: b
     counts, late = rig.counts(), report.lateness
     if asked and late.periods:
         _notify(
-            f"ran {report.duration_s:.1f} s: {late.periods} turns, 99 of 100 at most "
-            f"{late.percentile_us(99.0) / 1000:.2f} ms late, the worst "
-            f"{late.worst_us / 1000:.2f} ms; "
-            f"{counts.to_host} B to the host, {counts.from_host} B from it"
+            f"ran {report.duration_s:.1f} s in {late.periods} periods: lateness "
+            f"{late.percentile_us(99.0) / 1000:.2f} ms at the 99th percentile, "
+            f"{late.worst_us / 1000:.2f} ms at most; "
+            f"{counts.to_host} B to the host, {counts.from_host} B from the host"
         )
     if asked and chip is not None:
-        _notify(f"{chip.stack_free} B of the chip's stack were never used")
+        _notify(f"stack of the firmware: {chip.stack_free} B were never used")
     lost = {
-        "by the device, which had more to say than the line carries": counts.device_overrun,
-        "in the adapter, because the host did not read": counts.adapter_overrun,
+        "in the device: it sent more than the line carries": counts.device_overrun,
+        "in the adapter: the host did not read": counts.adapter_overrun,
     }
     for where, count in lost.items():
         if count and (asked or rig.host_heard):
             _notify(f"{count} B were lost {where}")
 
 
-def _truth_writer(  # noqa: PLR0913 - what a log says of itself
+def _truth_writer(  # noqa: PLR0913 - one parameter for each part of the log's metadata
     path: Path,
     robot: tuple[RobotModel, str],
     plan: FloorPlan,

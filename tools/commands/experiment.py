@@ -1,4 +1,4 @@
-"""``sweepctl experiment``: the paper's experiments, planners compared, and what limits them."""
+"""``sweepctl experiment``: the paper's experiments, comparisons, and the limits of coverage."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-r
 _DEFAULT = "recovery"
 _PLANNERS = tuple(dict.fromkeys((_DEFAULT, *options.PLANNERS)))
 _GRID = ("rooms", "generated", "planners", "levels", "seeds")
-"""What ``compare`` and ``limits`` are asked for; the paper's experiments have their own."""
+"""Parameters of ``compare`` and ``limits``; the paper's experiments have fixed ones."""
 _TITLES = {
     "paper": "The paper's experiments",
     "compare": "Planners compared",
@@ -52,14 +52,15 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     "--rooms",
     callback=_listed(),
     default=_ROOMS,
-    help="Room names or files, separated by commas.  [default: all shipped rooms]",
+    help="Names or files of rooms, separated by commas.  [default: all shipped rooms]",
 )
 @click.option(
     "--generated",
     type=click.IntRange(0, 10_000),
     default=0,
     show_default=True,
-    help="Number of additional generated rooms.",
+    metavar="N",
+    help="Add N generated rooms.",
 )
 @click.option(
     "--planners",
@@ -79,31 +80,33 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     type=click.IntRange(1, 10_000),
     default=3,
     show_default=True,
-    help="Runs of each combination, with seeds from 0; one without noise, where all are equal.",
+    metavar="N",
+    help="Runs of each combination, with seeds 0 to N-1; without noise one run, because all are "
+    "equal.",
 )
+@click.option("--zimablue", is_flag=True, help="Add the online planners of the package zimablue.")
 @click.option(
-    "--zimablue",
-    is_flag=True,
-    help="Also compare with the online planners of the package zimablue.",
-)
-@click.option(
-    "--jobs", type=click.IntRange(1, 256), help="Number of processes.  [default: one per core]"
+    "--jobs",
+    type=click.IntRange(1, 256),
+    metavar="N",
+    help="Number of parallel processes.  [default: one per core]",
 )
 @click.option(
     "--max-time",
     "max_time_s",
     type=options.Number(1.0, 1e6),
-    help="Time limit of a run, in simulated seconds.  [default: 3600, or 15 times the "
-    "room's reference time if that is more; less for random and zimablue's planners]",
+    metavar="N",
+    help="Time limit of a run in simulated seconds.  [default: 3600, or 15 times the room's "
+    "reference time if that is more; less for random and the planners of zimablue]",
 )
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     default=Path("runs/experiment"),
     show_default=True,
-    help="Folder for results; runs that it already holds are not repeated.",
+    help="Folder for results; runs that it already contains are not repeated.",
 )
-@click.option("--force", is_flag=True, help="Discard the results in the folder and start again.")
+@click.option("--force", is_flag=True, help="Discard the results in the folder.")
 @options.json_option
 @click.pass_context
 def command(  # noqa: PLR0913 - one parameter per option
@@ -122,18 +125,20 @@ def command(  # noqa: PLR0913 - one parameter per option
     force: bool,
     as_json: bool,
 ) -> int:
-    """Run the PAPER's experiments, COMPARE planners, or find what LIMITS one.
+    """Reproduce the paper's experiments, compare planners, or find what limits their coverage.
 
-    paper: Table 2, cases 1 and 2, the comprehensive room against the U-shaped and the random path
-    (section 5.3), path keeping (Figs. 14 and 15), velocity smoothing (Fig. 12), and layouts where
-    the paper's algorithm fails. Rooms, planners, noise levels and seeds are fixed. compare: every
-    room, planner, noise level and seed. limits: the same with a perfect pose and perfect ranges in
-    addition, and the loss split by cause.
+    paper reproduces Table 2, cases 1 and 2, the comprehensive room with the U-shaped and the random
+    planner (section 5.3), path keeping (Figs. 14 and 15), velocity smoothing (Fig. 12), and the
+    layouts where the paper's algorithm fails. It has its own rooms, planners, noise levels and
+    seeds.
 
-    Besides files and shipped names, --rooms accepts generated:KIND:N and layout:NAME.
+    compare runs every combination of room, planner, noise level and seed. limits adds runs with a
+    perfect pose and perfect ranges, and splits the lost coverage by cause.
 
-    Writes runs.csv, curves.csv, tables.md and report.html. Ctrl-C or SIGTERM keeps the finished
-    runs and reports on them; the same command continues from there.
+    Besides files and names of shipped rooms, --rooms takes generated:KIND:N and layout:NAME.
+
+    The results are runs.csv, curves.csv, tables.md and report.html. Ctrl-C or SIGTERM ends the runs
+    and reports on those that are done; the same command continues from there.
     """
     from tools.cli.signals import leaving_at_once
     from tools.experiment import figures, output
@@ -144,26 +149,26 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     figures.check()
     if zimablue and what != "compare":
-        raise click.UsageError("--zimablue is for compare")
+        raise click.UsageError("--zimablue needs compare")
     if what == "paper":
         _reject_grid(ctx)
         trials = paper_trials(max_time_s)
     else:
         names = [*rooms, *generated_rooms(generated)]
         if not names:
-            raise click.UsageError("no rooms: give --rooms or --generated")
+            raise click.UsageError("no room: give --rooms or --generated")
         trials = _trials(what, names, planners, levels, range(seeds), max_time_s, zimablue=zimablue)
     for name in dict.fromkeys(trial.room for trial in trials):
-        room_of(name)  # a wrong name is told now, not after an hour
+        room_of(name)  # so that a wrong name is reported now, not after an hour
     store = Store(out, code_version(), force=force)
     with leaving_at_once(
-        f"interrupted before the report: the runs done are kept in {out}\n"
-        "the same command goes on from there"
+        f"interrupted before the report; completed runs are kept in {out}\n"
+        "the same command continues from there"
     ):
         outcome = run_all(store, trials, jobs)
         rows = store.rows(trials)
         if outcome.interrupted and rows:
-            inform("the runs have ended; their report follows")
+            inform("interrupted: writing the report on the completed runs")
         if rows or as_json:
             made = output.write_results(out, _TITLES[what], _typed(what), rows)
             if as_json:
@@ -174,7 +179,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _reject_grid(ctx: click.Context) -> None:
-    """Take no option that the paper's experiments would not heed.
+    """Reject the options that the paper's experiments would ignore.
 
     Raises:
         click.UsageError: one was given.
@@ -188,25 +193,25 @@ def _reject_grid(ctx: click.Context) -> None:
     ]
     if given:
         raise click.UsageError(
-            f"{', '.join(given)}: for compare and limits; paper has rooms, planners, levels and "
-            "seeds of its own"
+            f"{', '.join(given)}: only for compare and limits; paper has its own rooms, planners, "
+            "noise levels and seeds"
         )
 
 
 def _close(outcome: Outcome, done: str, out: Path) -> int:
-    """Say what went wrong; the exit status."""
+    """Print what went wrong and return the exit status."""
     from tools.experiment.runs import ERRORS
 
     if outcome.interrupted:
-        inform(f"{done}, kept in {out}; the same command goes on from there")
+        inform(f"{done}, kept in {out}; the same command continues from there")
     for line in outcome.failed:
         complain(line)
     if outcome.failed:
-        inform(f"in full: {out / ERRORS}")
+        inform(f"tracebacks: {out / ERRORS}")
     return 1 if outcome.failed else 0
 
 
-def _trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
+def _trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the grid
     what: str,
     names: list[str],
     planners: list[str] | None,
@@ -231,7 +236,7 @@ def _trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
 
 
 def _typed(what: str) -> str:
-    """The command as it was typed; in another program, its name."""
+    """Return the command line; if called from another program, the command's name."""
     import shlex
 
     arguments = sys.argv[1:]

@@ -18,7 +18,7 @@ from tools.cli.console import complain, inform, write_line
     "--out",
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the tables, one per topic: /device/imu becomes device.imu.parquet.",
+    help="Folder for the tables, one for each topic: /device/imu becomes device.imu.parquet.",
 )
 @click.option(
     "--format",
@@ -26,14 +26,14 @@ from tools.cli.console import complain, inform, write_line
     type=click.Choice(["parquet", "csv"]),
     default="parquet",
     show_default=True,
-    help="Format of the tables.",
+    help="File format of the tables.",
 )
 @click.option(
     "--topic",
     "topics",
     multiple=True,
     metavar="PATTERN",
-    help="Export only matching topics; * matches anything. Repeatable.",
+    help="Export only topics that match, with * for anything; may be repeated.",
 )
 @click.option("--force", is_flag=True, help="Replace tables that exist.")
 @options.json_option
@@ -46,10 +46,11 @@ def command(  # noqa: PLR0913 - one parameter per option
     force: bool,
     as_json: bool,
 ) -> int:
-    """Write every topic of FILE as a Parquet or CSV table. FILE may come from any program.
+    """Write each topic of FILE as a Parquet or CSV table.
 
-    Times are UTC in nanoseconds. Fields keep their names; nested fields are joined with dots. A
-    capture (candump, raw bytes) is decoded first.
+    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial line;
+    captures are decoded first. Times are UTC with nanoseconds. Columns have the names of the
+    fields, with dots for nested messages.
     """
     from bridge.convert.export import as_json as exported_json
     from bridge.convert.export import export
@@ -59,7 +60,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         with readable(file) as log:
             result = export(log, out, file_format=file_format, topics=topics, force=force)
     except KeyboardInterrupt:
-        complain(f"interrupted: the tables in {out} are not whole; --force writes them anew")
+        complain(f"interrupted: the tables in {out} are incomplete; repeat with --force")
         return 1
     for problem in result.problems:
         inform(problem)

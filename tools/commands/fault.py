@@ -1,4 +1,4 @@
-"""``sweepctl fault``: faults of a running emulator, switched on and off."""
+"""``sweepctl fault``: start and end faults of a running emulator."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from tools.cli.console import write_json, write_line
     multiple=True,
     metavar="KIND",
     shell_complete=complete_fault,
-    help="End all faults of this kind.",
+    help="End the faults of this kind; may be repeated.",
 )
-@click.option("--clear-all", is_flag=True, help="End all faults, pending ones included.")
-@click.option("--list", "list_them", is_flag=True, help="List active and pending faults.")
+@click.option("--clear-all", is_flag=True, help="End all faults, including waiting ones.")
+@click.option("--list", "list_them", is_flag=True, help="List active and waiting faults.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout.")
 def command(  # noqa: PLR0913 - one parameter per option
     *,
@@ -38,8 +38,8 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Start or end faults of the emulator whose --control socket is CONTROL.
 
-    SPEC is kind[@time][:for][:name=value,...] as for emulate --fault. Without a time the fault
-    starts at once; @+2 starts it in two seconds. Faults to be ended are ended first.
+    SPEC is kind[@time][:for][:name=value,...], as for emulate --fault. Without a time the fault
+    starts at once; @+2 means in two seconds. Faults are ended before others are started.
     """
     from bridge.errors import PortError
     from sim_device.faults.kinds import KINDS
@@ -48,13 +48,13 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     unknown = [kind for kind in clear if kind not in KINDS]
     if unknown:
-        text = f"{unknown[0]!r}: there is no such kind; they are {', '.join(KINDS)}"
+        text = f"{unknown[0]!r} is not one of {', '.join(KINDS)}"
         raise click.BadParameter(text, param_hint="--clear")
     lines = ["clear"] if clear_all else []
     lines += [f"clear {_one_line(kind)}" for kind in clear]
     lines += [f"start {_one_line(spec)}" for spec in specs]
     if any(len(line.encode()) >= MAX_LINE for line in lines):
-        raise click.UsageError(f"a fault's text is shorter than {MAX_LINE} bytes")
+        raise click.UsageError(f"a fault's text must be shorter than {MAX_LINE} bytes")
     if not lines and not list_them:
         raise click.UsageError("nothing to do: give a SPEC, --clear KIND, --clear-all or --list")
     begun: list[str] = []
@@ -62,7 +62,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     found: dict[str, Any] = {}
     try:
         checks = [f"check {spec}" for spec in specs]
-        for line in checks + lines:  # one that cannot be leaves the others unbegun too
+        for line in checks + lines:  # an invalid one must not leave others started
             reply = ask_control(control, line)
             if not reply["ok"]:
                 raise click.BadParameter(str(reply.get("error")))
@@ -77,7 +77,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     if as_json:
         write_json(answer)
         return 0
-    said = [f"begun: {text}" for text in begun]
+    said = [f"started: {text}" for text in begun]
     said += [f"ended: {cleared}"] if clear or clear_all else []
     if list_them:
         said += [f"active: {text}" for text in found["active"]] or ["active: none"]
@@ -87,9 +87,14 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _one_line(text: str) -> str:
-    """The text, which must not smuggle in a second request."""
+    """Return the text of a fault, which must not contain a second request.
+
+    Raises:
+        click.UsageError: it has several lines or is not UTF-8.
+
+    """
     if "\n" in text or "\r" in text:
-        raise click.UsageError("a fault's text is one line")
+        raise click.UsageError("a fault's text must be one line")
     if any("\ud800" <= c <= "\udfff" for c in text):
-        raise click.UsageError(f"a fault's text is UTF-8: {text!r} is not")
+        raise click.UsageError(f"a fault's text must be UTF-8: {text!r}")
     return text

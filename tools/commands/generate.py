@@ -1,4 +1,4 @@
-"""``sweepctl generate``: the wire's declaration in other languages."""
+"""``sweepctl generate``: the protocol in other languages."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from tools.cli.outputs import check_outputs
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     required=True,
-    help="Folder to write to; created if missing.",
+    help="Output folder; created if it does not exist.",
 )
 @click.option(
     "--node",
     type=click.IntRange(1, 15),
-    help="With dbc: node id of the device.  [default: 1]",
+    help="With dbc: node number of the device.  [default: 1]",
 )
-@click.option("--force", is_flag=True, help="Replace files that exist.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
 def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
-    """Write the protocol's messages for another language, a tool, or people.
+    """Generate code or documentation from the declaration of the protocol.
 
     \b
     c      header and source in C99, for firmware
     dbc    CAN database, for cantools, SavvyCAN and others
     lua    Wireshark dissector
-    proto  protobuf declarations of what a log holds
-    md     description for people: bytes, states, timing
-    """  # noqa: D301 - click's mark of a block that is kept as it is
+    proto  protobuf declarations of the messages in a log
+    md     specification: wire format, states, timing
+    """  # noqa: D301 - click keeps the lines of a block behind \b
     from protocol.generate import render
 
     if node is not None and what not in PER_NODE:
-        raise click.UsageError("--node goes with dbc: only there does the text name a device")
+        raise click.UsageError("--node needs dbc: the other formats do not depend on the node")
     options: dict[str, Any] = {}
     if what == "md":
         from tools.dev.behaviour import wire_behaviour

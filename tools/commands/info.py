@@ -1,4 +1,4 @@
-"""``sweepctl info``: what a log holds."""
+"""``sweepctl info``: show what a log contains."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(path_type=Path))
 @options.json_option
 def command(*, file: Path, as_json: bool) -> int:
-    """Show what FILE contains: the run, its topics and rates, and whether it was closed cleanly.
+    """Show what FILE contains: the run, its topics and rates, and whether the file is complete.
 
-    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial link. The
-    first file of a run that was recorded into several files stands for all of them.
+    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial line. If a
+    run was recorded into several files, give the first one.
     """
     from bridge.convert.sources import describe_any
 
@@ -45,17 +45,17 @@ def _print(description: RunDescription) -> None:
     console.print(f"{description.file_bytes / 1e6:.2f} MB", end="  ")
     console.print(f"{description.duration_s:.1f} s, {description.message_count} messages")
     if description.format != "mcap":
-        console.print(f"a {description.format} capture; below is what it decodes to")
+        console.print(f"a {description.format} capture; the topics are its decoded messages")
     if not description.whole:
-        lost = "its end is missing (the writer was killed); what is there was read"
+        lost = "incomplete: the end is missing (the writer was killed); the rest was read"
         console.print(lost, style="yellow")
     parts = description.parts
     if parts:
-        console.print(f"the run is in {len(parts)} files, {parts[0].name} to {parts[-1].name}")
+        console.print(f"the run has {len(parts)} files, {parts[0].name} to {parts[-1].name}")
     elif description.metadata.get("previous"):
         part = one_line(description.metadata.get("part", "?"))
         previous = one_line(description.metadata["previous"])
-        console.print(f"file {part} of a run: what came before is in {previous}")
+        console.print(f"file {part} of a run; the file before it is {previous}")
     for problem in description.problems:
         console.print(problem, style="yellow")
     for key in ("version", "port", "firmware", "uid", "boot_id", "planner", "seed", "noise"):

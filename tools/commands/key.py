@@ -1,4 +1,4 @@
-"""``sweepctl key``: the key that a robot's motion is authenticated with."""
+"""``sweepctl key``: set or remove the key that authenticates a robot's motion commands."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tools.cli.port_options import port_argument
     "--set",
     "new",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write a new random key to this file and send it to the robot.",
+    help="Write a new random key to this file and to the robot.",
 )
-@click.option("--clear", is_flag=True, help="Remove the key, so that anyone may drive.")
+@click.option("--clear", is_flag=True, help="Remove the key: everyone can drive the robot again.")
 @options.key_option
 @options.port_options
 @options.json_option
@@ -32,14 +32,16 @@ def command(
     clear: bool,
     key_file: Path | None,
     as_json: bool,
-    **opening: Any,  # noqa: ANN401 - node, baud, bitrate, lan, dtr and rts, as declared
+    **opening: Any,  # noqa: ANN401 - options of the port, declared above
 ) -> int:
-    """Set, replace or remove the key of the robot on PORT.
+    """Set, replace or remove the key that authenticates motion of the robot on PORT.
 
-    With a key, a robot accepts motion commands and changes only from hosts that have the key. It
-    accepts a stop from anyone. A key can be set only over the robot's local serial port and cannot
-    be read back: without the file you need the robot's factory reset. To replace or remove a key,
-    give the current one with --key-file.
+    A robot with a key accepts motion commands and changes only from a host that has the key. It
+    accepts a stop from every host. To replace or remove a key, give the present one with
+    --key-file.
+
+    A key can be set only over a local serial port, and the robot never discloses it. If you lose
+    the key file, reset the robot to its factory settings.
     """
     import bridge
     from bridge.errors import CommandRejectedError, KeyExposedError
@@ -59,19 +61,19 @@ def command(
             robot.set_key(made)
         except CommandRejectedError:
             if new is not None:
-                new.unlink()  # the robot does not have it
+                new.unlink()  # the robot does not have the key
             raise
         except BaseException:
-            if new is not None:  # it may have the key, and nobody else would
+            if new is not None:  # the robot may have the key: without the file it would be lost
                 inform(
-                    f"the robot may have taken the key: {new} is kept; if the robot obeys with "
-                    f"--key-file {new} it has, else delete the file"
+                    f"the robot may have stored the key, so {new} is kept; if the robot rejects "
+                    f"--key-file {new}, delete the file"
                 )
             raise
-        if as_json:  # before the port is closed, which Ctrl-C may cut off
+        if as_json:  # before the port is closed, which Ctrl-C may interrupt
             write_json({"port": port, "key": made is not None})
         else:
-            said = f"set; keep {new}: it is told nowhere else" if new else "removed"
-            inform(f"{port}: the key is {said}")
+            what = f"set; keep {new}, it is the only copy" if new else "removed"
+            inform(f"{port}: the key is {what}")
         set_done()
     return 0

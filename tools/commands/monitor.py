@@ -1,4 +1,4 @@
-"""``sweepctl monitor``: what passes on a line, without a word of our own."""
+"""``sweepctl monitor``: show the traffic on a port without sending anything."""
 
 from __future__ import annotations
 
@@ -37,14 +37,15 @@ def _complete_type(
 @click.option(
     "--lines",
     is_flag=True,
-    help="Print one line per message on a terminal as well, instead of a table.",
+    help="Print a line for each message instead of a table.",
 )
-@click.option("--jsonl", is_flag=True, help="Print one line of JSON per message on stdout.")
+@click.option("--jsonl", is_flag=True, help="Print a JSON object for each message on stdout.")
 @click.option(
     "--duration",
     "duration_s",
     type=options.Number(0.1, 1e6),
-    help="Stop after this many seconds.  [default: at Ctrl-C]",
+    metavar="N",
+    help="End after N seconds.  [default: at Ctrl-C]",
 )
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
@@ -57,13 +58,14 @@ def command(  # noqa: PLR0913 - one parameter per option
     duration_s: float | None,
     as_json: bool,
 ) -> int:
-    """Show the traffic on PORT: decoded messages, rates, corrupted bytes in hex. Sends nothing.
+    """Show the traffic on PORT: decoded messages, rates and damaged bytes. Sends nothing.
 
-    TYPE is a message name (imu, range, status, velocity_setpoint, ...); without it, all messages
-    are shown. A device on a serial link that no host has connected to sends only a hello every
-    second. On a CAN bus both directions are visible. If another sweepctl owns the port, its data
-    is shown four times a second, and TYPE, --raw and --node are rejected. With --json one object
-    is printed at the end.
+    TYPE is the name of a message (imu, range, status, velocity_setpoint, ...); without it all are
+    shown. On a serial line a device that no host is connected to sends only a hello each second. On
+    a CAN bus the frames of both sides are shown.
+
+    If another sweepctl has the port open, its state is shown four times a second; TYPE, --raw and
+    --node are then rejected. With --json one object is printed at the end.
     """
     from bridge.io.owner_client import has_owner
     from bridge.io.ports import link_of
@@ -71,7 +73,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
 
     if as_json and jsonl:
-        raise click.UsageError("--json prints one object at the end, --jsonl one for each message")
+        raise click.UsageError(
+            "give --json (one object at the end) or --jsonl (one for each message), not both"
+        )
     try:
         monitor = Monitor(link_of(port.name), types=types, node=port.node)
     except UnknownTypeError as error:
@@ -101,7 +105,7 @@ def _listen(
     view: Nothing | JsonLines | TextLines | Table,
     duration_s: float | None,
 ) -> None:
-    """Show what passes until a signal comes, or the time is over."""
+    """Show the traffic until a signal comes or the time is over."""
     from bridge.io import clock
     from bridge.io.port_loop import Listening, serve
     from protocol.clock import HostNs
@@ -129,26 +133,31 @@ def _listen(
 
 
 def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> None:
-    """Complain of what cannot be had of a port that another process owns."""
+    """Reject the options that do not work if another process owns the port.
+
+    Raises:
+        click.UsageError: one was given.
+
+    """
     asked = [*(f"TYPE ({name})" for name in types[:1]), *(["--raw"] if raw else [])]
     asked += [f"--node {port.node}"] if port.node is not None else []
     if asked:
         raise click.UsageError(
-            f"another sweepctl has {port.name}, and tells what it knows, not what passes: "
-            f"{' and '.join(asked)} cannot be followed; leave it out, or end the other first"
+            f"another sweepctl has {port.name} open and reports its state, not the traffic: omit "
+            f"{' and '.join(asked)}, or end the other process first"
         )
 
 
 def _look_on(
     port: str, duration_s: float | None, *, as_json: bool, jsonl: bool, lines: bool
 ) -> int:
-    """Show what the process that owns the port knows; the device is not asked for anything."""
+    """Show the state that the port's owner reports; nothing is sent to the device."""
     from bridge.io import clock
     from bridge.io.owner_client import watch
     from tools.cli.signals import until_signalled
     from tools.live.monitor_view import OwnerTable
 
-    inform(f"{port} is another sweepctl's: what it knows is shown, not what passes")
+    inform(f"another sweepctl has {port} open: its state is shown, not the traffic")
     ended: list[bool] = []
     newest: dict[str, Any] = {}
     end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)

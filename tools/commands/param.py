@@ -1,4 +1,4 @@
-"""``sweepctl param``: what a device is set to."""
+"""``sweepctl param``: read and change a device's parameters."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bridge.session.parameters import Parameter
 
 _WIDEST = 2000
+"""Width at which a table is laid out, characters: more than any table needs."""
 
 
 @click.group(
@@ -28,21 +29,21 @@ _WIDEST = 2000
     epilog="Example:  sweepctl param list /dev/ttyUSB0",
 )
 def command() -> None:
-    """Read and change a device's parameters.
+    """Read and change a device's parameters. Nothing moves.
 
-    If another sweepctl owns the port, the command goes through it; otherwise it opens the port. A
-    change lasts until the next boot; `param save` makes it permanent. Nothing moves.
+    A change lasts until the next boot; `param save` makes it permanent. If another sweepctl has the
+    port open, the request goes through it.
     """
 
 
 @command.command("list", epilog="Example:  sweepctl param list /dev/ttyUSB0 --json")
 @keyed_port_options
-@click.option("--changed", is_flag=True, help="Show only parameters that differ from the default.")
+@click.option("--changed", is_flag=True, help="List only parameters that differ from the default.")
 @options.json_option
 def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
-    """Show every parameter with its value, unit, range and default.
+    """List all parameters with value, unit, range and default.
 
-    Also shows when a change takes effect, and whether the value is saved.
+    The table also shows when a change takes effect, and whether the value is saved.
     """
     with _reach(port) as robot:
         found = robot.list_parameters()
@@ -59,7 +60,7 @@ def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
 )
 @options.json_option
 def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
-    """Show parameters by name or number; on a pipe, only the values."""
+    """Show parameters by name or number; on a pipe print only the values."""
     with _reach(port) as robot:
         found = [robot.get_parameter(_name(name)) for name in names]
     if as_json or sys.stdout.isatty():
@@ -74,12 +75,12 @@ def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
 @click.argument(
     "pairs", nargs=-1, required=True, metavar="NAME VALUE...", shell_complete=complete_parameter
 )
-@click.option("--save", is_flag=True, help="Also save all current values for the next boot.")
+@click.option("--save", is_flag=True, help="Then save all present values for the next boot.")
 @options.json_option
 def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) -> int:
     """Change parameters until the next boot, or permanently with --save.
 
-    A value must be of the parameter's type and in its range; the device refuses others.
+    A value must have the parameter's type and be in its range; the device rejects others.
     """
     if len(pairs) % 2:
         raise click.UsageError(f"{pairs[-1]} has no value: give NAME VALUE pairs")
@@ -87,7 +88,7 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
         names = pairs[::2]
         before = {name: robot.get_parameter(_name(name)) for name in names}
         for name, value in zip(names, pairs[1::2], strict=True):
-            before[name].raw(value)  # nothing is changed where one of them cannot be
+            before[name].raw(value)  # check all values before the first one is changed
         after = [
             robot.set_parameter(_name(name), value)
             for name, value in zip(names, pairs[1::2], strict=True)
@@ -109,16 +110,16 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
 @keyed_port_options
 @options.json_option
 def _save(*, port: PortAsked, as_json: bool) -> int:
-    """Save all current values for the next boot."""
+    """Save all present values for the next boot."""
     with _reach(port) as robot:
         kept = [p for p in robot.list_parameters() if p.changed]
         robot.save_parameters()
         found = robot.list_parameters()
         names = ", ".join(p.name for p in kept)
-        inform(f"saved: {names}" if names else "saved; nothing had changed")
+        inform(f"saved: {names}" if names else "saved; no value had changed")
         late = ", ".join(p.name for p in kept if p.needs_reboot)
         if late:
-            inform(f"{late}: counts from the device's next boot on, so reboot it (sweepctl reboot)")
+            inform(f"{late}: takes effect at the next boot; reboot the device (sweepctl reboot)")
         if as_json:
             _show(found, as_json=True)
         set_done()
@@ -134,7 +135,10 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
 )
 @options.json_option
 def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
-    """Compare a device with a robot file; status 0: the same, 1: they differ."""
+    """Compare a device's parameters with a robot file.
+
+    Exit status: 0 they are equal; 1 they differ.
+    """
     from bridge.bringup.values import differences
     from bridge.config import load_robot
 
@@ -149,11 +153,11 @@ def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
         if rows_shown:
             _table(("parameter", "device", str(file), "unit"), rows_shown)
         else:
-            inform("device and file agree")
+            inform(f"the device and {file} are equal")
     return 1 if found else 0
 
 
-# ---- what they share --------------------------------------------------------------------
+# ---- shared -----------------------------------------------------------------------------
 
 
 def _reach(port: PortAsked) -> Reached:
@@ -185,14 +189,14 @@ def _show(parameters: Sequence[Parameter], *, as_json: bool) -> None:
         )
         for p in parameters
     ]
-    head = ("no", "parameter", "value", "unit", "type", "range", "default", "counts", "state")
+    head = ("no", "parameter", "value", "unit", "type", "range", "default", "effective", "state")
     _table(head, rows)
 
 
 def _state(p: Parameter) -> str:
     if p.read_only:
         return "read-only"
-    if p.changed:  # the device goes on by the value that it booted with
+    if p.changed:  # if it needs a reboot, the device still uses the value of its boot
         return "needs save and reboot" if p.needs_reboot else "not saved"
     return "stored" if p.stored else ""
 
@@ -214,13 +218,13 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     console = plain_console()
     wide = console.options.update(width=_WIDEST)
     table = without(())
-    for dropped in (("no",), ("no", "default")):  # what a person needs least
+    for dropped in (("no",), ("no", "default")):  # the least important columns
         if not sys.stdout.isatty() or (
             Measurement.get(console, wide, table).maximum <= console.width
         ):
             break
         table = without(dropped)
-    # No cell is cut, however narrow the reader: a terminal folds the line, a pipe has no width.
+    # No cell is cut: a terminal wraps a long line, and a pipe has no width.
     for line in console.render_lines(table, wide, pad=False):
         write_line("".join(part.text for part in line).rstrip())
 
@@ -232,15 +236,14 @@ def _number(parameter: Parameter, value: float) -> str:
 
 
 def _plain(value: float | None) -> str:
-    """As few digits as tell a 32-bit float from its neighbours."""
+    """Format with as few digits as distinguish 32-bit floats."""
     return "-" if value is None else f"{value:.7g}"
 
 
 def _remind(parameters: Sequence[Parameter]) -> None:
-
     if any(p.changed for p in parameters):
-        inform("until the next boot; `sweepctl param save` makes it stay")
+        inform("changed until the next boot; `sweepctl param save` makes it permanent")
     late = [p.name for p in parameters if p.needs_reboot]
     if late:
-        what = "save and reboot" if any(p.changed for p in parameters) else "reboot"
-        inform(f"{', '.join(late)}: counts from the device's next boot on, so {what} it")
+        what = "save, then reboot" if any(p.changed for p in parameters) else "reboot"
+        inform(f"{', '.join(late)}: takes effect at the next boot; {what} the device")

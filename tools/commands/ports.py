@@ -1,4 +1,4 @@
-"""``sweepctl ports``: where a robot may be plugged in."""
+"""``sweepctl ports``: the ports on which a robot may be."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 class Probe(click.Choice[str]):
-    """How to probe; a port right behind it is no way to."""
+    """Values of ``--probe``. Without a value, the option takes the following word as its value."""
 
     def get_invalid_choice_message(self, value: object, ctx: click.Context | None) -> str:
-        """Say what to do: the option takes the next word for its value."""
+        """Add a hint for a port name behind ``--probe``."""
         problem = super().get_invalid_choice_message(value, ctx)
-        return f"{problem} Name ports before --probe."
+        return f"{problem} Give ports before --probe."
 
 
 @click.command("ports", epilog="Example:  sweepctl ports --probe")
@@ -30,25 +30,26 @@ class Probe(click.Choice[str]):
     type=Probe(["listen", "active"]),
     is_flag=False,
     flag_value="listen",
-    help="Open each free port with DTR and RTS inactive, and listen 1.5 s for a device's "
-    "hello. --probe=active also sends a hello to whatever is connected.",
+    help="Open each free port with DTR and RTS inactive and listen 1.5 s for a device's hello. "
+    "--probe=active also sends a hello to every port.",
 )
 @click.option(
     "--baud",
     type=click.IntRange(1200, 12_000_000),
     default=921_600,
     show_default=True,
-    help="Baud rate of the serial ports to probe.",
+    help="Serial baud rate of the probe.",
 )
 @click.option("--udev-rule", is_flag=True, help="Print a udev rule for Linux and exit.")
 @options.json_option
 def command(
     *, named: tuple[str, ...], probe: str | None, baud: int, udev_rule: bool, as_json: bool
 ) -> int:
-    """List serial ports and CAN interfaces on which a robot may be, likely ones first.
+    """List the serial ports and CAN interfaces on which a robot may be, likely ones first.
 
-    Opens nothing without --probe. Give PORTs to list or probe only these. A port is shown by its
-    stable name if it has one, which does not depend on the order in which adapters are plugged in.
+    Ports are opened only with --probe. Give one or more PORTs to list or probe only these. A port
+    with a stable name is listed by it: the name stays the same whichever adapter is plugged in
+    first.
     """
     if udev_rule:
         rule = files("tools").joinpath("data/70-sweepctl.rules").read_text(encoding="utf-8")
@@ -59,13 +60,13 @@ def command(
 
     found = candidates(named)
     if probe == "active":
-        inform("warning: a hello goes to every port listed, whatever device is on it")
+        inform("warning: a hello is sent to every listed port, whatever device is on it")
     if probe is not None:
         found = ask(found, active=probe == "active", baud=baud)
     if as_json:
         write_json({"ports": [one.to_dict() for one in found]})
     elif not found:
-        inform("no serial port and no CAN interface; is the robot plugged in?")
+        inform("no serial port or CAN interface found; check that the robot is plugged in")
     else:
         _show(found)
     return 0

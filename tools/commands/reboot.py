@@ -1,4 +1,4 @@
-"""``sweepctl reboot``: have a device boot anew."""
+"""``sweepctl reboot``: reboot a device."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     from bridge.api.remote import Reached
 
 BACK_S = 15.0
-"""Time for a device to boot and agree anew, seconds: a lost session looks again after 1 s."""
+"""Maximum time for a boot and the handshake after it, s. The session retries every 1 s."""
 _POLL_S = 0.1
+"""Period at which the state of the device is polled, s."""
 _STILL = frozenset({"waiting", "done"})
-"""Phases of a run in which nothing moves and nothing is about to."""
+"""Phases of a run in which the robot stands still and will not start to move."""
 
 
 @click.command("reboot", epilog="Example:  sweepctl reboot /dev/ttyUSB0")
@@ -27,8 +28,8 @@ _STILL = frozenset({"waiting", "done"})
 def command(*, port: PortAsked, as_json: bool) -> int:
     """Reboot the device on PORT and wait until it is back.
 
-    Saved parameters that need a reboot then take effect. If another sweepctl owns the port, the
-    command goes through it. A reboot is rejected while the robot may move: stop it first.
+    Saved parameters that need a reboot take effect. If another sweepctl has the port open, the
+    request goes through it. The command is rejected while the robot may move: stop it first.
     """
     from bridge.api.remote import reach
 
@@ -38,7 +39,7 @@ def command(*, port: PortAsked, as_json: bool) -> int:
         try:
             after = _awaited(port.name, robot, before)
         except KeyboardInterrupt as error:
-            error.add_note("the device took the command and was not back yet")
+            error.add_note("the device accepted the command and was not back yet")
             raise
         inform(f"{port.name}: the device has rebooted (cause: {after['reset_cause']})")
         if as_json:
@@ -48,10 +49,10 @@ def command(*, port: PortAsked, as_json: bool) -> int:
 
 
 def _awaited(port: str, robot: Reached, before: dict[str, Any]) -> dict[str, Any]:
-    """The device after its boot.
+    """Wait for the device and return its description after the boot.
 
     Raises:
-        DeviceLostError: it did not come back.
+        DeviceLostError: it did not come back within ``BACK_S``.
 
     """
     from bridge.errors import DeviceLostError
@@ -61,18 +62,18 @@ def _awaited(port: str, robot: Reached, before: dict[str, Any]) -> dict[str, Any
     while (after := _back(robot, before)) is None:
         if clock.now() > until_ns:
             raise DeviceLostError(
-                f"{port}: the device took the command and was not back after {BACK_S:g} s"
+                f"{port}: the device accepted the command but was not back after {BACK_S:g} s"
             )
         clock.pause(_POLL_S)
     return after
 
 
 def _at_rest(port: str, robot: Reached) -> dict[str, Any]:
-    """The device as it is now.
+    """Return the device's description before the reboot.
 
     Raises:
-        CommandRejectedError: it may move.
-        DeviceLostError: there is none at the moment.
+        CommandRejectedError: the robot may move.
+        DeviceLostError: no device is connected.
 
     """
     from bridge.errors import CommandRejectedError, DeviceLostError
@@ -80,15 +81,15 @@ def _at_rest(port: str, robot: Reached) -> dict[str, Any]:
     known = robot.snapshot()
     device: dict[str, Any] | None = known["device"]
     if device is None or known["session"] != "ready":
-        raise DeviceLostError(f"{port}: the device is not there (session: {known['session']})")
+        raise DeviceLostError(f"{port}: no device is connected (session: {known['session']})")
     if known["run"] not in _STILL:
-        reason = f"the robot may move (run: {known['run']}); `sweepctl stop {port}` first"
+        reason = f"the robot may move (run: {known['run']}); run `sweepctl stop {port}` first"
         raise CommandRejectedError("reboot", reason)
     return device
 
 
 def _back(robot: Reached, before: dict[str, Any]) -> dict[str, Any] | None:
-    """The device after another boot; None: not yet."""
+    """Return the device's description if it has booted since ``before``; else None."""
     known = robot.snapshot()
     device: dict[str, Any] | None = known["device"]
     if device is None or known["session"] != "ready" or device["boot_id"] == before["boot_id"]:

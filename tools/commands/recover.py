@@ -1,4 +1,4 @@
-"""``sweepctl recover``: what can be saved of a damaged log."""
+"""``sweepctl recover``: save the intact parts of a damaged log."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ from tools.cli.console import inform, write_json
     type=click.Path(dir_okay=False, path_type=Path),
     help="File to write; FILE itself is never changed.",
 )
-@click.option("--force", is_flag=True, help="Replace the output file if it exists.")
+@click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @options.json_option
 def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
-    """Copy the intact parts of FILE to a new file with an index. FILE may come from any program.
+    """Copy the intact parts of a damaged FILE to a new file with an index.
 
-    Damaged chunks are left out, and the command reports what they contained.
+    FILE is an MCAP file of any program. Damaged chunks are left out, and what they contained is
+    reported.
     """
     from bridge.convert.recover import recover
     from bridge.record.family import parts_of
@@ -33,21 +34,20 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
     result = recover(file, out, force=force)
     others = parts_of(file)[1:]
     if others:
-        inform(
-            f"the run goes on in {', '.join(part.name for part in others)}: recover each by itself"
-        )
+        names = ", ".join(part.name for part in others)
+        inform(f"the run continues in {names}: recover each file separately")
     for loss in result.losses:
         inform(f"lost: {loss.text()}")
     if result.files > 1:
-        inform(f"{file} is {result.files} files joined: all of them are in {out}")
+        inform(f"{file} consists of {result.files} joined files: {out} contains all of them")
     if result.stub_schemas:
-        inform(f"{result.stub_schemas} schemas are lost: lost_schema_<number> stands for each")
+        inform(f"lost schemas: {result.stub_schemas}, replaced by lost_schema_<number>")
     if result.undeclared:
         inform(
-            f"{result.undeclared} messages have lost their channel's name: /undeclared/<channel>"
+            f"messages of channels without a name: {result.undeclared}, in /undeclared/<channel>"
         )
     if result.rescued:
-        inform(f"{result.rescued} messages were taken out of a chunk that was cut")
+        inform(f"messages recovered from a truncated chunk: {result.rescued}")
     if as_json:
         write_json(result.as_json())
     else:

@@ -1,4 +1,4 @@
-"""``sweepctl replay``: a log played again, into the viewer or as a robot on a port."""
+"""``sweepctl replay``: play a log in the viewer, or as a robot on a port."""
 
 from __future__ import annotations
 
@@ -12,38 +12,45 @@ from tools.cli.console import flush, inform, write_line
 
 @click.command(
     "replay",
-    epilog="Example:  sweepctl replay clean.mcap --speed 4\n\n"
-    "          sweepctl replay clean.mcap --link pty --pty-link /tmp/recorded",
+    epilog="Example:  sweepctl replay clean.mcap --link pty --pty-link /tmp/recorded",
 )
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
     "--speed",
     type=click.FloatRange(0.01, 1000.0),
-    help="Playback speed in the viewer, in seconds of the log per second.  [default: 1]",
+    metavar="FACTOR",
+    help="Playback speed in the viewer.  [default: 1]",
 )
 @click.option(
     "--from",
     "start_s",
     type=options.Number(0.0, 1e9),
     default=0.0,
-    help="Start at this second of the log.",
+    metavar="S",
+    help="Start of the playback, seconds after the beginning of the log.",
 )
-@click.option("--to", "end_s", type=options.Number(0.0, 1e9), help="End at this second of the log.")
+@click.option(
+    "--to",
+    "end_s",
+    type=options.Number(0.0, 1e9),
+    metavar="S",
+    help="End of the playback, seconds after the beginning of the log.",
+)
 @click.option("--serve", is_flag=True, help="Show the log in a browser on this machine.")
 @click.option(
     "--link",
     type=click.Choice(["pty"]),
-    help="Play the recorded robot on a virtual serial port for `connect`, in its own time.",
+    help="Play the recorded robot on a virtual serial port, in real time, for `connect`.",
 )
 @click.option(
     "--pty-link",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Also create this symbolic link to the port.",
+    help="Symbolic link to the port to create.",
 )
 @click.option(
     "--check",
     is_flag=True,
-    help="Play nothing; decode the raw bytes again and compare the messages bit for bit.",
+    help="Play nothing; decode the raw bytes again and compare them bit for bit with the messages.",
 )
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
@@ -58,30 +65,32 @@ def command(  # noqa: PLR0913 - one parameter per option
     check: bool,
     as_json: bool,
 ) -> int:
-    """Play FILE: a log, a candump log, or the raw bytes of a serial link.
+    """Play FILE in Rerun, or as a robot on a virtual port.
 
-    Without --link the log plays in Rerun at any speed. With --link the recorded robot is available
-    on a port; the first line on stdout is "ready PORT". It sends the recorded bytes, damaged ones
-    included, answers hello and time requests, and cannot be driven.
+    FILE is a log, a `candump -l` log, or the raw bytes of a serial line. With --link the recorded
+    robot is on a port, whose name is the first line on stdout ("ready PORT"). It sends its recorded
+    bytes, including damaged ones, answers hello and time sync, and cannot be driven.
     """
     from bridge.convert.file_kinds import MCAP, kind_of
     from bridge.convert.sources import readable
 
     if pty_link is not None and link is None:
-        raise click.UsageError("--pty-link goes with --link pty")
+        raise click.UsageError("--pty-link needs --link pty")
     is_part = bool(start_s) or end_s is not None
     if check and (link is not None or speed is not None or serve or is_part):
-        raise click.UsageError("--check plays nothing: only --json goes with it")
+        raise click.UsageError("--check plays nothing: give no option with it but --json")
     if end_s is not None and end_s <= start_s:
         raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
     if link is not None and (speed is not None or serve or is_part):
-        raise click.UsageError("a port plays in the robot's own time: no --speed, --from, --to")
+        raise click.UsageError(
+            "--link plays the whole log in real time: omit --speed, --serve, --from and --to"
+        )
     if as_json and not check:
-        raise click.UsageError("--json goes with --check")
+        raise click.UsageError("--json needs --check")
     if check and kind_of(file) != MCAP:
         from bridge.record.errors import LogReadError
 
-        raise LogReadError(file, "it is a capture: beside its bytes it holds nothing to compare")
+        raise LogReadError(file, "it is a capture without messages to compare the bytes with")
     with readable(file) as log:
         if check:
             return _check(log, as_json=as_json)
@@ -97,13 +106,13 @@ def _check(log: Path, *, as_json: bool) -> int:
 
     result = compare(log)
     if not result.recorded:
-        raise LogReadError(log, "it holds no messages of a robot to compare with")
+        raise LogReadError(log, "it contains no messages of a robot to compare the bytes with")
     if as_json:
         write_line(comparison_json(result))
     elif result.same:
-        inform(f"{result.equal} messages of the device: the raw bytes say the same, bit for bit")
+        inform(f"all {result.equal} messages of the device equal the decoded bytes, bit for bit")
     else:
-        inform(f"{result.equal} of {result.recorded} messages are the same; {result.first}")
+        inform(f"{result.equal} of {result.recorded} messages are equal; {result.first}")
     return 0 if result.same else 1
 
 
@@ -123,7 +132,7 @@ def _serve(log: Path, pty_link: Path | None) -> int:
             write_line(f"ready {port.path}")
             flush()
             name = device.recording.hello.name
-            inform(f"{name}, recorded for {device.recording.duration_s:.1f} s; Ctrl-C ends it")
+            inform(f"{name}, {device.recording.duration_s:.1f} s recorded; press Ctrl-C to end")
             serve(device, port, stopper)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None

@@ -1,4 +1,4 @@
-"""``sweepctl report``: one run explained on one page."""
+"""``sweepctl report``: explain a run on one page."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ from tools.cli.paths import is_there
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Page to write.  [default: FILE with the ending .html; not written with --png "
-    "alone if it exists]",
+    help="Page to write.  [default: FILE with the suffix .html; not replaced if only --png is "
+    "given]",
 )
 @click.option(
-    "--png",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also draw the page as one picture.",
+    "--png", type=click.Path(dir_okay=False, path_type=Path), help="Also write a picture (.png)."
 )
-@click.option("--force", is_flag=True, help="Replace output files that exist.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
 @options.json_option
 def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_json: bool) -> int:
-    """Explain the run in FILE on one self-contained page.
+    """Explain the run in FILE on one self-contained HTML page.
 
-    The page shows the run's settings, room and path, coverage over time, holes, energy, link and
-    clock, faults and events, next to the paper's figures and the lower bound of the duration.
+    The page shows the setup, the room with the path, coverage over time, holes, energy, the link,
+    the clock, faults and events. It compares the run with the paper and with the lower bound of the
+    time.
     """
     from bridge.convert.sources import readable
     from bridge.view.report.report import default_path, write_report
@@ -41,7 +40,7 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     if not file.name:
         raise click.UsageError("FILE is empty")
     default = default_path(file)
-    # Only the picture was asked for by name, and the page is there from before.
+    # Only the picture was requested, and the page exists already.
     keeps = out is None and png is not None and is_there(default) and not force
     page = None if keeps else out or default
     check_outputs((page, png), [file], force=force)
@@ -60,5 +59,5 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     else:
         inform("wrote " + " and ".join(str(path) for path in (page, png) if path is not None))
         if keeps:
-            inform(f"{default} was there and is left as it is; --force writes it anew")
+            inform(f"{default} exists and is unchanged; --force replaces it")
     return 0

@@ -1,4 +1,4 @@
-"""``sweepctl simulate``: both ends in one process and in virtual time."""
+"""``sweepctl simulate``: host and virtual sweeper in one process, in virtual time."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     "planner_options",
     metavar="NAME=VALUE",
     multiple=True,
-    help="Set an option of the planner, in SI units. Repeatable. An unknown name lists "
-    "all options.",
+    help="Set an option of the planner, in SI units; may be repeated. An unknown name lists all "
+    "options.",
 )
 @options.seed_option
 @options.noise_option
@@ -55,12 +55,13 @@ if TYPE_CHECKING:
     type=options.Number(1.0, 1e6),
     default=3600.0,
     show_default=True,
+    metavar="N",
     help="Time limit of the run, in simulated seconds.",
 )
 @click.option(
     "--supervise",
     is_flag=True,
-    help="Run the planner on the device; the host supervises it.",
+    help="Run the planner on the device and supervise it from the host.",
 )
 @rule_option
 @click.option(
@@ -68,7 +69,7 @@ if TYPE_CHECKING:
     type=click.Choice(["auto", "never"]),
     default="never",
     show_default=True,
-    help="What to do when a lost device is back: continue, or end the run.",
+    help="After the device was lost and is back: resume the run automatically, or end it.",
 )
 @options.robot_option
 @options.out_option
@@ -92,9 +93,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     force: bool,
     as_json: bool,
 ) -> int:
-    """Run PLANNER against the virtual sweeper in ROOM, every byte through the codec.
+    """Run a planner against the virtual sweeper in ROOM, in virtual time.
 
-    ROOM is a room file or the name of a shipped room.
+    ROOM is a room file or the name of a shipped room. Every byte passes through the codec, as on a
+    real link.
     """
     from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot
@@ -113,7 +115,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     check_faults(plan, fault)
     if supervise and planner_options:
         raise click.UsageError(
-            "--planner-option is for a planner on the host: not with --supervise"
+            "--planner-option sets a planner on the host; it cannot be used with --supervise"
         )
     runner = None if supervise else _runner(model, planner, planner_options, seed)
     extra = {"noise": noise}
@@ -141,7 +143,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     try:
         for record in caution_records(model, plan, EPOCH_NS):
             writer.write(record)
-        with _interruptible() as ended:  # the summary too is written whole
+        with _interruptible() as ended:  # a signal must not cut off the summary either
             with _progress(max_time_s) as progress:
                 run = run_virtual(
                     plan,
@@ -175,7 +177,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 def _conclude(
     run: VirtualRun, plan: FloorPlan, planner: str, seed: int, log: str
 ) -> dict[str, Any]:
-    """The run's summary; after a crash as much as the failed parts still give."""
+    """Return the run's summary; after a crash, what is still available of it."""
     from bridge.run.summary import crash_summary
     from tools.virtual.summary import summarise
 
@@ -188,12 +190,12 @@ def _conclude(
 
 
 def _runner(
-    model: Any,  # noqa: ANN401 - imported when needed
+    model: Any,  # noqa: ANN401 - its class is imported only when needed
     planner: str,
     planner_options: tuple[str, ...],
     seed: int,
 ) -> PlanRunner:
-    """What drives the robot from the host."""
+    """Make the runner of a planner on the host."""
     import random
 
     from bridge.coverage.planner_options import PlannerOptionError
@@ -207,8 +209,13 @@ def _runner(
     return PlanRunner(made, model)
 
 
-def check_faults(plan: Any, faults: tuple[FaultSpec, ...]) -> None:  # noqa: ANN401 - as above
-    """Refuse a fault that cannot be in this room, before a log is made."""
+def check_faults(plan: FloorPlan, faults: tuple[FaultSpec, ...]) -> None:
+    """Check that the room has what the faults need, before a log is made.
+
+    Raises:
+        click.BadParameter: a fault moves an obstacle that the room does not have.
+
+    """
     from sim_device.faults.bench import UnknownObstacleError, check_obstacle
 
     for spec in faults:
@@ -219,7 +226,7 @@ def check_faults(plan: Any, faults: tuple[FaultSpec, ...]) -> None:  # noqa: ANN
 
 
 def _line(baud: int | None, latency_ms: float | None) -> LineSettings | None:
-    """The line that was asked for; None: the plain delay of a virtual run."""
+    """Return the line of ``--baud`` and ``--latency-ms``; None: the plain delay of 1 ms."""
     if baud is None and latency_ms is None:
         return None
     from sim_device.line.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
@@ -232,7 +239,7 @@ def _line(baud: int | None, latency_ms: float | None) -> LineSettings | None:
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[Callable[[], Ending | None]]:
-    """Turn Ctrl-C and SIGTERM into an orderly end while the run goes on."""
+    """Make Ctrl-C and SIGTERM end the run in virtual time, instead of the process."""
     from bridge.run.ending import Ending
 
     asked: list[int] = []
@@ -251,13 +258,13 @@ def _interruptible() -> Iterator[Callable[[], Ending | None]]:
         yield ending
     finally:
         for number, handler in handlers.items():
-            # Who asked is being served: another signal must not cut off log and summary.
+            # The run is ending as requested: another signal must not cut off log and summary.
             signal.signal(number, signal.SIG_IGN if asked else handler)
 
 
 @contextlib.contextmanager
 def _progress(max_time_s: float) -> Iterator[Callable[[float, Host], None]]:
-    """A bar on a terminal, nothing elsewhere."""
+    """Show the progress on a terminal; elsewhere print nothing."""
     if not sys.stderr.isatty():
         yield lambda _time_s, _host: None
         return

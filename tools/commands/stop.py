@@ -16,12 +16,13 @@ from tools.cli.port_options import port_argument
 @options.port_options
 @options.json_option
 def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int:
-    """Stop the robot on PORT at once, and latch the stop.
+    """Stop the robot on PORT at once and latch the stop.
 
-    If another sweepctl owns the port, it stops the robot and ends its run. Otherwise the command
-    opens the port and sends the stop until the device confirms it. Without --node it stops every
-    robot on a bus. The exit status is 3 if the stop is not confirmed, after Ctrl-C too. The robot
-    moves again only with --clear-stop; check the robot first.
+    If another sweepctl has the port open, it stops the robot and ends its run. Otherwise the port
+    is opened and the stop is sent until the device confirms it. Without --node every robot on a bus
+    is stopped. The robot moves again only with --clear-stop.
+
+    Exit status: 0 the device has confirmed the stop; 3 it has not, even after Ctrl-C.
     """
     from bridge.errors import BridgeError, NoOwnerError, PortError
     from bridge.io.owner_client import ask
@@ -38,14 +39,15 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
         del found["ok"]
     except NoOwnerError:
         found = by_wire()
-    except BridgeError as rejection:  # its run may be over by now, and the port free
+    except BridgeError as rejection:  # the owner's run may have ended, so the port may be free
         try:
             found = by_wire()
         except PortError as error:
-            raise PortError(f"{port}: its owner did not stop it ({rejection}); {error}") from None
+            text = f"{port}: the process that owns it did not stop the robot ({rejection}); {error}"
+            raise PortError(text) from None
     else:
         if not found["confirmed"]:
-            with contextlib.suppress(PortError):  # what the owner told is told below
+            with contextlib.suppress(PortError):  # the owner's answer is printed below
                 found = by_wire()
     found = {"port": port, **found}
     if as_json:
@@ -53,5 +55,5 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     if not found["confirmed"]:
         complain(f"{port}: {found['ending']}")
         return 3
-    inform(f"{port}: stopped; the device has confirmed it")
+    inform(f"{port}: stopped, confirmed by the device")
     return 0

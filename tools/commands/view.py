@@ -1,4 +1,4 @@
-"""``sweepctl view``: a log in Rerun."""
+"""``sweepctl view``: open a log in Rerun."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from tools.cli.console import inform
 @click.option(
     "--save",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write a Rerun recording (.rrd) instead of opening a window.",
+    help="Write a Rerun recording (.rrd).",
 )
 @click.option(
     "--png",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Draw room, path and swept floor to a picture instead.",
+    help="Write a picture of room, path and swept floor (.png).",
 )
 @click.option(
     "--screenshot",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Save the viewer's window as a PNG; needs no display.",
+    help="Write a picture of the Rerun window (.png); needs no display.",
 )
 @click.option(
-    "--serve", is_flag=True, help="Serve the viewer to a browser on this machine until Ctrl-C."
+    "--serve", is_flag=True, help="Show the log in a browser on this machine, until Ctrl-C."
 )
-@click.option("--force", is_flag=True, help="Replace an output file that exists.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
 def command(  # noqa: PLR0913 - one parameter per option
     *,
     file: Path,
@@ -40,17 +40,17 @@ def command(  # noqa: PLR0913 - one parameter per option
     serve: bool,
     force: bool,
 ) -> int:
-    """Open FILE in Rerun: the room with path and swept map, sensors, planner and link.
+    """Open FILE in Rerun: room, path, swept floor, sensors, planner and link.
 
-    FILE is a log, a `candump -l` log, or the raw bytes of a serial link. With --save, --png or
-    --screenshot the command writes files and opens no window.
+    FILE is a log, a `candump -l` log, or the raw bytes of a serial line. With --save, --png or
+    --screenshot the files are written and no window opens.
     """
     from bridge.convert.sources import readable
     from bridge.record.reader import LogReader
     from tools.cli.outputs import PNG, RERUN, check_format, check_outputs
 
     with readable(file) as log:
-        LogReader(log)  # a file that is no log is told before a display that is missing
+        LogReader(log)  # report a file that is not a log before a missing display
         check_outputs((save, png, screenshot), [file], force=force)
         check_format("--save", save, *RERUN)
         check_format("--png", png, *PNG)
@@ -66,7 +66,6 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | None) -> None:
-
     if save is not None:
         from bridge.view.rerun.launch import open_viewer
 
@@ -84,7 +83,7 @@ def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | No
 
 
 def _serve(log: Path) -> None:
-    """Until Ctrl-C."""
+    """Serve the log to a browser until Ctrl-C."""
     from bridge.view.rerun.feeder import FeedOptions, feed
     from tools.cli.recording import check_view
     from tools.cli.signals import until_signalled

@@ -27,21 +27,21 @@ def test_what_stays_on_this_machine_is_no_risk(
 @pytest.mark.parametrize(
     ("link", "listen", "lan", "who"),
     [
-        ("tcp", None, True, "reaches this port"),
-        ("tcp", ("0.0.0.0", 0), False, "reaches this port"),  # noqa: S104 - what is warned of
-        ("tcp", ("192.168.1.2", 0), False, "reaches this port"),
-        ("tcp", ("robot.lan", 0), False, "reaches this port"),
-        ("udpcan", None, True, "joins this bus"),
+        ("tcp", None, True, "this port"),
+        ("tcp", ("0.0.0.0", 0), False, "this port"),  # noqa: S104 - what is warned of
+        ("tcp", ("192.168.1.2", 0), False, "this port"),
+        ("tcp", ("robot.lan", 0), False, "this port"),
+        ("udpcan", None, True, "this bus"),
     ],
 )
 def test_what_others_reach_is_named_with_what_they_can_do(
     link: str, listen: tuple[str, int] | None, who: str, *, lan: bool
 ) -> None:
     bare = port_risk(link, listen, lan=lan, keyed=False) or ""
-    assert f"whoever {who} over the network can drive the robot" in bare
+    assert f"every machine that reaches {who} over the network can drive the robot" in bare
     assert "--key-file" in bare
     keyed = port_risk(link, listen, lan=lan, keyed=True) or ""
-    assert "can stop the robot and hear what it says" in keyed
+    assert "can stop the robot and read its data" in keyed
     assert "drive" not in keyed
 
 
@@ -50,4 +50,4 @@ def test_a_host_that_joins_a_network_bus_is_warned_too() -> None:
     assert bus_risk(bus, lan=False, keyed=False) is None
     assert bus_risk("/dev/ttyUSB0", lan=True, keyed=False) is None
     assert "drive the robot" in (bus_risk(bus, lan=True, keyed=False) or "")
-    assert "forge what it says" in (bus_risk(bus, lan=True, keyed=True) or "")
+    assert "forge its data" in (bus_risk(bus, lan=True, keyed=True) or "")

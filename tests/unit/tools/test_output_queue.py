@@ -79,7 +79,7 @@ def test_a_reader_that_stands_still_costs_the_writer_nothing_but_lines(pipe: Pip
         written += queued.write(line)
     queued.drain()  # gives up
     before = pipe.read(b"x\n").lstrip(b".")
-    text = before + pipe.read(b"nobody read them\n")
+    text = before + pipe.read(b"the reader is too slow\n")
     lines = text.decode().splitlines()
     assert lines[-1].startswith("sweepctl: ")
     dropped = int(lines[-1].split()[1])
@@ -97,7 +97,7 @@ def test_lines_dropped_on_stdout_are_counted_on_stderr(pipe: Pipe) -> None:
         queued.write("x" * 99_999 + "\n")
     reader = threading.Thread(target=pipe.read, args=(b"the end",), daemon=True)
     reader.start()
-    assert people.read(b"\n").endswith(b"lines were dropped: nobody read them\n")
+    assert people.read(b"\n").endswith(b"lines were dropped: the reader is too slow\n")
     queued.write("the end")
     reader.join(PATIENCE_S)
     people.leave()
