@@ -112,7 +112,7 @@ def test_what_is_no_log(folder: Path) -> None:
     assert "nothing-here" in done.err
     done = sweepctl("doctor", folder / "gone.mcap")
     assert done.status == 1
-    assert "gone.mcap: there is no such file" in done.line
+    assert "gone.mcap: no such file or port" in done.line
 
 
 @pytest.mark.parametrize(

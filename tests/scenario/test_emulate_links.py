@@ -192,7 +192,7 @@ def a_line_that_is_too_slow_is_reported(tmp_path: Path) -> None:
         reported = device.stop().err
     # 1920 B/s whatever the streams want, and for as long as the emulator says that it ran.
     found = re.search(
-        r"ran ([\d.]+) s: (\d+) turns.* ([\d.]+) ms late.* (\d+) B to the host", reported
+        r"ran ([\d.]+) s in (\d+) periods: lateness ([\d.]+) ms.* (\d+) B to the host", reported
     )
     assert found, reported
     assert int(found[4]) <= 1920 * float(found[1])

@@ -103,7 +103,9 @@ def test_diff_with_a_robot_file(port: str, tmp_path: Path) -> None:
 
 def test_a_table_for_people(port: str) -> None:
     lines = param("list", port).out.splitlines()
-    assert " ".join(lines[0].split()) == ("no parameter value unit type range default counts state")
+    assert " ".join(lines[0].split()) == (
+        "no parameter value unit type range default effective state"
+    )
     row = next(line for line in lines if " wheel_diameter " in line)
     assert row.split()[1:6] == ["wheel_diameter", "0.065", "m", "f32", "0.01"]
     assert "  after reboot" in row
@@ -120,7 +122,7 @@ def test_a_value_that_a_reboot_would_undo_reports_what_it_needs(port: str) -> No
         return next(line for line in lines if f" {name} " in line)
 
     reported = param("set", port, "infrared_left_scale", value)
-    assert "so save and reboot it" in reported.err
+    assert "next boot; save, then reboot the device" in reported.err
     assert row("infrared_left_scale").endswith("after reboot  needs save and reboot")
     assert "needs" not in row("infrared_right_scale")
     assert "infrared_left_scale: takes effect at the next boot; reboot the device" in (
