@@ -1,8 +1,7 @@
-"""The paper's estimate, kept as a reference: dead reckoning with a gyro heading, nothing else.
+"""The paper's estimate as a reference: dead reckoning with a gyro heading.
 
-Encoders give the way (eq. 3, 4), the gyro less its mean at the first rest the heading, the
-exact arc the position (eq. 5). No covariance, no walls, no second thoughts: what the filter
-is held against.
+Encoders give the path (eq. 3, 4), the gyro less its mean at the first rest gives the heading, and
+the exact arc gives the position (eq. 5). The filter is compared with it.
 """
 
 from __future__ import annotations

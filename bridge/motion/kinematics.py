@@ -31,10 +31,10 @@ def pose_rate(pose: Pose2, v_m_s: float, yaw_rate_rad_s: float) -> PoseRate:
 
 
 def encoder_delta(previous: int, current: int) -> int:
-    """Counts from ``previous`` to ``current`` of a wrapping 16-bit counter.
+    """Return the counts from ``previous`` to ``current`` of a wrapping 16-bit counter.
 
-    The shorter way round, in [-32768, 32767]: right as long as the wheel turned by less
-    than half the counter's range, 4.3 m with the default wheel.
+    The result is the shorter difference, in [-32768, 32767]. It is right while the wheel turns by
+    less than half the counter's range, 4.3 m with the default wheel.
     """
     return ((current - previous + _HALF) % ENCODER_MODULUS) - _HALF
 

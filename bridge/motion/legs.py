@@ -1,4 +1,4 @@
-"""Legs: what a planner asks of the controllers, and what it is told back."""
+"""Legs: motion primitives that a planner gives to the controllers, and their results."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Hold a heading line and drive along it.
+    """Drive along a heading line through the position at the start of the leg.
 
-    The line goes through the position at the start of the leg. This is the paper's "set the
-    target's x to infinity": the distance is only a limit, and without one the line is followed
-    until a sensor says stop.
+    This is the paper's "set the target's x to infinity": the distance is only a limit, and without
+    one the robot follows the line until a sensor stops it.
     """
 
     heading_rad: float
@@ -31,14 +30,14 @@ class Drive:
     end_m_s: float = 0.0
     """Speed at which it may end at its distance, the next leg following at once; 0: at rest."""
     wary: bool = False
-    """Slow down for what left the ultrasonic's cone ahead: it may stand in the way beside it."""
+    """Whether to slow down for obstacles that have left the ultrasonic's cone."""
     purpose: str = "drive"
     """For events and lane lengths; it changes nothing in the motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Turn in place to a heading, the short way."""
+    """Turn in place to a heading, in the shorter direction."""
 
     heading_rad: float
     flowing: bool = False
@@ -79,9 +78,9 @@ class FollowWall:
     left: bool
     """Whether the wall is on the left."""
     gap_m: float
-    """Between rim and wall; 0: in light contact."""
+    """Gap between rim and wall, m; 0: light contact."""
     touching: bool = False
-    """Begin as if something stood abeam at the rim, seen or not: it was touched."""
+    """Whether to begin with a contact abeam, seen or not."""
     distance_m: float | None = None
     speed_m_s: float | None = None
     timeout_s: float = 600.0

@@ -1,4 +1,4 @@
-"""What the planner and the controllers are told at each control step."""
+"""Observations: the input of planner and controllers at each control step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class Observation(NamedTuple):
-    """One control step's view of the world: only what the robot's own sensors tell."""
+    """Sensor readings and estimate at one control step."""
 
     time_s: float
     """Time of this step; only differences matter."""

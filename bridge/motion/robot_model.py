@@ -45,9 +45,9 @@ class RangerMount:
         return math.hypot(self.x_m, self.y_m)
 
     def hull_distance_m(self, radius_m: float) -> float:
-        """Distance along the beam from the sensor to the rim of a disc around the axle's centre.
+        """Return the distance along the beam from the sensor to the rim, m.
 
-        A wall that touches the robot reads this. The mount must be inside the disc.
+        A wall in contact reads this. The mount must be inside the disc.
         """
         ahead_x, ahead_y = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         along = self.x_m * ahead_x + self.y_m * ahead_y
@@ -99,7 +99,7 @@ class RobotModel:
     wheel_ratio: float = _in(1.0, 0.8, 1.25)
     """Right wheel's diameter over the left's (Borenstein's E_d); their mean is the diameter."""
     gyro_bias_rad_s: float = _in(0.0, -0.4, 0.4)
-    """Yaw rate that the gyro tells at rest, by ``calibrate gyro``: each run measures it anew."""
+    """Yaw rate of the gyro at rest by ``calibrate gyro``, rad/s; each run measures it again."""
 
     @property
     def radius_m(self) -> float:

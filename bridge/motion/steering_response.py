@@ -1,7 +1,7 @@
-"""What the gains of steering do: a bearing taken up under way, a wall's distance taken up.
+"""Step responses of the steering gains: bearing and wall distance while driving.
 
 As in ``step_response``, on the same plant, but with both velocities, each with its dead time and
-lag, so that steering acts on a robot that moves on.
+lag, so that steering acts on a moving robot.
 """
 
 from __future__ import annotations
@@ -110,10 +110,10 @@ def wall_step(  # noqa: PLR0913 - a robot, a step, and how it is followed
     speed_m_s: float | None = None,
     dead_s: float = DEAD_S,
 ) -> StepResponse:
-    """Begin to follow a straight wall from a gap that is off by ``step_m`` (positive: too far).
+    """Follow a straight wall from a gap that is off by ``step_m`` (positive: too far).
 
-    Under way along it, its direction not known yet, as each leg along a wall begins. The value
-    is how much of the step is taken up, in metres, over 15 s. The wall does not hold the robot.
+    The wall's direction is unknown at first, as at the beginning of each leg. The value is the
+    corrected part of the step, m, over 15 s. The wall does not hold the robot.
     """
     wall_m = model.radius_m + gap_m + step_m
     response = StepResponse([], [], [], step_m)
@@ -129,7 +129,7 @@ def wall_step(  # noqa: PLR0913 - a robot, a step, and how it is followed
 def column_stand_off_m(
     model: RobotModel, radius_m: float, tuning: FollowTuning = FOLLOW_TUNING, gap_m: float = 0.05
 ) -> float:
-    """How much farther than asked it goes round a round column, mean of the last 5 s of 15 (m)."""
+    """Return the mean excess gap around a round column over the last 5 of 15 s, m."""
     centre = -(radius_m + gap_m + model.radius_m)
     offs = [
         math.hypot(body.pose.x_m, body.pose.y_m + centre) + centre

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 STEP_S = 0.02
 BAND_RAD = math.radians(0.25)
 LAG_S, DEAD_S = 0.05, 0.04
-"""Of the velocity loop: motors and wheel control; two control periods."""
+"""Lag and dead time of the velocity loop, s: motors and wheel control; two control periods."""
 
 
 class StepResponse(NamedTuple):
@@ -42,7 +42,7 @@ class StepResponse(NamedTuple):
 
     time_s: list[float]
     value: list[float]
-    """What is controlled: yaw (rad) or way (m)."""
+    """Controlled quantity: yaw (rad) or distance (m)."""
     command: list[float]
     """Velocity sent: rad/s or m/s."""
     target: float
@@ -54,7 +54,7 @@ class StepResponse(NamedTuple):
 
     @property
     def rise_s(self) -> float:
-        """From 10 to 90 % of the target; inf: it never got there."""
+        """Rise time from 10 to 90 % of the target, s; infinite if it is never reached."""
         late = self._first_s(0.9)
         return late - self._first_s(0.1) if math.isfinite(late) else math.inf
 
@@ -81,7 +81,7 @@ class SmoothingSeries(NamedTuple):
 
     @property
     def greatest_acceleration(self) -> float:
-        """Of what is sent, m/s²."""
+        """Largest acceleration of the commands, m/s²."""
         after = self.after_m_s
         return max(abs(b - a) for a, b in pairwise(after)) / STEP_S
 

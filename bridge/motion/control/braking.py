@@ -1,8 +1,8 @@
-"""Stop distances that respect the acceleration limit.
+"""Braking distances that respect the acceleration limit.
 
-A robot told to stop goes on for a latency τ (link, control period, motor) and then slows with
-a constant deceleration a: it needs d = v·τ + v²/2a. Solved for v that is the fastest speed
-from which it still stops within d.
+A robot that is commanded to stop continues for a latency τ (link, control period, motor) and then
+brakes with a constant deceleration a. It needs d = v·τ + v²/2a. Solved for v, this gives the
+fastest speed from which it stops within d.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Braking:
     """m/s² (rad/s²)."""
     latency_s: float = 0.0
     creep: float = 0.0
-    """Slowest approach, m/s (rad/s): below it wheels stick, and the last way is never done."""
+    """Lowest approach speed, m/s (rad/s): below it wheels stick, and the robot never arrives."""
 
     def __post_init__(self) -> None:
         """Refuse figures with no meaning."""

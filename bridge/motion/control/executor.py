@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
-"""Inner corners are gone into: what the robot stops short of them is not swept. A leg too thin
-for the beam is rounded whole."""
+"""Wall following drives into inner corners, because the floor that it stops short of stays
+unswept. It rounds a leg that is too thin for the beam completely."""
 _MAX_STEP_S = 0.1
 """A longer gap between steps (a pause) is not integrated into filters and timeouts."""
 
@@ -40,9 +40,9 @@ _MAX_STEP_S = 0.1
 class LegExecutor:
     """Executes legs.
 
-    ``start`` a leg, then ``step`` with every observation and send what it returns, until
-    ``result`` is there. A bumper or a cliff ends any forward leg at once with a halt that is
-    not ramped; it does not end a turn in place or a leg backwards, which are the ways out.
+    ``start`` a leg, then ``step`` with every observation and send the returned command until
+    ``result`` is set. A bumper switch or a cliff ends a forward leg at once, without a ramp. It
+    does not end a turn in place or a backward leg, which lead away.
     """
 
     def __init__(self, model: RobotModel, tuning: MotionTuning | None = None) -> None:
@@ -165,17 +165,17 @@ class LegExecutor:
         return self._come_to_rest(obs, dt)
 
     def cancel(self, obs: Observation) -> None:
-        """End the leg under way where the robot is now, without bringing it to rest."""
+        """End the current leg at the robot's place, without stopping."""
         if self._leg is not None and self._result is None:
             self._stopping = StopReason.CANCELLED
             self._bumped = (False, False)
             self._finish(obs)
 
     def brake(self, obs: Observation) -> VelocityCommand:
-        """Bring the robot to rest within the acceleration limits, the leg under way kept.
+        """Brake to rest within the acceleration limits and keep the current leg.
 
-        Once for every observation, until it gives a halt; the next ``step`` goes on from there.
-        A bumper or a cliff halts it at once.
+        Call it once per observation until it returns a halt; the next ``step`` continues the leg.
+        A bumper switch or a cliff halts the robot at once.
         """
         dt = self._step_s(obs)
         if self._rolls_into(obs):
@@ -334,7 +334,7 @@ class LegExecutor:
         return None
 
     def _rolls_into(self, obs: Observation) -> bool:
-        """Whether it is still commanded ahead, by an earlier leg, and has met something there."""
+        """Whether an earlier leg still commands forward motion against an obstacle."""
         return self._smooth_v.output > 0.0 and self._hit(obs) is not None
 
     def _stalled(self, progress: float, least: float) -> bool:

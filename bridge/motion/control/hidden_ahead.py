@@ -1,8 +1,8 @@
-"""What the ultrasonic saw ahead and sees no more: it left the cone, and may stand in the way.
+"""Obstacles that have left the ultrasonic's cone and may still be in the way.
 
-A cone of half angle α widens less than the body is broad: a thing at y beside the axis is seen
-from afar and leaves the cone at the range y / tan α. Where the echo was lost tells, therefore,
-how far aside the thing is, though not on which side.
+A cone of half angle α is narrower than the footprint: an obstacle at y beside the axis is seen
+from afar and leaves the cone at the range y / tan α. So the range at which the echo was lost gives
+the lateral distance, but not the side.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 TOUCH_M_S = 0.026
-"""Speed along the normal at which a touch is none of the collisions (0.03 m/s)."""
+"""Normal speed of a harmless contact, m/s; a collision begins at 0.03."""
 _LOST_M = 0.08
-"""A range that grows by more than this between readings is of another thing."""
+"""Growth of the range between readings that means another obstacle, m."""
 _SAME_M = 0.06
-"""An echo so near to where a hidden thing should be is that thing: it is not hidden."""
+"""Distance within which an echo is a hidden obstacle that is visible again, m."""
 _MARGIN_M = 0.012
 _TURNED_RAD = 0.15
-"""After turning so far it is not known where it is."""
+"""Turn after which a hidden obstacle's place is unknown, rad."""
 _PAST_M, _ASIDE_M = 0.01, 0.02
-"""So far past the touch that did not come, were it farther aside by this: there is nothing."""
+"""Path beyond the expected contact (m), with a further lateral margin (m), after which there is no
+obstacle."""
 _MOST = 4
 _LATENCY_S = 0.10
 
 
 def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) -> float:
-    """Fastest speed now that touches a point at a harmless speed, braking from here.
+    """Return the highest speed, m/s, with a harmless contact at a point, braking from here.
+
+    It is infinite if the disc passes the point.
 
     Args:
-        aside_m: of the point, from the line of motion.
-        ahead_m: of the point, from the disc's centre.
-        rim_m: the disc's radius and a margin.
-        brake: how the motion can be stopped.
-
-    Returns:
-        m/s; infinite where the disc passes the point.
+        aside_m: distance of the point from the line of motion, m.
+        ahead_m: distance of the point ahead of the disc's centre, m.
+        rim_m: the disc's radius and a margin, m.
+        brake: braking distance of the motion.
 
     """
     if aside_m >= rim_m or ahead_m <= 0.0:
@@ -67,7 +67,7 @@ class HiddenAhead:
         self._things: list[list[float]] = []
         """Each: ahead of the axle, aside, turned since (m, m, rad)."""
         self._range_m: float | None = None
-        """Of the last reading, less what was driven since."""
+        """Last range less the path since, m."""
         self._raw_m: float | None = None
         self._turned_rad = 0.0
 
@@ -95,7 +95,7 @@ class HiddenAhead:
         )
 
     def _passed_m(self, aside_m: float) -> float:
-        """How far ahead a thing is when the latest touch of it would have come, and a margin."""
+        """Return the distance ahead of an obstacle after its latest contact, with a margin, m."""
         body_m, aside_m = self._rim_m - _MARGIN_M, aside_m + _ASIDE_M
         reach_m = math.sqrt(max(body_m * body_m - aside_m * aside_m, 0.0))
         return max(reach_m - _PAST_M, 0.0)

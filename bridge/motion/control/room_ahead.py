@@ -1,4 +1,4 @@
-"""The way left before what the ultrasonic sees, and whether to believe that there is none."""
+"""Free distance before what the ultrasonic sees, and whether to trust that there is none."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _LEAP_M = 0.1
 
 
 class RoomAhead:
-    """For whoever turns as he goes, so that ranges cannot be carried on between readings.
+    """Free distance for a robot that turns while it drives, so that ranges cannot be extrapolated.
 
-    A reading of too little room is believed at once if the one before led up to it. One that
-    comes out of nothing may be the echo of another ping: it is believed when the next agrees, or
-    another soon after, as of a leg that answers now and then.
+    A short range counts at once if the reading before led up to it. An unexpected short range may
+    be the echo of another ping: it counts when the next reading agrees, or another soon after, as
+    for a leg that echoes now and then.
     """
 
     __slots__ = ("_age_s", "_range_m", "_stop_m", "_strange_s", "is_blocked")
@@ -32,9 +32,9 @@ class RoomAhead:
         """Whether there is less room than asked for at the last update, for certain."""
 
     def update(self, range_m: float | None, min_m: float, dt_s: float) -> float:
-        """Room by the newest reading, in metres, believed or not; infinite without an echo.
+        """Return the free distance by the newest reading, m; infinite without an echo.
 
-        ``min_m``: that much room is needed. The first reading of all is believed.
+        ``min_m`` is the required distance. The very first reading counts at once.
         """
         self._age_s += dt_s
         self._strange_s += dt_s

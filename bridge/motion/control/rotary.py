@@ -13,9 +13,8 @@ ROTARY_GAINS = PidGains(kp=5.0, td_s=0.03)
 class RotaryController:
     """Yaw rate that turns the robot to a heading.
 
-    Beyond eq. 2: the error is wrapped to ±π (else a turn across the seam goes the long way),
-    the output is saturated, and near the target held below sqrt(2 α |e|), the fastest rate
-    from which a deceleration α still stops in time.
+    Beyond eq. 2, the error is wrapped to ±π, the output is saturated, and near the target it stays
+    below sqrt(2 α |e|), the highest rate from which a deceleration α still stops in time.
     """
 
     __slots__ = ("_brake_rad_s2", "_pid")

@@ -12,9 +12,9 @@ class MotionTuning:
     brake_share: float = 0.75
     """Stop distances use this share of the acceleration limit: the rest is for control."""
     lag_s: float = 0.10
-    """From a command to the wheels following it: link, smoothing, motor."""
+    """Time from a command to the wheels' response, s: link, smoothing, motor."""
     creep_m_s: float = 0.025
-    """Slowest approach; touching at this speed is a touch, not a collision (< 0.03 m/s)."""
+    """Lowest approach speed, m/s; a contact at this speed is no collision (< 0.03 m/s)."""
     lookahead_m: float = 0.25
     """Lane keeping aims at the heading line this far ahead."""
     turn_rate_share: float = 0.75
@@ -25,9 +25,9 @@ class MotionTuning:
     flow_rad: float = 0.02
     """A turn that flows into the next leg ends within this: what follows takes the rest out."""
     flow_rate_share: float = 0.9
-    """Of the yaw rate's limit, for a turn that flows."""
+    """Share of the yaw rate's limit in a turn that flows into the next leg."""
     flow_brake_share: float = 0.75
-    """Of the yaw acceleration's limit, at which a turn that flows brakes."""
+    """Share of the yaw acceleration's limit at which such a turn brakes."""
     point_tolerance_m: float = 0.006
     lowpass: float = 0.6
     """k of the velocity smoothing, per 20 ms step."""

@@ -31,7 +31,7 @@ class FollowState(enum.StrEnum):
 
     FOLLOWING = "following"
     CORNER = "corner"
-    """The wall has ended abeam (an outer corner): the robot goes round its end."""
+    """The wall has ended abeam at an outer corner, which the robot rounds."""
     LOST = "lost"
     """No wall, nor one found round the corner: it halts."""
     BLOCKED = "blocked"
@@ -45,7 +45,7 @@ class FollowStep(NamedTuple):
     """Not smoothed: the acceleration limit is the smoothing's, as with every controller."""
     state: FollowState
     gap_m: float | None
-    """From the disc's rim to the wall; ``None``: no wall."""
+    """Gap between the rim and the wall, m; ``None``: no wall."""
     yaw_rad: float
     """Heading less the wall's direction, positive towards the wall."""
 
@@ -346,7 +346,7 @@ class WallFollower:
         return VelocityCommand(slow, self._side * max(min(turn, self._max_rate), -self._max_rate))
 
     def _touch_corner(self) -> None:
-        """Take the corner to where the rim was touched, in the direction where it was thought."""
+        """Move the corner to the contact at the rim, in its assumed direction."""
         x, y = self._corner
         far = math.hypot(x, y)
         if far > 0.0:
@@ -377,21 +377,22 @@ class WallFollower:
 
 
 _TOUCH_WAY_M = 0.01
-"""The last way to a touch, made at the touching speed whatever the ranges say."""
+"""Last path to a contact, driven at the contact speed whatever the ranges are, m."""
 _THIN_M = 0.08
 """What is found round a corner and followed for less may be a leg, which has no direction."""
 _INTEGRAL_BAND_M = 0.025
 _NUDGE_M_S = 0.05
-"""While the wall beside presses the bumper: the robot slides, which its wheels do not tell."""
+"""Speed while the wall presses a bumper switch, m/s: the robot slips, which its wheels do not
+measure."""
 _PRESSED_RAD = math.radians(5.0)
-"""A pressed bumper tells that the heading is into the wall, whatever the track believes: its shell
-ends before the side."""
+"""Minimum heading into the wall with a pressed bumper switch, rad: its shell ends before the
+side."""
 _SURE_RAD = 0.1
 """A direction less sure than this is steered by in proportion."""
 _CORNER_M_S = 0.09
-"""Round a corner: what stands there is touched at about 72° off the bow, which is harmless still,
-0.028 m/s along the normal."""
+"""Speed around a corner, m/s: a contact there is about 72° off the heading and harmless, 0.028 m/s
+along the normal."""
 _CORNER_SIGMA_M = 0.01
-"""Of where a corner is thought to be: two readings' way at a slow speed."""
+"""Standard deviation of a corner's place, m: the path between two readings at low speed."""
 _YAW_MARGIN_RAD = math.radians(10.0)
 """A wall found round a corner must be well within what the track can hold."""

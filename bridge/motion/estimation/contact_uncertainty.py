@@ -72,9 +72,10 @@ class ContactUncertainty:
         return way_m
 
     def _see_release(self, *, pressed: bool) -> None:
-        """What the bumper felt and has let go holds the body no more.
+        """End bridging after a released bumper switch.
 
-        Of what it never felt it tells nothing: the shell may be dead, or pass over a sill.
+        Without a contact of the bumper its state does not count, since the shell may be stuck or
+        pass over a sill.
         """
         estimator = self._estimator
         self._free = 0 if pressed else self._free + 1
@@ -86,9 +87,10 @@ class ContactUncertainty:
             self._met = False
 
     def _ahead_m(self) -> float:
-        """Way since the last reading in the direction of the heading; backwards it is free.
+        """Return the forward path since the last reading, m.
 
-        After a gap in the readings nobody knows since when it is pressed: one reading's way counts.
+        After a gap in the readings only one reading's path counts, because the time of the contact
+        is unknown.
         """
         here, last = self._estimator.odometry, self._last
         c, s = math.cos(here.theta_rad), math.sin(here.theta_rad)
@@ -102,7 +104,7 @@ class ContactUncertainty:
             self._estimator.ekf.inflate(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
 
     def _slide(self, way_m: float, pressed: tuple[bool, bool]) -> None:
-        """Take a way made while pressed, not negative."""
+        """Take a path driven with a pressed switch, m, not negative."""
         if way_m == 0.0:
             return
         left, right = pressed

@@ -196,7 +196,7 @@ class PoseEstimator:
         self._bridge = None
 
     def release(self) -> None:
-        """End the bridging of a bump: nothing touches the robot, so its wheels count again."""
+        """End the bridging of a bump: the robot is free, so its wheels count again."""
         bridge = self._bridge
         if bridge is None:
             return
@@ -205,7 +205,7 @@ class PoseEstimator:
         self._end_bridge(bridge)
 
     def hold(self) -> None:
-        """Discard what the wheels turned since a bump: something still touches the robot."""
+        """Discard what the wheels turned since a bump: the contact lasts."""
         if self._bridge is not None:
             self._bridge.unmade_m = 0.0
 

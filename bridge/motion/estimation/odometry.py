@@ -7,7 +7,7 @@ import math
 from bridge.motion.geometry import Pose2, wrap_angle
 
 _SERIES_BELOW_RAD = 1e-3
-"""Below this half-angle sin(x)/x is 1 - x²/6 to within x⁴/120 < 1e-14."""
+"""Half angle below which sin(x)/x is 1 - x²/6 to within x⁴/120 < 1e-14, rad."""
 
 
 def sinc(x_rad: float) -> float:
