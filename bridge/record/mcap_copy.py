@@ -1,4 +1,4 @@
-"""Copy of an MCAP file: chunks are copied, the summary is written anew."""
+"""Copy of an MCAP file: chunks are copied, the summary is new."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the records of a chunk stand, compiled."""
+"""Compiled parser of a chunk's records."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ if TYPE_CHECKING or cython.compiled:
 _MESSAGE = cython.declare(cython.int, 5)
 _MESSAGE_INDEX = cython.declare(cython.int, 7)
 _FRONT = cython.declare(cython.int, 9)
-"""Opcode and length."""
+"""Size of opcode and length, bytes."""
 _LEAST = cython.declare(cython.int, 11)
-"""And a message's channel."""
+"""Size up to a message's channel, bytes."""
 _MESSAGE_FIXED = cython.declare(cython.int, 22)
-"""And its number and times."""
+"""Size of a message's content before its data, bytes."""
 _INDEX_HEAD = cython.declare(cython.int, 15)
-"""And the size of a message index."""
+"""Size of a message index's head, bytes."""
 
 
 @cython.cfunc
 @cython.nogil
 @cython.exceptval(check=False)
 def _number(data: ConstBytes, at: cython.longlong, size: cython.int) -> cython.longlong:
-    """A little-endian number of up to eight bytes; the eighth carries the sign."""
+    """Return a little-endian integer of up to eight bytes; eight bytes are signed."""
     low: cython.ulonglong = 0
     for k in range(size):
         byte: cython.ulonglong = int(data[at + k])
@@ -34,13 +34,13 @@ def _number(data: ConstBytes, at: cython.longlong, size: cython.int) -> cython.l
 
 
 def find_records(content: ConstBytes, starts: Longs, lengths: Longs, channels: Longs) -> int:
-    """Walk a chunk's content; how many records there are, negative where the last is cut.
+    """Find the records of a chunk's content; return their number, negative if one is truncated.
 
     Args:
-        content: The chunk, unpacked.
-        starts: Filled with each record's place; as long as there may be records.
-        lengths: Filled with the sizes of their contents, a message's own head included.
-        channels: Filled with each message's channel, and with -opcode of other records.
+        content: The decompressed chunk.
+        starts: Filled with each record's offset; as long as there may be records.
+        lengths: Filled with the sizes of their contents, which include a message's head.
+        channels: Filled with each message's channel; for other records with -opcode.
 
     """
     with cython.nogil:
@@ -63,7 +63,7 @@ def _find_records(
             return -count - 1
         length = _number(content, position + 1, 8)
         if content[position] == 0 or length < 0 or length > end - position - _FRONT:
-            return -count - 1  # zeros are no records, and would be walked nine bytes at a time
+            return -count - 1  # zeros would be records of nine bytes
         starts[count], lengths[count] = position, length
         if content[position] == _MESSAGE:
             if length < _MESSAGE_FIXED:
@@ -77,7 +77,7 @@ def _find_records(
     return count
 
 
-def split_messages(  # noqa: PLR0913, PLR0917 - what is read, by which shape, into what
+def split_messages(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     data: ConstBytes,
     starts: Longs,
     head: cython.longlong,
@@ -87,29 +87,29 @@ def split_messages(  # noqa: PLR0913, PLR0917 - what is read, by which shape, in
     out: Bytes,
     fits: Bytes,
 ) -> int:
-    """Take messages of one shape apart, value by value; how many have it.
+    """Extract the values of the messages of one shape; return their number.
 
     Args:
-        data: Where they stand.
-        starts: Where each record begins.
-        head: Bytes of a record before its message.
+        data: Bytes with the messages.
+        starts: Offset of each record.
+        head: Size of a record before its message, bytes.
         shape: A message of the shape.
-        mask: Which bits of it must be the same.
-        values: Of each value: where in the record it is, its size, and where in ``out`` the
-            first one of it goes. Those of the messages that fit follow on each other.
-        out: Filled with them.
-        fits: Filled with whether a message has the shape.
+        mask: Bits that must be equal.
+        values: For each value: its offset in the record, its size, and the offset of its first
+            occurrence in ``out``. The values of all fitting messages are contiguous.
+        out: Filled with the values.
+        fits: Filled with whether each message has the shape.
 
     """
     with cython.nogil:
         count = _split_messages(data, starts, head, shape, mask, values, out, fits)
-    return count  # noqa: RET504 - as above
+    return count  # noqa: RET504 - a Python object again, which needs the interpreter's lock
 
 
 @cython.cfunc
 @cython.nogil
 @cython.exceptval(check=False)
-def _split_messages(  # noqa: PLR0913, PLR0917 - as above
+def _split_messages(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     data: ConstBytes,
     starts: Longs,
     head: cython.longlong,
@@ -136,10 +136,10 @@ def _split_messages(  # noqa: PLR0913, PLR0917 - as above
         for v in range(values.shape[0]):
             source, size = start + values[v, 0], values[v, 1]
             target = values[v, 2] + count * size
-            if size == 8:  # noqa: PLR2004 - most of them, and one instruction each
+            if size == 8:  # noqa: PLR2004 - the most frequent size, one instruction
                 for k in range(8):
                     out[target + k] = data[source + k]
-            elif size == 4:  # noqa: PLR2004 - as above
+            elif size == 4:  # noqa: PLR2004 - one instruction
                 for k in range(4):
                     out[target + k] = data[source + k]
             else:
@@ -150,7 +150,7 @@ def _split_messages(  # noqa: PLR0913, PLR0917 - as above
 
 
 def skip_indexes(data: ConstBytes) -> cython.longlong:
-    """How many bytes from the beginning are message indexes, whole ones."""
+    """Return the number of bytes at the start that are whole message indexes."""
     position: cython.longlong = 0
     end: cython.longlong = data.shape[0]
     length: cython.longlong

@@ -250,7 +250,7 @@ def _value(item: Field, raw: Any) -> Any:  # noqa: ANN401 - number, text, list o
         return None
     if item.enum is not None:
         if item.unit == "bits":
-            flags: type[IntFlag] = item.enum  # type: ignore[assignment]  # the unit says so
+            flags: type[IntFlag] = item.enum  # type: ignore[assignment]  # bits have flag enumerations
             return flag_labels(flags, raw)
         return label(item.enum, raw)
     if item.si_suffix is not None:

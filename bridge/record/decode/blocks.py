@@ -117,7 +117,7 @@ class _Gatherer:
             raise ValueError("a record exceeds its chunk")
 
     def block(self) -> Block:
-        """Return the collected messages and start anew."""
+        """Return the collected messages and reset them."""
         found = np.concatenate([np.empty((3, 0), np.int64), *self._found], axis=1)
         order = np.argsort(found[0].astype(np.uint16), kind="stable")  # 16 bits: radix sort
         channels, places, lengths = np.take(found, order, axis=1)

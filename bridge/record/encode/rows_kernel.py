@@ -1,4 +1,4 @@
-"""Rows of numbers as records of fixed length, compiled: a template and what goes where in it."""
+"""Compiled conversion of rows of numbers to records of fixed length."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _SCALED = cython.declare(cython.int, 4)
 _FLOAT = cython.declare(cython.int, 10)
 _SIN_HALF = cython.declare(cython.int, 11)
 _COS_HALF = cython.declare(cython.int, 12)
-# What is written from an integer column, ...
+# Sources from an integer column.
 WHOLE, SECONDS, NANOSECONDS, STAMP, SCALED = _WHOLE, _SECONDS, _NANOSECONDS, _STAMP, _SCALED
-# ... and what from a column of floats.
+# Sources from a float column.
 FLOAT, SIN_HALF, COS_HALF = _FLOAT, _SIN_HALF, _COS_HALF
 _NS = cython.declare(cython.longlong, 1_000_000_000)
 
@@ -37,7 +37,7 @@ _NS = cython.declare(cython.longlong, 1_000_000_000)
 @cython.final
 @cython.cclass
 class _Reals:
-    """Floats and their bytes, in the order of this machine: two views of the same memory."""
+    """Float buffers with byte views of the same memory, in native byte order."""
 
     double: Floats
     double_bytes: Bytes
@@ -45,7 +45,7 @@ class _Reals:
     single_bytes: Bytes
 
     def __init__(self) -> None:
-        """Make room for one of each."""
+        """Allocate one float of each width."""
         double, single = np.zeros(1), np.zeros(1, dtype=np.float32)
         self.double, self.double_bytes = double, double.view(np.uint8)
         self.single, self.single_bytes = single, single.view(np.uint8)
@@ -59,16 +59,16 @@ def _put(out: Bytes, at: cython.longlong, value: cython.longlong, width: cython.
 
 
 @cython.cfunc
-@cython.cdivision(False)  # noqa: FBT003 - a directive: the rest of a second is never negative
+@cython.cdivision(False)  # noqa: FBT003 - a directive: remainders are never negative
 @cython.exceptval(check=False)
 def _put_stamp(out: Bytes, at: cython.longlong, time_ns: cython.longlong) -> cython.void:
-    """``google.protobuf.Timestamp`` in twelve bytes: all but the fifth say "more follows"."""
+    """Write a ``google.protobuf.Timestamp`` of twelve bytes with padded varints."""
     out[at], out[at + 6] = 0x08, 0x10
     value: cython.longlong
     for half in range(2):
         value = time_ns // _NS if half == 0 else time_ns % _NS
         for k in range(5):
-            more = 0x80 if k < 4 else 0  # noqa: PLR2004 - the fifth ends it
+            more = 0x80 if k < 4 else 0  # noqa: PLR2004 - the fifth byte is the last
             out[at + 1 + 6 * half + k] = ((value >> (7 * k)) & 0x7F) | more
 
 
@@ -88,9 +88,9 @@ def _put_real(
 
 
 @cython.cfunc
-@cython.cdivision(False)  # noqa: FBT003 - as above
+@cython.cdivision(False)  # noqa: FBT003 - a directive: remainders are never negative
 @cython.exceptval(check=False)
-def _put_value(  # noqa: PLR0913, PLR0917 - a row, an operation and a place
+def _put_value(  # noqa: PLR0913, PLR0917 - a row, an operation and an offset
     ints: LongGrid,
     floats: FloatGrid,
     row: cython.Py_ssize_t,
@@ -132,21 +132,21 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     places: Longs,
     index: LongBlock,
 ) -> tuple[int, int]:
-    """Write a record for each row, and the index of where its messages are.
+    """Write a record for each row, and the index of its messages.
 
     Args:
-        ints: Rows of integers, ``(n, columns)``; the first is where the row's records begin.
+        ints: Rows of integers, ``(n, columns)``; the first is the offset of the row's records.
         floats: Rows of floats, ``(n, columns)``.
-        template: One record, its constants in place.
-        ops: For each value: place in the record, kind, column, width in bytes.
+        template: One record with its constants.
+        ops: For each value: offset in the record, kind, column, width in bytes.
         scales: For each value: gain and offset.
-        out: The chunk, in which the rows' places are still empty.
+        out: The chunk; the rows' places are still empty.
         log_column: Column of the log time.
-        places: Where each message begins in a record, ``(messages,)``.
-        index: Room for each message's log times and places, ``(messages, n, 2)``.
+        places: Offset of each message in a record, ``(messages,)``.
+        index: Filled with each message's log times and offsets, ``(messages, n, 2)``.
 
     Returns:
-        The least and the greatest log time.
+        The minimum and the maximum log time.
 
     """
     reals = _Reals()
