@@ -1,4 +1,4 @@
-"""What a coverage planner is: legs out, results in, and every decision told with its reason."""
+"""The interface of coverage planners: legs out, results in, and events with reasons."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class PlannerState:
 
 
 class Planner(Protocol):
-    """Decides the next leg when one has ended; knows only what the observations tell."""
+    """Decides the next leg when one has ended; knows only the observations."""
 
     @property
     def state(self) -> PlannerState:

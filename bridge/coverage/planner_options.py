@@ -1,4 +1,4 @@
-"""A planner's options by name, from text: what ``--planner-option NAME=VALUE`` says."""
+"""Planner options by name, from the text of ``--planner-option NAME=VALUE``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BOOLEANS = {"true": True, "false": False}
 
 @dataclass(frozen=True, slots=True)
 class NoOptions:
-    """Of a planner whose figures belong together."""
+    """Options of a planner without any."""
 
 
 class PlannerOptionError(ValueError):
@@ -29,14 +29,14 @@ def option_names(kind: type[Any]) -> list[str]:
 
 
 def parse_options(kind: type[Options], texts: Iterable[str]) -> Options:
-    """Options of a kind, the named ones as the texts say, the others at their defaults.
+    """Return options with the named values, and defaults for the others.
 
     Args:
         kind: a dataclass whose fields all have defaults.
-        texts: ``name=value`` each; lengths in metres, times in seconds, angles in radians.
+        texts: ``name=value`` each; lengths in m, times in s, angles in rad.
 
     Raises:
-        PlannerOptionError: no such option, or no such value; the text names it and what there is.
+        PlannerOptionError: an unknown option or an invalid value, which the text names.
 
     """
     names, values = option_names(kind), {}
@@ -60,7 +60,7 @@ def _hint(kind: type[Any], name: str) -> Any:  # noqa: ANN401 - a type, of whate
 
 
 def _expected(hint: Any) -> str:  # noqa: ANN401 - as above
-    """What a value must be, for people; empty: no text can tell it."""
+    """Describe the valid values; empty if no text can express them."""
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(get_args(hint))
     return {

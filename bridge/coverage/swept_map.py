@@ -21,7 +21,7 @@ it (0 free, 100 occupied, -1 unknown)."""
 _MARGIN_CELLS = 50
 _MAX_CELLS = 4096 * 4096
 _GAP_M = 0.5
-"""Poses further apart than this are not joined: the estimate was set anew."""
+"""Distance of poses that are not joined, m: the estimate was reset."""
 
 
 class OccupancyArray(NamedTuple):
@@ -36,10 +36,11 @@ class OccupancyArray(NamedTuple):
 
 
 class SweptMap:
-    """Cells touched by the mouth. It grows as needed, in steps of at least a metre.
+    """Cells that the mouth has covered.
 
-    A touched cell counts whole, so the drawn area is up to half a cell too large on every side:
-    for a figure use the metrics. Beyond 16 million cells marks are dropped and counted.
+    The map grows in steps of at least 1 m. A partly covered cell counts whole, so the drawn area
+    is up to half a cell too large on each side; use the metrics for figures. Beyond 16 million
+    cells marks are dropped and counted.
     """
 
     __slots__ = (
@@ -79,11 +80,11 @@ class SweptMap:
 
     @property
     def swept_m2(self) -> float:
-        """Area of the touched cells."""
+        """Area of the covered cells, m²."""
         return self._cells.count(1) * self.resolution_m**2
 
     def update(self, pose: Pose2) -> None:
-        """Mark what the mouth covers at a pose and on the way from the last one."""
+        """Mark what the mouth covers at a pose and on the path from the last one."""
         last = self._last
         if last is None:
             self._last = pose

@@ -28,17 +28,17 @@ class LaneOptions:
     side: Side = "left"
     """Side of the first lane on which the next one lies."""
     end: End = "last_partial_lane"
-    """When a side step is blocked before W: ``blocked_step`` ends there; ``last_partial_lane``
-    sweeps a lane where it got to and ends when the step at that lane's other end is blocked
-    too; ``never`` goes on until ``max_lanes``."""
+    """What ends the plan if a side step is blocked before W. ``blocked_step`` ends it there.
+    ``last_partial_lane`` sweeps one more lane there, and ends it if the step at that lane's
+    other end is blocked too. ``never`` continues until ``max_lanes``."""
     stop_range_m: float = 0.046
     """Ultrasonic reading that is a wall: 6 mm of clearance, for the sensor sits 4 cm inside
     the body's front."""
     step_stop_range_m: float = 0.054
-    """The same at the end of a side step: the next lane runs *along* that wall, and a heading
-    1 cm in 1.7 m off must not rub on it."""
+    """The same at the end of a side step. The next lane runs along that wall, and a heading that
+    is 1 cm in 1.7 m off must not graze it."""
     back_off_m: float = 0.015
-    """Way back after a bump, so that the turn does not rub."""
+    """Distance of backing off after a contact, so that the turn does not graze."""
     cliff_back_off_m: float = 0.05
     short_step_m: float = 0.015
     """A side step that lacks less than this of W is a whole one."""
@@ -47,19 +47,18 @@ class LaneOptions:
     so that lanes stay W apart whatever a bump or a wheel's slip did in between, or wherever
     the robot happens to stand."""
     rest_s: float = 0.6
-    """Stand still at the end of every lane: the gyro's bias is measured in the second half of
-    it. At 0.01 °/s a run of case 1 would else end 2° askew. 0 leaves it out."""
+    """Rest at the end of each lane; the gyro bias is measured in its second half. With an error of
+    0.01 °/s a run of case 1 would end 2° off. 0: no rest."""
     min_step_m: float = 0.02
     """A step is never shorter, however far a lane strayed towards the next one."""
     both_ends_widths: float = 1.0
-    """From how many W a lane has two ends: those of a shorter one are the same place, and a step
-    that is blocked at both says no more than one that is blocked at one. Only for
-    ``last_partial_lane``."""
+    """Length in W from which a lane has two ends. The ends of a shorter lane are the same place,
+    so two blocked steps there count as one. Only for ``last_partial_lane``."""
     max_blocked: int = 3
     """Blocked side steps in a row with which the robot is not yet shut in, however short the lanes
     between them; one more is the end of ``last_partial_lane``."""
     max_lanes: int = 2000
-    """Bound on a run in which the ends above are never met."""
+    """Maximum number of lanes of a run that no other rule ends."""
 
 
 class LaneSweep:
@@ -84,7 +83,7 @@ class LaneSweep:
         ) * math.sin(self._step_heading)
 
     def lane(self, heading_rad: float) -> Part:
-        """Turn to the lane and drive it until something says stop."""
+        """Turn to the lane and drive it until a sensor stops the robot."""
         self._lanes += 1
         yield Turn(heading_rad)
         options = self._options

@@ -34,8 +34,8 @@ class PaperOptions(LaneOptions):
     or only when W was really moved (``whole_step``), without which W·T is no length.
     Pseudo-code 2 counts in case 1 only (``on_equal``): after case 2 that is a lane short."""
     between: Literal["count", "keep", "reset"] = "count"
-    """What T does for tolerance < |D - Prev-D| ≤ Φ, of which nothing is said, when it is counted
-    ``on_equal``: with ``count`` it is case 1 in all but name."""
+    """Effect on T of tolerance < |D - Prev-D| ≤ Φ, which the paper leaves open, if T is counted
+    ``on_equal``; with ``count`` this is case 1."""
     clear_after_recovery: bool = True
     """T = 0 after a case 3 is dealt with: else a second case 3 without a case 2 between
     would count the same lanes again."""
@@ -43,16 +43,16 @@ class PaperOptions(LaneOptions):
     """Whether D, Prev-D and T follow the lanes inside the shadow too. There is one slot and no
     stack: observed, a second obstacle in there overwrites what the first one left."""
     return_by: Literal["leave_point", "nearest"] = "leave_point"
-    """After recovery: drive back to where case 3 fired, or go on from where the last lane in
-    the shadow ended."""
+    """Where to continue after recovery: at the place of case 3, or where the last lane in the
+    occluded region ended."""
 
 
 class PaperPlanner(ScriptedPlanner):
-    """Sweeping by the paper's cases 1 to 3.
+    """Sweeps by the paper's cases 1 to 3.
 
-    Case 1, D = Prev-D: count the turn. Case 2, D + Φ < Prev-D: an obstacle, count anew.
-    Case 3, D - Φ > Prev-D: stepped past it; the shadow is Length = W·T long. Drive back by
-    Length against the stepping direction, sweep up to the lane that was left, and go on.
+    Case 1, D = Prev-D: count the turn. Case 2, D + Φ < Prev-D: an obstacle, restart the count.
+    Case 3, D - Φ > Prev-D: past the obstacle; the occluded region is Length = W·T long. Drive back
+    by Length against the stepping direction, sweep up to the lane that was left, and continue.
     """
 
     def __init__(self, model: RobotModel, options: PaperOptions | None = None) -> None:
@@ -195,7 +195,7 @@ class PaperPlanner(ScriptedPlanner):
         return pose
 
     def _return_to(self, leave: Pose2, pose: Pose2) -> Generator[Leg, Step]:
-        """Back to where case 3 fired, as far as nothing is in the way."""
+        """Drive back to the place of case 3 until an obstacle blocks the robot."""
         if leave.distance_m(pose) < self.options.short_step_m:
             return
         self.record.change(state="recovery-return", target=(leave.x_m, leave.y_m))

@@ -1,4 +1,4 @@
-"""Random bounce: drive until something is in the way, turn by chance, drive on."""
+"""Random bounce: drive until an obstacle, turn by a random angle, drive on."""
 
 from __future__ import annotations
 

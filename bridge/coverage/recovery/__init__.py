@@ -1,1 +1,1 @@
-"""The ``recovery`` planner: what an obstacle hid is remembered, and gone back for."""
+"""The ``recovery`` planner: it remembers occluded regions and revisits them."""

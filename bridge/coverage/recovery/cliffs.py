@@ -48,9 +48,9 @@ class Cliffs:
         return bool(self.poses)
 
     def add(self, pose: Pose2, floor: Callable[[float, float], bool]) -> None:
-        """Keep a pose, unless one almost the same is kept.
+        """Add a pose, unless an almost equal one is kept.
 
-        ``floor``: whether the robot knows that there is some at a point, for it has been beside it.
+        ``floor`` returns whether the robot has been beside a point, so that there is floor.
         """
         for known in self.poses:
             turned = math.remainder(known.theta_rad - pose.theta_rad, math.tau)

@@ -110,10 +110,10 @@ class Lookout:
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf
-        """Fastest forward speed that touches nothing known hard, m/s."""
+        """Highest forward speed with harmless contacts at known obstacles, m/s."""
         self.wall = WallFollowing()
         self.on_lane = False
-        """Whether the leg under way is a lane, so that a wall beside it may end it."""
+        """Whether the current leg is a lane, which a wall beside it may end."""
         self.beside = 0
         """Side of the wall that ended the lane: left (1), right (-1), or 0."""
         self.cliff_at: Pose2 | None = None
@@ -124,7 +124,7 @@ class Lookout:
         """Largest heading standard deviation since the last event about it, rad."""
 
     def observe(self, obs: Observation) -> bool:
-        """Take an observation; true: the leg under way has nothing left to sweep."""
+        """Take an observation; true: nothing is left to sweep on the current leg."""
         self._see_correction(obs)
         self._see_heading(obs.heading_sigma_rad)
         self.obs = obs
@@ -140,7 +140,7 @@ class Lookout:
         return self._follow(obs)
 
     def end_segment(self) -> None:
-        """End the wall segment under way at the current pose, and the following."""
+        """End the current wall segment and the wall following."""
         self._segments.end(self.obs.pose, self.wall.side)
         self.wall.side = 0
 

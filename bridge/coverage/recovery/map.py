@@ -466,5 +466,5 @@ class EvidenceMap:
 
 
 def _pressed(*, left: bool, right: bool) -> tuple[float, float]:
-    """Bearings between which a pressed bumper may touch."""
+    """Return the bearings between which a pressed bumper switch may be in contact, rad."""
     return -_OVERLAP_RAD if left else -_SPAN_RAD, _OVERLAP_RAD if right else _SPAN_RAD

@@ -77,11 +77,11 @@ class RecoveryPlanner(ScriptedPlanner):
 
     @property
     def speed_limit_m_s(self) -> float:
-        """Fastest forward speed that touches nothing known hard, m/s."""
+        """Highest forward speed with harmless contacts at known obstacles, m/s."""
         return math.inf if self._context is None else self._context.lookout.speed_limit_m_s
 
     def observe(self, obs: Observation) -> bool:
-        """Take an observation; true: the leg under way has nothing left to sweep."""
+        """Take an observation; true: nothing is left to sweep on the current leg."""
         return self._context is not None and self._context.lookout.observe(obs)
 
     def script(self, obs: Observation) -> Script:

@@ -1,7 +1,7 @@
-"""What to do next: of all lanes and outlines left, the one that sweeps most per time.
+"""The search for the next target: the lane or perimeter that sweeps most per time.
 
-The search is cut into slices of bounded work, so that no control step waits for it: on a large
-floor the robot stands for some steps while it is under way.
+It runs in slices of bounded work, so that no control step waits for it. On a large floor the robot
+stands for some steps.
 """
 
 from __future__ import annotations
@@ -34,44 +34,44 @@ _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
 """Cost per cell of a box's half girth beyond which nothing in it is farther."""
 _PARTED_CELLS = 50
-"""So many, a metre, where the axle was and no way leads to now: then the evidence is wrong."""
+"""Visited but unreachable cells (1 m) from which the evidence must be wrong."""
 _COPYING, _MARKING, _TURNING, _SCANNING = 0.2, 0.3, 0.4, 0.3
-"""Work per cell of a window, by that of settling one cell in the search for ways."""
+"""Work per cell of a window, relative to settling one cell in the path search."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A lane, an outline or a sight of a wall to begin, and how to get there."""
+    """A lane, perimeter or heading fix, and the path to its beginning."""
 
     kind: str
-    """``lane``, ``perimeter`` or ``sight``."""
+    """``lane``, ``perimeter`` or ``heading-fix``."""
     path: tuple[Point, ...]
-    """Corners of the way to the beginning, the robot's place left out."""
+    """Corners of the path to the beginning, m, without the robot's place."""
     heading_rad: float
-    """Of the lane; of an outline or a sight: along the wall."""
+    """Heading of the lane, or direction along the wall, rad."""
     length_m: float
     new_m2: float = 0.0
     rate_m2_s: float = 0.0
 
 
 class Chooser:
-    """Looks for the best next thing; owns the search's buffers."""
+    """Searches for the next target; owns the search's buffers."""
 
     def __init__(self, options: RecoveryOptions) -> None:
-        """Buffers are made as the map asks for them."""
+        """Begin without buffers; they grow with the map."""
         self._options = options
         self._buffers = Buffers()
         self._spent = 0.0
         self.shut_in = False
-        """Whether at the last choice the evidence left the robot no place to be, or parted it from
-        where it came from."""
+        """Whether the last search found no place for the robot, or separated it from its past."""
         self.parted_at: Point | None = None
-        """Of those places, the nearest."""
+        """Nearest place of its past that the search could not reach, m."""
         self.left_m2 = 0.0
-        """At the last choice: reachable floor neither swept nor given up, as far as was looked."""
+        """Reachable floor that is neither swept nor abandoned, as far as the last search looked,
+        m²."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
-        """The best choice from a pose, in one go; ``None``: nothing worth it is reachable."""
+        """Return the best choice from a pose at once; ``None``: none is worth it."""
         search = self.search(memory, pose, grid_rad)
         while True:
             try:
@@ -83,7 +83,10 @@ class Chooser:
     def search(
         self, memory: EvidenceMap, pose: Pose2, grid_rad: float
     ) -> Generator[None, None, Choice | None]:
-        """The same in slices: it yields wherever a control step has done enough."""
+        """Search in slices and return the best choice.
+
+        Yield when a control step has done enough.
+        """
         options = self._options
         column, row = memory.to_cells(pose.x_m, pose.y_m)
         box = memory.box()
@@ -120,9 +123,11 @@ class Chooser:
     def path_to(
         self, memory: EvidenceMap, pose: Pose2, points: Sequence[Point]
     ) -> Generator[None, None, tuple[int, tuple[Point, ...]] | None]:
-        """The point with the shortest way, and its corners, in slices; ``None``: none is near.
+        """Search in slices for the nearest point and return its index and path.
 
-        Points are left out where the map has no place to be.
+        ``None``: none is near.
+
+        Points where the robot cannot be are skipped.
         """
         options = self._options
         self._spent = 0.0
@@ -150,7 +155,7 @@ class Chooser:
     # -- inside ------------------------------------------------------------------------------
 
     def _spend(self, cells: float) -> Generator[None]:
-        """Account for work, by the cost of settling so many cells; yield if it is too much."""
+        """Account for work in settled cells; yield if it is too much for one step."""
         if self._spent and self._spent + cells > self._options.slice_cells:
             self._spent = 0.0
             yield
@@ -240,9 +245,9 @@ class Chooser:
 
 
 def _parted(memory: EvidenceMap, window: Window, pose: Pose2) -> Point | None:
-    """The nearest place where the axle was, which is open, and to which no way leads.
+    """Return the nearest visited and free place that no path reaches.
 
-    None if there are but a few. The map may have grown since the window was made.
+    ``None`` if there are only a few such cells. The map may have grown since the window was made.
     """
     rows, cols = window.dist.shape
     column, row = memory.to_cells(*window.metres(0.5, 0.5))
@@ -266,7 +271,7 @@ def _size(part: tuple[int, int, int, int]) -> int:
 def _clip(
     box: tuple[int, int, int, int], row: int, column: int, reach: int
 ) -> tuple[int, int, int, int]:
-    """What of a box is so near to a cell."""
+    """Clip a box to the cells near a cell."""
     r0, r1, c0, c1 = box
     return (
         max(r0, row - reach),

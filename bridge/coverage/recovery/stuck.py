@@ -91,7 +91,7 @@ class StuckPolicy:
         self._passages: list[tuple[Pose2, bool, int]] = []
         """Places where a passage was sought, on which side, and the new cells by then."""
         self._left_path_at: Pose2 | None = None
-        """Where the transit under way was left to seek a passage."""
+        """Place where the current transit was left to seek a passage."""
 
     def clear_bumps(self) -> bool:
         """Clear evidence that only bumps gave, before the end; whether there was any."""

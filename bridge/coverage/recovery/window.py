@@ -1,6 +1,6 @@
-"""A window of the map, as a search sees it: what is open, what is left, the ways to it.
+"""A window of the map for a search: free cells, targets, path lengths.
 
-Its arrays are kept between searches; its images are turned to the lanes.
+Its arrays are reused between searches; its images are rotated to the lanes.
 """
 
 from __future__ import annotations
@@ -28,14 +28,17 @@ Point = tuple[float, float]
 _ROOM = 16384
 _CORNERS = 400
 _WAY = 8192
-"""Cells of the longest way: five times across the largest room."""
+"""Maximum length of a path, cells: five times across the largest room."""
 _SNAP_CELLS = 6
 _EDGE_M = 0.42
-"""No outline is begun so near to where the rim was over an edge: as far as that shuts places."""
+"""Distance from a cliff within which no perimeter pass begins, m."""
 
 
 class Buffers:
-    """Arrays by name, kept between searches: fresh memory costs more than what is done in it."""
+    """Arrays by name.
+
+    Reused between searches, since allocation costs more than the work in them.
+    """
 
     def __init__(self) -> None:
         self._flat: dict[str, NDArray[np.generic]] = {}
@@ -45,11 +48,11 @@ class Buffers:
         self.path: Ints = np.zeros(_WAY, dtype=np.int32)
 
     def layer(self, name: str, shape: tuple[int, int]) -> Layer:
-        """Bytes of a shape, of any content."""
+        """Return a byte array of a shape, not cleared."""
         return self._get(name, shape, np.uint8)
 
     def ints(self, name: str, shape: tuple[int, int]) -> Ints:
-        """Integers of a shape, of any content."""
+        """Return an integer array of a shape, not cleared."""
         return self._get(name, shape, np.int32)
 
     def _get(self, name: str, shape: tuple[int, int], kind: type[np.generic]) -> NDArray[Any]:
@@ -61,7 +64,7 @@ class Buffers:
 
 
 class Window:
-    """A window of the map as it was when the search began, and what the search found in it."""
+    """A window of the map at the beginning of a search, and the search's results."""
 
     def __init__(
         self,
@@ -100,12 +103,12 @@ class Window:
 
     @property
     def cells(self) -> int:
-        """How many."""
+        """Number of cells."""
         return self.open.size
 
     @property
     def perimeter_lengths(self) -> Ints:
-        """The ways, without those to places beside which the floor ends: no wall to follow."""
+        """Path lengths without places next to a cliff, where there is no wall to follow."""
         if not self._cliffs:
             return self.ways
         ways = self.ways.copy()
@@ -128,7 +131,7 @@ class Window:
         return self.x0_m + column * self.cell_m, self.y0_m + row * self.cell_m
 
     def begin(self, start: tuple[int, int]) -> None:
-        """Begin the search for ways at a cell."""
+        """Begin the path search at a cell."""
         row, col = start
         buffers = self._buffers
         self.dist.fill(-1)
@@ -140,7 +143,7 @@ class Window:
         buffers.queue[0, 0] = row * self.dist.shape[1] + col
 
     def go_on(self, most: int, budget: int) -> bool:
-        """Search for ways up to a cost; false: the budget of cells was used up before."""
+        """Search paths up to a cost; false if the budget of cells is used up."""
         self.settled, done = travel(
             self.open.ravel(),
             self.open.shape[1],
@@ -154,7 +157,7 @@ class Window:
         return done
 
     def path(self, row: int, col: int) -> tuple[Point, ...]:
-        """Corners of the way to a cell."""
+        """Return the corners of the path to a cell, m."""
         corners = self._buffers.corners
         count = way_back(self.open, self.ways, row, col, corners, self._buffers.path)
         cells = corners[1:count].tolist() or [[row, col]]
@@ -162,7 +165,7 @@ class Window:
 
 
 class Turned:
-    """A window's targets and ways in a frame turned to the lanes."""
+    """A window's targets and path lengths in a frame rotated to the lanes."""
 
     def __init__(self, window: Window, angle_rad: float, buffers: Buffers) -> None:
         rows, cols = window.open.shape

@@ -30,7 +30,7 @@ _ENOUGH_RAD = math.radians(0.6)
 _RUN_M_S = 0.15
 """Speed along the wall, m/s: slow, for more readings."""
 _READ_S = 0.15
-"""Rest after the run, s: the last reading is on its way when the robot stands."""
+"""Rest after the run, s, in which the last reading arrives."""
 
 
 class HeadingFix:
