@@ -30,9 +30,9 @@ class Chassis:
     mass_kg: float = 3.0
     """0: no wheel ever spins on free floor, and thresholds weigh nothing."""
     wheel_share: float = 0.8
-    """Of the weight; the caster carries the rest."""
+    """Share of the weight on the wheels; the caster carries the rest."""
     caster_drag_n: float = 0.3
-    """Rolling resistance of the caster, against its way over the floor: 5 % of its load."""
+    """Rolling resistance of the caster, N: 5 % of its load."""
     caster_x_m: float = 0.115
     """Ahead of the axle (negative: behind it); not 0."""
     caster_radius_m: float = 0.015
@@ -49,7 +49,7 @@ class PlantFaults:
     """Extra share of the wheel's travel lost on the floor, 0..1."""
     slip_right: float = 0.0
     lifted: bool = False
-    """Held in the air: wheels turn freely, the body stands still and touches nothing."""
+    """Held in the air: the wheels turn freely, and the robot stands without contact."""
     touched: bool = field(default=True, init=False, repr=False, compare=False)
     """Whether any of them was set since the plant last looked."""
 

@@ -26,7 +26,7 @@ TICK_S = 0.001
 SLOW_MS = 10
 """Period of what changes slowly."""
 REARM_MS = 500.0
-"""After this time free of contact the next onset counts as a collision."""
+"""Contact-free time after which the next onset counts as a collision, ms."""
 MAX_TOUCHES = 16
 SLIP_DRAWS = 512
 
@@ -45,7 +45,7 @@ _PENETRATION_M = cython.declare(cython.double, 1e-9)
 _COLLISION_SPEED_M_S = cython.declare(cython.double, 0.03)
 """Slower onsets of contact are no collision."""
 _WALKER = cython.declare(cython.int, -1)
-"""Among the edges touched, for an edge's index."""
+"""Index of the walker among the edges in contact."""
 _NEAR_M = cython.declare(cython.double, 0.35)
 _NEAR_MOVED_M = cython.declare(cython.double, 0.25)
 """Edges within the radius and ``_NEAR_M`` are looked at; renewed as the robot has gone this far."""
@@ -80,7 +80,7 @@ class Wheel:
     yaw_rad_rad = cython.declare(cython.double, visibility="public")
     """The body's turn per radian."""
     duty = cython.declare(cython.double, visibility="public")
-    """Of its bridge, -1..1."""
+    """Duty of the bridge, -1..1."""
     volt = cython.declare(cython.double, visibility="public")
     """Behind the bridge."""
     rad_s = cython.declare(cython.double, visibility="public")
@@ -112,7 +112,7 @@ class Body:
     resistance_ohm = cython.declare(cython.double, visibility="public")
     friction_v = cython.declare(cython.double, visibility="public")
     drop_v = cython.declare(cython.double, visibility="public")
-    """Of the bridges."""
+    """Voltage drop of the bridges, V."""
     load_v_n = cython.declare(cython.double, visibility="public")
     """Voltage that a wheel's load takes."""
     radius_m = cython.declare(cython.double, visibility="public")
@@ -183,7 +183,7 @@ class Body:
 
     # Contact.
     touches = cython.declare(cython.int, visibility="public")
-    """How many edges are touched."""
+    """Number of edges in contact."""
     disturbed = cython.declare(cython.bint, visibility="public")
     """Whether something other than the robot's motion may have changed that."""
     collisions = cython.declare(cython.int, visibility="public")
@@ -191,7 +191,7 @@ class Body:
     armed = cython.declare(cython.bint, visibility="public")
     """Whether the next onset of contact counts."""
     last_ms = cython.declare(cython.double, visibility="public")
-    """When it touched last."""
+    """Time of the last contact, ms."""
     walker_x_m = cython.declare(cython.double, visibility="public")
     walker_y_m = cython.declare(cython.double, visibility="public")
     walker_radius_m = cython.declare(cython.double, visibility="public")
@@ -199,15 +199,15 @@ class Body:
     walker_vx_m_s = cython.declare(cython.double, visibility="public")
     walker_vy_m_s = cython.declare(cython.double, visibility="public")
     walker_ms = cython.declare(cython.double, visibility="public")
-    """For how long he still walks."""
+    """Remaining time of the walker's motion, ms."""
 
     gap_m: cython.double
-    """To what could be touched, at most what it is."""
+    """Distance to the nearest obstacle, m; a lower bound."""
     at_x_m: cython.double
     """Where a move ends."""
     at_y_m: cython.double
     edges: FloatGrid
-    """Of the room, as in ``ray_kernel``."""
+    """Edges of the room, as in ``ray_kernel``."""
     near: Ints
     """Indices of the edges near the place at which they were looked for."""
     near_count: cython.int
@@ -218,7 +218,7 @@ class Body:
     touch_x: Floats
     touch_y: Floats
     known: Ints
-    """The edges touched a millisecond before."""
+    """Edges in contact a millisecond before."""
     slips: Floats
     """Standard normal draws for the slip; ``slip_at`` of them are used."""
     slip_at: cython.int
@@ -253,7 +253,7 @@ class Body:
         self.take_edges(np.zeros((0, 7)))
 
     def take_edges(self, edges: FloatGrid) -> None:
-        """Stand in a room with these edges; what is near is looked for anew."""
+        """Use the edges of another room."""
         self.edges, self.near = edges, np.zeros(edges.shape[0], dtype=np.int32)
         self.near_count, self.near_x_m = 0, _INFINITY
 
@@ -349,7 +349,7 @@ def _offset(x: cython.double, y: cython.double, i: cython.int, edges: FloatGrid)
 @cython.cfunc
 @cython.exceptval(check=False)
 def _measure_gap(b: Body) -> cython.void:
-    """Distance from the disc to what it could touch, exact when it is small."""
+    """Compute the distance from the disc to obstacles; exact if it is small."""
     gone = hypot(b.x_m - b.near_x_m, b.y_m - b.near_y_m)
     count: cython.int = 0
     k: cython.int
@@ -636,7 +636,7 @@ def advance(ticks: cython.int, left: cython.double, right: cython.double, b: Bod
 @cython.ccall
 @cython.exceptval(check=False)
 def sag(b: Body) -> cython.void:
-    """Work out the battery's voltage at its charge and current, as ``power`` tells."""
+    """Compute the battery's voltage at its charge and current."""
     charge = b.charge_ah / b.capacity_ah
     ohm = b.battery_ohm
     open_v = b.full_v * (b.empty_ratio + (1.0 - b.empty_ratio) * charge)

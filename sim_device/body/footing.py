@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 GRAVITY_M_S2 = 9.80665
 _FADE = SLOW_MS * TICK_S / SLIP_TIME_S
 _FASTEST_M_TICK = 0.005
-"""Nothing moves the robot faster than this in a millisecond, a walker who pushes it included."""
+"""Maximum motion in a millisecond, m, a pushing walker included."""
 _PERIODS = SLIP_DRAWS // 2
 
 

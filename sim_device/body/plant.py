@@ -51,7 +51,7 @@ __all__ = ["Chassis", "DutyError", "Inertial", "Plant", "PlantFaults", "Truth", 
 _JOULES_PER_WH = 3600.0
 _WALKER_GAP_MS = 250
 _WALKER_M_S = 3.0
-"""A walker set again after longer, or farther off, is just there; else he walked there."""
+"""Maximum speed of a walker that is set again, m/s; a faster one appears at its place."""
 _CHASSIS, _MOTOR = Chassis(), MotorParameters()
 _new = tuple.__new__
 
@@ -138,7 +138,7 @@ class Plant:
     # What may happen to it.
 
     def set_charge(self, fraction: float) -> None:
-        """Make the battery that full, 0..1 (limited to it); at 0 its voltage is gone."""
+        """Set the battery's charge, 0..1; at 0 it has no voltage."""
         self._supply.set_charge(fraction)
         self._changed()
 
@@ -267,7 +267,7 @@ class Plant:
 
     @property
     def wheel_base_m(self) -> float:
-        """Between the wheels of this very robot."""
+        """Wheel base of this robot, m."""
         return self._footing.wheel_base_m
 
     @property
@@ -283,7 +283,7 @@ class Plant:
 
     @property
     def state_of_charge(self) -> float:
-        """Of the battery, 0..1."""
+        """State of charge of the battery, 0..1."""
         return self._supply.state_of_charge
 
     @property
@@ -337,7 +337,7 @@ class Plant:
     # The state, and what the kernels are told.
 
     def _changed(self) -> None:
-        """Read anew what is asked for each time, the rest when it is."""
+        """Discard cached values."""
         self.felt = felt(self._b)
 
     def _take_world(self, world: World) -> None:
@@ -347,7 +347,7 @@ class Plant:
         self._varied = len(world.carpets) > 0 or bool(world.plan.cliffs) or self._footing.fallen
 
     def _feel_walls(self) -> None:
-        """Let the kernel find what is touched, without time passing."""
+        """Update the contacts without a time step."""
         supply = self._supply
         advance(0, supply.left, supply.right, self._b)
         self._changed()

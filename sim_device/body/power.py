@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from sim_device.noise import Draws, NoiseLevel
 
 RAIL_V, RAIL_DROPOUT_V = 5.0, 1.5
-"""Of the logic rail: below 6.5 V at the battery it falls with it."""
+"""Voltage and dropout of the logic rail, V: below 6.5 V at the battery it falls with it."""
 RAIL_WHOLE_V = RAIL_V + RAIL_DROPOUT_V
 """At the battery: from here on the logic rail has all its voltage."""
 BRIDGE_LOGIC_V = 4.5
@@ -38,7 +38,8 @@ class BatteryParameters:
     knee: float = 0.05
     """State of charge below which the voltage falls steeply ..."""
     knee_fall: float = 0.4
-    """... by this share when empty: 8.2 V, about 2 V a cell, where protection circuits open."""
+    """Share by which the voltage falls when empty: 8.2 V, about 2 V a cell, where protection
+    circuits open."""
     knee_resistance: float = 4.0
     """Growth of the resistance at 0, as a multiple of itself."""
 

@@ -42,7 +42,7 @@ class Supply:
         return self._body.left.volt, self._body.right.volt
 
     def set_charge(self, fraction: float) -> None:
-        """Make the battery that full (limited to 0..1); what was drawn is booked before."""
+        """Set the battery's charge, 0..1; at 0 it has no voltage."""
         discharge_battery(self._body)
         self._body.charge_ah = self._body.capacity_ah * min(1.0, max(0.0, fraction))
         sag(self._body)

@@ -78,6 +78,6 @@ class Truth(NamedTuple):
     contact_s: float
     """Time in contact, grazing included."""
     touch_bearings_rad: tuple[float, ...]
-    """Where the disc is touched now, from the heading, counter-clockwise, [-π, π)."""
+    """Bearings of the present contacts from the heading, counter-clockwise, [-π, π)."""
     energy_wh: float
     """Drawn from the battery."""

@@ -1,4 +1,4 @@
-"""What faults do to one virtual sweeper: the one place that knows where its knobs are."""
+"""The adjustable parts of a virtual sweeper that faults act on."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Bench:
     # ---- what lasts -----------------------------------------------------------------------
 
     def turn(self, knobs: Knobs, now_us: int) -> None:
-        """Let the device be as the knobs say."""
+        """Apply the knobs to the device."""
         device = self._device
         for name in _PLANT:
             setattr(device.plant.faults, name, getattr(knobs, name))
@@ -161,7 +161,7 @@ def moved_plan(plan: FloorPlan, moved: Mapping[int, tuple[float, float]]) -> Flo
 
 
 class _Path:
-    """To and fro across the way that the robot faced as the person came."""
+    """The path of a walker, to and fro across the robot's heading at the walker's arrival."""
 
     def __init__(self, walker: Walker, device: RiggedDevice, now_us: int) -> None:
         pose = device.plant.pose

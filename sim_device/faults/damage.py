@@ -53,7 +53,7 @@ class Damage:
     """One direction's misfortunes."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """Harmless until told otherwise."""
+        """Begin without damage."""
         flips, self._bits, loss, duplicates, bursts, self._noise, garble = rng.spawn(7)
         self._flips = _Hits(flips)
         self._loss = _Hits(loss)
@@ -163,7 +163,7 @@ class Delay:
     """Lets bytes come later, in their order."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """No later, until told otherwise."""
+        """Begin without delay."""
         self._rng = rng
         self._latency_us = self._jitter_us = 0
         self._waiting: list[tuple[int, bytes]] = []

@@ -1,7 +1,7 @@
-"""Which faults are active when, and what the device and its line make of all of them together.
+"""The active faults, and their joint effect on device and link.
 
-Every change computes all knobs anew from the faults that are active, in the order in which they
-were asked for: faults compose, and the end of one never ends another.
+Each change computes all knobs again from the active faults, in the order in which they were
+requested. So faults compose, and the end of one never ends another.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class _Injected:
 
 
 class FaultInjector:
-    """Begins and ends faults on one device, at their times or when told to."""
+    """Starts and ends faults of one device, on schedule or on request."""
 
     def __init__(
         self,
@@ -61,10 +61,10 @@ class FaultInjector:
         *,
         cannot: Mapping[str, str] = _ALL,
     ) -> None:
-        """Plan ``specs``; ``cannot`` says which kinds this device refuses, and why.
+        """Schedule ``specs``; ``cannot`` gives the kinds that this device rejects, and why.
 
         Raises:
-            FaultSpecError: one of them cannot be on this device.
+            FaultSpecError: this device rejects one of them.
 
         """
         self._bench = Bench(device)
@@ -154,7 +154,7 @@ class FaultInjector:
         self._now_us = max(now_us, self._now_us)
 
     def next_us(self) -> int | None:
-        """When :meth:`run` has something to do; None: never, as things are."""
+        """Time of the next change, µs; ``None``: no change is scheduled."""
         if self._changed:
             return self._now_us
         return min(self._edges(), default=None)

@@ -1,4 +1,4 @@
-"""What faults turn: neutral values, made anew at every change by all faults that are active."""
+"""Knobs: the values that faults change. They are neutral, and computed again at every change."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class WireKnobs:
 
 
 def either(a: float, b: float) -> float:
-    """Probability of one or the other of two independent things."""
+    """Return the probability of at least one of two independent events."""
     return 1.0 - (1.0 - a) * (1.0 - b)
 
 
 @dataclass(frozen=True, slots=True)
 class Walker:
-    """A person who walks to and fro across the robot's way."""
+    """A person who walks to and fro across the robot's path."""
 
     ahead_m: float
     """How far ahead of where the robot stood at the beginning."""
@@ -75,10 +75,10 @@ class Knobs:
     bumper_stuck_right: bool = False
 
     drift_ppm: float = 0.0
-    """Of the device's clock, added to what it has anyway."""
+    """Additional drift of the device's clock, ppm."""
 
     def wires(self, way: str) -> list[WireKnobs]:
-        """The directions that ``way`` names: ``up``, ``down`` or ``both``."""
+        """Return the directions of ``way``: ``up``, ``down`` or ``both``."""
         return {"up": [self.up], "down": [self.down], "both": [self.up, self.down]}[way]
 
     def sides(self, side: str) -> list[str]:

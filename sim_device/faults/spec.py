@@ -106,7 +106,7 @@ class FaultKind:
     strike: str | None = None
     """Name of what is done to the device: a method of :class:`sim_device.faults.bench.Bench`."""
     default_for_s: float | None = None
-    """How long it lasts where nothing is said; None: until it is cleared."""
+    """Default duration, s; ``None``: until it is cleared."""
 
     @property
     def lasting(self) -> bool:

@@ -46,11 +46,12 @@ class LineSettings:
     """How a device is connected; the defaults are a USB serial adapter in low-latency mode."""
 
     baud: int = DEFAULT_BAUD
-    """Of the UART; 0: bytes take no time."""
+    """Baud rate of the UART; 0: bytes take no time."""
     latency_us: int = DEFAULT_LATENCY_US
-    """Of the adapter's timer; 0: no adapter, bytes are handed over as the line falls idle."""
+    """Latency timer of the adapter, µs; 0: no adapter, bytes are delivered when the link falls
+    idle."""
     bitrate: int = 0
-    """Of a CAN bus, in place of ``baud``; 0: not a bus."""
+    """Bit rate of a CAN bus, instead of ``baud``; 0: no bus."""
 
 
 STRAIGHT = LineSettings(0, 0)
@@ -74,11 +75,11 @@ class Channel(ABC):
 
     @abstractmethod
     def next_us(self) -> int | None:
-        """When something arrives next; None while nothing is on the way."""
+        """Time of the next arrival, µs; ``None``: nothing is in flight."""
 
     @abstractmethod
     def clear(self) -> None:
-        """Lose what is on the way: somebody pulled the plug."""
+        """Drop the bytes in flight: the plug was pulled."""
 
     def room(self) -> int:
         """Bytes that can be pushed now without loss."""
@@ -200,7 +201,7 @@ class UartUp(Channel):
         return self._next_packet_us()
 
     def clear(self) -> None:
-        """Lose what is on the way."""
+        """Drop the bytes in flight."""
         self._wire.clear()
         self._packet.clear()
         self._handed.clear()
@@ -234,7 +235,7 @@ class UartUp(Channel):
 class UartDown(Channel):
     """Host to device: the adapter's buffer and the UART.
 
-    The device is told of bytes as its line falls idle, and after each 64.
+    The device receives bytes when the link falls idle, and after each 64.
     """
 
     def __init__(self, baud: int, damage: Callable[[bytes], bytes]) -> None:
@@ -243,7 +244,7 @@ class UartDown(Channel):
         self._damage = damage
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Give the adapter bytes; :meth:`room` says how many it takes."""
+        """Pass bytes to the adapter; :meth:`room` gives the free space."""
         self._wire.put(data, now_us)
         self.overrun = self._wire.overrun
 
@@ -262,7 +263,7 @@ class UartDown(Channel):
         return self._wire.room
 
     def clear(self) -> None:
-        """Lose what is on the way."""
+        """Drop the bytes in flight."""
         self._wire.clear()
 
 
@@ -318,7 +319,7 @@ class CanChannel(Channel):
         return (CAN_QUEUE - len(self._queue)) * RECORD.size
 
     def clear(self) -> None:
-        """Lose what is on the way."""
+        """Drop the bytes in flight."""
         self._queue.clear()
         self._arriving.clear()
 

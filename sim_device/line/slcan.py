@@ -22,7 +22,7 @@ BITRATES = {
 }
 VERSION, SERIAL = b"V1013", b"NSW01"
 BUS_ERROR = 0x80
-"""Of the status flags."""
+"""Status flag of a bus error."""
 SHORTEST_LINE = 6
 """A standard frame without data: ``t1230`` and CR."""
 LONGEST_LINE = 32

@@ -1,4 +1,4 @@
-"""What touches the robot, as its switches tell it: two bumper halves, and the cliff sensor."""
+"""Contact sensors: two bumper switches and the cliff sensor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 BUMPER_SPAN_RAD = math.radians(87.0)
 """The shell ends just short of the side: a wall grazed exactly abeam does not press it."""
 BUMPER_OVERLAP_RAD = math.radians(10.0)
-"""A touch this near to straight ahead presses both halves."""
+"""Bearing within which a contact presses both switches, rad."""
 
 
 class Bumpers(NamedTuple):
@@ -22,7 +22,7 @@ class Bumpers(NamedTuple):
 
 
 def bumpers(touch_bearings_rad: Iterable[float]) -> Bumpers:
-    """Halves pressed by touches at these bearings from the heading ([-π, π), left positive)."""
+    """Return the switches pressed by contacts at these bearings from the heading, rad, left +."""
     left = right = False
     for bearing in touch_bearings_rad:
         if abs(bearing) > BUMPER_SPAN_RAD:

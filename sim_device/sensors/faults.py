@@ -19,14 +19,14 @@ class SensorFaults:
     """Added to the rates x, y, z before they saturate; a single number is z's."""
     accel_bias_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
     encoder_dropout_left: float = 0.0
-    """Share of the counts lost, 0..1, either way round; those lost stay lost."""
+    """Share of lost counts, 0..1, in both directions; lost counts stay lost."""
     encoder_dropout_right: float = 0.0
     ultrasonic_blind: bool = False
     """No echo is ever heard."""
     ultrasonic_lie_m: float | None = None
     """Read instead of anything else, blindness included."""
     bumper_stuck_left: bool = False
-    """Pressed, whatever touches."""
+    """Whether the left switch is stuck pressed."""
     bumper_stuck_right: bool = False
     lifted: bool = False
     """Held up: the cliff sensor sees no floor, the accelerometer feels it (``lift``)."""
@@ -40,7 +40,7 @@ class SensorFaults:
 
     @property
     def gyro_bias(self) -> tuple[float, float, float]:
-        """Of x, y, z, °/s."""
+        """Gyro bias of x, y and z, °/s."""
         bias = self.gyro_bias_deg_s
         return bias if isinstance(bias, tuple) else (0.0, 0.0, float(bias))
 

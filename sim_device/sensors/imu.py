@@ -55,7 +55,7 @@ _BLOCK = 512 * DRAWS
 _DEG = 180.0 / math.pi
 _new = tuple.__new__
 _EIGHTHS = 8
-"""Of a millisecond: the period of the unfiltered gyro's 8 kHz."""
+"""Samples of the unfiltered gyro (8 kHz) per millisecond."""
 
 
 class ImuConfigError(ValueError):

@@ -23,7 +23,7 @@ _AXES = cython.declare(cython.int, 6)
 DRAWS = _DRAWS
 """Normal values that a sample takes: six axes, three walks of the bias, one of the angle."""
 ROWS = _ROWS
-"""Of the filter's memory: its widest window is 37 ms, a row is at least 1 ms."""
+"""Rows of the filter's memory: its widest window is 37 ms, and a row is at least 1 ms."""
 AXES = _AXES
 
 _MOVING_RAD_S = cython.declare(cython.double, 0.05)
@@ -52,10 +52,10 @@ class Chip:
     extra: Floats
     """Per axis, added to what is felt (a lift)."""
     rest_sigma_g = cython.declare(cython.double, visibility="public")
-    """Of the accelerometer's white noise in one row, at rest."""
+    """White noise of the accelerometer in one row at rest, g."""
     moving_sigma_g = cython.declare(cython.double, visibility="public")
     sigma_deg_s = cython.declare(cython.double, visibility="public")
-    """Of the gyro's."""
+    """White noise of the gyro in one row, °/s."""
     walk_sigma_deg_s = cython.declare(cython.double, visibility="public")
     yaw_sigma_deg_s = cython.declare(cython.double, visibility="public")
     motion_deg_s = cython.declare(cython.double, visibility="public")
@@ -65,7 +65,7 @@ class Chip:
     lsb_gyro = cython.declare(cython.double, visibility="public")
     """Counts per °/s."""
     window_ms = cython.declare(cython.double, visibility="public")
-    """Of the filter."""
+    """Window of the filter, ms."""
     temperature_error_c = cython.declare(cython.double, visibility="public")
     ambient_c = cython.declare(cython.double, visibility="public")
     warming_c = cython.declare(cython.double, visibility="public")
@@ -86,7 +86,7 @@ class Chip:
     walk: Floats
     """The gyro's bias, walked so far."""
     durations_ms: Floats
-    """Of the rows of the filter's memory; 0: nothing yet."""
+    """Durations of the rows of the filter's memory, ms; 0: empty."""
     rows: FloatGrid
     """Means of what was sampled, a row of six axes for each sample."""
     head: cython.int
@@ -95,7 +95,7 @@ class Chip:
     """What the filter gives."""
 
     def __init__(self, matrix: FloatGrid, bias: Floats, tempco: Floats, extra: Floats) -> None:
-        """Take the arrays as they are: who gives them may change them later."""
+        """Use the given arrays, which the caller may change later."""
         self.matrix, self.bias, self.tempco, self.extra = matrix, bias, tempco, extra
         self.walk, self.mean = np.zeros(3), np.zeros(AXES)
         self.durations_ms, self.rows, self.head = np.zeros(ROWS), np.zeros((ROWS, AXES)), 0

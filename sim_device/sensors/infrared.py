@@ -31,11 +31,11 @@ _NEAR_M, _NEAR_V, _FAR_M, _FAR_V = 0.04, 2.65, 0.30, 0.40
 OFFSET_M = (_FAR_V * _FAR_M - _NEAR_V * _NEAR_M) / (_NEAR_V - _FAR_V)
 GAIN_V_M = _FAR_V * (_FAR_M + OFFSET_M)
 PEAK_SHARE = 0.8
-"""Of the least range, where the voltage is greatest: 3.2 cm of 4 cm in the figure."""
+"""Share of the minimum range at which the voltage is highest: 3.2 cm of 4 cm in the figure."""
 DARK_ERROR = 0.03
 _SIGMA_AT_M = 0.10
 _NO_LIGHT_V = 0.02
-"""Below this the inverse has no meaning; it is beyond 6 m."""
+"""Voltage below which the inverse is undefined, V; it is beyond 6 m."""
 
 
 def volts(distance_m: float, peak_m: float) -> float:

@@ -40,10 +40,10 @@ class Rangers:
         self._hits = np.empty((2, 3))
 
     def read(self, tick_ms: int, pose: Pose2, world: World) -> Ranges:
-        """Range from each sensor's face, metres, as known at this tick.
+        """Return the range from each sensor's face at this tick, m.
 
-        The infrared sensors tell of this moment, the ultrasonic of its last ping that is back;
-        times must not go back.
+        The infrared sensors measure now; the ultrasonic gives its last returned ping. Times must
+        not go back.
         """
         ultrasonic_m = self.ultrasonic.read(tick_ms, pose, world)
         hits = self._hits

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 CYCLE_MS = 60
-"""From ping to ping."""
+"""Period of the pings, ms."""
 NO_ECHO_MS = 38.0
 FLIGHT_MS_PER_M = 2000.0 / 343.0
 """There and back at 20 °C."""
@@ -56,8 +56,9 @@ SPECULAR_RAD = math.radians(27.0)
 walls at 40 kHz, where the wavelength (8.5 mm) makes them mirrors."""
 EDGE_ECHO_M = 1.5
 CONE_RAYS = 31
-"""Odd, so that one goes straight ahead; 0.5° apart in a cone of 15°: a leg of 4 cm is met at
-4 m, and a wall square to some direction in the cone reads at most 10⁻⁵ of its range too long."""
+"""Rays of the cone. Odd, so that one faces straight ahead; 0.5° apart in a cone of 15°. A leg of 4
+cm is seen at 4 m, and a wall normal to some direction in the cone reads at most 10⁻⁵ of its
+range too far."""
 _COS_SPECULAR = math.cos(SPECULAR_RAD)
 
 

@@ -14,9 +14,8 @@ _FREE_M = 1e-9
 def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[float, float] | None:
     """Find where a disc at (x, y) is pushed as ``before`` becomes ``after``.
 
-    What overlaps it now pushes it out on the shortest way, again and again while that brings
-    it into something else. ``None``: it is held, as there is no free place within its diameter
-    that can be reached without passing through an edge that was there before.
+    Overlapping obstacles push it out on the shortest path, repeatedly if that brings it into
+    another. ``None``: it is held, because no free place within its diameter can be reached.
     """
     x, y, radius = x_m, y_m, after.radius_m
     for _ in range(_PASSES):
@@ -40,7 +39,7 @@ def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[fl
 
 
 def _crosses(a: tuple[float, float], b: tuple[float, float], edge: list[float]) -> bool:
-    """Whether the way from a to b passes through an edge (corner and vector)."""
+    """Whether the line from a to b crosses an edge (corner and vector)."""
     px, py, ex, ey = edge
     dx, dy = b[0] - a[0], b[1] - a[1]
     cross = dx * ey - dy * ex

@@ -34,9 +34,9 @@ class Ear:
     y_m = cython.declare(cython.double, visibility="public")
     yaw_rad = cython.declare(cython.double, visibility="public")
     half_angle_rad = cython.declare(cython.double, visibility="public")
-    """Of its cone; below π/2."""
+    """Half angle of the cone, rad, below π/2."""
     cosine = cython.declare(cython.double, visibility="public")
-    """Of the angle from square on, the least at which a wall echoes."""
+    """Minimum cosine of the angle to the normal at which a wall echoes."""
     reach_m = cython.declare(cython.double, visibility="public")
     """How far corners echo at all."""
     edge_reach_m = cython.declare(cython.double, visibility="public")
@@ -61,12 +61,12 @@ class Ear:
 @cython.final
 @cython.cclass
 class _Hit:
-    """What a ray meets first."""
+    """The first hit of a ray."""
 
     range_m: cython.double
     """Infinite: nothing."""
     cosine: cython.double
-    """Of the angle between the ray and the normal."""
+    """Cosine of the angle between the ray and the normal."""
     edge: cython.int
     """-1: the walker, or nothing."""
 

@@ -102,7 +102,7 @@ class Climb:
     """Weight's push against the left wheel, against going ahead."""
     load_right_n = cython.declare(cython.double, visibility="public")
     height_m = cython.declare(cython.double, visibility="public")
-    """Of the axle's centre."""
+    """Height of the axle's centre, m."""
     pitch_rad = cython.declare(cython.double, visibility="public")
     """Nose up."""
     roll_rad = cython.declare(cython.double, visibility="public")

@@ -83,7 +83,7 @@ class World:
         return len(self.edges)
 
     def with_walker(self, x_m: float, y_m: float, radius_m: float) -> World:
-        """Give the same room with a round walker in it; radius 0 takes him out."""
+        """Return the room with a round walker in it; radius 0 removes the walker."""
         made = copy.copy(self)
         made.walker = np.array([x_m, y_m, radius_m])
         return made
@@ -131,7 +131,7 @@ class World:
         cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
 
     def echo_m(self, pose: tuple[float, float, float], beams: Floats, ear: Ear) -> float:
-        """Distance to the nearest thing that echoes; ``inf``: none.
+        """Return the distance to the nearest echo, m; ``inf``: none.
 
         ``pose`` and ``beams`` are as for ``cast_beams``.
         """
