@@ -21,8 +21,8 @@ def test_a_connect_names_other_values_and_another_place(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--robot", wide) as device:
         arguments = ("--room", "studio-flat", "--json", "--out", "elsewhere.mcap")
         with Command("connect", device.port, *arguments, cwd=tmp_path) as host:
-            host.prints("wheel_base: the device has 0.25 m, the host's default robot 0.23 m")
-            host.prints("the robot does not seem to stand at the start of studio-flat")
+            host.prints("wheel_base: the device has 0.25 m, the host's default robot has 0.23 m")
+            host.prints("the robot does not seem to be at the start of studio-flat")
             host.send(signal.SIGINT)
             ended = host.end()
         assert ended.status == 0

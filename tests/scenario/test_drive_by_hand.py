@@ -61,7 +61,7 @@ def test_a_tap_drives_a_little_and_space_stops(served: Served, tmp_path: Path) -
         assert 0.03 < served.device.truth.path_m < 0.15
         assert latched(served) == StopCause.NONE, "letting go is no stop"
         terminal.press(b"m")
-        terminal.shows("mark 1 is on record")
+        terminal.shows("mark 1 recorded")
         terminal.press(b" ")
         assert terminal.end() == 5
     assert latched(served) == StopCause.OPERATOR
@@ -116,11 +116,11 @@ def test_connect_shows_and_starts_only_when_asked_twice(served: Served, tmp_path
     file = tmp_path / "robot.toml"
     file.write_text("wheel_base_m = 0.25\n")
     with OnTerminal("connect", served.port, "--robot", file, cwd=tmp_path) as terminal:
-        terminal.shows("wheel_base: the device has 0.23 m, the robot file 0.25 m")
+        terminal.shows("wheel_base: the device has 0.23 m, the robot file has 0.25 m")
         for text in ("run waiting", "battery", "front", "lost", "events", "are compatible"):
             terminal.shows(text)
         terminal.press(b"g")
-        terminal.shows("g again lets the plan begin")
+        terminal.shows("press g again to start the plan")
         assert latched(served) == StopCause.SESSION_END, "nothing was asked"
         terminal.press(b"g")
         terminal.shows("run driving")

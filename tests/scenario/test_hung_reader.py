@@ -175,7 +175,7 @@ def test_a_picture_goes_on_when_its_reader_is_back(served: Served, tmp_path: Pat
         time.sleep(3.0)  # pictures fill what the terminal takes
         terminal.go_on()
         terminal.press(b"m")
-        terminal.shows("mark 1 is on record")
+        terminal.shows("mark 1 recorded")
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.end() == 0
         assert b"\x1b[?1049l" in terminal.drawn, "the screen is given back"
@@ -188,7 +188,7 @@ def test_a_dumb_terminal_gets_plain_lines(served: Served, tmp_path: Path) -> Non
         terminal.shows("space s: STOP")
         terminal.shows("ready, run waiting; mode")  # every few seconds
         terminal.press(b"m")
-        terminal.shows("mark 1 is on record")
+        terminal.shows("mark 1 recorded")
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.end() == 0
     text = terminal.drawn.decode()

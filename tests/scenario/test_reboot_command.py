@@ -54,7 +54,7 @@ def test_a_monitor_beside_an_owner_is_a_picture_on_a_terminal(tmp_path: Path) ->
     ):
         owner.prints("host and device are compatible")
         with OnTerminal("monitor", device.port, "--duration", "3", cwd=tmp_path) as terminal:
-            terminal.shows("what another sweepctl knows of it")
+            terminal.shows("state reported by another sweepctl")
             for text in ("session", "ready, run waiting", "battery", "ranges", "Ctrl-C: end"):
                 terminal.shows(text)
             assert terminal.end() == 0

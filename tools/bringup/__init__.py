@@ -1,1 +1,1 @@
-"""What the bring-up and calibration commands share."""
+"""Shared code of the bring-up and calibration commands."""

@@ -1,4 +1,4 @@
-"""What the calibrations share at the command line: the truth of an emulator, and writing."""
+"""Shared code of the calibrations: an emulator's true pose, and writing the results."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
 
 class ByTruth:
-    """Measures with an emulator's own account of where its robot is, by its control socket."""
+    """Measures displacements with an emulator's true pose, read from its control socket."""
 
     def __init__(self, control: Path) -> None:
         self._control = control
         self._from = (0.0, 0.0, 0.0)
 
     def begin(self) -> None:
-        """The robot stands where it begins."""
+        """Record the pose at the start of a drive."""
         self._from = self._now()
 
     def end(self) -> tuple[float, float]:
-        """Ahead and to the left of there, metres."""
+        """Return the displacement since :meth:`begin`: forward and to the left, m."""
         (x, y, _), (x0, y0, theta) = self._now(), self._from
         c, s = math.cos(theta), math.sin(theta)
         return (x - x0) * c + (y - y0) * s, (y - y0) * c - (x - x0) * s
@@ -49,15 +49,19 @@ class ByTruth:
 
 
 class Written(NamedTuple):
-    """Where a calibration went."""
+    """Where the results of a calibration were written."""
 
     file: str | None
+    """Robot file; None: none was written."""
     device: tuple[str, ...]
+    """Parameters that were set and saved on the device."""
     lacking: tuple[str, ...]
+    """Parameters that the device does not have."""
     reboot: tuple[str, ...]
+    """Parameters that take effect at the device's next boot."""
 
     def to_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the object for ``--json``."""
         return {
             "robot_file": self.file,
             "device": list(self.device),
@@ -72,11 +76,18 @@ NOWHERE = Written(None, (), (), ())
 def write_results(
     desk: Desk, person: Person, changes: Sequence[Change], robot: Path | None, robot_toml: str
 ) -> Written:
-    """Show the changes, ask, and bring them to the robot file and to the device.
+    """Show the changes, ask, and write them to the robot file and the device.
+
+    Args:
+        desk: connection to the device.
+        person: who confirms.
+        changes: parameters with old and new values.
+        robot: robot file to write; None: only the device.
+        robot_toml: present text of the robot file.
 
     Raises:
-        ConfigError: the robot file would not be valid, or cannot be written.
-        BridgeError: the device refused, or fell silent.
+        ConfigError: the robot file would be invalid, or cannot be written.
+        BridgeError: the device rejected a value, or does not answer.
 
     """
     from bridge.bringup.applying import set_on_device
@@ -85,10 +96,10 @@ def write_results(
     for change in changes:
         person.show(change.line)
     where = f"{robot} and the device" if robot else "the device (no --robot FILE was given)"
-    if not person.confirm(f"Write this to {where}?"):
+    if not person.confirm(f"Write these values to {where}?"):
         person.show("nothing was written")
         return NOWHERE
-    if robot is not None:  # what can fail without the device, first
+    if robot is not None:  # the file first: it can fail without a change to the device
         text = robot_toml if is_there(robot) else ""
         replace_file(robot, edited(text, {c.key: c.new for c in changes}))
         person.show(f"{robot}: written")
@@ -96,17 +107,18 @@ def write_results(
     if applied.set:
         person.show(f"device: set and saved {', '.join(applied.set)}")
     if applied.lacking:
-        person.show(f"device: has no parameter {', '.join(applied.lacking)}")
+        person.show(f"device: does not have the parameters {', '.join(applied.lacking)}")
     if applied.reboot:
-        person.show(f"{', '.join(applied.reboot)}: count from the device's next boot on")
+        names = ", ".join(applied.reboot)
+        person.show(f"{names}: takes effect at the next boot; reboot the device (sweepctl reboot)")
     return Written(str(robot) if robot else None, applied.set, applied.lacking, applied.reboot)
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Write a file whole or not at all.
+    """Write a file completely or not at all.
 
     Raises:
-        ConfigError: it cannot be written.
+        ConfigError: the file cannot be written.
 
     """
     from bridge.errors import ConfigError
@@ -121,10 +133,10 @@ def replace_file(path: Path, text: str) -> None:
 
 
 def load_existing(robot: Path | None) -> tuple[Any, str]:
-    """The model and its text; a robot file that is not there yet is an empty one.
+    """Return the model and the text of a robot file; a missing file counts as empty.
 
     Raises:
-        ConfigError: it cannot be read, or a key is wrong.
+        ConfigError: the file cannot be read, or is invalid.
 
     """
     from bridge.config import load_robot
@@ -135,7 +147,7 @@ def load_existing(robot: Path | None) -> tuple[Any, str]:
 
 
 def writing_options(f: Callable[..., object]) -> Callable[..., object]:
-    """``--robot`` and ``--yes``."""
+    """Add ``--robot`` and ``--yes``."""
     from pathlib import Path as ClickPath
 
     f = click.option(

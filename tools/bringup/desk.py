@@ -1,4 +1,4 @@
-"""What the bench commands share: the desk on a port, and the person at the terminal."""
+"""Shared code of bring-up and calibration: the desk on a port, and prompts at the terminal."""
 
 from __future__ import annotations
 
@@ -35,23 +35,28 @@ if TYPE_CHECKING:
     from tools.cli.port_options import PortAsked
 
 _LONG_S = 1e6
+"""Maximum time to wait for an answer, s: practically no limit."""
 
 
 @contextlib.contextmanager
 def desk_on(
     asked: PortAsked, log: BenchLog | None, model: RobotModel, robot_toml: str
 ) -> Iterator[Desk]:
-    """A desk on a port; Ctrl-C ends what it does, and it leaves the robot stopped.
+    """Open a desk on a port. Ctrl-C ends its work, and its end stops the robot.
 
-    With ``log`` everything that passes, and what the person is told, is recorded, with the robot
-    ``model`` and the text of its file. What will not work well on that robot is said first. An
-    error of the device or its link names the port.
+    Cautions about the robot are printed first. Errors of the device or its link name the port.
+
+    Args:
+        asked: port and its options.
+        log: where to record the traffic and all printed lines; None: nowhere.
+        model: robot model, for the log.
+        robot_toml: text of the robot file, for the log.
 
     Raises:
-        PortError: the port cannot be opened, or nothing answers on it.
-        DisagreementError: the device speaks another protocol.
-        LogExistsError: the log exists, and is not to be replaced.
-        LogWriteError: it cannot be written.
+        PortError: the port cannot be opened, or no device answers.
+        DisagreementError: the device is incompatible.
+        LogExistsError: the log exists, and ``--force`` is not given.
+        LogWriteError: the log cannot be written.
 
     """
     from bridge.bringup.desk import Desk
@@ -80,7 +85,7 @@ def desk_on(
 
 @contextlib.contextmanager
 def _named(port: str) -> Iterator[None]:
-    """Have an error of the device or its link name the port, where it does not yet."""
+    """Prefix errors of the device or its link with the port, unless they name it."""
     try:
         yield
     except (PortError, DisagreementError, CommandRejectedError, StoppedForSafetyError) as error:
@@ -91,19 +96,20 @@ def _named(port: str) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class BenchLog:
-    """Where to record what is done at the bench."""
+    """Where to record a bring-up or calibration."""
 
     path: Path
     force: bool
+    """Replace an existing file."""
     command: str
-    """What is done, for the log to say."""
+    """Name of the command, for the log's metadata."""
 
 
 @contextlib.contextmanager
 def _recorded(
     wire: Wire, port: str, log: BenchLog, model: RobotModel, robot_toml: str
 ) -> Iterator[BenchRecords]:
-    """Records of what passes over a wire, into a file of its own."""
+    """Record the traffic of ``wire`` to a log file."""
     from bridge.bringup.recorded import BenchRecords
     from bridge.io import clock
     from bridge.record.policy import RecordOptions, open_log
@@ -115,7 +121,7 @@ def _recorded(
     opened_ns = clock.now() + offset_ns
     extra = {"command": log.command}
     info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, model, robot_toml, None, extra)
-    # On a thread of its own: a disk that is slow must not keep a wheel turning.
+    # In its own thread: a slow disk must not delay the command that stops a wheel.
     recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
     records = BenchRecords(wire, recorder, offset_ns)
     try:
@@ -127,7 +133,7 @@ def _recorded(
 
 
 def log_options(f: Callable[..., object]) -> Callable[..., object]:
-    """``--log`` and ``--force``; the command gets one ``log: BenchLog | None``."""
+    """Add ``--log`` and ``--force``; the command gets one ``log: BenchLog | None``."""
 
     @functools.wraps(f)
     def gathered(**given: Any) -> object:  # noqa: ANN401 - click's values
@@ -139,15 +145,15 @@ def log_options(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--log",
         type=click.Path(dir_okay=False, path_type=Path),
-        help="Log file (MCAP) of all traffic and findings.",
+        help="Log file (MCAP) for all traffic and findings.",
     )(made)
 
 
 class Terminal:
-    """The person at this terminal; the device is kept company while an answer is awaited."""
+    """Prompts at this terminal; the session with the device continues during a prompt."""
 
     def __init__(self, desk: Desk, *, yes: bool = False, source: TextIO | None = None) -> None:
-        """With ``yes`` every confirmation is given beforehand."""
+        """Prompt on stderr and read from ``source`` (stdin); ``yes`` confirms every question."""
         self._desk, self._yes = desk, yes
         self._source = source or sys.stdin
 
@@ -156,7 +162,7 @@ class Terminal:
         self._print(text, None)
 
     def report(self, finding: Finding) -> None:
-        """Print a finding, coloured by what it says."""
+        """Print a finding: green if correct, red if wrong, yellow if skipped."""
         self._print(finding.line, {True: "green", False: "red", None: "yellow"}[finding.ok])
 
     def _print(self, text: str, colour: str | None) -> None:
@@ -164,28 +170,28 @@ class Terminal:
         inform(text, style=colour)
 
     def confirm(self, text: str) -> bool:
-        """Ask for a yes; the end of the input is a no."""
+        """Ask a yes-or-no question; the end of the input counts as no."""
         if self._yes:
             self.show(f"{text} yes (--yes)")
             return True
         while True:
-            said = self._line(f"{text} [y/n] ")
-            if said is None or said.lower() in {"n", "no"}:
+            answer = self._line(f"{text} [y/n] ")
+            if answer is None or answer.lower() in {"n", "no"}:
                 return False
-            if said.lower() in {"y", "yes"}:
+            if answer.lower() in {"y", "yes"}:
                 return True
 
     def choose(self, text: str, answers: Mapping[str, str]) -> str:
-        """Ask for one of the keys; the end of the input is the last."""
+        """Ask for one of the keys of ``answers``; the end of the input counts as the last."""
         self.show(text)
         for key, meaning in answers.items():
             self.show(f"  {key:3} {meaning}")
         while True:
-            said = self._line("> ")
-            if said is None:
+            answer = self._line("> ")
+            if answer is None:
                 return list(answers)[-1]
-            if said.lower() in answers:
-                return said.lower()
+            if answer.lower() in answers:
+                return answer.lower()
 
     def number(self, text: str) -> float:
         """Ask for a number.
@@ -195,16 +201,16 @@ class Terminal:
 
         """
         while True:
-            said = self._line(f"{text}: ")
-            if said is None:
+            answer = self._line(f"{text}: ")
+            if answer is None:
                 raise click.UsageError(f"no answer to: {text}")
             with contextlib.suppress(ValueError):
-                value = float(said)
+                value = float(answer)
                 if math.isfinite(value):
                     return value
 
     def _line(self, prompt: str) -> str | None:
-        """A line of input, stripped; None at its end. Time goes on for the device."""
+        """Return a stripped line of input; None at its end. The session continues meanwhile."""
         ask(prompt)
         answers: list[str] = []
         done = threading.Event()
@@ -212,7 +218,7 @@ class Terminal:
         def read() -> None:
             try:
                 answers.append(self._source.readline())
-            except (OSError, ValueError):  # the terminal went away
+            except (OSError, ValueError):  # the terminal was closed
                 answers.append("")
             done.set()
 
@@ -222,9 +228,9 @@ class Terminal:
 
 
 def clear_stop_option(f: Callable[..., object]) -> Callable[..., object]:
-    """``--clear-stop``."""
+    """Add ``--clear-stop``."""
     return click.option(
         "--clear-stop",
         is_flag=True,
-        help="Also clear a stop that was latched for safety. Check the robot first.",
+        help="Clear a latched safety stop first. Look at the robot before you do.",
     )(f)

@@ -1,4 +1,4 @@
-"""A range sensor's readings with a wall held at known distances."""
+"""Readings of a range sensor with a wall at known distances."""
 
 from __future__ import annotations
 
@@ -14,28 +14,34 @@ if TYPE_CHECKING:
     from bridge.bringup.person import Person
 
 READ_S = 2.0
-"""Forty readings."""
+"""Duration of a measurement, s: 40 readings at 20 Hz."""
 _WORDS = {
     "ultrasonic": "FRONT",
     "infrared_left": "LEFT",
     "infrared_right": "RIGHT",
 }
+"""Names of the sensors in the prompts."""
 
 
 def measured(desk: Desk, person: Person, name: str, distances_m: Sequence[float]) -> list[Point]:
-    """Ask for a wall at each distance, and read; a distance that is refused is left out.
+    """Ask for a wall at each distance and measure it; a distance that is declined is skipped.
+
+    Args:
+        desk: connection to the device.
+        person: who holds the wall.
+        name: sensor, such as ``infrared_left``.
+        distances_m: distances of the wall from the sensor's face, m.
 
     Raises:
-        BridgeError: the sensor saw too little of a wall.
-        DeviceLostError: the device fell silent.
+        BridgeError: too few readings show the wall.
+        DeviceLostError: the device does not answer any more.
 
     """
     found = []
     for distance_m in distances_m:
         shown = f"{100 * distance_m:g} cm"
         if not person.confirm(
-            f"Hold a flat wall {shown} before the face of the {_WORDS[name]} sensor. Ready "
-            "(no: leave it out)?"
+            f"Hold a flat board {shown} in front of the {_WORDS[name]} sensor. Ready (no: skip)?"
         ):
             continue
         readings = [getattr(m, f"{name}_m") for _, m in desk.collect(Range, READ_S)]

@@ -1,1 +1,1 @@
-"""What commands share: options, console, signals and files."""
+"""Shared code of the commands: options, console, signals and files."""

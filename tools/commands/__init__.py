@@ -1,1 +1,1 @@
-"""One module for each command; each has a ``command``."""
+"""One module for each command, with the click command in ``command``."""

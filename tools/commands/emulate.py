@@ -355,7 +355,7 @@ def _sum_up(rig: Rig, report: ServeReport, chip: QemuSweeper | None, *, asked: b
             f"{counts.to_host} B to the host, {counts.from_host} B from the host"
         )
     if asked and chip is not None:
-        _notify(f"stack of the firmware: {chip.stack_free} B were never used")
+        _notify(f"{chip.stack_free} B of the firmware's stack were never used")
     lost = {
         "in the device: it sent more than the line carries": counts.device_overrun,
         "in the adapter: the host did not read": counts.adapter_overrun,

@@ -1,1 +1,1 @@
-"""Tools for developers: generated pages, sizes, the demo."""
+"""Tools for developers: generated pages, firmware sizes, the demo, checks."""

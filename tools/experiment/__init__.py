@@ -1,1 +1,1 @@
-"""The paper's experiments and the comparison of planners, as runs, tables, figures, a report."""
+"""The paper's experiments and comparisons of planners: runs, tables, figures and a report."""

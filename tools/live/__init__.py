@@ -1,1 +1,1 @@
-"""The live picture of a run, and its keys."""
+"""The dashboard of a live run, and its keys."""

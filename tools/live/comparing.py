@@ -1,4 +1,4 @@
-"""The host's robot against the device's parameters, compared once as a run begins."""
+"""Checks as a live run begins: the device's parameters, and the robot's start pose."""
 
 from __future__ import annotations
 
@@ -25,18 +25,25 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _POLL_S = 0.05
+"""Period at which the state of the session is polled, s."""
 _READING_S = 0.1
-"""Time between two looks at the ranges: a range message is never seen twice at 20 Hz."""
+"""Period at which ranges are read, s: longer than that of the messages, so each is read once."""
 _READINGS = 9
-"""Number of readings whose median is judged: an odd one, so that single echoes do not count."""
+"""Number of readings whose median is compared: odd, and enough to ignore single wrong echoes."""
 
 
 @contextlib.contextmanager
 def compared(pump: Pump, model: RobotModel, *, from_file: bool) -> Iterator[None]:
-    """Once device and host agree, ask for its parameters and report where the model differs.
+    """After the handshake, compare the device's parameters with the model and report differences.
 
-    From a thread of its own: the run does not wait for it. A device without parameters has
-    nothing to compare. ``from_file``: a robot file gave the model; else it is the default.
+    A thread does this, so the run does not wait for it. A device without parameters is not
+    compared.
+
+    Args:
+        pump: the run.
+        model: the host's robot model.
+        from_file: the model is from a robot file; else it is the default.
+
     """
     source = "the robot file" if from_file else "the host's default robot"
     over = threading.Event()
@@ -61,9 +68,9 @@ def compared(pump: Pump, model: RobotModel, *, from_file: bool) -> Iterator[None
 
 @contextlib.contextmanager
 def start_checked(pump: Pump, model: RobotModel, plan: FloorPlan | None) -> Iterator[None]:
-    """While the robot stands, compare its ranges with the walls at the room's start, and warn.
+    """Before the robot moves, compare its ranges with the room at its start, and warn once.
 
-    From a thread of its own, once, before anything moves.
+    A thread does this, so the run does not wait for it. Without a ``plan`` nothing is compared.
     """
     over = threading.Event()
 
@@ -78,8 +85,8 @@ def start_checked(pump: Pump, model: RobotModel, plan: FloorPlan | None) -> Iter
         found = contradictions(plan, model, plan.start, readings)
         if found:
             text = (
-                f"the robot does not seem to stand at the start of {plan.name}: "
-                f"{', '.join(found)}; put it there, or map and coverage are wrong"
+                f"the robot does not seem to be at the start of {plan.name}: "
+                f"{', '.join(found)}; put it there, or map and coverage will be wrong"
             )
             pump.call(
                 lambda: pump.host.event(
@@ -98,7 +105,7 @@ def start_checked(pump: Pump, model: RobotModel, plan: FloorPlan | None) -> Iter
 def _report(pump: Pump, difference: Difference, source: str) -> None:
     name, unit, device, file = difference
     shown = "" if unit == "ratio" else f" {unit}"
-    text = f"{name}: the device has {device:.7g}{shown}, {source} {file:.7g}{shown}"
+    text = f"{name}: the device has {device:.7g}{shown}, {source} has {file:.7g}{shown}"
     pump.call(
         lambda: pump.host.event(clock.now(), Severity.WARNING, "session", EventKind.PARAMETER, text)
     )

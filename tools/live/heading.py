@@ -1,4 +1,4 @@
-"""The first lines of the live picture: port, time, coverage, log and viewer of the run."""
+"""The first lines of the dashboard: port, elapsed time, coverage, log and viewer."""
 
 from __future__ import annotations
 
@@ -17,44 +17,55 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _RESOLUTION_M = 0.01
-"""Cell of the live coverage, metres: the coarsest that the figure is defined for."""
+"""Cell size of the live coverage, m: the coarsest for which the metric is defined."""
 _PERIOD_S = 1.0
-"""Time between two counts of the swept cells, seconds."""
+"""Period at which the coverage is computed, s."""
 _GAP = "   "
+"""Space between two values."""
 
 
 @dataclass(slots=True)
 class RunFacts:
-    """What the picture shows beside the robot."""
+    """Facts of the run that the dashboard shows besides the state of the robot."""
 
     port: str = ""
     log: str = ""
+    """Path of the log."""
     page: str = ""
-    """Address of the viewer, where one is served."""
+    """Address of the viewer's page; empty: none is served."""
     planner: str = ""
+    """Name of the planner; empty: none."""
     plan: FloorPlan | None = None
+    """The room, if it is known."""
     coverage: LiveCoverage | None = None
-    """Where the room is known."""
+    """Coverage, if the room is known."""
     began_ns: int | None = None
+    """Host time at which the dashboard was started, ns."""
 
 
 class LiveCoverage:
-    """The main figure of a run under way, from poses that the run's loop appends."""
+    """Coverage of a run in progress, from poses that the run's loop appends."""
 
     def __init__(self, plan: FloorPlan, model: RobotModel, poses: array[float]) -> None:
-        """``poses``: time, x, y and heading of each control step, one after the other."""
+        """Prepare the metric, which takes 0.1 s: make this object before the run.
+
+        Args:
+            plan: the room.
+            model: the robot.
+            poses: time, s, x and y, m, and heading, rad, of each control step in one flat array.
+
+        """
         self._poses = poses
-        # Here, before the run: it takes the interpreter for a tenth of a second.
         self._track = CoverageMeter(plan, model, _RESOLUTION_M).track()
         self._taken = 0
         self._counted_s = 0.0
         self._share = 0.0
 
     def share(self, now_s: float) -> float:
-        """Swept share of what the mouth can reach, 0 to 1; counted once a second."""
+        """Return the swept share of the reachable floor, 0 to 1; it is updated each second."""
         if now_s - self._counted_s >= _PERIOD_S:
             self._counted_s = now_s
-            until = len(self._poses) // 4 * 4  # whole poses: another thread appends
+            until = len(self._poses) // 4 * 4  # complete poses only: another thread appends
             values = iter(self._poses[self._taken : until])
             self._taken = until
             for pose in zip(values, values, values, values, strict=True):
@@ -64,7 +75,7 @@ class LiveCoverage:
 
 
 def heading(facts: RunFacts, swept_m2: float, now_ns: int, width: int, lines: int) -> Text:
-    """The facts in at most so many lines; the viewer's address begins a line if it must."""
+    """Lay out the facts in at most ``lines`` lines of ``width`` characters."""
     parts = []
     if facts.port:
         parts.append(("port", facts.port))
@@ -96,7 +107,8 @@ def _laid_out(parts: list[tuple[str, str]], width: int, lines: int) -> Text:
         if number:
             text.append("\n")
         for place, (name, value) in enumerate(row):
-            if place or len(name) + 1 + len(value) <= width:  # an address is for copying whole
+            # In a narrow window the name is left out, so that an address can be copied completely.
+            if place or len(name) + 1 + len(value) <= width:
                 text.append(f"{_GAP if place else ''}{name} ", style="dim")
             text.append(value, style="bold" if name == "viewer" else "")
     return text

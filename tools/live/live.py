@@ -1,7 +1,7 @@
-"""The live picture of a run: state, pose and map, sensors, wire, planner and events.
+"""The dashboard of a run: state, pose and map, sensors, link, planner and events.
 
-On a terminal it takes the whole screen and gives it back at the end; elsewhere each event is a
-plain line.
+On a terminal it uses the whole screen and restores it at the end. Elsewhere each event is a plain
+line.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from tools.live.map import legend, swept_picture
 from tools.live.tables import (
     Rates,
     compact_table,
+    link_table,
     planner_table,
     sensor_table,
     state_table,
-    wire_table,
 )
 
 if TYPE_CHECKING:
@@ -52,34 +52,47 @@ _STYLES = {
     Severity.ERROR: "red",
 }
 _KEPT_EVENTS = 200
+"""Number of event lines kept for the dashboard."""
 _STATUS_NS = 5_000_000_000
-"""Time between plain lines about the state of the run, nanoseconds."""
-_NARROW, _LOW, _LOWEST, _FOOTER = 110, 22, 15, 2
-"""Columns and rows below which one small table tells what matters most."""
-_COLUMN, _TABLE, _MIN_MAP = 44, 46, 10
+"""Period of the status lines without a dashboard, ns."""
+_NARROW = 110
+"""Width of the window below which one compact table replaces the four tables, columns."""
+_LOW = 22
+"""Height of the tables' area below which one compact table replaces the four tables, rows."""
+_LOWEST = 15
+"""Height of the window below which heading and events are left out, rows."""
+_FOOTER = 2
+"""Height of the footer, rows: the message and the keys."""
+_COLUMN = 44
+"""Width of a column of tables, columns."""
+_TABLE = 46
+"""Width of the compact table, columns."""
+_MIN_MAP = 10
+"""Width below which the map is left out, columns."""
 _MIN_ROWS = 6
-"""Rows of the map below which its legend is left out."""
+"""Height of the map below which its legend is left out, rows."""
 _TALL = 24
-"""Rows from which three lines, and not two, may hold port, time, coverage, log and viewer."""
+"""Height of the window from which the heading may have three lines instead of two, rows."""
 
 
-class Teller:
-    """Passes every record on, and tells people what matters as it happens."""
+class EventLines:
+    """A sink that passes every record on and shows events and device logs as lines."""
 
     def __init__(self, sink: Sink, *, plain: bool) -> None:
-        """With ``plain`` each line is printed; else the last are kept for the picture."""
+        """Pass records on to ``sink``; with ``plain`` print the lines, else keep them."""
         self._sink = sink
         self._plain = plain
         self._first_ns: int | None = None
         self._status_ns = 0
         self.status: Callable[[], str] | None = None
-        """Gives a line about the state of the run, which ``plain`` prints every few seconds."""
+        """Returns the status line that is printed every 5 s with ``plain``."""
         self.on_agreed: Callable[[], None] = lambda: None
-        """Called when the session has agreed with a device; again after each loss."""
+        """Called after each handshake with a device, also after a loss."""
         self.lines: deque[tuple[Severity, str]] = deque(maxlen=_KEPT_EVENTS)
+        """The newest lines with their severity."""
 
     def write(self, record: Record) -> None:
-        """Take one record."""
+        """Pass a record on, and show its line if it has one."""
         self._sink.write(record)
         if self._first_ns is None:
             self._first_ns = self._status_ns = record.log_ns
@@ -95,72 +108,87 @@ class Teller:
             self._show_line(record.log_ns, Severity.INFO, self.status())
 
     def close(self, summary: object = None) -> None:
-        """The sink is closed by whoever opened it."""
+        """Do nothing: the code that opened the sink closes it."""
 
     def _show_line(self, log_ns: int, severity: Severity, text: str) -> None:
         line = f"{(log_ns - (self._first_ns or 0)) / 1e9:8.2f}  {one_line(text)}"
         if self._plain:
-            with contextlib.suppress(OSError):  # the reader has left; the run goes on
+            with contextlib.suppress(OSError):  # stderr is closed; the run continues
                 inform(line, style=_STYLES[severity])
             return
         self.lines.append((severity, line))
 
 
 def _ends_run(event: EventRecord) -> bool:
-    """Whether an event is a failure of the session, whose text is the run's last line."""
+    """Return whether an event is a failure of the session: the run's last line repeats it."""
     return event.source == "session" and (
         event.kind == EventKind.FAILED or event.severity is Severity.ERROR
     )
 
 
-class LivePicture:
-    """Draws a robot and its run three times a second, from its own thread."""
+class Dashboard:
+    """Draws the state of a run three times a second, in its own thread."""
 
     def __init__(
         self,
         look: Callable[[], Snapshot],
-        teller: Teller,
+        events: EventLines,
         operating: Operating | None = None,
         facts: RunFacts | None = None,
     ) -> None:
-        """Draws nothing before :meth:`start`; ``look`` gives what is known of the robot now."""
+        """Prepare; :meth:`start` begins to draw.
+
+        Args:
+            look: returns the present snapshot of the run.
+            events: its lines are shown.
+            operating: its message and keys are shown; None: there is no keyboard.
+            facts: facts of the run for the heading.
+
+        """
         self._look = look
         self._facts = facts or RunFacts()
-        self._teller = teller
+        self._events = events
         self._operating = operating
         self._rates = Rates(look)
         self._trail: deque[tuple[float, float]] = deque(maxlen=2000)
         self._live = Live(self, console=err(), refresh_per_second=3, screen=True)
 
     def start(self) -> None:
-        """Begin to draw."""
+        """Take the screen and begin to draw."""
         self._facts.began_ns = clock.now()
         self._live.start()
 
     def stop(self) -> None:
-        """Take the picture away."""
-        drop_queued()  # older pictures: what gives the terminal back must find room
+        """Stop drawing and restore the screen."""
+        drop_queued()  # older frames: the sequence that restores the terminal needs room
         self._live.stop()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """What is drawn now."""
+        """Render the dashboard in its present state."""
         width, height = options.max_width, options.height or console.height
         try:
             self._rates.look(clock.now())
-            # Drawn here, not by whom it is given to, whose thread an exception would end.
+            # Rendered here: an exception in Rich's drawing thread would end that thread.
             drawn = list(console.render(self.layout(width, height), options))
-        except Exception as error:  # noqa: BLE001 - the thread that draws must go on
-            yield Text(f"this picture cannot be drawn: {one_line(described(error))}", "red")
+        except Exception as error:  # noqa: BLE001 - the drawing thread must continue
+            yield Text(f"the dashboard cannot be drawn: {one_line(described(error))}", "red")
         else:
             yield Segments(drawn)
 
     def layout(self, width: int, height: int, now_ns: int | None = None) -> Layout:
-        """Everything, in so many columns and rows, at a time of the host (now)."""
+        """Lay the dashboard out.
+
+        Args:
+            width: width of the window, columns.
+            height: height of the window, rows.
+            now_ns: host time that is shown, ns; None: now.
+
+        """
         host = self._look()
         pose = host.estimator.pose
         if not self._trail or math.dist(self._trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
             self._trail.append((pose.x_m, pose.y_m))
-        # In a low window the robot and the keys stay, and the last line of all is theirs.
+        # A low window shows only the compact table and the footer with the keys.
         facts, now_ns = self._facts, clock.now() if now_ns is None else now_ns
         heads = 0 if height < _LOWEST else 2 if height < _TALL else 3
         top = heading(facts, host.swept.swept_m2, now_ns, width, heads) if heads else Text()
@@ -183,7 +211,7 @@ class LivePicture:
                     Layout(table, size=_TABLE), Layout(self._map(host, map_width, body))
                 )
         page = Layout()
-        happened = Layout(Panel(self._events(events - 2), title="events", title_align="left"))
+        happened = Layout(Panel(self._event_text(events - 2), title="events", title_align="left"))
         page.split_column(
             *([Layout(top, size=heads)] if heads else []),
             Layout(columns, size=body),
@@ -193,7 +221,7 @@ class LivePicture:
         return page
 
     def _map(self, host: Snapshot, width: int, height: int) -> Panel:
-        """The map in a frame that has its legend."""
+        """Draw the map in a frame with its legend."""
         plan, inside = self._facts.plan, width - 4
         shown = legend(plan, inside - 2)
         below = shown if len(shown) > 1 else []
@@ -204,7 +232,7 @@ class LivePicture:
         return Panel(content, title="map", title_align="left", subtitle=subtitle)
 
     def _three(self, host: Snapshot, columns: Layout, width: int, body: int, now_s: float) -> None:
-        """Two columns of tables with the map between them."""
+        """Fill ``columns`` with two columns of tables and the map between them."""
         map_width = max(20, width - 2 * _COLUMN)
         left = Group(
             Panel(state_table(host, now_s), title="robot", title_align="left"),
@@ -212,7 +240,7 @@ class LivePicture:
         )
         right = Group(
             Panel(planner_table(host, self._facts.planner), title="planner", title_align="left"),
-            Panel(wire_table(host, self._rates), title="wire", title_align="left"),
+            Panel(link_table(host, self._rates), title="link", title_align="left"),
         )
         columns.split_row(
             Layout(left, size=_COLUMN),
@@ -220,9 +248,9 @@ class LivePicture:
             Layout(right, size=_COLUMN),
         )
 
-    def _events(self, count: int) -> Text:
+    def _event_text(self, count: int) -> Text:
         text = Text(no_wrap=True, overflow="ellipsis")
-        for severity, line in list(self._teller.lines)[-max(1, count) :]:
+        for severity, line in list(self._events.lines)[-max(1, count) :]:
             text.append(line + "\n", style=_STYLES[severity])
         return text
 

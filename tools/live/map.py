@@ -1,4 +1,4 @@
-"""The map of the live picture: swept floor, the way so far, and the robot, in half blocks."""
+"""The map of the dashboard: swept floor, path, room and robot in half-block characters."""
 
 from __future__ import annotations
 
@@ -18,8 +18,12 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.run.snapshot import Snapshot
 
-_MARGIN_M, _FINEST_M = 0.1, 0.02
+_MARGIN_M = 0.1
+"""Margin around everything that is drawn, m."""
+_FINEST_M = 0.02
+"""Minimum size of a map cell, m: finer than the swept map adds nothing."""
 _ARROWS = "→↗↑↖←↙↓↘"
+"""Symbols of the robot by its heading, in steps of 45° from the x axis."""
 
 
 def swept_picture(
@@ -29,45 +33,49 @@ def swept_picture(
     trail: Iterable[tuple[float, float]] = (),
     plan: FloorPlan | None = None,
 ) -> Text:
-    """The swept map and the way in half blocks, north up, the robot an arrow where it looks.
+    """Draw swept floor, path and robot, with the y axis up; the robot is an arrow.
 
-    With a ``plan`` its walls, obstacles, cliffs, carpets and thresholds are drawn too.
+    Args:
+        host: state of the run.
+        columns: maximum width, characters.
+        rows: maximum height, half lines.
+        trail: positions of the path, m.
+        plan: room whose walls, obstacles, cliffs, carpets and thresholds are drawn too.
 
-    At most ``columns`` wide, ``rows`` half lines high.
     """
     pose = host.estimator.pose
-    way = np.array([*trail, (pose.x_m, pose.y_m)])
+    path = np.array([*trail, (pose.x_m, pose.y_m)])
     swept = _swept(host)
-    seen = np.vstack([way, swept])
+    shown = np.vstack([path, swept])
     if plan is not None:
-        seen = np.vstack([seen, np.array(plan.walls)])
-    low, high = seen.min(axis=0) - _MARGIN_M, seen.max(axis=0) + _MARGIN_M
+        shown = np.vstack([shown, np.array(plan.walls)])
+    low, high = shown.min(axis=0) - _MARGIN_M, shown.max(axis=0) + _MARGIN_M
     extent = high - low
     size_m = max(extent[0] / max(8, columns), extent[1] / max(8, rows), _FINEST_M)
     wide = min(columns, max(1, math.ceil(extent[0] / size_m)))
     tall = max(1, math.ceil(extent[1] / size_m))
     tall += tall % 2
     cells = np.zeros((tall, wide), dtype=np.int8)
-    lines = [] if plan is None else _outlines(plan, size_m)
+    lines = [] if plan is None else _room_points(plan, size_m)
     soft = [(points, ink) for points, ink in lines if ink in {_CARPET, _THRESHOLD}]
     hard = [(points, ink) for points, ink in lines if ink in {_WALL, _CLIFF}]
-    for points, ink in ((swept, _SWEPT), *soft, (way, _WAY), *hard):
+    for points, ink in ((swept, _SWEPT), *soft, (path, _PATH), *hard):
         at = ((points - low) / size_m).astype(int)
         cells[np.clip(at[:, 1], 0, tall - 1), np.clip(at[:, 0], 0, wide - 1)] = ink
-    robot = ((way[-1] - low) / size_m).astype(int)
+    robot = ((path[-1] - low) / size_m).astype(int)
     return _half_blocks(cells, (int(robot[1]), int(robot[0])), pose.theta_rad)
 
 
 def _swept(host: Snapshot) -> NDArray[np.float64]:
-    """Centres of the swept cells, x and y, metres."""
+    """Return the centres of the swept cells, m, as an array of shape (n, 2)."""
     grid = host.swept.to_occupancy()
     marked = np.argwhere(grid.cells == 0)[:, ::-1]
     origin = np.array((grid.origin_x_m, grid.origin_y_m))
     return np.asarray((marked + 0.5) * grid.resolution_m + origin, dtype=np.float64)
 
 
-def _outlines(plan: FloorPlan, size_m: float) -> list[tuple[NDArray[np.float64], int]]:
-    """Points along everything that the room file draws, with their ink; closer than a cell."""
+def _room_points(plan: FloorPlan, size_m: float) -> list[tuple[NDArray[np.float64], int]]:
+    """Return points along every edge of the room, with their ink, half a cell apart."""
     polygons = [
         (plan.walls, _WALL),
         *((obstacle, _WALL) for obstacle in plan.obstacles),
@@ -87,10 +95,10 @@ def _outlines(plan: FloorPlan, size_m: float) -> list[tuple[NDArray[np.float64],
     return found
 
 
-_SWEPT, _WAY, _WALL, _CLIFF, _CARPET, _THRESHOLD = range(1, 7)
+_SWEPT, _PATH, _WALL, _CLIFF, _CARPET, _THRESHOLD = range(1, 7)
 _INK = {
     _SWEPT: "green",
-    _WAY: "cyan",
+    _PATH: "cyan",
     _WALL: "white",
     _CLIFF: "red",
     _CARPET: "magenta",
@@ -99,8 +107,11 @@ _INK = {
 
 
 def legend(plan: FloorPlan | None, width: int) -> list[Text]:
-    """What the colours of the map mean, in lines of at most ``width``; of a room what it has."""
-    shown = [("swept", _SWEPT), ("path", _WAY)]
+    """Return the legend of the map in lines of at most ``width`` characters.
+
+    Of the room it lists only what the room has.
+    """
+    shown = [("swept", _SWEPT), ("path", _PATH)]
     if plan is not None:
         shown.append(("walls", _WALL))
         shown += [("cliff", _CLIFF)] if plan.cliffs else []
@@ -123,7 +134,7 @@ def _half_blocks(cells: NDArray[np.int8], robot: tuple[int, int], theta_rad: flo
         glyphs = [_GLYPHS[pair] for pair in pairs]
         if robot[0] in {row, row - 1}:
             glyphs[min(robot[1], len(glyphs) - 1)] = (arrow, "bold yellow")
-        # Stretches of one style: a span for each cell would cost most of the drawing.
+        # One span for each run of equal style: a span for each cell would double the drawing time.
         for style, run in groupby(glyphs, key=itemgetter(1)):
             text.append("".join(glyph for glyph, _ in run), style=style or None)
         text.append("\n")
@@ -139,4 +150,4 @@ def _glyph(above: int, below: int) -> tuple[str, str]:
 
 
 _GLYPHS = {(above, below): _glyph(above, below) for above in range(7) for below in range(7)}
-"""By what is above and below; 0: nothing."""
+"""Character and style by the ink of the upper and the lower half; 0: nothing."""

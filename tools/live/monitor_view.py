@@ -1,4 +1,4 @@
-"""What ``sweepctl monitor`` shows: lines, JSON, or a table that is kept up to date."""
+"""Output of ``sweepctl monitor``: lines, JSON, or a table that is redrawn."""
 
 from __future__ import annotations
 
@@ -21,22 +21,25 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
 
 _REDRAW_NS = 250_000_000
+"""Period at which a table is redrawn, ns."""
 _RATES_NS = 1_000_000_000
+"""Period at which rates are printed, ns."""
 _SHOWN_BYTES = 32
-_SILENCE = "rates (Hz): nothing comes"
+"""Maximum number of damaged bytes shown in the table."""
+_SILENCE = "rates (Hz): no messages"
 
 
 class Nothing:
-    """Shows nothing; the others are made from it."""
+    """Base class of the views; shows nothing."""
 
     def show(self, seen: Seen) -> None:
-        """Take one message, or what was none."""
+        """Show one message or piece of damaged data."""
 
     def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
-        """Look at rates and time; called at least ten times a second."""
+        """Update rates and time; called at least ten times a second."""
 
     def sum_up(self, monitor: Monitor) -> None:
-        """Say at the end what came of it."""
+        """Print the totals at the end."""
 
     def __enter__(self) -> Self:
         return self
@@ -47,23 +50,23 @@ class Nothing:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give the terminal back."""
+        """Restore the terminal."""
 
 
 class TextLines(Nothing):
-    """A line for each message on stdout, rates once a second on stderr."""
+    """A line for each message on stdout, and the rates once a second on stderr."""
 
     def __init__(self, *, raw: bool) -> None:
-        """With ``raw``, payloads in hex too."""
+        """With ``raw`` print payloads in hex too."""
         self._raw = raw
         self._rates_ns = 0
         self._start_ns: int | None = None
         self._warned: set[int] = set()
         self._rates = ""
-        """What was said of a silence, as long as it lasts."""
+        """Line that was printed about a silence, while it lasts."""
 
     def show(self, seen: Seen) -> None:
-        """Print it."""
+        """Print a line."""
         if self._start_ns is None:
             self._start_ns = seen.host_ns
         since_s = (seen.host_ns - self._start_ns) / 1e9
@@ -78,7 +81,7 @@ class TextLines(Nothing):
         write_line(line)
 
     def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
-        """Push out what was printed, and say the rates."""
+        """Flush stdout, and print the rates once a second."""
         flush()
         for node, value in monitor.foreign_catalogues.items():
             if node not in self._warned:
@@ -86,13 +89,13 @@ class TextLines(Nothing):
                 inform(_stranger(node, value))
         if now_ns - self._rates_ns >= _RATES_NS:
             rates = _rates(monitor)
-            if self._rates_ns and rates != self._rates:  # nothing is worth saying once
+            if self._rates_ns and rates != self._rates:  # a silence is reported once
                 inform(rates)
                 self._rates = rates if rates.startswith(_SILENCE) else ""
             self._rates_ns = now_ns
 
     def sum_up(self, monitor: Monitor) -> None:
-        """Say the totals."""
+        """Print the totals."""
         inform(_totals(monitor))
 
 
@@ -100,11 +103,11 @@ class JsonLines(Nothing):
     """A JSON object for each message on stdout."""
 
     def __init__(self, *, raw: bool) -> None:
-        """With ``raw``, payloads in hex too."""
+        """With ``raw`` add payloads in hex."""
         self._raw = raw
 
     def show(self, seen: Seen) -> None:
-        """Print it."""
+        """Print an object."""
         found = {
             "host_s": seen.host_ns / 1e9,
             "kind": seen.kind,
@@ -118,20 +121,20 @@ class JsonLines(Nothing):
             found["raw"] = seen.raw.hex()
         write_json(found)
 
-    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - of every view
-        """Push out what was printed."""
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - the base's interface
+        """Flush stdout."""
         flush()
 
     def sum_up(self, monitor: Monitor) -> None:
-        """Say the totals."""
+        """Print the totals."""
         inform(_totals(monitor))
 
 
 class Table(Nothing):
-    """Each type's rate and newest content, and the newest broken bytes, on a terminal."""
+    """A table of each type's rate and newest content, and the newest damaged bytes."""
 
     def __init__(self, monitor: Monitor, port: str, types: tuple[str, ...]) -> None:
-        """Nothing is drawn before it is entered."""
+        """Prepare; ``__enter__`` begins to draw."""
         self._monitor, self._port, self._types = monitor, port, types
         self._drawn_ns = 0
         self._console = plain_console()
@@ -140,7 +143,7 @@ class Table(Nothing):
         )
 
     def picture(self, console: Console) -> Group:
-        """The table as it is now; in a low window a line for each type, cut at its end."""
+        """Return the table; in a low window each type has one line, cut at its end."""
         whole = self._picture(is_low=False)
         if len(console.render_lines(whole)) <= console.height:
             return whole
@@ -148,11 +151,11 @@ class Table(Nothing):
 
     def _picture(self, *, is_low: bool) -> Group:
         monitor = self._monitor
-        title = Text(f"{self._port} - listening, nothing is sent", "italic")
+        title = Text(f"{self._port} - listening, sends nothing", "italic")
         table = RichTable(title=title, title_justify="left")
         if is_low:
             table.box, table.pad_edge, table.expand = None, False, True
-        # What is cut in a narrow window is the content, never a name or a number.
+        # In a narrow window the content is cut, never a name or a number.
         names = max(map(len, monitor.types), default=0)
         table.add_column("message", style="cyan", no_wrap=True, min_width=names)
         table.add_column("from", style="dim", no_wrap=True, min_width=6)
@@ -169,7 +172,7 @@ class Table(Nothing):
             )
         parts: list[RichTable | Text] = [table, Text(_totals(monitor), style="dim")]
         if not monitor.types and monitor.others:
-            parts.append(Text(f"nothing comes{_others(monitor)}", style="yellow"))
+            parts.append(Text(f"no messages{_others(monitor)}", style="yellow"))
         parts += [
             Text(_stranger(n, h), style="yellow") for n, h in monitor.foreign_catalogues.items()
         ]
@@ -177,21 +180,21 @@ class Table(Nothing):
         if bad is not None:
             more = "…" if len(bad.raw) > _SHOWN_BYTES else ""
             shown = bad.raw[:_SHOWN_BYTES].hex(" ")
-            text = f"newest bad: {bad.text}: {shown}{more}"
+            text = f"newest damaged data: {bad.text}: {shown}{more}"
             newest_bad = Text(text, style="red", no_wrap=is_low)
             newest_bad.overflow = "ellipsis" if is_low else "fold"
             parts.append(newest_bad)
         parts.append(Text("Ctrl-C: end", style="dim"))
         return Group(*parts)
 
-    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - of every view
-        """Draw anew, four times a second."""
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - the base's interface
+        """Redraw four times a second."""
         if now_ns - self._drawn_ns >= _REDRAW_NS:
             self._drawn_ns = now_ns
             self._live.update(self.picture(self._console), refresh=True)
 
     def __enter__(self) -> Self:
-        """Take the terminal."""
+        """Begin to draw."""
         self._live.start()
         return self
 
@@ -201,7 +204,7 @@ class Table(Nothing):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave the last picture on it."""
+        """Draw the last state and restore the terminal."""
         drop_queued()  # older tables
         with contextlib.suppress(OSError):
             self._live.update(self.picture(self._console), refresh=True)
@@ -209,23 +212,23 @@ class Table(Nothing):
 
 
 class OwnerTable:
-    """What the process that owns a port knows of its robot, redrawn in place on a terminal."""
+    """A table of the state that a port's owner reports, redrawn in place on a terminal."""
 
     def __init__(self, port: str) -> None:
-        """Nothing is drawn before it is entered."""
+        """Prepare; ``__enter__`` begins to draw."""
         self._port = port
         self._console = plain_console()
         self._known: dict[str, Any] | None = None
         self._live = Live(self, console=self._console, auto_refresh=False, screen=False)
 
     def show(self, known: dict[str, Any]) -> None:
-        """Draw anew."""
+        """Redraw with a new state."""
         self._known = known
         self._live.refresh()
 
     def __rich__(self) -> Group:
-        """The table as it is now."""
-        title = Text(f"{self._port} - what another sweepctl knows of it", "italic")
+        """Return the table in its present state."""
+        title = Text(f"{self._port} - state reported by another sweepctl", "italic")
         table = RichTable(title=title, title_justify="left", show_header=False)
         table.add_column(style="dim", no_wrap=True)
         table.add_column(no_wrap=True, overflow="ellipsis")
@@ -234,7 +237,7 @@ class OwnerTable:
         return Group(table, Text("Ctrl-C: end", style="dim"))
 
     def __enter__(self) -> Self:
-        """Take the terminal."""
+        """Begin to draw."""
         self._live.start()
         return self
 
@@ -244,7 +247,7 @@ class OwnerTable:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave the last picture on it."""
+        """Draw the last state and restore the terminal."""
         drop_queued()  # older tables
         with contextlib.suppress(OSError):
             self._live.refresh()
@@ -252,7 +255,7 @@ class OwnerTable:
 
 
 def owner_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
-    """An owner's snapshot as names and values; a dash for what is not known."""
+    """Return an owner's snapshot as names and values; a dash is an unknown value."""
     pose, ranges, imu, power = known["pose"], known["range"], known["imu"], known["power"]
     is_ready = known["session"] == "ready"
     degrees = math.degrees(pose["theta_rad"])
@@ -280,7 +283,7 @@ def owner_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(("battery", "-" if power is None else f"{power['battery_v']:.2f} V"))
     wire = known["wire"]
     frames = wire["frames"]["rx"]
-    rows.append(("wire", f"{frames} in, {wire['lost']} lost, {wire['crc_errors']} damaged"))
+    rows.append(("link", f"{frames} in, {wire['lost']} lost, {wire['crc_errors']} damaged"))
     return rows
 
 
@@ -291,11 +294,11 @@ def _rates(monitor: Monitor) -> str:
 
 
 def _others(monitor: Monitor) -> str:
-    """What is heard in the place of the node that was asked for."""
+    """Return which other nodes send, if only one node was requested."""
     if monitor.node is None:
         return ""
-    heard = ", ".join(map(str, sorted(monitor.others)))
-    instead = f"; heard are messages of node {heard}" if heard else ""
+    others = ", ".join(map(str, sorted(monitor.others)))
+    instead = f"; other nodes that send: {others}" if others else ""
     return f" from node {monitor.node}{instead}"
 
 
@@ -303,12 +306,12 @@ def _totals(monitor: Monitor) -> str:
     frames = sum(count.count for count in monitor.types.values())
     return (
         f"{frames} messages, {monitor.bytes} B, {monitor.damaged} damaged, "
-        f"{monitor.rejected} unusable, {monitor.lost} lost"
+        f"{monitor.rejected} invalid, {monitor.lost} lost"
     )
 
 
 def _stranger(node: int, value: int) -> str:
     return (
-        f"node {node} declares other messages than this version (catalogue {value:08x}): "
-        "fields may be misread; `sweepctl connect` says which differ"
+        f"node {node} uses another message catalogue ({value:08x}): fields may be misread; "
+        "`sweepctl connect` lists the differences"
     )

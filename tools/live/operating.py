@@ -1,4 +1,4 @@
-"""Keys of a live run: start, pause, stop, drive by hand, mark."""
+"""Keys of a live run: start, pause, stop, manual driving, marks."""
 
 from __future__ import annotations
 
@@ -27,26 +27,27 @@ if TYPE_CHECKING:
     from tools.live.terminal_keys import Key
 
 TWICE_NS = 4_000_000_000
-"""Within this a key that lets the robot move must be pressed again."""
+"""Maximum time between the two presses of a key that lets the robot move, ns."""
 _STOP = {"space", "s"}
 _KEYS = (
-    "space s: STOP   g: start plan   p: pause   d: drive by hand   m: mark   "
-    "c: clear stop   r: go on   Ctrl-C: end"
+    "space s: STOP   g: start plan   p: pause   d: drive manually   m: mark   "
+    "c: clear stop   r: resume   Ctrl-C: end"
 )
-_DRIVE_KEYS = "space s: STOP   m: mark   d: end of the drive   Ctrl-C: end"
+_DRIVE_KEYS = "space s: STOP   m: mark   d: end manual driving   Ctrl-C: end"
 _ORDERLY = {StopCause.NONE, StopCause.SESSION_END}
+"""Stop causes that do not prevent a start."""
 
 
-_SAID = {
-    DriveMode.NOTHING: "nothing drives",
-    DriveMode.PLAN: "the plan drives",
-    DriveMode.HELD: "the plan is held; p lets it go on",
-    DriveMode.MANUAL: "you drive, with the arrow keys",
+_MODE_TEXT = {
+    DriveMode.NOTHING: "the robot stands still",
+    DriveMode.PLAN: "the plan is running",
+    DriveMode.HELD: "the plan is paused; p resumes it",
+    DriveMode.MANUAL: "manual driving: use the arrow keys",
 }
 
 
 class Operating:
-    """What each key does to a run; called from the keyboard's thread."""
+    """The effect of each key on a run; called from the keyboard's thread."""
 
     def __init__(
         self,
@@ -57,15 +58,25 @@ class Operating:
         on_start: Callable[[], object] = lambda: None,
         clear_stop: bool = False,
     ) -> None:
-        """``go_on`` answers a run that asks after a loss; ``on_start`` is told that one begins."""
+        """Act on a run.
+
+        Args:
+            pump: the run.
+            operator: its runner, which switches between plan and manual driving.
+            go_on: called to resume a run that waits after a loss.
+            on_start: called when a key starts the run.
+            clear_stop: a start may clear a latched safety stop.
+
+        """
         self._pump, self.operator = pump, operator
         self._go_on, self._on_start = go_on, on_start
         self._clear_stop = clear_stop
         self._armed = ("", 0)
-        """A key that was pressed once, and when."""
+        """Key that was pressed once, and when, ns."""
         self.marks = 0
+        """Number of marks so far."""
         self.message = ""
-        """What the newest key came to, for the picture."""
+        """Effect of the newest key, for the dashboard."""
 
     @property
     def _host(self) -> Host:
@@ -73,19 +84,19 @@ class Operating:
 
     @property
     def dead_man(self) -> DeadMan:
-        """Of the drive by hand."""
+        """Dead-man switch of the manual driving."""
         return self.operator.dead_man
 
     @property
     def note(self) -> str:
-        """What the newest key came to; before that, what the run waits for."""
+        """Line above the keys: what the run waits for, else the effect of the newest key."""
         seen = self._pump.snapshot
         if seen.mission.asking or seen.holding:
-            return "the run waits for you: look, then r lets it go on"
+            return "the run is waiting: look at the robot, then press r to resume"
         return self.message
 
     def on_key(self, key: Key) -> None:
-        """Take one event of the keyboard."""
+        """Handle one event of the keyboard."""
         time_s = clock.now() / 1e9
         if key.kind == "release":
             self.dead_man.release(key.name, time_s)
@@ -100,14 +111,14 @@ class Operating:
             self._act(name)
 
     def stop(self, why: str) -> None:
-        """Stop and latch, and end the run."""
+        """Stop the robot, latch the stop and end the run with this reason."""
         self.dead_man.release_all()
         self._end(Ending("stopped", why, 5, StopCause.OPERATOR))
 
     def pad_gone(self, path: str) -> None:
-        """Let go and say so: the gamepad was unplugged. Keys may drive on."""
+        """Stop the robot because the gamepad was unplugged; the keys still work."""
         self.dead_man.release_all()
-        self.message = f"the gamepad {path} is gone: the robot stands; keys still drive"
+        self.message = f"the gamepad {path} is gone: the robot has stopped; the keys still work"
         self._pump.call(lambda: self._log_gone(path))
 
     def _log_gone(self, path: str) -> None:
@@ -121,7 +132,7 @@ class Operating:
         if self.operator.drive_mode is DriveMode.MANUAL:
             self.dead_man.press(name, time_s)
         else:
-            self.message = "d: drive by hand first"
+            self.message = "press d first for manual driving"
 
     def _act(self, name: str) -> None:
         match name:
@@ -130,7 +141,7 @@ class Operating:
             case "g":
                 self._start("g", "the plan", self.operator.start)
             case "d":
-                self._start("d", "the drive by hand", self.operator.take_over)
+                self._start("d", "manual driving", self.operator.take_over)
             case "p":
                 self._pause()
             case "r":
@@ -147,7 +158,7 @@ class Operating:
                 pass
 
     def mark(self) -> None:
-        """Put a mark on record, with the pose."""
+        """Record a mark with the present pose."""
         self.marks += 1
         number = self.marks
 
@@ -168,43 +179,45 @@ class Operating:
             )
 
         self._pump.call(note)
-        self.message = f"mark {number} is on record"
+        self.message = f"mark {number} recorded"
 
     def _start(self, key: str, what: str, then: Callable[[], None]) -> None:
         mission = self._host.mission
         if isinstance(mission, OnboardMission):
-            self.message = "the device plans for itself: p holds it, space stops it"
+            self.message = "the device runs its own planner: p pauses it, space stops it"
         elif self._pump.snapshot.mission.runner is not None:
             if key == "g" and not self.operator.has_plan:
-                self.message = "there is no plan here: sweepctl connect has one"
+                self.message = "drive has no planner; use sweepctl connect"
                 return
-            if key == "g" and not self._twice(key, "g again lets the plan drive"):
+            if key == "g" and not self._twice(key, "press g again to start the plan"):
                 return
             then()
-            self.message = _SAID[self.operator.drive_mode]
+            self.message = _MODE_TEXT[self.operator.drive_mode]
         elif self._pump.snapshot.mission.phase is not Phase.WAITING:
-            self.message = "the run cannot begin now"
-        elif self._reason_against() is None and self._twice(key, f"{key} again lets {what} begin"):
+            self.message = "the run cannot start now"
+        elif self._reason_against() is None and self._twice(
+            key, f"press {key} again to start {what}"
+        ):
             then()
             clear = self._clear_stop
             self._pump.call(lambda: mission.start(self.operator, clear_stop=clear))
             self._on_start()
-            self.message = f"{what} begins after a moment at rest"
+            self.message = f"{what} starts after the gyro measurement at rest"
 
     def _reason_against(self) -> str | None:
-        """What stands against a start, said; None: nothing."""
+        """Return why a start is impossible, which is also the message; None: it is possible."""
         status = self._pump.snapshot.state.status
         if status is None:
             self.message = "no status from the device yet"
         elif status.stop_cause not in _ORDERLY and not self._clear_stop:
             cause = label(StopCause, status.stop_cause)
-            self.message = f"a stop is latched (cause: {cause}): look, then c to clear it"
+            self.message = f"a stop is latched (cause: {cause}): look, then press c to clear it"
         else:
             return None
         return self.message
 
     def _clear(self) -> None:
-        if self._twice("c", "c again: you have looked, and the stop may be cleared"):
+        if self._twice("c", "look at the robot, then press c again to clear the stop"):
             self._clear_stop = True
             self.message = "the next start clears the stop"
 
@@ -214,7 +227,7 @@ class Operating:
             self._pause_onboard(mission)
         else:
             self.operator.pause()
-            self.message = _SAID[self.operator.drive_mode]
+            self.message = _MODE_TEXT[self.operator.drive_mode]
 
     def _pause_onboard(self, mission: OnboardMission) -> None:
         state = self._pump.snapshot.state.planner
@@ -226,7 +239,7 @@ class Operating:
 
         def ended(outcome: Outcome | None) -> None:
             if outcome is not None and outcome.accepted:
-                self.message = f"the device's planner: {what}"
+                self.message = f"the device's planner has been {what}d"
                 return
             reason = None if outcome is None else outcome.reason
             why = "it did not answer" if reason is None else rejection_text(reason)
@@ -247,20 +260,20 @@ class Operating:
         return False
 
     def help(self, width: int) -> str:
-        """The keys, for the picture's last line: as many words as so many columns take."""
+        """Return the keys as a line of at most ``width`` characters, if possible."""
         if self.operator.drive_mode is DriveMode.MANUAL:
             held = "hold" if self.dead_man.releases else "tap"
             each = "" if self.dead_man.releases else " (0.7 s each)"
             speed = f"{self.dead_man.key_m_s:.2f} m/s"
-            said = [
+            lines = [
                 f"arrows: {held}{each} to drive, {speed}   +/-: speed   {_DRIVE_KEYS}",
                 f"arrows: {held}{each}  {speed} +/-  space STOP  m mark  d leave  ^C end",
                 f"space STOP  arrows: {held}  {speed} +/-  d leave  ^C end",
             ]
         else:
-            said = [
+            lines = [
                 _KEYS,
-                "space STOP  g start  p pause  d drive  m mark  c clear  r go on  ^C end",
-                "space STOP g start p pause d drive m mark c clear r go ^C",
+                "space STOP  g start  p pause  d drive  m mark  c clear  r resume  ^C end",
+                "space STOP g start p pause d drive m mark c clear r resume",
             ]
-        return next((line for line in said if len(line) <= width), said[-1])
+        return next((line for line in lines if len(line) <= width), lines[-1])

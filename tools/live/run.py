@@ -1,4 +1,4 @@
-"""A live run on a port: opened, recorded, shown, ended in order, summed up."""
+"""A live run on a port: open, record, show, end and sum up."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from tools.cli.replaced_log import ReplacedLog
 from tools.cli.signals import ending_signals
 from tools.live.comparing import compared, start_checked
 from tools.live.heading import LiveCoverage, RunFacts
-from tools.live.live import LivePicture, Teller
+from tools.live.live import Dashboard, EventLines
 from tools.live.operating import Operating
 from tools.live.tables import status_line
 from tools.live.terminal_keys import Keyboard
@@ -69,52 +69,60 @@ if TYPE_CHECKING:
 
 
 _ANY_WIDTH = 10_000
-"""Columns of a line that is not laid out: more than any."""
+"""Width of a line that is not shortened, columns: more than any line has."""
 HAND_M_S = 0.15
-"""Speed of a drive by hand, unless told otherwise."""
+"""Default speed of manual driving, m/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOptions:
-    """What a live run is asked for."""
+    """Options of a live run."""
 
     port: str
     log: Path
     model: RobotModel
     robot_toml: str
+    """Text of the robot file, for the log."""
     plan: FloorPlan | None
+    """The room, if it is known."""
     planner: str | None
-    """Runs on the host."""
+    """Planner on the host; None: none."""
     onboard: OnboardPlanner | None
-    """Runs on the device, and is supervised."""
+    """Planner on the device, which the host supervises; None: none."""
     supervise: SuperviseSettings | None
-    """Rules for a run that moves; None: nothing but the device's own watches it."""
+    """Rules for a run that moves; None: the host does not supervise it."""
     resume: Resume
+    """What to do when a lost device is back."""
     duration_s: float | None
+    """Time after which the run ends, s; None: no limit."""
     node: int | None
+    """Node number of the device; None: the only one."""
     opening: PortOptions
     clear_stop: bool
+    """A start may clear a latched safety stop."""
     force: bool
+    """Replace an existing log."""
     drive: bool = False
-    """By hand, from the beginning."""
+    """Begin with manual driving."""
     speed_m_s: float = HAND_M_S
-    """Of the drive by hand."""
+    """Speed of manual driving, m/s."""
     gamepad: str | None = None
+    """Joystick device; None: none."""
     key: bytes | None = None
-    """Signs what moves the robot, where the device asks for it."""
+    """Key that signs motion commands, if the device requires it."""
     adapter_delay_ns: tuple[int, int] = (0, 0)
-    """Declared of the way to the device and of the way back (:class:`HostOptions`)."""
+    """Declared minimum delay to the device and from it, ns (:class:`HostOptions`)."""
     robot_file: bool = False
-    """A robot file gave the model; else it is the default."""
+    """The model is from a robot file; else it is the default."""
     recording: RecordOptions = field(default_factory=RecordOptions)
     view: bool = False
     """Show the run live in Rerun."""
     serve: bool = False
-    """... in a browser on this machine."""
+    """Show the run live in a browser on this machine."""
 
     @property
     def planner_name(self) -> str | None:
-        """Of whichever planner moves the robot."""
+        """Name of the planner that moves the robot, on the host or the device."""
         if self.onboard is not None:
             return self.onboard.name.lower().replace("_", "-")
         return self.planner
@@ -127,17 +135,17 @@ class LiveResult:
     summary: dict[str, Any]
     exit_status: int
     complaints: list[str]
-    """Lines for people about what went wrong."""
+    """Lines about what went wrong."""
     agreed: bool = True
-    """A device was there; without one there is no log, and nothing to sum up."""
+    """The handshake succeeded; otherwise there is no log and nothing to sum up."""
 
 
 def run_live(asked: LiveOptions) -> LiveResult:
-    """Run until the plan, the time, the device or a person ends it.
+    """Run until the plan, the duration, the device or a person ends the run.
 
     Raises:
         PortError: the port cannot be opened; nothing was recorded.
-        LogError: the log cannot be made; the robot was not spoken to.
+        LogError: the log cannot be made; nothing was sent to the robot.
 
     """
     check_view(view=asked.view, serve=asked.serve)
@@ -151,8 +159,8 @@ def run_live(asked: LiveOptions) -> LiveResult:
         opened.close()
         replaced.put_back()
         raise
-    teller = Teller(recorder, plain=not is_drawable())
-    teller.on_agreed = replaced.drop
+    events = EventLines(recorder, plain=not is_drawable())
+    events.on_agreed = replaced.drop
     options = HostOptions(
         offset_ns,
         asked.planner_name or "",
@@ -164,7 +172,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     )
     host = build_run(
         asked.model,
-        teller,
+        events,
         options,
         new_session_id,
         runner=operator if asked.drive or asked.planner is not None else None,
@@ -173,9 +181,9 @@ def run_live(asked: LiveOptions) -> LiveResult:
         clear_stop=asked.clear_stop,
         resume=asked.resume,
     )
-    way = array("d")
+    path = array("d")
     if asked.plan is not None:
-        host.on_drive_pose = lambda time_s, pose: way.extend((time_s, *pose))
+        host.on_drive_pose = lambda time_s, pose: path.extend((time_s, *pose))
     pump = Pump(host, opened, opener)
     pump.watch = LogFailureRule(
         recorder,
@@ -188,17 +196,17 @@ def run_live(asked: LiveOptions) -> LiveResult:
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
     try:
-        with _endings(pump, operating, asked.gamepad):  # the summary too is written whole
+        with _endings(pump, operating, asked.gamepad):  # a signal must not cut off the summary
             with (
                 live_view(asked.log, view=asked.view, serve=asked.serve) as page,
                 _owner(asked, pump, opened),
                 compared(pump, asked.model, from_file=asked.robot_file),
                 start_checked(pump, asked.model, asked.plan),
-                _picture(pump, teller, operating, _facts(asked, page, way)),
+                _dashboard(pump, events, operating, _facts(asked, page, path)),
             ):
-                gc.freeze()  # what start-up left is not walked through again while driving
+                gc.freeze()  # the collector skips the objects of the start-up during the run
                 pump.run()
-            summary = _conclude(pump, asked, way)
+            summary = _conclude(pump, asked, path)
             recorder.close(summary)
     finally:
         recorder.close()
@@ -211,7 +219,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
 
 
 def _operator(asked: LiveOptions) -> Operator:
-    """The person's hand in the run; it holds the plan, where there is one."""
+    """Make the runner that switches between a plan and manual driving."""
 
     def make_plan() -> PlanRunner:
         name = asked.planner or DEFAULT_PLANNER
@@ -228,10 +236,10 @@ def _operator(asked: LiveOptions) -> Operator:
 
 
 def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
-    """The keys of this run."""
+    """Make the handler of the keys."""
     host = pump.host
 
-    def looked() -> None:
+    def resume() -> None:
         host.go_on(clock.now())
 
     def begun() -> None:
@@ -241,7 +249,7 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
     return Operating(
         pump,
         operator,
-        go_on=lambda: pump.call(looked),
+        go_on=lambda: pump.call(resume),
         on_start=lambda: pump.call(begun),
         clear_stop=asked.clear_stop,
     )
@@ -249,7 +257,7 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
 
 @contextlib.contextmanager
 def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
-    """Let other shells reach the robot through this run; say what is amiss with the port."""
+    """Let other shells reach the robot through this run, and warn about the port."""
 
     def warn(kind: EventKind, text: str) -> None:
         pump.host.event(clock.now(), Severity.WARNING, "link", kind, text)
@@ -273,7 +281,7 @@ def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
         except OSError as error:
             warn(
                 EventKind.NO_SOCKET,
-                f"other shells cannot find this run under {name}: {error.strerror}",
+                f"other shells cannot reach this run by the name {name}: {error.strerror}",
             )
 
     pump.on_reopened = reopened
@@ -282,7 +290,7 @@ def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
 
 
 def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
-    """The log, opened, and the Unix offset that it was opened with."""
+    """Open the log; return its recorder and the offset from host time to Unix time, ns."""
     offset_ns = clock.unix_offset_ns()
     opened_ns = clock.now() + offset_ns
     info = RunInfo(
@@ -303,10 +311,10 @@ def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
 
 
 def _discard(log: Path) -> None:
-    """Remove the log of a run that found no device to agree with; it holds nothing of a robot."""
+    """Remove the log of a run without a handshake: it contains nothing of a robot."""
     with contextlib.suppress(LogReadError, OSError):
         for part in parts_of(log):
-            if part.is_file():  # a device file is not ours to remove
+            if part.is_file():  # never remove a device file such as /dev/null
                 part.unlink()
 
 
@@ -322,18 +330,18 @@ def _result(
     if recorder.error is not None:
         complaints.append(str(recorder.error))
     if recorder.dropped:
-        complaints.append(f"{recorder.dropped} records did not reach the log")
+        complaints.append(f"{recorder.dropped} records were lost: the disk is too slow")
     status = ending.exit_status if ending else 1
     if recorder.error is not None and status == 0:
-        status = 1  # the run did what it was to do, its log did not
+        status = 1  # the run succeeded, but its log is incomplete
     return LiveResult(summary, status, complaints, host.hello is not None)
 
 
 @contextlib.contextmanager
 def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[None]:
-    """Turn signals into an orderly end, the robot stopped first; let keys and gamepad act.
+    """Handle signals, keys and gamepad during a run; a signal stops the robot and ends the run.
 
-    Afterwards they are ignored: nothing is left to end but the writing of log and summary.
+    Afterwards the signals are ignored, so that they do not cut off log and summary.
     """
 
     def interrupted(number: int, _frame: object) -> None:
@@ -348,7 +356,7 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
             if gamepad is not None:
                 stack.enter_context(_gamepad(gamepad, operating))
             on_key = operating.on_key if is_drawable() else _answered(operating)
-            # A terminal that is not drawn on is not asked about its keyboard either.
+            # Without a dashboard the terminal gets no control sequences, so no query either.
             keyboard = stack.enter_context(Keyboard(on_key, releases=is_drawable()))
             operating.dead_man.releases = keyboard.releases
             yield
@@ -358,7 +366,7 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
 
 
 def _answered(operating: Operating) -> Callable[[Key], None]:
-    """Handle keys and print what each came to: there is no picture to show it."""
+    """Return a key handler that prints the effect of each key: there is no dashboard."""
 
     def on_key(key: Key) -> None:
         before = operating.message
@@ -381,46 +389,48 @@ def _gamepad(path: str, operating: Operating) -> Gamepad:
     )
 
 
-def _facts(asked: LiveOptions, page: str, way: array[float]) -> RunFacts:
-    """What the picture shows beside the robot."""
-    coverage = None if asked.plan is None else LiveCoverage(asked.plan, asked.model, way)
+def _facts(asked: LiveOptions, page: str, path: array[float]) -> RunFacts:
+    """Return the facts of the run for the heading of the dashboard."""
+    coverage = None if asked.plan is None else LiveCoverage(asked.plan, asked.model, path)
     return RunFacts(
         asked.port, str(asked.log), page, asked.planner_name or "", asked.plan, coverage
     )
 
 
 @contextlib.contextmanager
-def _picture(pump: Pump, teller: Teller, operating: Operating, facts: RunFacts) -> Iterator[None]:
+def _dashboard(
+    pump: Pump, events: EventLines, operating: Operating, facts: RunFacts
+) -> Iterator[None]:
     host = pump.host
     if not is_drawable():
-        # In the loop's thread, which makes the records.
-        teller.status = lambda: status_line(host.snapshot())
+        # Called in the loop's thread, which writes the records.
+        events.status = lambda: status_line(host.snapshot())
         if Keyboard.possible():
             inform(operating.help(_ANY_WIDTH))
         yield
         return
-    picture = LivePicture(
-        lambda: pump.snapshot, teller, operating if Keyboard.possible() else None, facts
+    dashboard = Dashboard(
+        lambda: pump.snapshot, events, operating if Keyboard.possible() else None, facts
     )
-    picture.start()
+    dashboard.start()
     try:
         yield
     finally:
-        picture.stop()
+        dashboard.stop()
 
 
-def _conclude(pump: Pump, asked: LiveOptions, way: array[float]) -> dict[str, Any]:
-    """The last map and the run's summary; after a crash as much as the failed parts still give."""
+def _conclude(pump: Pump, asked: LiveOptions, path: array[float]) -> dict[str, Any]:
+    """Record the last map and return the summary; after a crash, what is available of it."""
     host = pump.host
     try:
         if host.drive_pose is not None:
             host.record_map(clock.now())
-        return _summarise(host, asked, way)
+        return _summarise(host, asked, path)
     except Exception as error:
         if pump.crash is None:
             raise
         text = f"no summary after the crash: {described(error)}"
-        with contextlib.suppress(Exception):  # the record may be what has failed
+        with contextlib.suppress(Exception):  # the recording itself may have failed
             host.event(clock.now(), Severity.WARNING, "session", EventKind.NO_SUMMARY, text)
         return crash_summary(
             host,
@@ -431,15 +441,15 @@ def _conclude(pump: Pump, asked: LiveOptions, way: array[float]) -> dict[str, An
         )
 
 
-def _summarise(host: Host, asked: LiveOptions, way: array[float]) -> dict[str, Any]:
+def _summarise(host: Host, asked: LiveOptions, path: array[float]) -> dict[str, Any]:
     report, plan = None, asked.plan
-    if plan is not None and way:
+    if plan is not None and path:
         from bridge.evaluation.metrics import CoverageMeter
 
         runner = host.mission.runner
         lanes_m = runner.lane_length_m if runner and asked.onboard is None else None
         meter = CoverageMeter(plan, asked.model)
-        rows = iter(way)
+        rows = iter(path)
         report = meter.measure(zip(rows, rows, rows, rows, strict=True), lanes_m)
     return run_summary(
         host,

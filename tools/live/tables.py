@@ -1,4 +1,4 @@
-"""The tables of the live picture: what the robot, its sensors, its planner and its wire tell."""
+"""The tables of the dashboard: robot, sensors, planner and link."""
 
 from __future__ import annotations
 
@@ -21,30 +21,33 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 _RATE_NS = 1_000_000_000
+"""Period at which rates are computed, ns."""
 _AGED_S = 2.0
-"""Age beyond which a value is drawn dim, seconds: several periods of the slowest stream."""
+"""Age beyond which a value is dimmed, s: several periods of the slowest stream."""
 _FROZEN_S = 0.5
-"""Silence of the encoders beyond which no speed is shown, seconds: as a lost setpoint."""
+"""Time without encoder counts after which no speed is shown, s: the time to live of a setpoint."""
 _LANE_VARIABLES = frozenset({"paper"})
 """Planners whose state has the variables of the paper's Table 1."""
 _RATES_SHOWN = ("imu", "encoders", "range", "status", "power", "planner_state")
+"""Messages whose rates are shown."""
 
 
 class Rates:
-    """Messages a second of each type, from the link's own counts."""
+    """Rate of each message, from the counts of the link."""
 
     def __init__(self, look: Callable[[], Snapshot]) -> None:
-        """Know none yet; ``look`` gives what is known of the robot now."""
+        """Begin without rates; ``look`` returns the present snapshot of the run."""
         self._look = look
         self._at_ns = 0
         self._counts: dict[int, int] = {}
         self._bytes = (0, 0)
         self.hz: dict[str, float] = {}
+        """Rate by name of the message, Hz."""
         self.bytes_s = (0.0, 0.0)
-        """In and out."""
+        """Received and sent bytes a second."""
 
     def look(self, now_ns: int) -> None:
-        """Count anew where a second has passed."""
+        """Compute the rates again if a second has passed."""
         since_s = (now_ns - self._at_ns) / 1e9
         if since_s * 1e9 < _RATE_NS:
             return
@@ -70,16 +73,16 @@ _Rows = list[tuple[str, str | Text]]
 def _rows(rows: _Rows) -> Table:
     table = Table(show_header=False, box=None, pad_edge=False)
     names = max((len(name) for name, _ in rows), default=0)
-    table.add_column(style="dim", no_wrap=True, min_width=names)  # a value is cut before its name
+    table.add_column(style="dim", no_wrap=True, min_width=names)  # values are cut, names are not
     table.add_column(overflow="ellipsis", no_wrap=True)
     for name, value in rows:
-        # A device's own words, too: no markup.
+        # Some values come from the device: Text takes them without markup.
         table.add_row(name, Text(value) if isinstance(value, str) else value)
     return table
 
 
 def _session(host: Snapshot, now_s: float) -> Text:
-    """State of session and run; while the device is lost, the time until the run ends."""
+    """Return the state of session and run; after a loss, the time until the run ends."""
     state, mission = host.session.state, host.mission
     left_s = mission.holds_for_s(now_s)
     if left_s is None:
@@ -90,7 +93,10 @@ def _session(host: Snapshot, now_s: float) -> Text:
 
 
 def _speed(host: Snapshot, now_s: float) -> str | None:
-    """Speed and yaw rate while the encoders are heard: the estimate keeps its last speed."""
+    """Return speed and yaw rate; None without recent encoder counts.
+
+    The estimate would still have the last speed.
+    """
     at_s = host.state.arrived_s.get(Encoders)
     if host.session.state is not State.READY or at_s is None or now_s - at_s > _FROZEN_S:
         return None
@@ -99,13 +105,13 @@ def _speed(host: Snapshot, now_s: float) -> str | None:
 
 
 def _aged(host: Snapshot, kind: type[Message], now_s: float) -> bool:
-    """Whether the newest message of a kind is too old to be the present."""
+    """Return whether the newest message of a kind is older than ``_AGED_S``."""
     at_s = host.state.arrived_s.get(kind)
     return at_s is None or now_s - at_s > _AGED_S
 
 
 def _shown(rows: list[tuple[str, str | Text | None]], *, dim: bool = False) -> _Rows:
-    """Rows with a dash for what is not known; ``dim``: the values are of the past."""
+    """Return rows with a dash for unknown values; with ``dim`` the values are dimmed."""
     found: _Rows = []
     for name, value in rows:
         text = Text("-") if value is None else Text(value) if isinstance(value, str) else value
@@ -116,7 +122,7 @@ def _shown(rows: list[tuple[str, str | Text | None]], *, dim: bool = False) -> _
 
 
 def _pose(host: Snapshot, digits: int) -> Text:
-    """The estimated pose, dimmed where the device is not heard."""
+    """Return the estimated pose, dimmed while the device is lost."""
     pose = host.estimator.pose
     text = Text(
         f"{pose.x_m:+.{digits}f} m {pose.y_m:+.{digits}f} m {math.degrees(pose.theta_rad):+.0f}°"
@@ -127,7 +133,7 @@ def _pose(host: Snapshot, digits: int) -> Text:
 
 
 def _status_rows(host: Snapshot, now_s: float, *, load: bool = False) -> _Rows:
-    """Mode, stop and faults."""
+    """Return the rows of mode, stop and faults; with ``load`` the processor load too."""
     status = host.state.status
     if status is None:
         return _shown([("mode", None), ("stop", None), ("faults", None)])
@@ -146,7 +152,7 @@ def _status_rows(host: Snapshot, now_s: float, *, load: bool = False) -> _Rows:
 
 
 def state_table(host: Snapshot, now_s: float) -> Table:
-    """Session, run, mode, stop, faults, pose and battery."""
+    """Return the table of session, run, mode, stop, faults, pose and battery."""
     hello, power = host.hello, host.state.power
     rows: _Rows = [("session", _session(host, now_s))]
     if hello is not None:
@@ -161,7 +167,7 @@ def state_table(host: Snapshot, now_s: float) -> Table:
 
 
 def status_line(host: Snapshot, now_s: float | None = None) -> str:
-    """What matters most in one line, for a reader without a picture."""
+    """Return the state of the run as one line, for output without a dashboard."""
     now_s = clock.now() / 1e9 if now_s is None else now_s
     state, pose = host.state, host.estimator.pose
     parts = [_session(host, now_s).plain]
@@ -184,7 +190,7 @@ def status_line(host: Snapshot, now_s: float | None = None) -> str:
 
 
 def compact_table(host: Snapshot, rates: Rates, now_s: float) -> Table:
-    """What matters most, for a small terminal."""
+    """Return the most important values as one table, for a small window."""
     state, mission = host.state, host.mission
     power, ranges, imu = state.power, state.range, state.imu
     rows: _Rows = [("session", _session(host, now_s))]
@@ -206,12 +212,13 @@ def compact_table(host: Snapshot, rates: Rates, now_s: float) -> Table:
         rows += _shown([("planner", mission.runner.state.state)])
     wire = host.session.link.statistics
     shown = " ".join(f"{n} {rates.hz[n]:.0f}" for n in _RATES_SHOWN[:3] if n in rates.hz)
-    rows += _shown([("Hz", shown or "-"), ("wire", f"{wire.lost} lost, {wire.damaged} damaged")])
+    rows += _shown([("Hz", shown or "-"), ("link", f"{wire.lost} lost, {wire.damaged} damaged")])
     return _rows(rows)
 
 
 def _battery(volts: float, nominal_v: float) -> Text:
-    # Empty at three quarters of the nominal voltage, full at it: 12 V and 16 V of the paper's pack.
+    # Empty at 3/4 of the nominal voltage, full at the nominal one: 12 V and 16 V of the paper's
+    # battery.
     share = (volts / nominal_v - 0.75) / 0.25
     style = "red" if share < 0.2 else "yellow" if share < 0.4 else "green"  # noqa: PLR2004 - fifths
     return Text.assemble(f"{volts:.2f} V ", (_bar(share, 10), style))
@@ -223,7 +230,7 @@ def _bar(share: float, width: int) -> str:
 
 
 def sensor_table(host: Snapshot, now_s: float) -> Table:
-    """Ranges, contacts, inertial sensor, encoders and currents."""
+    """Return the table of ranges, contacts, inertial sensor, encoders and currents."""
     state, model = host.state, host.model
     ranges, imu, encoders, power = state.range, state.imu, state.encoders, state.power
     seen: tuple[Text | None, ...] = (None, None, None, None)
@@ -254,15 +261,15 @@ def sensor_table(host: Snapshot, now_s: float) -> Table:
 
 def _range(value: float | None, max_m: float) -> Text:
     if value is None:
-        return Text("nothing", style="dim")
+        return Text("no echo", style="dim")
     return Text.assemble(f"{value:.3f} m ", (_bar(value / max_m, 12), "cyan"))
 
 
 def planner_table(host: Snapshot, planner: str = "") -> Table:
-    """What drives: the state of the plan, and of the paper's planner the paper's variables."""
+    """Return the table of the planner; for the planner ``paper`` with the paper's variables."""
     runner, device = host.mission.runner, host.state.planner
     if runner is None and device is None:
-        return _rows([("", "no plan")])
+        return _rows([("", "no planner")])
     rows: _Rows = [("planner", planner)] if planner else []
     if runner is not None:
         state = runner.state
@@ -285,8 +292,8 @@ def planner_table(host: Snapshot, planner: str = "") -> Table:
     return _rows(rows)
 
 
-def wire_table(host: Snapshot, rates: Rates) -> Table:
-    """Rates, losses and the clock."""
+def link_table(host: Snapshot, rates: Rates) -> Table:
+    """Return the table of rates, losses, round trip and clock."""
     wire, sync = host.session.link.statistics, host.sync
     shown = [
         f"{name.removesuffix('_state')} {rates.hz[name]:.0f}"

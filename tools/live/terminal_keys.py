@@ -1,9 +1,9 @@
-"""Keys of a terminal as events: presses everywhere, releases where it tells of them.
+"""Keys of a terminal as events: presses everywhere, releases if the terminal reports them.
 
-The kitty keyboard protocol (its specification's progressive enhancement): we ask with
-``CSI ? u`` and, so that every terminal answers something, with a request for its attributes
-(``CSI c``); one that knows the protocol answers the first too, and is then told to report
-presses, repeats and releases of all keys. At the end it is put back.
+Releases need the kitty keyboard protocol (progressive enhancement of its specification). The query
+``CSI ? u`` is followed by a request for the terminal's attributes (``CSI c``), which every
+terminal answers. A terminal that also answers the first one supports the protocol, and is set to
+report presses, repeats and releases of all keys. At the end the setting is restored.
 """
 
 from __future__ import annotations
@@ -23,19 +23,22 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 QUERY = "\x1b[?u\x1b[c"
+"""Query of the keyboard protocol, then of the terminal's attributes."""
 ENTER = "\x1b[>11u"
-"""Push: disambiguate (1), report event types (2), report all keys as escape codes (8)."""
+"""Push flags: disambiguate (1), report event types (2), report all keys as escape codes (8)."""
 LEAVE = "\x1b[<u"
+"""Pop the flags."""
 ANSWER_S = 0.3
+"""Maximum time to wait for the terminal's answer, s."""
 _ESCAPE_S = 0.05
-"""A lone escape byte is the key after this; the rest of a sequence is there at once."""
+"""Time after which a lone escape byte is the escape key, s: a sequence arrives at once."""
 _CSI = re.compile(rb"\x1b\[([<>?]?)([0-9;:]*)([A-Za-z~])")
 _SS3 = re.compile(rb"\x1bO([A-Za-z])")
 _LETTERS = {"A": "up", "B": "down", "C": "right", "D": "left", "H": "home", "F": "end"}
 _CODES = {27: "escape", 13: "enter", 9: "tab", 32: "space", 127: "backspace"}
 _KINDS = {"1": "press", "2": "repeat", "3": "release"}
 _CONTROL = 4
-"""Of the modifiers, which are sent plus one."""
+"""Bit of the control key in the modifiers, which are sent plus one."""
 
 
 class Key(NamedTuple):
@@ -48,17 +51,17 @@ class Key(NamedTuple):
 
 
 class KeyDecoder:
-    """Bytes of a terminal in, keys out; keeps the beginning of a sequence."""
+    """Decodes a terminal's bytes into keys; keeps an incomplete sequence."""
 
     def __init__(self) -> None:
         self._rest = b""
         self.kitty = False
-        """The terminal has said that it knows the protocol."""
+        """The terminal supports the keyboard protocol."""
         self.answered = False
-        """It has answered at all."""
+        """The terminal has answered the request for its attributes."""
 
     def feed(self, data: bytes) -> list[Key]:
-        """Take what came."""
+        """Decode bytes and return the complete keys."""
         self._rest += data
         keys: list[Key] = []
         while self._rest:
@@ -72,11 +75,11 @@ class KeyDecoder:
 
     @property
     def waiting(self) -> bool:
-        """Whether the beginning of a sequence is kept."""
+        """Whether an incomplete sequence is kept."""
         return bool(self._rest)
 
     def flush(self) -> list[Key]:
-        """Nothing more came: a lone escape was the key, and half a sequence is none."""
+        """Drop an incomplete sequence; a lone escape byte is the escape key."""
         rest, self._rest = self._rest, b""
         return [Key("escape")] if rest == b"\x1b" else []
 
@@ -142,35 +145,35 @@ def _plain(data: bytes) -> tuple[Key | None, int]:
 
 
 class Keyboard:
-    """A thread that reads this terminal; as a context manager it puts the terminal back."""
+    """Reads the keys of this terminal in a thread; a context manager that restores the terminal."""
 
     def __init__(self, on_key: Callable[[Key], None], *, releases: bool = True) -> None:
-        """With ``releases`` the terminal is asked to tell of them."""
+        """Call ``on_key`` for each key; with ``releases`` ask the terminal to report releases."""
         self._on_key = on_key
         self._ask = releases
         self._decoder = KeyDecoder()
         self.releases = False
-        """Whether it does; known once entered."""
+        """Whether the terminal reports releases; valid after ``__enter__``."""
         self._thread: threading.Thread | None = None
 
     @staticmethod
     def possible() -> bool:
-        """Whether there is a terminal to read."""
+        """Return whether stdin is a terminal whose keys can be read."""
         return sys.stdin.isatty() and sys.platform != "win32"
 
     def __enter__(self) -> Self:
-        """Take the terminal; does nothing where there is none."""
+        """Begin to read keys; do nothing if stdin is not a terminal."""
         if not self.possible():
             return self
         import termios
         import tty
 
         self._in = sys.stdin.fileno()
-        # No write here waits for a terminal that is held or hangs.
+        # Queued, because a write to a terminal that is paused or hangs would block.
         self._out = None if sys.stderr.isatty() else QueuedStream(sys.stdin)
         self._before = termios.tcgetattr(self._in)
         self._end_read, self._end_write = os.pipe()
-        # Leaves Ctrl-C a signal. At once: draining the output first waits for the terminal.
+        # Ctrl-C stays a signal. TCSANOW, because draining the output would wait for the terminal.
         tty.setcbreak(self._in, termios.TCSANOW)
         termios.tcflush(self._in, termios.TCIFLUSH)
         if self._ask:
@@ -207,7 +210,7 @@ class Keyboard:
             if ready:
                 try:
                     data = os.read(self._in, 256)
-                except OSError:  # the terminal went away; the signal for that ends the run
+                except OSError:  # the terminal was closed; SIGHUP ends the run
                     return
                 if not data:
                     return
@@ -223,7 +226,7 @@ class Keyboard:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Put the terminal back as it was."""
+        """Restore the terminal."""
         if self._thread is None:
             return
         import contextlib

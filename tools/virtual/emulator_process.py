@@ -1,4 +1,4 @@
-"""``sweepctl emulate`` as a process of its own, for as long as somebody needs its port."""
+"""``sweepctl emulate`` as a child process, for tests that need a port."""
 
 from __future__ import annotations
 
@@ -16,24 +16,28 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 
 class EmulatorError(Exception):
-    """The emulator did not start; the text is its own last line."""
+    """The emulator did not start; the text is the last line that it printed."""
 
 
 class EmulatorProcess:
-    """A running emulator that has said ``ready``."""
+    """A running emulator that has printed ``ready PORT``."""
 
     def __init__(self, settings: Settings, *, ready_s: float) -> None:
-        """Start it and wait for its port.
+        """Start the emulator and wait until its port is ready.
+
+        Args:
+            settings: properties of the virtual sweeper.
+            ready_s: maximum time to wait, s.
 
         Raises:
-            EmulatorError: it refused its arguments, could not open its port, or said nothing.
+            EmulatorError: its arguments are invalid, it cannot open its port, or it is too slow.
 
         """
         arguments = ["emulate", settings.room, "--link", settings.link, "--noise", settings.noise]
         arguments += ["--seed", str(settings.seed), "--node", str(settings.node)]
         for fault in settings.faults:
             arguments += ["--fault", fault]
-        # -P: a folder `tools` of the user's own, where the tests run, must not hide ours.
+        # -P: a folder `tools` in the user's working directory must not hide ours.
         self._process = subprocess.Popen(  # noqa: S603 - our own command
             [sys.executable, "-P", "-m", "tools.sweepctl", *arguments],
             env={**os.environ, "PYTHONPATH": _python_path()},
@@ -47,12 +51,12 @@ class EmulatorProcess:
             self._process.kill()
             _, complaint = self._process.communicate()
             lines = [part for part in complaint.strip().splitlines() if part]
-            raise EmulatorError(lines[-1] if lines else f"said nothing for {ready_s:g} s")
+            raise EmulatorError(lines[-1] if lines else f"no port after {ready_s:g} s")
         self.port = line.removeprefix("ready ").rstrip("\n")
-        """To be given to connect, or to :func:`bridge.open`."""
+        """Name of the port, for ``sweepctl connect`` or :func:`bridge.open`."""
 
     def _first_line(self, within_s: float) -> str:
-        assert self._process.stdout is not None  # noqa: S101 - a pipe was asked for
+        assert self._process.stdout is not None  # noqa: S101 - Popen was given PIPE
         with selectors.DefaultSelector() as selector:
             selector.register(self._process.stdout, selectors.EVENT_READ)
             if not selector.select(within_s):
@@ -60,7 +64,7 @@ class EmulatorProcess:
         return self._process.stdout.readline()
 
     def end(self, within_s: float) -> str | None:
-        """End it in order; what was wrong with that, or None."""
+        """Terminate the emulator; return a description of what went wrong, or None."""
         died = self._process.poll()
         self._process.terminate()
         try:
@@ -77,6 +81,6 @@ class EmulatorProcess:
 
 
 def _python_path() -> str:
-    """Where this package is, before whatever the user has set."""
+    """Return the user's PYTHONPATH with our folder in front."""
     before = os.environ.get("PYTHONPATH")
     return os.pathsep.join([str(_ROOT), before] if before else [str(_ROOT)])

@@ -1,4 +1,4 @@
-"""Host and virtual sweeper joined in virtual time; every byte passes the codec."""
+"""The loop that joins host and virtual sweeper in virtual time, byte by byte."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from sim_device.sweeper import VirtualSweeper
 
 HOST_BOOT_NS = 5_000_000_000
-"""The host's clock at the device's boot: the two must not agree by accident."""
+"""Host clock at the device's boot, ns: not 0, so that mixing up the two clocks shows."""
 LATENCY_US = 1_000
-"""One way, as over an adapter at 1 ms."""
+"""One-way delay of a byte, µs: as with a USB adapter whose latency timer is 1 ms."""
 _TICKS_KEPT = 32
-"""A third of a second: longer than any message is under way."""
+"""Number of true poses kept, one for each control period: 0.32 s, more than any message's delay."""
 
 
 def host_ns(now_us: int) -> HostNs:
-    """The host's clock at a time since the device's boot."""
+    """Return the host clock at a time since the device's boot."""
     return HostNs(now_us * 1000 + HOST_BOOT_NS)
 
 
 class VirtualLoop:
-    """Both ends and the bytes between them. Its memory does not grow with the run."""
+    """Host, device and the bytes between them. Its memory does not grow with the run."""
 
     def __init__(
         self,
@@ -39,11 +39,11 @@ class VirtualLoop:
         on_tick: Callable[[int, int, Pose2], None] = lambda _last, _now, _pose: None,
         on_step: Callable[[], None] = lambda: None,
     ) -> None:
-        """Join what :meth:`connect` gives with a device that is switched on.
+        """Switch the device on; :meth:`connect` joins it with a host.
 
         Args:
             body: The virtual robot.
-            rig: The same with its line and faults, where it has any.
+            rig: The virtual robot with its line and faults; None: without them.
             latency_us: Delay of each byte, one way.
             on_tick: Called after each step of the robot's body with its time before and now (ms
                 since boot) and its true pose.
@@ -51,29 +51,29 @@ class VirtualLoop:
 
         """
         self.now_us = 0
-        """Time since the device's boot."""
+        """Time since the device's boot, µs."""
         self.end_error_m: float | None = None
-        """Distance of estimate and truth at the newest encoder sample of the drive."""
+        """Distance of estimate and truth at the newest encoder sample of the drive, m."""
         self.max_error_m: float | None = None
-        """The greatest of them."""
+        """Maximum of ``end_error_m`` over the drive, m."""
         self._body, self._device = body, rig or body
         self._latency_us = latency_us
         self._on_tick, self._on_step = on_tick, on_step
         self._to_device: deque[tuple[int, bytes]] = deque()
         self._to_host: deque[tuple[int, bytes]] = deque()
         self._poses: dict[int, Pose2] = {}
-        """True poses by the stamp that the device puts on them, ms."""
+        """True poses by the time stamp of the device, ms."""
         self._tick_ms = 0
-        # Neither end is asked, nor its next moment, before there is something for it to do.
+        # The next deadline of each end is kept, because asking for it at every step is slow.
         self._device_us, self._host_us = self._device.next_deadline_us(), 0
 
     @property
     def host_ns(self) -> HostNs:
-        """The host's clock."""
+        """Host clock, ns."""
         return host_ns(self.now_us)
 
     def connect(self, host: Host) -> None:
-        """Join the device with this host from now on; bytes of another one are lost."""
+        """Join the device with this host; bytes of an earlier host are lost."""
         self.host = host
         self._to_device.clear()
         self._to_host.clear()
@@ -81,19 +81,19 @@ class VirtualLoop:
         self.wake()
 
     def wake(self) -> None:
-        """Look at both ends at once: something was asked of them since the last step."""
+        """Read the deadlines of both ends again, after a call that may have changed them."""
         self._host_us = self.now_us
         self._device_us = self._device.next_deadline_us()
 
     def forget_errors(self) -> None:
-        """Measure the estimate anew, for another drive."""
+        """Restart the measurement of the estimate's error, for another drive."""
         self.end_error_m = self.max_error_m = None
 
     def step(self, end_us: int | None = None) -> None:
-        """Go on to the next moment at which something happens, and let it happen.
+        """Advance to the next deadline of either end or arrival of bytes, and process it.
 
         Args:
-            end_us: The latest moment to go to.
+            end_us: Time at which to stop at the latest, µs since boot.
 
         """
         alive = not self.host.mission.done
@@ -125,7 +125,7 @@ class VirtualLoop:
             self._remember()
 
     def _deliver(self, now_us: int) -> bool:
-        """Hand the host what has arrived; False: nothing has."""
+        """Give the host the bytes that have arrived; return whether there were any."""
         heard, to_host = False, self._to_host
         while to_host and to_host[0][0] <= now_us:
             heard = True
@@ -142,9 +142,9 @@ class VirtualLoop:
         self._host_us = -((HOST_BOOT_NS - host.next_deadline()) // 1000)
 
     def _remember(self) -> None:
-        """Keep the true pose by the stamp that the device puts on it.
+        """Store the true pose under the device's time stamp.
 
-        A device whose clock drifts or jumps has control periods at other milliseconds than ours.
+        The stamp differs from the loop's time if a fault makes the device's clock drift or jump.
         """
         plant, poses = self._body.plant, self._poses
         last_ms, self._tick_ms = self._tick_ms, plant.tick_ms
@@ -155,7 +155,7 @@ class VirtualLoop:
         self._on_tick(last_ms, self._tick_ms, pose)
 
     def _receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Hand bytes to the host; hold the estimate against the truth of the encoders' moment."""
+        """Give bytes to the host; after new encoder counts, compare estimate and truth."""
         host, mission = self.host, self.host.mission
         before_us = host.localisation.encoders_us
         host.receive(data, now_ns)
@@ -170,5 +170,5 @@ class VirtualLoop:
 
 
 def own_ms(device: VirtualSweeper) -> int:
-    """What the device's clock will stamp on the samples of its next control period, in ms."""
+    """Return the time stamp of the samples of the device's next control period, ms."""
     return device.clock.stamp_us(device.next_deadline_us()) // 1000

@@ -1,4 +1,4 @@
-"""``emulate --target qemu``: the firmware's own binary on an emulated chip."""
+"""``emulate --target qemu``: the C firmware's binary on an emulated chip."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ if TYPE_CHECKING:
     from sim_device.ports.qemu_sweeper import QemuSweeper
 
 SERIAL = {"pty", "tcp"}
+"""Links that work with the emulated chip: QEMU's STM32F405 has no CAN."""
 
 
 def check(target: str, link: str, firmware: Path | None) -> None:
-    """Refuse what does not go together.
+    """Check that the options of the target go together.
 
     Raises:
-        click.UsageError: options exclude each other.
+        click.UsageError: they do not.
 
     """
     if target == "qemu" and link not in SERIAL:
         raise click.UsageError(
-            f"--link {link} goes with --target python: the chip that QEMU emulates has no CAN"
+            f"--link {link} needs --target python: the chip that QEMU emulates has no CAN"
         )
     if target != "qemu" and firmware is not None:
-        raise click.UsageError("--firmware goes with --target qemu")
+        raise click.UsageError("--firmware needs --target qemu")
 
 
-def device(  # noqa: PLR0913 - what a device is made with
+def device(  # noqa: PLR0913 - one parameter for each property of the device
     stack: ExitStack,
     firmware: Path | None,
     plan: FloorPlan,
@@ -45,7 +46,7 @@ def device(  # noqa: PLR0913 - what a device is made with
     boot_id: int,
     notify: Callable[[str], None],
 ) -> QemuSweeper:
-    """A chip that runs, until ``stack`` is closed; the firmware is built where none is given.
+    """Start a chip that runs until ``stack`` is closed; without ``firmware`` build ours.
 
     Raises:
         PortUnavailableError: QEMU, the compiler or the firmware is missing or does not work.

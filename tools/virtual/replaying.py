@@ -12,10 +12,11 @@ if TYPE_CHECKING:
     from sim_device.ports.base import DevicePort, Stopper
 
 _IDLE_S = 0.1
+"""Maximum time between two looks at the stopper and the clock, s."""
 
 
 def serve(device: ReplayDevice, port: DevicePort, stopper: Stopper) -> None:
-    """Let the device live on the port, in real time, until stopped."""
+    """Serve the device on the port in real time, until stopped."""
     waiting = b""
     while not stopper.stopped:
         wait_s = min(_IDLE_S, max(0.0, (device.next_deadline() - clock.now()) / 1e9))
@@ -25,7 +26,7 @@ def serve(device: ReplayDevice, port: DevicePort, stopper: Stopper) -> None:
         if data:
             device.receive(data, now_ns)
         device.poll(now_ns)
-        # What nobody reads is dropped like bytes on a wire without a listener.
+        # Bytes that nobody reads are dropped, as on a line without a receiver.
         waiting = device.data_to_send()
         if waiting:
             port.write(waiting)

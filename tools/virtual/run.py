@@ -1,4 +1,4 @@
-"""Host and virtual sweeper in one process and in virtual time, every byte through the codec."""
+"""A run of host and virtual sweeper in virtual time, every byte through the codec."""
 
 from __future__ import annotations
 
@@ -45,31 +45,33 @@ if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
 
 EPOCH_NS = 1_767_225_600_000_000_000
-"""2026-01-01T00:00:00Z: simulated runs start here, so that equal seeds give equal logs."""
+"""Unix time at which simulated runs start, ns: 2026-01-01T00:00:00Z. A constant, so that equal
+seeds give equal logs."""
 CONFIRM_S = 1.0
-"""Time that the device has to confirm the stop of a run whose loop has failed, s."""
+"""Time in which the device must confirm the stop after a crash of the loop, s."""
 _CRASH_STOP_ID = 0xC0DE
-"""Id of that stop: far from the first ones, which the host counts up from its session's."""
+"""Command id of that stop: far from the ids that the host has used."""
 _TRUTH_PERIOD_MS = 40
+"""Period of the true poses in the log, ms: 25 Hz, above the 20 Hz that the log format promises."""
 
 
 @dataclass(slots=True)
 class VirtualRun:
-    """A finished run: both ends and what the truth came to. It does not grow with the run."""
+    """A run: both ends and the measurements of the truth. Its memory does not grow."""
 
     device: VirtualSweeper
     host: Host
     loop: VirtualLoop
-    """Joins them; it measures the estimate's error."""
+    """Joins both ends and measures the error of the estimate."""
     track: CoverageTrack
-    """Measures the true pose of every 40 ms of the drive."""
+    """Coverage of the true path, from a pose every 40 ms."""
     rig: Rig | None = None
-    """The device with its line and faults, where either was asked for."""
+    """The device with its line and faults; None: it has neither."""
     crash: Exception | None = None
-    """What has ended the run's loop; None: it ended in order."""
+    """Exception that ended the loop; None: the run ended normally."""
 
 
-def run_virtual(  # noqa: PLR0913 - what a run can be asked for
+def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
     plan: FloorPlan,
     model: RobotModel,
     planner: str | None,
@@ -92,17 +94,29 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
 ) -> VirtualRun:
     """Run one plan from start to end.
 
-    A ``runner`` takes the place of the planner of that name, the device's planner ``onboard`` the
-    place of both; without a planner nothing moves. ``supervise`` are the rules of supervision.
-
-    ``progress`` is called about once a simulated second; ``ended`` is asked as often whether
-    the run should end early. A ``line`` takes the place of the plain delay of 1 ms each way;
-    ``prepare`` may change both ends before the first byte. ``link`` is the link of both ends:
-    UART, or CAN. With ``crash_ends`` an exception of the loop ends the run as a fault, the robot
-    stopped, as in a live run; else it is the caller's.
+    Args:
+        plan: the room.
+        model: the robot.
+        planner: name of the planner on the host; None: nothing moves.
+        sink: takes every record of the run.
+        seed: seed of everything random.
+        noise: noise level, by name or as an object.
+        max_time_s: time limit of the run, simulated seconds.
+        progress: called about once a simulated second with the time, s, and the host.
+        ended: called as often; returns how to end the run early, or None.
+        faults: faults to inject.
+        line: properties of the link; None: a plain delay of 1 ms in each direction.
+        prepare: called before the first byte; may change both ends.
+        runner: replaces the planner.
+        onboard: planner of the device, which replaces ``planner`` and ``runner``.
+        resume: what to do after a lost device is back.
+        supervise: settings of the supervision; None: the run is not supervised.
+        link: link of both ends: UART or CAN.
+        crash_ends: an exception of the loop stops the robot and ends the run as a fault, as in a
+            live run; else it is raised.
 
     Raises:
-        FaultSpecError: a fault cannot be on this device.
+        FaultSpecError: the device does not support a fault.
         FloorPlanError: the robot does not fit at the room's start.
         UnknownPlannerError: no such planner.
         UnknownNoiseLevelError: no such noise level.
@@ -157,10 +171,10 @@ def _log_faults(rig: Rig | None, sink: Sink) -> None:
 
 
 def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> None:
-    """Stop the virtual robot without the host, whose code has failed; put it on record."""
+    """Stop the virtual robot without the host, whose code has failed, and record the crash."""
     stop = StopRequest(type(host.session.link), CRASH_CAUSE, _CRASH_STOP_ID, host.session.node)
     begun_ns = host_ns(device.next_deadline_us())
-    with contextlib.suppress(Exception):  # the virtual device may be what has failed
+    with contextlib.suppress(Exception):  # the virtual device itself may have failed
         end_us = device.next_deadline_us() + round(CONFIRM_S * 1e6)
         while stop.confirmed_by is None and (now_us := device.next_deadline_us()) < end_us:
             now_ns = host_ns(now_us)
@@ -168,7 +182,7 @@ def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> 
     confirmed = StopCause.NONE if stop.confirmed_by is None else CRASH_CAUSE
     ending = crash_ending(error, CRASH_CAUSE, confirmed)
     host.mission.crashed(ending, confirmed, begun_ns / 1e9)
-    with contextlib.suppress(Exception):  # what fails may be the record itself
+    with contextlib.suppress(Exception):  # the recording itself may have failed
         now_ns = host_ns(device.next_deadline_us())
         host.event(
             now_ns,

@@ -1,4 +1,4 @@
-"""What a test asks a virtual sweeper to be."""
+"""Settings of a virtual sweeper in a test."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a virtual sweeper is made with, in a process of its own or in the test's."""
+    """Properties of a virtual sweeper, in a child process or in the process of the test."""
 
     room: str = "case-1"
-    """One that ships with the project, or a path."""
+    """Name of a shipped room, or path of a room file."""
     noise: str = "typical"
+    """Noise level: ``none``, ``paper``, ``typical`` or ``harsh``."""
     seed: int = 0
+    """Seed of everything random."""
     faults: tuple[str, ...] = ()
-    """``kind@time[:for][:args]``; times in seconds since the device booted."""
+    """Faults, ``kind@time[:for][:args]``; times in seconds since the device booted."""
     node: int = 1
+    """Node number of the device, 1 to 15."""
     link: str = "pty"
-    """``pty``, ``tcp``, ``slcan`` or ``udpcan``; in virtual time only: serial or CAN."""
+    """``pty``, ``tcp``, ``slcan`` or ``udpcan``. In virtual time it only selects UART or CAN."""

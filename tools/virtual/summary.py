@@ -1,4 +1,4 @@
-"""A virtual run's figures: metrics from the truth, collisions and energy from the plant."""
+"""The summary of a virtual run: metrics from the true path, collisions and energy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def summarise(
     run: VirtualRun, plan: FloorPlan, planner: str, seed: int, log: str | None
 ) -> dict[str, Any]:
-    """The run's JSON object."""
+    """Return the run's summary, the object of ``--json``."""
     host = run.host
     truth = run.device.truth
     report = None

@@ -1,8 +1,8 @@
-"""A virtual sweeper with a connected host in one object and in virtual time, for users' tests.
+"""A virtual sweeper with a connected host in virtual time, for users' tests.
 
-It reads like :class:`bridge.api.robot.Robot`, so that what is written for a robot can be tried on
-it: ``sweeper.enable(); sweeper.drive(0.1, 0.0); sweeper.run(2.0)``. Nothing here waits: a
-simulated minute takes as long as it takes to compute. Equal settings give equal runs.
+It has the methods of :class:`bridge.api.robot.Robot`, so that code for a robot can be tested with
+it: ``sweeper.enable(); sweeper.drive(0.1, 0.0); sweeper.run(2.0)``. Time is virtual: a simulated
+minute takes only the time of its computation. Equal settings give equal runs.
 """
 
 from __future__ import annotations
@@ -48,13 +48,15 @@ if TYPE_CHECKING:
     from sim_device.body.truth import Truth
 
 CONTROL_S = 0.02
-"""How often a controller is asked, and a velocity repeated: the host's control period."""
+"""Period at which a controller is called and a velocity is repeated, s: the host's period."""
 READY_S = 5.0
+"""Maximum time of the handshake, s."""
 ENABLE_S = 12.0
+"""Maximum time from :meth:`SimulatedSweeper.enable` to motion, s: 3 s at rest, and repetitions."""
 _TRUTH_MS = 20
-"""Time between two true poses that are kept, ms."""
+"""Period of the true poses in ``path``, ms."""
 _STATUS_S = 0.25
-"""Two of the device's statuses: what it latched is told by then."""
+"""Time after a stop until the device's status shows it, s: two periods of the status."""
 T = TypeVar("T", bound="Message")
 
 
@@ -73,16 +75,20 @@ class Newest(Generic[T]):
 
 
 class SimulatedSweeper:
-    """Device, line, faults and host; made connected, at rest, at time of the agreement."""
+    """Virtual device, line, faults and host. After construction it is connected and at rest."""
 
     def __init__(self, settings: Settings | None = None, *, sink: Sink | None = None) -> None:
         """Switch the device on and connect.
 
+        Args:
+            settings: properties of the virtual sweeper; None: the defaults.
+            sink: takes every record of the host; None: nothing is recorded.
+
         Raises:
             FloorPlanError: no such room, or the robot does not fit at its start.
             UnknownNoiseLevelError: no such noise level.
-            FaultSpecError: a fault that is none, or that cannot be on this device.
-            StoppedForSafetyError: the two ends did not agree; a fault at time 0 can do that.
+            FaultSpecError: a fault is invalid, or this device does not support it.
+            StoppedForSafetyError: no handshake within 5 s; a fault at time 0 can prevent it.
 
         """
         self.settings = settings = settings or Settings()
@@ -105,13 +111,13 @@ class SimulatedSweeper:
         self.power = Newest(self, Power)
         self.status = Newest(self, Status)
         self.path: list[tuple[float, Pose2]] = []
-        """Time (s since boot) and true pose, every 20 ms."""
+        """Time, s since boot, and true pose, every 20 ms."""
         self._loop = VirtualLoop(self.device, self.rig, on_tick=self._remember)
         self._sink = sink or NullSink()
         self._ids = itertools.count(0x5EED_0001)
         self._connect(self.plan.start)
         if not self.run(READY_S, until=lambda: self.connected):
-            raise StoppedForSafetyError(f"host and device did not agree within {READY_S:g} s")
+            raise StoppedForSafetyError(f"no handshake with the device within {READY_S:g} s")
 
     def _connect(self, start: Pose2) -> None:
         self._drive = ManualDrive()
@@ -124,31 +130,31 @@ class SimulatedSweeper:
         if now_ms // _TRUTH_MS != last_ms // _TRUTH_MS:
             self.path.append((now_ms / 1e3, pose))
 
-    # ---- what is so -----------------------------------------------------------------------
+    # ---- state ----------------------------------------------------------------------------
 
     @property
     def time_s(self) -> float:
-        """Since the device was switched on."""
+        """Time since the device was switched on, s."""
         return self._loop.now_us / 1e6
 
     @property
     def truth(self) -> Truth:
-        """Where the robot really is, and what it met: pose, speeds, collisions, energy."""
+        """True state of the robot: pose, speeds, collisions, energy."""
         return self.rig.truth
 
     @property
     def pose(self) -> Pose2:
-        """Where the host believes it to be, in the room's frame."""
+        """Estimated pose, in the room's frame."""
         return self.host.estimator.pose
 
     @property
     def pose_error_m(self) -> float:
-        """Distance of the two."""
+        """Distance of estimated and true position, m."""
         return self.pose.distance_m(self.truth.pose)
 
     @property
     def connected(self) -> bool:
-        """True while both ends agree."""
+        """True while the session with the device is established."""
         return self.host.session.state is State.READY
 
     @property
@@ -158,19 +164,24 @@ class SimulatedSweeper:
 
     @property
     def stop_cause(self) -> StopCause:
-        """What the device last told to be latched; ``NONE``: free to move."""
+        """Latched stop of the newest status; ``NONE``: the device may move."""
         status = self.status.latest
         return StopCause.NONE if status is None else StopCause(status.stop_cause)
 
     @property
     def ending(self) -> Ending | None:
-        """How the run ended; None while it goes on."""
+        """How the run ended; None: it has not."""
         return self.host.mission.ending
 
     # ---- time -----------------------------------------------------------------------------
 
     def run(self, duration_s: float, *, until: Callable[[], bool] = lambda: False) -> bool:
-        """Let time pass; True once ``until`` holds, False where the time ran out before."""
+        """Advance the virtual time.
+
+        Returns:
+            True as soon as ``until`` is true; False if ``duration_s`` has passed before.
+
+        """
         loop = self._loop
         loop.wake()
         end_us = loop.now_us + round(duration_s * 1e6)
@@ -180,14 +191,14 @@ class SimulatedSweeper:
             loop.step(end_us)
         return True
 
-    # ---- by hand --------------------------------------------------------------------------
+    # ---- manual driving -------------------------------------------------------------------
 
     def enable(self, *, clear_stop: bool = False) -> None:
-        """Ask the device for leave to move; about 3 s at rest for the gyro.
+        """Enable motion, after about 3 s at rest for the gyro bias.
 
         Raises:
-            StoppedForSafetyError: a stop is latched that needs ``clear_stop``, or the device
-                refused or fell silent; the text says which.
+            StoppedForSafetyError: a latched stop needs ``clear_stop``, or the device rejected the
+                command or does not answer; the text says which.
 
         """
         self._begin()
@@ -196,11 +207,11 @@ class SimulatedSweeper:
         self._check()
 
     def _begin(self) -> None:
-        """After an end, a new host where the old one believed to be."""
+        """After a run, connect a new host that starts at the estimated pose of the old one."""
         mission = self.host.mission
         if mission.runner is not None or mission.done:
             if not mission.done:
-                self._end(Ending("stopped", "something else begins", 0))
+                self._end(Ending("stopped", "another run begins", 0))
             self._connect(self.pose)
             self.run(READY_S, until=lambda: self.connected)
 
@@ -209,12 +220,16 @@ class SimulatedSweeper:
             raise cannot_move(self.ending)
 
     def drive(self, v_m_s: float, yaw_rate_rad_s: float, for_s: float | None = None) -> None:
-        """Set the velocity; the host lets go of it after half a second, unless it is repeated.
+        """Set the velocity; unless it is repeated, the host stops the robot after 0.5 s.
 
-        With ``for_s`` it is repeated for that long, and then let go: time passes.
+        Args:
+            v_m_s: forward speed, m/s.
+            yaw_rate_rad_s: yaw rate, rad/s, positive to the left.
+            for_s: advance the time by so many seconds with this velocity, then stop; None: return
+                at once.
 
         Raises:
-            StoppedForSafetyError: the robot may not move (any more).
+            StoppedForSafetyError: motion is not enabled, or no longer.
 
         """
         self._check()
@@ -232,12 +247,13 @@ class SimulatedSweeper:
         *,
         until: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Ask ``controller`` for speed and yaw rate (m/s, rad/s) 50 times a second.
+        """Drive with the speed and yaw rate (m/s, rad/s) that ``controller`` returns at 50 Hz.
 
-        True once ``until`` holds, False where the time ran out before.
+        Returns:
+            True as soon as ``until`` is true; False if ``duration_s`` has passed before.
 
         Raises:
-            StoppedForSafetyError: the robot may not move (any more).
+            StoppedForSafetyError: motion is not enabled, or no longer.
 
         """
         end_s = self.time_s + duration_s
@@ -249,26 +265,26 @@ class SimulatedSweeper:
         return False
 
     def stop(self, cause: StopCause = StopCause.OPERATOR) -> None:
-        """Stop and latch; :meth:`enable` goes on, with ``clear_stop`` where the cause asks for it.
+        """Stop the robot and latch the stop; time advances until the device confirms it.
 
-        Time passes until the device has confirmed it.
+        Afterwards :meth:`enable` works again, with ``clear_stop`` if the cause needs it.
 
         Raises:
-            DeviceLostError: it did not.
+            DeviceLostError: the device did not confirm the stop.
 
         """
         self._end(Ending("stopped", "stopped by the test", 5, cause))
         mission = self.host.mission
         self.run(_STATUS_S)
         if mission.confirmed < cause:
-            reason = mission.ending.reason if mission.ending else "the run goes on"
+            reason = mission.ending.reason if mission.ending else "the run has not ended"
             raise DeviceLostError(f"the device did not confirm the stop: {reason}")
 
     def _end(self, ending: Ending) -> None:
         self.host.end(ending, self._loop.host_ns)
         self.run(5.0, until=lambda: self.host.mission.done)
 
-    # ---- by a plan ------------------------------------------------------------------------
+    # ---- planners -------------------------------------------------------------------------
 
     def clean(
         self,
@@ -277,14 +293,21 @@ class SimulatedSweeper:
         max_time_s: float = 3600.0,
         clear_stop: bool = False,
     ) -> dict[str, Any]:
-        """Run a planner, by name or one of your own, to its end; the summary of ``simulate``.
+        """Run a planner to its end.
 
-        ``outcome`` in it is ``complete``, ``timeout``, ``stopped`` or ``fault``; the last also
-        where the planner raised an exception, which ``reason`` then names.
+        Args:
+            planner: name of a planner, or an object of your own.
+            max_time_s: time limit, s.
+            clear_stop: clear a latched safety stop first.
+
+        Returns:
+            The summary, as ``sweepctl simulate --json`` prints it. Its ``outcome`` is ``complete``,
+            ``timeout``, ``stopped`` or ``fault``; if the planner raised an exception, it is
+            ``fault`` and ``reason`` names the exception.
 
         Raises:
-            UnknownPlannerError: no planner of this name.
-            PlannerError: your own lacks a method; nothing has moved.
+            UnknownPlannerError: no planner has this name.
+            PlannerError: your planner lacks a method; nothing has moved.
 
         """
         name = planner if isinstance(planner, str) else type(planner).__name__
@@ -301,13 +324,13 @@ class SimulatedSweeper:
                 self._end(Ending("timeout", f"not done after {max_time_s:g} s", 1))
         except BridgeError:
             raise
-        except Exception as error:  # noqa: BLE001 - a planner's own, whatever it is
+        except Exception as error:  # noqa: BLE001 - a user's planner may raise anything
             stop_crashed(self.host, self.rig, error)
             self.run(_STATUS_S)
         return self._summary(name, began)
 
     def _summary(self, planner: str, began: int) -> dict[str, Any]:
-        """The run's figures, from the truth of its drive, which is that from ``began`` on."""
+        """Return the summary of the run whose true path starts at index ``began``."""
         mission, truth = self.host.mission, self.truth
         report = None
         if mission.drive_started_s is not None:
@@ -334,24 +357,24 @@ class SimulatedSweeper:
     # ---- faults ---------------------------------------------------------------------------
 
     def fault(self, text: str) -> None:
-        """Let a fault begin: ``kind`` alone at once, ``kind@+2`` in two seconds.
+        """Start a fault: ``kind`` alone at once, ``kind@+2`` in two seconds.
 
         Raises:
-            FaultSpecError: it is none, or cannot be on this device.
+            FaultSpecError: the text is invalid, or this device does not support the fault.
 
         """
         self.rig.faults.start(text)
 
     def clear_faults(self, kind: str | None = None) -> None:
-        """End faults of this kind, or all of them.
+        """End the faults of this kind, or all.
 
         Raises:
-            FaultSpecError: there is no such kind.
+            FaultSpecError: no kind has this name.
 
         """
         self.rig.faults.clear(kind)
 
     @property
     def active_faults(self) -> Sequence[str]:
-        """Texts of the faults that are in force."""
+        """Texts of the active faults."""
         return [spec.text for spec in self.rig.faults.active]

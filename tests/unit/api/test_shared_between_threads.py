@@ -26,7 +26,7 @@ from bridge.run.dead_man import DIRECTIONS, TURN_RAD_S, DeadMan
 from bridge.run.manual import Operator
 from bridge.run.snapshot import snapshot
 from support.ends import Collector, Ends, HostEnd, Spinning, spinning_host, sweeper
-from tools.live.live import LivePicture, Teller
+from tools.live.live import Dashboard, EventLines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -193,7 +193,7 @@ def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
         over.set()
 
     def look() -> None:
-        picture = LivePicture(lambda: newest[0], Teller(NullSink(), plain=False))
+        picture = Dashboard(lambda: newest[0], EventLines(NullSink(), plain=False))
         console = Console(file=io.StringIO(), width=140, height=42)
         while not over.is_set():
             reported = snapshot(newest[0], 20.0)
@@ -207,7 +207,7 @@ def test_the_dashboard_outlives_what_it_cannot_draw() -> None:
     seen = made()[0].snapshot()
     broken = seen._replace(hello=object())  # type: ignore[arg-type]  # what it cannot draw
     shown = [seen]
-    picture = LivePicture(lambda: shown[0], Teller(NullSink(), plain=False))
+    picture = Dashboard(lambda: shown[0], EventLines(NullSink(), plain=False))
     console = Console(file=io.StringIO(), width=140, height=42)
     shown[0] = broken
     console.print(picture)
@@ -215,5 +215,5 @@ def test_the_dashboard_outlives_what_it_cannot_draw() -> None:
     console.print(picture)
     assert isinstance(console.file, io.StringIO)
     text = console.file.getvalue()
-    assert text.count("this picture cannot be drawn: AttributeError") == 1
+    assert text.count("the dashboard cannot be drawn: AttributeError") == 1
     assert "─ robot ─" in text, "and the next one is drawn"

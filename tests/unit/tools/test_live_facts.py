@@ -15,7 +15,7 @@ from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from tools.live.heading import LiveCoverage, RunFacts
-from tools.live.live import LivePicture, Teller
+from tools.live.live import Dashboard, EventLines
 from tools.live.map import legend, swept_picture
 from tools.live.tables import planner_table, status_line
 from tools.virtual.loop import HOST_BOOT_NS
@@ -39,7 +39,7 @@ def now_ns(sweeper: SimulatedSweeper) -> int:
     return round(sweeper.time_s * 1e9) + HOST_BOOT_NS
 
 
-def drawn(picture: LivePicture, width: int, height: int, at_ns: int) -> str:
+def drawn(picture: Dashboard, width: int, height: int, at_ns: int) -> str:
     out = io.StringIO()
     console = Console(file=out, width=width, height=height, force_terminal=True, color_system=None)
     console.print(picture.layout(width, height, at_ns), height=height)
@@ -71,7 +71,7 @@ def test_port_time_coverage_log_and_viewer_are_shown_whole(width: int, height: i
     coverage = LiveCoverage(sweeper.plan, MODEL, poses)
     began_ns = now_ns(sweeper) - 3_723 * 10**9
     facts = RunFacts("/dev/ttyUSB0", LOG, PAGE, "paper", sweeper.plan, coverage, began_ns)
-    picture = LivePicture(sweeper.host.snapshot, Teller(NullSink(), plain=False), facts=facts)
+    picture = Dashboard(sweeper.host.snapshot, EventLines(NullSink(), plain=False), facts=facts)
     text = drawn(picture, width, height, now_ns(sweeper))
     share = 100.0 * coverage.share(now_ns(sweeper) / 1e9)
     assert share > 1.0
@@ -94,7 +94,7 @@ def test_live_coverage_is_the_runs_figure() -> None:
 def test_a_lost_robot_shows_a_countdown_and_no_speed(
     lost: SimulatedSweeper, width: int, height: int
 ) -> None:
-    picture = LivePicture(lost.host.snapshot, Teller(NullSink(), plain=False))
+    picture = Dashboard(lost.host.snapshot, EventLines(NullSink(), plain=False))
     text = drawn(picture, width, height, now_ns(lost))
     assert "lost, run ends in 26 s" in text
     assert "m/s" not in text, "an estimate without encoders is no speed"

@@ -23,7 +23,7 @@ from protocol.messages import Imu, Power, Range, Status
 from tools.cli.console import err
 from tools.cli.visible_console import MAX_COLUMNS, MAX_ROWS, VisibleConsole
 from tools.cli.visible_text import is_visible
-from tools.live.live import LivePicture, Teller
+from tools.live.live import Dashboard, EventLines
 from tools.live.map import swept_picture
 from tools.live.operating import Operating
 from tools.live.tables import Rates, status_line
@@ -48,7 +48,7 @@ def host(*, pose: Pose2 = ORIGIN) -> Host:
     return found
 
 
-def drawn(picture: LivePicture, width: int, height: int) -> list[str]:
+def drawn(picture: Dashboard, width: int, height: int) -> list[str]:
     out = io.StringIO()
     console = Console(file=out, width=width, height=height, force_terminal=True, color_system=None)
     console.print(picture.layout(width, height), height=height)
@@ -57,9 +57,9 @@ def drawn(picture: LivePicture, width: int, height: int) -> list[str]:
 
 @pytest.mark.parametrize(("width", "height"), [(140, 42), (120, 30), (100, 40), (80, 24), (60, 16)])
 def test_what_matters_is_there_at_every_size(width: int, height: int) -> None:
-    teller = Teller(NullSink(), plain=False)
-    teller.write(EventRecord(0, Severity.WARNING, "device", "fault", "battery_low", {}))
-    lines = drawn(LivePicture(host().snapshot, teller), width, height)
+    events = EventLines(NullSink(), plain=False)
+    events.write(EventRecord(0, Severity.WARNING, "device", "fault", "battery_low", {}))
+    lines = drawn(Dashboard(host().snapshot, events), width, height)
     assert len(lines) <= height
     assert max(map(len, lines)) <= width
     text = "\n".join(lines)
@@ -82,9 +82,9 @@ def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
 
     operator = Operator(MODEL, DeadMan(0.3, 0.15))
     operating = Operating(Loop(), operator, go_on=lambda: None)  # type: ignore[arg-type]  # all of a pump that it asks
-    operating.message = "mark 1 is on record"
+    operating.message = "mark 1 recorded"
     lines = drawn(
-        LivePicture(found.snapshot, Teller(NullSink(), plain=False), operating), width, height
+        Dashboard(found.snapshot, EventLines(NullSink(), plain=False), operating), width, height
     )
     assert len(lines) == height
     assert max(map(len, lines)) <= width
@@ -128,11 +128,11 @@ def test_rates_are_differences_of_counts() -> None:
 
 def test_without_a_terminal_each_event_is_a_plain_line(capsys: pytest.CaptureFixture[str]) -> None:
     err.cache_clear()
-    teller = Teller(NullSink(), plain=True)
+    events = EventLines(NullSink(), plain=True)
     record = EventRecord(5 * 10**9, Severity.ERROR, "safety", "stop", "stopped", {})
-    teller.write(record)
-    teller.write(record._replace(log_ns=record.log_ns + 1_250_000_000))
-    teller.write(record._replace(severity=Severity.DEBUG, text="nobody reads this"))
+    events.write(record)
+    events.write(record._replace(log_ns=record.log_ns + 1_250_000_000))
+    events.write(record._replace(severity=Severity.DEBUG, text="nobody reads this"))
     err.cache_clear()
     lines = capsys.readouterr().err.splitlines()
     assert lines == ["    0.00  safety: stopped", "    1.25  safety: stopped"]
@@ -142,11 +142,11 @@ def test_plain_lines_report_the_state_of_the_run_every_few_seconds(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     err.cache_clear()
-    teller = Teller(NullSink(), plain=True)
-    teller.status = lambda: status_line(host().snapshot())
+    events = EventLines(NullSink(), plain=True)
+    events.status = lambda: status_line(host().snapshot())
     record = EventRecord(0, Severity.DEBUG, "link", "nothing", "nobody reads this", {})
     for tenth in range(121):
-        teller.write(record._replace(log_ns=tenth * 100_000_000))
+        events.write(record._replace(log_ns=tenth * 100_000_000))
     err.cache_clear()
     lines = capsys.readouterr().err.splitlines()
     assert [line.split()[0] for line in lines] == ["5.00", "10.00"]
@@ -156,12 +156,12 @@ def test_plain_lines_report_the_state_of_the_run_every_few_seconds(
 
 def test_text_of_a_device_cannot_act_on_the_terminal() -> None:
     hostile = "\x1b]52;c;aGk=\x07\x9b2J\u202e\u200b\n[bold]end"
-    teller = Teller(NullSink(), plain=False)
-    teller.write(LogRecord(0, Severity.INFO, "device\x1b[2J", hostile))
+    events = EventLines(NullSink(), plain=False)
+    events.write(LogRecord(0, Severity.INFO, "device\x1b[2J", hostile))
     out = io.StringIO()
     console = VisibleConsole()
     console.file = out
-    console.print(LivePicture(host().snapshot, teller).layout(140, 42), height=42)
+    console.print(Dashboard(host().snapshot, events).layout(140, 42), height=42)
     assert all(c == "\n" or is_visible(c) for c in out.getvalue())
     assert "\\x1b]52;c;aGk=\\x07\\x9b2J\\u202e\\u200b\\n[bold]end" in out.getvalue()
 
@@ -194,5 +194,5 @@ def test_a_terminal_that_reports_any_size_is_filled_as_far_as_a_screen_reaches(
     assert console.size == (MAX_COLUMNS, min(int(lines), MAX_ROWS))
     assert console.options.max_width == MAX_COLUMNS
     console.file = io.StringIO()
-    console.print(Screen(LivePicture(host().snapshot, Teller(NullSink(), plain=False))))
+    console.print(Screen(Dashboard(host().snapshot, EventLines(NullSink(), plain=False))))
     assert len(console.file.getvalue()) < 5 * MAX_COLUMNS * MAX_ROWS

@@ -120,7 +120,7 @@ def test_a_gamepad_that_goes_stops_and_is_reported() -> None:
     reported = bench.sink.events[-1]
     assert (reported.severity, reported.kind) == (Severity.WARNING, "gamepad_gone")
     assert "/dev/input/js0 is gone: the robot was stopped" in reported.text
-    assert "keys still drive" in bench.keys.message
+    assert "keys still work" in bench.keys.message
 
 
 def test_another_key_between_counts_for_nothing() -> None:
@@ -131,7 +131,7 @@ def test_another_key_between_counts_for_nothing() -> None:
 
 def test_a_latched_stop_is_cleared_by_a_person_who_has_looked() -> None:
     bench = Bench(cause=StopCause.OPERATOR)
-    assert "look, then c" in bench.press("g", "g")
+    assert "look, then press c" in bench.press("g", "g")
     assert not bench.begun()
     bench.press("c", "c", "g", "g")
     assert bench.begun()
@@ -207,4 +207,4 @@ def test_a_planner_that_is_paused_reports_so(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(bench.host.commands, "ask", lambda *asked: answers.append(asked[-1]))
     assert bench.press("p") == "asking the device's planner to pause"
     answers[0](Outcome(PlannerCommand(1, 2, 1), accepted=True, reason=None))
-    assert bench.keys.message == "the device's planner: pause"
+    assert bench.keys.message == "the device's planner has been paused"
