@@ -237,7 +237,7 @@ def a_stop_from_another_shell(tmp_path: Path) -> None:
             stopped = run(tmp_path, "stop", device.port)
             answered_s = time.time()
             assert stopped.status == 0, stopped.err
-            assert "the device has confirmed it" in stopped.err
+            assert "confirmed by the device" in stopped.err
             ended = host.end()
         assert ended.status == 5
         assert "stopped by another process (process" in ended.json["reason"]
