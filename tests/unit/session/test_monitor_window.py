@@ -45,5 +45,5 @@ def test_every_type_is_there_with_its_rate(width: int, height: int) -> None:
         assert row.replace("│", " ").split()[3] == "4", "how many came"
     text = "\n".join(lines)
     assert "/dev/ttyUSB0[x]" in text
-    assert "newest bad" in text
+    assert "newest damaged" in text
     assert lines[-1] == "Ctrl-C: end"
