@@ -36,7 +36,7 @@ def two_jobs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.json["runs"] == 2
     # off a terminal a line for every run that ended, with the time left
     first, *lines = done.err.strip().splitlines()
-    assert first == "0/2 runs done, 2 at a time from here"
+    assert first == "0/2 runs done, 2 in parallel"
     assert [line.split()[0] for line in lines] == ["1/2", "2/2"]
     assert all("seed 0: mouth" in line for line in lines)
     return out
@@ -110,7 +110,7 @@ def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float
         own_group=True,
     )
     assert process.stderr is not None
-    assert process.stderr.readline() == "0/200 runs done, 2 at a time from here\n"
+    assert process.stderr.readline() == "0/200 runs done, 2 in parallel\n"
     time.sleep(first_s)
     os.killpg(process.pid, signal.SIGINT)
     time.sleep(between_s)
@@ -186,7 +186,7 @@ def test_a_users_mistakes_are_one_line(tmp_path: Path, monkeypatch: pytest.Monke
         (("compare", "--rooms", ","), "no room: give --rooms or --generated"),
         (("limits", "--zimablue"), "--zimablue needs compare"),
         (("paper", "--zimablue"), "--zimablue needs compare"),
-        (("compare", "--rooms", "layout:moat"), "no layout 'moat': there are wall-obstacle,"),
+        (("compare", "--rooms", "layout:moat"), "no layout 'moat': give one of wall-obstacle,"),
         (("paper", "--rooms", "case-1"), "--rooms: only for compare and limits; paper has its"),
         (("paper", "--planners", "recovery"), "--planners: only for compare and limits"),
         (("paper", "--generated", "0"), "--generated: only for compare and limits"),

@@ -1,4 +1,4 @@
-"""Side by side with other people's planners, and where our own lose."""
+"""Tables of the comparison with zimablue, and of the causes of lost coverage."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def shared(rows: Sequence[Row]) -> list[Row]:
-    """The runs of rooms and seeds that both sides have."""
+    """Return the runs whose room and seed both zimablue and our planners have."""
     theirs = {(row["room"], row["seed"]) for row in rows if row["kind"] == Kind.ZIMABLUE}
     ours = {(row["room"], row["seed"]) for row in rows if row["kind"] != Kind.ZIMABLUE}
     both = theirs & ours
@@ -26,13 +26,19 @@ def shared(rows: Sequence[Row]) -> list[Row]:
 
 
 def display_name(planner: str) -> str:
-    """Of a planner, in tables and figures."""
+    """Return the name of a planner in tables and figures."""
     package, _, name = planner.partition(" ")
     return f"{PLANNERS[name]} (zimablue)" if package == "zimablue" else planner
 
 
 def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
-    """Coverage at multiples of each robot's own reference: ``coverage`` (time), ``by_path``."""
+    """Return the coverage at multiples of each robot's own reference.
+
+    Args:
+        rows: runs of all planners.
+        curve: ``coverage`` (against time) or ``by_path``.
+
+    """
     lines = [
         (display_name(planner), noise, str(len(runs)), *at_multiples(runs, curve), outcomes(runs))
         for (planner, noise), runs in group(shared(rows), "planner", "noise").items()
@@ -40,25 +46,26 @@ def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
     scale = next((row["scale"] for row in rows if row["kind"] == Kind.ZIMABLUE), 1.0)
     unit = "time" if curve == "coverage" else "path"
     return Table(
-        f"Side by side with zimablue, against {unit}",
+        f"Comparison with zimablue, against {unit}",
         ("planner", "noise", "runs", *(f"{m:g}x" for m in MULTIPLES), "ended"),
         lines,
-        "Mouth % of what each robot's mouth can reach, at multiples of its own reference: that "
+        "Swept share, %, of the floor that each robot's mouth can reach, at multiples of the "
+        "robot's own reference. The reference is that area / "
         + (
-            "area / (width of its mouth · its cruise speed). "
+            "(width of the mouth · cruise speed). "
             if curve == "coverage"
-            else "area / width of its mouth, whatever its speed. "
+            else "width of the mouth, at any speed. "
         )
-        + "Same rooms, same starts, same number of seeds. zimablue's robot, sensors, noise and "
-        f"speeds are its own; the rooms are {scale:.2f} times as large for it, the ratio of the "
-        "two bodies, so that every door and gap is as tight for it as for ours. A dash: a run was "
-        f"ended before, theirs at {LONGEST:g} times the reference time, random at "
+        + "Rooms, starts and number of seeds are the same. zimablue has its own robot, sensors, "
+        f"noise and speeds; its rooms are {scale:.2f} times as large, the ratio of the two "
+        "bodies, so that every door and gap is equally tight for both. A dash: a run had ended "
+        f"before; zimablue's runs end at {LONGEST:g} times the reference time, random at "
         f"{MULTIPLES[-1]:g}.",
     )
 
 
 def limit_table(rows: Sequence[Row]) -> Table:
-    """The remaining loss by cause, at each level of knowledge."""
+    """Return the lost coverage by cause, for each planner and noise level."""
     lines = [
         (
             planner,
@@ -73,18 +80,18 @@ def limit_table(rows: Sequence[Row]) -> Table:
         for (planner, noise), runs in group(rows, "planner", "noise").items()
     ]
     return Table(
-        "What limits it: the loss by cause",
+        "Lost coverage by cause",
         ("planner", "sensors", "runs", "mouth, mean %", "worst %", *CAUSES, "time ratio", "ended"),
         lines,
-        "Losses in points of the sweepable floor, mean over runs; with the mouth's mean they add "
-        "up to 100. Perfect: ranges without noise and the true pose. "
+        "Losses in percentage points of the sweepable floor, mean over runs; with the mouth's mean "
+        "they add up to 100. Perfect: ranges without noise, and the true pose. "
         + " ".join(f"{cause.capitalize()}: {what}." for cause, what in CAUSES.items())
-        + " The first that holds, in this order, is a cell's cause.",
+        + " The cause of a cell is the first in this order that applies.",
     )
 
 
 def limit_room_table(rows: Sequence[Row], noise: str) -> Table:
-    """The same for each room."""
+    """Return the lost coverage by cause, for each room at one noise level."""
     at_level = [row for row in rows if row["noise"] == noise]
     lines = [
         (
@@ -95,4 +102,5 @@ def limit_room_table(rows: Sequence[Row], noise: str) -> Table:
         )
         for (room, planner), runs in group(at_level, "room", "planner").items()
     ]
-    return Table(f"The loss by room, {noise}", ("room", "planner", "mouth, mean %", *CAUSES), lines)
+    title = f"Lost coverage by room, {noise}"
+    return Table(title, ("room", "planner", "mouth, mean %", *CAUSES), lines)

@@ -1,4 +1,4 @@
-"""Coverage as it grows: at multiples of the reference time, path and energy."""
+"""Coverage curves: coverage at multiples of the reference time, path and energy."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ if TYPE_CHECKING:
     Track = Sequence[tuple[float, float, float, float]]
 
 _PATH_STEP_M = 0.02
-"""Distance between two points of a path that is drawn, m."""
+"""Minimum distance between two points of a drawn path, m."""
 MULTIPLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
-"""Multiples of the references: the time is sweepable area / (W · cruise speed), the path is
-area / W, the energy is that time at the power drawn at cruise speed. None is a bound: the recovery
-planner drives faster than the cruise speed, and a turn on the spot sweeps floor without path."""
+"""Multiples of the references at which curves have points. The reference time is sweepable area /
+(W · cruise speed), the reference path is area / W, and the reference energy is that time at the
+power of the cruise speed. None of them is a lower bound: the recovery planner drives faster than
+the cruise speed, and a turn in place sweeps floor without path."""
 
 
 def over_time(
     meter: CoverageMeter, report: CoverageReport, *, cut: bool = False
 ) -> list[float | None]:
-    """Main figure at multiples of the reference time.
+    """Return the coverage at multiples of the reference time.
 
-    After the run's end it stays as it is, as the robot stands; but of a run that was ``cut``
-    short nothing is known beyond: ``None``.
+    After the end of the run the coverage stays constant. If the run was ``cut`` short, the later
+    points are unknown: None.
     """
     times = [multiple * report.reference_time_s for multiple in MULTIPLES]
     shares = meter.share_at(report, times)
@@ -47,14 +48,14 @@ def over_energy(
     *,
     cut: bool = False,
 ) -> list[float | None]:
-    """The same at multiples of the reference energy: with so much, how far it came.
+    """Return the coverage at multiples of the reference energy.
 
     Args:
-        meter: of the room.
-        report: of the run.
-        drawn: time from the first pose (s) and energy drawn by then (Wh), rising.
-        unit_wh: the reference energy.
-        cut: whether the run was ended before its planner was done.
+        meter: the metric of the room.
+        report: the metrics of the run.
+        drawn: time since the first pose, s, and energy drawn until then, Wh, ascending.
+        unit_wh: the reference energy, Wh.
+        cut: the run was ended before its planner had finished.
 
     """
     times, energies = zip(*drawn, strict=True) if drawn else ((0.0,), (0.0,))
@@ -73,14 +74,14 @@ def over_energy(
 def over_path(
     meter: CoverageMeter, report: CoverageReport, track: Track, *, cut: bool = False
 ) -> list[float | None]:
-    """The same at multiples of the reference path, whatever the speed was."""
+    """Return the coverage at multiples of the reference path, at any speed."""
     steps = [math.dist(a[1:3], b[1:3]) for a, b in pairwise(track)]
-    ways = np.concatenate([[0.0], np.cumsum(steps)]) if track else np.zeros(1)
+    path_m = np.concatenate([[0.0], np.cumsum(steps)]) if track else np.zeros(1)
     begun = track[0][0] if track else 0.0
     unit_m = report.path_m / report.path_ratio if report.path_ratio > 0.0 else math.inf
     shares: list[float | None] = []
     for multiple in MULTIPLES:
-        index = int(np.searchsorted(ways, multiple * unit_m, side="right"))
+        index = int(np.searchsorted(path_m, multiple * unit_m, side="right"))
         if index >= len(track):
             final = meter.share_at(report, [report.duration_s + 1.0])[0]
             shares.append(None if cut else round(final, 4))
@@ -90,7 +91,7 @@ def over_path(
 
 
 def thinned(places: list[tuple[float, float]]) -> list[list[float]]:
-    """A path, thinned to what a picture shows."""
+    """Return a path without the points that a picture does not show."""
     kept: list[list[float]] = []
     for x, y in places:
         if not kept or abs(x - kept[-1][0]) + abs(y - kept[-1][1]) >= _PATH_STEP_M:

@@ -1,4 +1,4 @@
-"""The paper's test of path keeping on the whole stack: its Figs. 12, 14 and 15."""
+"""The paper's test of path keeping with the whole stack: its Figs. 12, 14 and 15."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from tools.virtual.run import VirtualRun
 
 PAPER_END_MM = 7.0
-"""Section 5.1: the offset after seven cycles."""
+"""Offset after seven cycles in the paper, mm: section 5.1."""
 _SHOWN_S = 24.0
-"""Of the first cycle, for Fig. 12: a lane, the turns and the way back."""
+"""Part of the first cycle in Fig. 12, s: a lane, the turns and the lane back."""
 
 
 class _CyclesPlanner(ScriptedPlanner):
-    """Drives the cycles as they are planned, and notes when each is done."""
+    """Drives the planned cycles and records the time at the end of each."""
 
     def __init__(self, model: RobotModel, cycles: UCycles) -> None:
         super().__init__(model)
         self._cycles = cycles
         self.done_s: list[float] = []
-        """Host time at the end of each cycle."""
+        """Host time at the end of each cycle, s."""
 
-    def script(self, obs: Observation) -> Script:  # noqa: ARG002 - the plan is known beforehand
-        """Leg after leg; where it stands does not change the plan."""
+    def script(self, obs: Observation) -> Script:  # noqa: ARG002 - the plan is fixed
+        """Yield the legs of the cycles; the pose does not change the plan."""
         for complete, leg in self._cycles.legs():
             step = yield leg
             if complete > len(self.done_s):
@@ -41,7 +41,7 @@ class _CyclesPlanner(ScriptedPlanner):
 
 
 def run_cycles(trial: Trial) -> dict[str, Any]:
-    """Drive seven cycles; where each should end is known, how far off it ends is the figure."""
+    """Drive seven cycles and return the offset of each cycle's end from its planned end."""
     from tools.experiment.curves import thinned
     from tools.experiment.trials import HOUR_S, room_of
 
@@ -87,7 +87,7 @@ def run_cycles(trial: Trial) -> dict[str, Any]:
 
 
 def _pose_at(truth: list[tuple[float, float, float, float]], time_s: float) -> tuple[float, Pose2]:
-    """Time and true pose nearest to a time."""
+    """Return the first time and true pose at or after a time."""
     from bisect import bisect_left
 
     index = min(bisect_left(truth, (time_s,)), len(truth) - 1)

@@ -1,9 +1,9 @@
-"""How a worker process ends on SIGTERM: in the middle of a trial, never of telling its result.
+"""The end of a worker process on SIGTERM: during a trial, never while it writes a result.
 
-A process that dies while it writes to the pool's pipe leaves the reader waiting for the rest for
-ever, and the whole command with it. In a trial it writes nothing there, and leaves at once: an
-exception from the signal's handler could come anywhere, also while an extension is loaded. One
-that tells a result, or waits for a trial, has a grace to be done with it.
+A process that dies while it writes to the pool's pipe blocks the reader, and the whole command,
+for ever. During a trial a worker does not use the pipe, so it exits at once; raising an exception
+from the signal handler is no alternative, because an extension module may be loading. A worker
+that writes a result or waits for a trial gets a grace period.
 """
 
 from __future__ import annotations
@@ -21,22 +21,24 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 GRACE_S = 5.0
-"""Enough to tell a result, and for the pool to say that there are no more trials."""
+"""Grace period after SIGTERM, s: enough to write a result and to learn that no trial is left."""
 
 
 class EndedEarlyError(Exception):
-    """The trial was not begun."""
+    """The trial was not started."""
 
 
 class Ending:
-    """What the signal's handler and the trial know of each other."""
+    """State that the signal handler and the trial share."""
 
     asked = False
+    """SIGTERM has come."""
     busy = False
+    """A trial is running."""
 
 
 def prepare_worker() -> None:
-    """Leave Ctrl-C and a lost terminal to the parent; SIGTERM ends the trial under way."""
+    """Ignore Ctrl-C and SIGHUP, which the parent handles; let SIGTERM end the current trial."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -48,7 +50,7 @@ def _on_sigterm(_number: int, _frame: FrameType | None) -> None:
     if Ending.busy:
         os._exit(1)
     Ending.asked = True
-    if hasattr(signal, "setitimer"):  # not on Windows, where SIGTERM is not caught either
+    if hasattr(signal, "setitimer"):  # Windows has neither this nor a SIGTERM to catch
         signal.setitimer(signal.ITIMER_REAL, GRACE_S)
 
 
@@ -56,7 +58,7 @@ def run_until_ended(trial: Trial) -> dict[str, Any]:
     """Run a trial.
 
     Raises:
-        EndedEarlyError: SIGTERM came before.
+        EndedEarlyError: SIGTERM came before the trial.
 
     """
     Ending.busy = True

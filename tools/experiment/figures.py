@@ -1,4 +1,4 @@
-"""The report's figures as SVG text: curves, and paths in their rooms (Figs. 14, 16 to 18)."""
+"""The figures of the report as SVG text: curves, and paths in rooms (Figs. 14, 16 to 18)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CAUSE_COLOURS = ("#7b4fa3", "#c0504d", "#1f4e79", "#7fa7cc", "#c98a1b")
 
 
 def check() -> None:
-    """Find out before hours of runs whether figures can be drawn.
+    """Check that figures can be drawn, before hours of runs.
 
     Raises:
         PlotMissingError: matplotlib is not installed.
@@ -40,7 +40,7 @@ def check() -> None:
 
 
 def coverage_curves(rows: Sequence[Row], noise: str) -> str:
-    """Coverage against time and against energy, in multiples of the reference of each."""
+    """Draw coverage against time and energy, in multiples of their references."""
     figure = blank(9.6, 4.0)
     over_time, over_energy = figure.subplots(1, 2, sharey=True)
     at_level = [row for row in rows if row["noise"] == noise]
@@ -57,7 +57,7 @@ def coverage_curves(rows: Sequence[Row], noise: str) -> str:
 
 
 def zimablue_curves(rows: Sequence[Row]) -> str:
-    """Ours and theirs, each against its own reference time and path."""
+    """Draw the coverage of our planners and zimablue's, against their own references."""
     figure = blank(9.6, 4.0)
     over_time, over_path = figure.subplots(1, 2, sharey=True)
     theirs = 0
@@ -77,7 +77,7 @@ def zimablue_curves(rows: Sequence[Row]) -> str:
 
 
 def _mean_curve(runs: Sequence[Row], curve: str) -> list[float]:
-    """Mean share (%) at the multiples, as far as all runs went."""
+    """Return the mean coverage, %, at the multiples that all runs reached."""
     shares: list[float] = []
     for k in range(len(MULTIPLES)):
         points = [run["curve"][curve][k] for run in runs]
@@ -98,7 +98,7 @@ def _finish(left: Axes, right: Axes) -> None:
 
 
 def cycles_figure(rows: Sequence[Row]) -> str:
-    """Fig. 15: offset after each cycle, every seed, the median and the quartiles."""
+    """Draw Fig. 15: the offset after each cycle for every seed, with median and quartiles."""
     figure = blank(7.0, 3.6)
     axes = figure.add_subplot()
     for row in rows:
@@ -125,7 +125,7 @@ def cycles_figure(rows: Sequence[Row]) -> str:
 
 
 def smoothing_figure(row: Row) -> str:
-    """Fig. 12: the forward speed wanted, and the speed sent after smoothing."""
+    """Draw Fig. 12: the forward speed before and after smoothing."""
     figure = blank(7.0, 3.2)
     axes = figure.add_subplot()
     times, wanted, sent = zip(*row["smoothing"], strict=True)
@@ -140,7 +140,7 @@ def smoothing_figure(row: Row) -> str:
 
 
 def loss_figure(rows: Sequence[Row]) -> str:
-    """The loss by cause, a bar for each planner and level."""
+    """Draw the lost coverage by cause, a bar for each planner and noise level."""
     groups = group(rows, "planner", "noise")
     figure = blank(8.0, 1.2 + 0.45 * len(groups))
     axes = figure.add_subplot()
@@ -160,10 +160,10 @@ def loss_figure(rows: Sequence[Row]) -> str:
 
 
 def path_picture(row: Row) -> str:
-    """One run's path in its room."""
+    """Draw the path of a run in its room."""
     figure = blank(4.2, 4.2)
     axes = figure.add_subplot()
-    if row["room"] != OPEN_FLOOR:  # whose walls are ten metres off
+    if row["room"] != OPEN_FLOOR:  # its walls are 10 m away
         _room(axes, row["room"])
     xs, ys = zip(*row["path"], strict=True) if row["path"] else ((), ())
     colour = _COLOURS.get(row["planner"].partition(",")[0], _OTHER)

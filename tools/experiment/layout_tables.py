@@ -1,4 +1,4 @@
-"""Where the paper's algorithm fails: the layouts, and ranges with noise."""
+"""Tables of where the paper's algorithm fails: in the layouts, and with range noise."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 _NOTED_COST = 8.0
-"""Points that 1 cm of range noise with 1 cm of tolerance was computed to cost."""
+"""Expected loss from 1 cm of range noise with 1 cm of tolerance, percentage points: computed
+beforehand."""
 
 
 def layout_table(rows: Sequence[Row]) -> Table:
-    """Each layout: the figure expected of it, the paper's algorithm read in two ways, and ours."""
+    """Return the coverage in each layout: expected, two readings of the paper, and recovery."""
     lines = []
     for (room,), runs in group(_of(rows, Kind.LAYOUT), "room").items():
         layout = LAYOUTS[room.removeprefix(LAYOUT)]
@@ -33,16 +34,16 @@ def layout_table(rows: Sequence[Row]) -> Table:
         "Layouts where the paper's algorithm fails",
         ("layout", "what it is", "expected %", "paper", STRICT_END, "recovery"),
         lines,
-        "Mouth % of what it can reach, noise none, one seed. Expected: computed beforehand for "
-        "the paper's algorithm in layouts of the same kind, whose sizes are not known. The sizes "
-        "here are our own choice, sides of 3 to 5 m, and are not fitted to those figures: the "
-        "failure is to be seen, not the number. Strict end: a side step that is blocked once ends "
-        "the run, which is another way to read the paper.",
+        "Swept share, %, of the floor that the mouth can reach, noise none, one seed. Expected: "
+        "computed beforehand for the paper's algorithm in layouts of the same kind, whose sizes "
+        "are not known. The sizes here, with sides of 3 to 5 m, are our choice and not fitted to "
+        "those figures: compare the failure, not the number. Strict end: the run ends at the first "
+        "blocked side step, which is another reading of the paper.",
     )
 
 
 def range_table(rows: Sequence[Row]) -> Table:
-    """1 cm of range noise against none, for two ways to count T and two tolerances."""
+    """Return the cost of 1 cm of range noise, for two ways to count T and two tolerances."""
     lines = []
     for (planner,), runs in group(_of(rows, Kind.RANGES), "planner").items():
         options, counting = TOLERANCES[planner]
@@ -72,10 +73,10 @@ def range_table(rows: Sequence[Row]) -> Table:
             "cost, points",
         ),
         lines,
-        f"Mouth % of what it can reach; expected were {_NOTED_COST:g} points. The level is none "
-        "but for a standard deviation of 1 cm in every ultrasonic range. The tolerance is that of "
-        "D = Prev-D: it matters only where T is counted by equal lanes, and the default counts "
-        "whole steps.",
+        "Swept share, %, of the floor that the mouth can reach; the expected cost was "
+        f"{_NOTED_COST:g} points. Noise: none, except a standard deviation of 1 cm in every "
+        "ultrasonic range. The tolerance is that of D = Prev-D. It matters only if T is counted "
+        "by equal lanes; the default counts whole steps.",
     )
 
 

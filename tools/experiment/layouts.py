@@ -1,8 +1,9 @@
 """Layouts in which the paper's algorithm fails, as floor plans (rooms ``layout:NAME``).
 
-One slot of memory, and a step to one side only, cannot hold what these ask for. The shapes are
-known; the sizes are our own choice, of rooms with sides of 3 to 5 m. Where nothing else is the
-point, the start is the lower left corner, along the lower wall, as in the paper's own rooms.
+The algorithm remembers one obstacle and steps to one side only, which is not enough for these
+layouts. Their shapes are given; their sizes are our choice, with sides of 3 to 5 m. Unless the
+start is the point of the layout, it is the lower left corner, along the lower wall, as in the
+paper's rooms.
 """
 
 from __future__ import annotations
@@ -19,36 +20,36 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Polygon
 
 LAYOUT = "layout:"
-"""Rooms named ``layout:NAME`` are these."""
+"""Prefix of the names of these rooms."""
 _CORNER = Pose2(0.18, 0.18, 0.0)
-"""The body 2 cm off two walls, as in the paper's rooms."""
+"""Start pose with 2 cm between the footprint and two walls, as in the paper's rooms."""
 _MANY_SIDES = 64
-"""Round to a millimetre."""
+"""Number of sides of a round column: round to a millimetre."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """A layout, and what the paper's algorithm was computed to reach in one like it."""
+    """A layout, with the expected coverage of the paper's algorithm."""
 
     what: str
-    """In words."""
+    """Description."""
     expected: str
-    """Mouth coverage of what is reachable, %, in a layout of the same kind and other sizes."""
+    """Expected coverage of the reachable floor, %, computed for a layout of other sizes."""
     walls: Polygon
     obstacles: tuple[Polygon, ...] = ()
     start: Pose2 = _CORNER
 
 
 def layout_plan(name: str) -> FloorPlan:
-    """Give the floor plan of a layout.
+    """Return the floor plan of a layout.
 
     Raises:
-        FloorPlanError: there is none of this name.
+        FloorPlanError: no layout has this name.
 
     """
     layout = LAYOUTS.get(name)
     if layout is None:
-        raise FloorPlanError(f"no layout {name!r}: there are {', '.join(LAYOUTS)}")
+        raise FloorPlanError(f"no layout {name!r}: give one of {', '.join(LAYOUTS)}")
     return FloorPlan(f"{LAYOUT}{name}", layout.walls, layout.obstacles, layout.start)
 
 
@@ -91,7 +92,7 @@ LAYOUTS: dict[str, Layout] = {
         (rectangle(2.4, 0.0, 2.5, 1.2), rectangle(2.4, 1.8, 2.5, 3.0)),
     ),
     "nested-boxes": Layout(
-        "a box in another's shadow",
+        "a box in the occluded region of another",
         "83",
         _ROOM,
         (rectangle(1.0, 0.8, 1.5, 2.2), rectangle(2.3, 1.1, 2.8, 1.7)),
@@ -125,4 +126,4 @@ LAYOUTS: dict[str, Layout] = {
         "an oblique start", "1 to 2", rectangle(0, 0, 5, 4), (), Pose2(0.25, 0.25, math.radians(45))
     ),
 }
-"""By name."""
+"""The layouts by name."""

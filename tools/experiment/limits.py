@@ -1,4 +1,4 @@
-"""What limits a planner: the same runs with a perfect pose, and what is left split by cause."""
+"""The limits of a planner: runs with a perfect pose, and the lost coverage split by cause."""
 
 from __future__ import annotations
 
@@ -21,74 +21,77 @@ if TYPE_CHECKING:
 
 CAUSES = {
     "pose": "swept by the robot's own estimate, but not in truth",
-    "false evidence": "the planner's map forbids every place of the axle from which to sweep it",
-    "wall gap": "only an axle within 2 cm of touching a wall or an obstacle sweeps it",
-    "lane gap": "farther inside, in a piece into which no disc of 4 cm radius fits",
-    "early end": "the rest: known to be open and not swept when the run ended",
+    "false evidence": "the planner's map forbids every axle position from which to sweep it",
+    "wall gap": "only an axle whose footprint is within 2 cm of a wall or an obstacle sweeps it",
+    "lane gap": "elsewhere, in a piece into which no disc of 4 cm radius fits",
+    "early end": "the rest: free in the map, but not swept when the run ended",
 }
-"""In the order in which they are asked of a cell: the first that holds is its cause."""
+"""Causes of lost coverage in the order of their test: the first that applies is a cell's cause."""
 _CONTACT_M = 0.02
+"""Clearance of the footprint to a wall below which a loss is a wall gap, m."""
 _SLIVER_M = 0.04
+"""Radius of the disc that does not fit into a gap between lanes, m."""
 _MAP_SLACK_M = 0.025
-"""A map of 2 cm cells may forbid so much more than the truth without being false."""
+"""Error of the planner's map that does not count as false, m: one cell of 2 cm and its rounding."""
 
 
 class TruePose:
-    """The host's estimator, but that its pose is the plant's own."""
+    """The host's estimator with the plant's true pose instead of the estimated one."""
 
     def __init__(self, inner: PoseEstimator, device: VirtualSweeper) -> None:
-        """``inner`` is fed as before, so that all else that it tells stays as it is."""
+        """Wrap ``inner``, which still gets all measurements and gives everything but the pose."""
         self._inner, self._device = inner, device
 
     @property
     def pose(self) -> Pose2:
-        """The truth at this moment."""
+        """True pose at this moment."""
         return self._device.plant.pose
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the inner one has
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - any attribute of the estimator
         return getattr(self._inner, name)
 
 
 def give_true_pose(run: VirtualRun) -> None:
-    """Let planner and controllers have the true pose."""
+    """Give planner and controllers the true pose."""
     run.host.localisation.estimator = cast(
         "PoseEstimator", TruePose(run.host.estimator, run.device)
     )
 
 
 def split_loss(observed: Observed, planner: object) -> dict[str, float]:
-    """Share of the sweepable floor lost, by cause."""
+    """Return the lost share of the sweepable floor by cause, for a run."""
     meter = CoverageMeter(observed.plan, observed.model)
     swept = np.isfinite(meter.measure(observed.truth).first_swept_s)
-    believed = np.isfinite(meter.measure(observed.estimate).first_swept_s)
+    estimated = np.isfinite(meter.measure(observed.estimate).first_swept_s)
     forbidden = forbidden_axle(planner, meter.regions.raster)
     end = observed.estimate[-1][1:3] if observed.estimate else (0.0, 0.0)
-    return classify(meter.regions, observed.model.cleaning_width_m, swept, believed, forbidden, end)
+    width_m = observed.model.cleaning_width_m
+    return classify(meter.regions, width_m, swept, estimated, forbidden, end)
 
 
-def classify(  # noqa: PLR0913, PLR0917 - truth and belief
+def classify(  # noqa: PLR0913, PLR0917 - one parameter for each mask
     regions: Regions,
     width_m: float,
     swept: Mask,
-    believed: Mask,
+    estimated: Mask,
     forbidden: Mask | None,
     end_m: tuple[float, float],
 ) -> dict[str, float]:
-    """Share of the sweepable floor lost, by cause; each unswept cell has one.
+    """Return the lost share of the sweepable floor by cause; each unswept cell has one cause.
 
     Args:
-        regions: the room's, from the truth.
-        width_m: of the mouth, which must sit on the axle.
-        swept: in truth.
-        believed: swept if the estimate were the truth.
-        forbidden: where the planner's map says that the axle cannot be; ``None``: it has none.
-        end_m: where the robot believes to stand at the end.
+        regions: regions of the room, from the truth.
+        width_m: width of the mouth, m; the mouth must be on the axle.
+        swept: cells that were swept.
+        estimated: cells that the estimated path sweeps.
+        forbidden: cells where the planner's map forbids the axle; None: the planner has no map.
+        end_m: estimated position at the end, m.
 
     """
     raster = regions.raster
     cell, half = raster.resolution_m, 0.5 * width_m
     left = regions.sweepable & ~swept
-    pose = left & believed
+    pose = left & estimated
     false = _unreachable(raster, forbidden, end_m, half) & left & ~pose
     inner = ndimage.distance_transform_edt(np.pad(regions.centres, 1))[1:-1, 1:-1]
     lanes = _within(inner > _CONTACT_M / cell, half / cell)
@@ -103,7 +106,7 @@ def classify(  # noqa: PLR0913, PLR0917 - truth and belief
 
 
 def forbidden_axle(planner: object, raster: Raster) -> Mask | None:
-    """Where a planner's map forbids the axle, on the metrics' raster; ``None``: it keeps none."""
+    """Return the cells where a planner's map forbids the axle; None: the planner has no map."""
     memory = getattr(planner, "memory", None)
     if memory is None:
         return None
@@ -121,7 +124,7 @@ def forbidden_axle(planner: object, raster: Raster) -> Mask | None:
 def _unreachable(
     raster: Raster, forbidden: Mask | None, end_m: tuple[float, float], half_m: float
 ) -> Mask:
-    """What no axle place connected to the robot's end can sweep, by the planner's map."""
+    """Return the cells that cannot be swept from where the robot ended, by the planner's map."""
     if forbidden is None or forbidden.all():
         return raster.empty()
     labels, _ = ndimage.label(~forbidden)
@@ -131,7 +134,7 @@ def _unreachable(
 
 
 def _within(mask: Mask, cells: float) -> Mask:
-    """Cells no farther than so many cells from a mask."""
+    """Return the cells whose distance from a mask is at most ``cells``."""
     if not mask.any():
         return np.zeros_like(mask)
     near: Mask = ndimage.distance_transform_edt(~mask) <= cells
@@ -139,7 +142,7 @@ def _within(mask: Mask, cells: float) -> Mask:
 
 
 def _thick(mask: Mask, cells: float) -> Mask:
-    """The connected pieces of a mask into which a disc of so many cells fits."""
+    """Return the connected pieces of a mask into which a disc of radius ``cells`` fits."""
     labels, count = ndimage.label(mask)
     if not count:
         return mask
@@ -152,5 +155,5 @@ def _thick(mask: Mask, cells: float) -> Mask:
 
 
 def rounded(loss: dict[str, float]) -> dict[str, float]:
-    """For a file: to a millionth."""
+    """Round the shares to a millionth, for a file."""
     return {name: round(value, 6) for name, value in loss.items() if math.isfinite(value)}

@@ -1,4 +1,4 @@
-"""A run on the whole stack, with the truth and the commands kept as they come by."""
+"""A run of the whole stack that keeps true poses, estimates, energy and commands."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from tools.virtual.run import VirtualRun
 
 BOOT_S = HOST_BOOT_NS / 1e9
-"""Host's time less the device's, which all times here are of (s)."""
+"""Host time minus device time, s. All times in this module are device time."""
 _ROUNDING_S = 1e-6
-"""Of the two clocks' difference: a drive may end with a sample of its energy."""
+"""Rounding error of that difference, s: the last sample of the energy may be at the drive's end."""
 
 
 class _Eye(NullSink):
-    """Keeps what figures need, and nothing else."""
+    """A sink that keeps true poses and commands only."""
 
     def __init__(self) -> None:
         self.truth: list[tuple[float, Pose2]] = []
         self.commands: list[tuple[float, float, float]] = []
 
     def write(self, record: Record) -> None:
-        """Keep a pose or a command."""
+        """Keep a true pose or a command."""
         if isinstance(record, TruthRecord):
             self.truth.append(((record.log_ns - EPOCH_NS) / 1e9, record.pose))
         elif isinstance(record, CommandRecord):
@@ -49,22 +49,22 @@ class _Eye(NullSink):
 
 @dataclass(slots=True)
 class Observed:
-    """A finished run. Times are in seconds since the device's boot."""
+    """A finished run. All times are in seconds since the device's boot."""
 
     run: VirtualRun
     plan: FloorPlan
     model: RobotModel
     truth: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """Time and true pose (m, rad) every 20 ms of the drive."""
+    """Time and true pose, m and rad, every 40 ms of the drive."""
     estimate: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """The same as the host believed it, at its control steps."""
+    """Time and estimated pose, m and rad, at each control step of the drive."""
     energy: list[tuple[float, float]] = field(default_factory=list)
-    """Time and energy drawn since boot (Wh), about once a second of the drive."""
+    """Time and energy drawn since boot, Wh, about once a second of the drive."""
     commands: list[tuple[float, float, float]] = field(default_factory=list)
-    """Time, forward speed wanted and forward speed sent (m/s)."""
+    """Time, forward speed before and after smoothing, m/s."""
 
     def energy_at(self, time_s: float) -> float:
-        """Drawn by a time, Wh."""
+        """Return the energy drawn until a time, Wh."""
         before = 0.0
         for sampled_s, energy_wh in self.energy:
             if sampled_s > time_s:
@@ -73,7 +73,7 @@ class Observed:
         return before
 
 
-def observe(  # noqa: PLR0913 - what a run can be asked for
+def observe(  # noqa: PLR0913 - one parameter for each property of a run
     trial: Trial,
     plan: FloorPlan,
     *,
@@ -88,12 +88,12 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
     Args:
         trial: what to run.
         plan: its room.
-        max_time_s: of the drive; after it the run is ended.
-        planner: in place of the one that the trial names.
-        noise: level in place of the trial's, by its name or itself.
-        prepare: may change both ends before the first byte.
-        enough: asked once a second with the drive's time (s) and the energy drawn since boot
-            (Wh): whether to end it.
+        max_time_s: time limit of the run, simulated seconds.
+        planner: replaces the planner that the trial names.
+        noise: replaces the noise level of the trial.
+        prepare: called before the first byte; may change both ends.
+        enough: called once a second with the time of the drive, s, and the energy drawn since
+            boot, Wh; returns whether to end the run.
 
     Raises:
         FloorPlanError: the robot does not fit at the room's start.
@@ -102,11 +102,11 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
     eye, model = _Eye(), RobotModel()
     begun: list[VirtualRun] = []
     energy: list[tuple[float, float]] = []
-    believed: list[tuple[float, Pose2]] = []
+    estimated: list[tuple[float, Pose2]] = []
 
     def ready(run: VirtualRun) -> None:
         begun.append(run)
-        run.host.on_drive_pose = lambda time_s, pose: believed.append((time_s, pose))
+        run.host.on_drive_pose = lambda time_s, pose: estimated.append((time_s, pose))
         prepare(run)
 
     def sample(time_s: float, _host: Host) -> None:
@@ -119,7 +119,7 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
         time_s, energy_wh = energy[-1]
         if not enough(time_s - (started_s - BOOT_S), energy_wh):
             return None
-        return Ending("timeout", "as far as it is compared", 1)
+        return Ending("timeout", "end of the comparison", 1)
 
     run = run_virtual(
         plan,
@@ -145,7 +145,7 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
         plan,
         model,
         [(t, *pose) for t, pose in eye.truth if low <= t <= high],
-        [(t - BOOT_S, *pose) for t, pose in believed],
+        [(t - BOOT_S, *pose) for t, pose in estimated],
         [(t, wh) for t, wh in energy if low <= t <= high + _ROUNDING_S],
         [command for command in eye.commands if low <= command[0] <= high],
     )

@@ -1,4 +1,4 @@
-"""Writes what the runs amount to: CSV, Markdown and HTML into the folder, tables to people."""
+"""Output of an experiment: CSV, Markdown and HTML files, and tables or JSON on stdout."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from tools.experiment.tables import Table
 
 _PLAIN_WIDTH = 220
-"""Of tables that go to a file or another program."""
+"""Width of tables that are not printed on a terminal, characters."""
 _NAMES = ("kind", "room", "planner", "noise", "seed")
 
 
 def write_results(out: Path, title: str, command: str, rows: Sequence[Row]) -> list[Table]:
-    """All files; the tables, for whoever wants to print them."""
+    """Write all files of the results and return the tables."""
     write_csv(out / "runs.csv", rows)
     swept = [row for row in rows if "curve" in row]
     if swept:
@@ -56,7 +56,7 @@ def write_results(out: Path, title: str, command: str, rows: Sequence[Row]) -> l
 
 
 def print_tables(made: Sequence[Table], out: Path) -> None:
-    """For people, on stdout."""
+    """Print the tables on stdout."""
     console = plain_console()
     if not console.is_terminal:
         console.width = _PLAIN_WIDTH
@@ -72,7 +72,7 @@ def print_tables(made: Sequence[Table], out: Path) -> None:
 
 
 def print_json(made: Sequence[Table], out: Path, rows: Sequence[Row], failed: list[str]) -> None:
-    """One object on stdout."""
+    """Print one JSON object on stdout."""
     summary: dict[str, Any] = {
         "runs": len(rows),
         "failed": failed,
@@ -111,7 +111,7 @@ def _curves(rows: Sequence[Row]) -> list[Row]:
 
 
 def _write_rooms(folder: Path, rows: Sequence[Row]) -> None:
-    """Rooms that are not files as files, so that their runs can be seen again by ``simulate``."""
+    """Write the generated rooms and layouts as files, so that ``simulate`` can repeat a run."""
     for name in sorted({row["room"] for row in rows if ":" in row["room"]}):
         folder.mkdir(exist_ok=True)
         path = folder / f"{name.replace(':', '-')}.json"

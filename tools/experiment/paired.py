@@ -1,4 +1,4 @@
-"""One planner against each other one, run by run: what a mean may hide."""
+"""Comparison of one planner with each other one, run by run: a mean may hide losses."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 FROM = 1.5
-"""Multiple of the reference; before, no planner is near done and the order of its ways decides."""
+"""Smallest multiple of the reference that is compared. Before, no planner is near its end, and
+the order of its lanes decides."""
 _COLUMNS = tuple(k for k, multiple in enumerate(MULTIPLES) if multiple >= FROM)
 _UNITS = {"coverage": "time", "by_energy": "energy"}
 
 
 def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
-    """In how many pairs of runs the leader is behind at equal time or energy, and how far.
+    """Return in how many pairs of runs the leader is behind at equal time or energy, and how far.
 
     Args:
         rows: runs of all planners.
-        curve: ``coverage`` (time) or ``by_energy``, which zimablue's runs have not.
-        leader: the planner that is held against each other one.
+        curve: ``coverage`` (time) or ``by_energy``, which zimablue's runs do not have.
+        leader: planner that is compared with each other one.
 
     """
     lines = []
@@ -40,12 +41,12 @@ def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
         f"{leader} run by run, at equal {unit}",
         (f"{leader} against", "noise", "pairs", *(f"{MULTIPLES[k]:g}x" for k in _COLUMNS)),
         lines,
-        f"Pairs of runs in the same room, at the same noise, with the same seed: in how many "
-        f"{leader} is behind at so many times the reference {unit}, and in brackets its margin in "
-        "the worst pair, in points of the mouth's share (below 0: behind). A dash: a run was ended "
-        "before."
+        "Pairs of runs in the same room with the same noise and seed. Each cell is the number of "
+        f"pairs in which {leader} is behind at this multiple of the reference {unit}; in brackets "
+        "its margin in the worst pair, in percentage points of the swept share (negative: behind). "
+        "A dash: a run had ended before."
         + (
-            " zimablue's runs, with their own noise, stand beside ours of each level."
+            " zimablue's runs have their own noise and are compared with ours of each level."
             if any(row["kind"] == Kind.ZIMABLUE for row in others)
             else ""
         ),
@@ -55,13 +56,13 @@ def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
 def _pairs(
     rows: Sequence[Row], others: Sequence[Row], leader: str
 ) -> dict[tuple[str, str], list[tuple[Row, Row]]]:
-    """The leader's run and the other's, by the other's planner and the leader's noise."""
+    """Return pairs of runs, the leader's first, by the other planner and the leader's noise."""
     found: dict[tuple[str, str], list[tuple[Row, Row]]] = {}
     mine = [row for row in rows if row["planner"] == leader]
     for (planner,), theirs in group(others, "planner").items():
         for (noise,), at_level in group(mine, "noise").items():
             by_seed = {(row["room"], row["seed"]): row for row in at_level}
-            # run once, for it is the same for every seed
+            # without noise there is one run, because it is the same for every seed
             once = {row["room"]: row for row in at_level} if noise in NOISELESS else {}
             for other in theirs:
                 run = by_seed.get((other["room"], other["seed"]), once.get(other["room"]))
@@ -71,7 +72,7 @@ def _pairs(
 
 
 def _cell(pairs: Sequence[tuple[float | None, float | None]]) -> str:
-    """How often the first is less than the second, and the least of first less second."""
+    """Return how often the first is less than the second, and the smallest difference."""
     margins = [mine - theirs for mine, theirs in pairs if mine is not None and theirs is not None]
     if len(margins) < len(pairs):
         return "-"

@@ -1,4 +1,4 @@
-"""Our figures next to the paper's: Table 2, the two other rooms, section 5.3, and Fig. 15."""
+"""Tables of our figures and the paper's: Table 2, the other rooms, section 5.3 and Fig. 15."""
 
 from __future__ import annotations
 
@@ -19,15 +19,17 @@ if TYPE_CHECKING:
 TABLE_2_M2 = (3.659, 3.588, 3.686, 3.621, 3.607)
 """Table 2: area covered in the five tests of case 1, of 3.837 m²."""
 TABLE_2_FLOOR_M2 = 3.837
+"""Floor area of case 1, m²: Table 2."""
 PAPER_SHARES = {
     "case-1": (fmean(TABLE_2_M2) / TABLE_2_FLOOR_M2, "Table 2, mean of five by division"),
     "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
     COMPREHENSIVE: (0.9461, "section 5.3"),
 }
+"""Coverage in the paper, 0 to 1, and its place in the paper, by room."""
 
 
 def paper_table(rows: Sequence[Row]) -> Table:
-    """The paper's three experiments: its figure, and ours by its formula (eq. 9)."""
+    """Return the paper's three experiments: its coverage, and ours by its formula (eq. 9)."""
     lines = []
     for (room, planner, noise), runs in group(rows, "room", "planner", "noise").items():
         if room not in PAPER_SHARES or planner != "paper":
@@ -61,13 +63,13 @@ def paper_table(rows: Sequence[Row]) -> Table:
             "the paper's figure",
         ),
         lines,
-        "Body: eq. (9) over the footprint, as we read the paper's figure. Mouth: of the floor "
-        "that the mouth can reach, which is what is felt underfoot.",
+        "Body: eq. (9) over the footprint, which is our reading of the paper's figure. Mouth: "
+        "swept share of the floor that the mouth can reach, which is what a user notices.",
     )
 
 
 def beside_rows(rows: Sequence[Row]) -> list[Row]:
-    """Runs in the comprehensive room that are held against each other; none without another."""
+    """Return the runs to compare in the comprehensive room; none without another planner."""
     others = [row for row in rows if row["kind"] == Kind.BESIDE]
     levels = {row["noise"] for row in others}
     papers = [
@@ -80,7 +82,7 @@ def beside_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def beside_table(rows: Sequence[Row]) -> Table:
-    """Section 5.3: the paper's algorithm, the U-shaped path, the random one and ours."""
+    """Return section 5.3: the paper's algorithm, the U-shaped path, the random path and ours."""
     lines = []
     for (planner,), runs in group(beside_rows(rows), "planner").items():
         bodies = values(runs, "body_free")
@@ -88,7 +90,7 @@ def beside_table(rows: Sequence[Row]) -> Table:
         lines.append(
             (
                 planner,
-                f"{100 * share:.2f}" if planner == "paper" else "none given",
+                f"{100 * share:.2f}" if planner == "paper" else "not given",
                 percent(bodies, fmean),
                 spread(bodies),
                 percent(values(runs, "mouth_sweepable"), fmean),
@@ -100,7 +102,7 @@ def beside_table(rows: Sequence[Row]) -> Table:
             )
         )
     return Table(
-        "Section 5.3: the comprehensive room, beside other ways to sweep it",
+        "Section 5.3: planners compared in the comprehensive room",
         (
             "planner",
             "paper %",
@@ -115,14 +117,14 @@ def beside_table(rows: Sequence[Row]) -> Table:
         ),
         lines,
         "Noise paper. The paper compares with the U-shaped path, and in its conclusions with the "
-        "random one, and gives no figure for either; the room is our reading of its Fig. 18. "
-        "Repeated: path · W over the floor swept, less 1. The random way cannot know when it is "
-        f"done: it is ended after {MULTIPLES[-1]:g} times the reference time and energy.",
+        "random path, without figures; the room is our reading of its Fig. 18. Repeated: path · W "
+        "/ swept area, minus 1. The random planner does not detect its end: its run is ended after "
+        f"{MULTIPLES[-1]:g} times the reference time and energy.",
     )
 
 
 def cycle_spread(rows: Sequence[Row], key: str = "offset_mm") -> list[tuple[float, float, float]]:
-    """First quartile, median and third quartile after each cycle, over the runs."""
+    """Return first quartile, median and third quartile over the runs, after each cycle."""
     found = []
     for at_cycle in zip(*(row["offsets"] for row in rows), strict=False):
         points = [point[key] for point in at_cycle]
@@ -132,7 +134,7 @@ def cycle_spread(rows: Sequence[Row], key: str = "offset_mm") -> list[tuple[floa
 
 
 def cycle_table(rows: Sequence[Row]) -> Table:
-    """Fig. 15: how far off each U-shaped cycle ends."""
+    """Return Fig. 15: the offset at the end of each U-shaped cycle."""
     offsets = cycle_spread(rows)
     along, across = cycle_spread(rows, "along_mm"), cycle_spread(rows, "across_mm")
     lines = [
@@ -157,7 +159,7 @@ def cycle_table(rows: Sequence[Row]) -> Table:
             "paper mm",
         ),
         lines,
-        f"{len(rows)} seeds at noise paper on an open floor, where no wall corrects the estimate: "
-        f"seven cycles of {rows[0]['path_m'] if rows else 0:g} m in all, on the whole stack. The "
-        "offset is the true place less the planned one.",
+        f"{len(rows)} seeds with noise paper on an open floor, where no wall corrects the "
+        f"estimate: seven cycles of {rows[0]['path_m'] if rows else 0:g} m in all, with the whole "
+        "stack. The offset is the true position minus the planned one.",
     )

@@ -1,4 +1,4 @@
-"""What ``experiment paper`` runs: the paper's own experiments, and where its algorithm fails."""
+"""Trials of ``experiment paper``: the paper's experiments, and where its algorithm fails."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from tools.experiment.layouts import LAYOUT, LAYOUTS
 from tools.experiment.trials import OPEN_FLOOR, Kind, Trial
 
 TABLE_2_SEEDS = 5
-"""The paper ran case 1 five times."""
+"""Number of runs of each room: the paper ran case 1 five times (Table 2)."""
 CYCLE_SEEDS = 20
+"""Number of runs of the cycles of Fig. 15."""
 COMPREHENSIVE = "comprehensive"
+"""Room of the paper's section 5.3."""
 BESIDE = ("u-shape", "random", "recovery")
-"""Run beside the paper's algorithm in the comprehensive room."""
+"""Planners that are compared with the paper's algorithm in the comprehensive room."""
 
 STRICT_END = "paper, strict end"
+"""Reading of the paper in which the first blocked side step ends the run."""
 RANGE_LEVEL = NoiseLevel(name="range 1 cm", ultrasonic_sigma_m=0.01)
-"""As ``none``, but for the ultrasonic's range."""
+"""Noise level ``none`` with 1 cm of noise in the ultrasonic range."""
 
 _BY_STEPS = PaperOptions()
 _BY_EQUAL = PaperOptions(count_turns="on_equal", between="reset")
@@ -31,17 +34,17 @@ TOLERANCES: dict[str, tuple[PaperOptions, str]] = {
         "on_equal, reset between",
     ),
 }
-"""By name: two ways to count T, each with the default tolerance and with 1 cm; what to call it."""
+"""Options and description by name: two ways to count T, each with two tolerances."""
 
 READINGS: dict[str, PaperOptions] = {
     STRICT_END: PaperOptions(end="blocked_step"),
     **{name: options for name, (options, _) in TOLERANCES.items()},
 }
-"""The paper read otherwise than by default, by what stands for the planner in a trial."""
+"""Options of the other readings of the paper, by the planner's name in a trial."""
 
 
 def paper_trials(max_time_s: float | None) -> list[Trial]:
-    """Everything, in the order of the tables."""
+    """Return all trials in the order of the tables."""
     return [
         *_coverage(max_time_s),
         *_beside(max_time_s),
@@ -52,7 +55,7 @@ def paper_trials(max_time_s: float | None) -> list[Trial]:
 
 
 def _coverage(max_time_s: float | None) -> list[Trial]:
-    """Case 1 five times (Table 2), case 2, the comprehensive test."""
+    """Return the trials of case 1 (Table 2), case 2 and the comprehensive room."""
     return [
         Trial(room, "paper", noise, seed, max_time_s)
         for room in ("case-1", "case-2", COMPREHENSIVE)
@@ -62,7 +65,7 @@ def _coverage(max_time_s: float | None) -> list[Trial]:
 
 
 def _beside(max_time_s: float | None) -> list[Trial]:
-    """Section 5.3: the U-shaped path and the random one in the comprehensive room, and ours."""
+    """Return the trials of section 5.3: the other planners in the comprehensive room."""
     return [
         Trial(COMPREHENSIVE, planner, "paper", seed, max_time_s, Kind.BESIDE)
         for planner in BESIDE
@@ -71,7 +74,7 @@ def _beside(max_time_s: float | None) -> list[Trial]:
 
 
 def _layouts(max_time_s: float | None) -> list[Trial]:
-    """Each without noise, so that what fails is the algorithm."""
+    """Return the trials of the layouts, without noise, so that only the algorithm can fail."""
     return [
         Trial(f"{LAYOUT}{name}", planner, "none", 0, max_time_s, Kind.LAYOUT)
         for name in LAYOUTS
@@ -80,7 +83,7 @@ def _layouts(max_time_s: float | None) -> list[Trial]:
 
 
 def _ranges(max_time_s: float | None) -> list[Trial]:
-    """Case 1 with and without 1 cm of range noise; without, all seeds are alike."""
+    """Return the trials of case 1 with and without 1 cm of range noise."""
     return [
         Trial("case-1", reading, noise, seed, max_time_s, Kind.RANGES)
         for reading in TOLERANCES
@@ -90,7 +93,7 @@ def _ranges(max_time_s: float | None) -> list[Trial]:
 
 
 def _cycles(max_time_s: float | None) -> list[Trial]:
-    """Figs. 12, 14 and 15."""
+    """Return the trials of Figs. 12, 14 and 15."""
     return [
         Trial(OPEN_FLOOR, "u-cycles", "paper", seed, max_time_s, Kind.CYCLES)
         for seed in range(CYCLE_SEEDS)

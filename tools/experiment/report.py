@@ -1,4 +1,4 @@
-"""One self-contained HTML page: tables, curves, paths. And the tables as Markdown."""
+"""The report of an experiment as a self-contained HTML page, and its tables as Markdown."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ class Results:
     rows: Sequence[Row]
 
     def of(self, *kinds: Kind) -> list[Row]:
-        """The rows of some kinds."""
+        """Return the rows of these kinds."""
         return [row for row in self.rows if row["kind"] in kinds]
 
     @property
     def levels(self) -> list[str]:
-        """Noise levels of our planners' runs, in order of first sight."""
+        """Noise levels of our planners' runs, in the order of the rows."""
         return list(dict.fromkeys(row["noise"] for row in self.of(Kind.RUN, Kind.LIMITS)))
 
 
 def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
-    """Every table that the rows have something for."""
+    """Return every table for which there are rows."""
     results = Results(rows)
     runs, cycles, limits = results.of(Kind.RUN), results.of(Kind.CYCLES), results.of(Kind.LIMITS)
     made = []
@@ -72,7 +72,7 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
 
 
 def render(title: str, command: str, rows: Sequence[Row], tables_made: Sequence[Table]) -> str:
-    """The page, from its tables and what figures the rows give."""
+    """Return the HTML page with the tables and the figures of the rows."""
     facts = [
         ("runs", len(rows)),
         ("rooms", len({row["room"] for row in rows})),
@@ -87,17 +87,17 @@ def render(title: str, command: str, rows: Sequence[Row], tables_made: Sequence[
         if runs[0].get("path") and runs[0]["kind"] != Kind.RANGES
     ]
     if firsts:
-        note = "The first seed of each; a dot: the start, a square: the end."
+        note = "The first seed of each. Dot: start; square: end."
         parts.append(gallery("Paths", [figures.path_picture(row) for row in firsts], note))
     lead = (
-        f"<p>Made by <code>{escape(command)}</code>; equal seeds give equal figures. "
-        "All coverage is measured from the truth.</p>"
+        f"<p>Made by <code>{escape(command)}</code>. Equal seeds give equal figures. "
+        "Coverage is measured from the true path.</p>"
     )
     return document(title, "", lead, [Tile(str(count), name) for name, count in facts], parts)
 
 
 def markdown(made: Sequence[Table]) -> str:
-    """The tables, to be kept in a repository."""
+    """Return the tables as Markdown."""
     parts = []
     for one in made:
         parts += [f"## {one.title}", "", _line(one.head), _line(["---"] * len(one.head))]
@@ -111,16 +111,16 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
-    """Heading, picture and note of each."""
+    """Return heading, SVG text and note of each figure."""
     results = Results(rows)
     made = []
     cycles = results.of(Kind.CYCLES)
     if any(row["offsets"] for row in cycles):
-        note = "Seven U-shaped cycles at noise paper, on an open floor; each grey line is a seed."
+        note = "Seven U-shaped cycles with noise paper on an open floor. Each grey line is a seed."
         made.append(("Fig. 15: keeping the path", figures.cycles_figure(cycles), note))
     for row in cycles:
         if row.get("smoothing"):
-            note = "Seed 0 of the same runs, its first seconds, as commanded at 50 Hz."
+            note = "The first seconds of seed 0 of the same runs: commands at 50 Hz."
             made.append(("Fig. 12: velocity smoothing", figures.smoothing_figure(row), note))
     if results.of(Kind.BESIDE):
         beside = paper_tables.beside_rows(rows)
@@ -128,16 +128,16 @@ def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
         made.append(("Section 5.3: the comprehensive room against time and energy", svg, ""))
     limits = results.of(Kind.LIMITS)
     if limits:
-        made.append(("The loss by cause", figures.loss_figure(limits), ""))
+        made.append(("Lost coverage by cause", figures.loss_figure(limits), ""))
     for noise in results.levels:
         svg = figures.coverage_curves(results.of(Kind.RUN, Kind.LIMITS), noise)
         note = (
-            "Mean over all runs, in multiples of what it takes to sweep the sweepable area once, "
-            "straight on at cruise speed. Level: its planner has ended; a line that stops: a run "
-            "was ended by time."
+            "Mean over all runs, in multiples of the time or energy to sweep the sweepable area "
+            "once, straight ahead at cruise speed. A level line: the planner has ended. A line "
+            "that stops: a run has reached its time limit."
         )
         made.append((f"Coverage against time and energy, noise {noise}", svg, note))
     if results.of(Kind.ZIMABLUE) and compare_tables.shared(rows):
-        note = "Each robot against its own reference time and path; dashed: zimablue's."
-        made.append(("Side by side with zimablue", figures.zimablue_curves(rows), note))
+        note = "Each robot against its own reference time and path. Dashed: zimablue."
+        made.append(("Comparison with zimablue", figures.zimablue_curves(rows), note))
     return made

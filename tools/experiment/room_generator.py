@@ -1,8 +1,8 @@
-"""Rooms by the hundred: floor plans drawn at random, of the kinds that homes are made of.
+"""Random floor plans of the kinds that homes consist of.
 
-A plan is made of an outline (box, L, corridor with rooms), inner walls with doors, and furniture
-(boxes on and off walls, turned boxes, columns, legs of tables, pockets). Equal generators
-give equal rooms. Nothing here knows a planner.
+A plan has outer walls (box, L, corridor with rooms), inner walls with doors, and furniture (boxes
+at and off walls, rotated boxes, columns, table legs, pockets). Equal generators give equal rooms.
+The rooms do not depend on any planner.
 """
 
 from __future__ import annotations
@@ -17,24 +17,37 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 KINDS = ("box", "ell", "turned", "columns", "legs", "pockets", "corridor", "flat")
-"""What ``generate_room`` can draw."""
+"""Kinds of room of ``generate_room``."""
 
 _WALL_M = 0.1
+"""Thickness of an inner wall, m."""
 _CLEAR_M = 0.18
-"""Around the start: the body's radius and 2 cm."""
+"""Minimum distance of the start to walls and obstacles, m: the footprint's radius and 2 cm."""
 _TRIES = 400
+"""Maximum number of random start positions that are tried."""
+_ORTHOGONAL_SHARE = 0.5
+"""Probability that the heading at the start is along an axis."""
+_AT_WALL = (0.25, 0.5)
+"""Cumulative probabilities that a box stands at the left wall, and at the left or upper wall."""
+_LEG_MARGIN_M = 0.05
+"""Minimum distance of a table leg's centre to the walls, m."""
 
 
 class RandomSource(Protocol):
-    """What is needed of a random generator (``numpy.random.Generator`` is one)."""
+    """A random number generator, such as ``numpy.random.Generator``."""
 
     def uniform(self, low: float, high: float) -> float:
-        """A number in [low, high)."""
+        """Return a number in [low, high)."""
         ...
 
 
 def generate_room(seed: int, rng: RandomSource, kind: str | None = None) -> FloorPlan:
-    """A room drawn from ``rng``; ``seed`` only names it.
+    """Return a random room.
+
+    Args:
+        seed: number in the room's name; it does not affect the room.
+        rng: source of randomness.
+        kind: one of ``KINDS``; None: a random one.
 
     Raises:
         KeyError: ``kind`` is not one of ``KINDS``.
@@ -48,13 +61,13 @@ def generate_room(seed: int, rng: RandomSource, kind: str | None = None) -> Floo
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
-    """Corners counter-clockwise, to the millimetre."""
+    """Return the corners of a rectangle, m, counter-clockwise, rounded to a millimetre."""
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
     return tuple((round(x, 3), round(y, 3)) for x, y in corners)
 
 
 def turned(x: float, y: float, width: float, depth: float, angle_rad: float) -> Polygon:
-    """A box about (x, y), turned."""
+    """Return the corners of a rotated box with its centre at (x, y), m."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
     return tuple(
@@ -67,7 +80,7 @@ def turned(x: float, y: float, width: float, depth: float, angle_rad: float) -> 
 
 
 def column(x: float, y: float, radius: float, corners: int = 24) -> Polygon:
-    """A round column as a polygon."""
+    """Return a round column as a polygon, m."""
     return tuple(
         (
             round(x + radius * math.cos(math.tau * k / corners), 4),
@@ -78,7 +91,7 @@ def column(x: float, y: float, radius: float, corners: int = 24) -> Polygon:
 
 
 def distance_m(polygon: Polygon, x: float, y: float) -> float:
-    """From a point to a polygon's outline."""
+    """Return the distance of a point to the edges of a polygon, m."""
     best = math.inf
     for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         ex, ey = bx - ax, by - ay
@@ -93,7 +106,7 @@ def _whole(rng: RandomSource, low: int, high: int) -> int:
 
 
 def _start(rng: RandomSource, walls: Polygon, obstacles: list[Polygon]) -> Pose2:
-    """A pose at which the body is free, anywhere in the room."""
+    """Return a random pose at which the footprint is free."""
     xs, ys = [p[0] for p in walls], [p[1] for p in walls]
     for _ in range(_TRIES):
         x, y = rng.uniform(min(xs), max(xs)), rng.uniform(min(ys), max(ys))
@@ -101,23 +114,23 @@ def _start(rng: RandomSource, walls: Polygon, obstacles: list[Polygon]) -> Pose2
             continue
         if all(distance_m(polygon, x, y) > _CLEAR_M for polygon in (walls, *obstacles)):
             heading = rng.uniform(-math.pi, math.pi)
-            if rng.uniform(0.0, 1.0) < 0.5:  # noqa: PLR2004 - half of the starts are square
+            if rng.uniform(0.0, 1.0) < _ORTHOGONAL_SHARE:
                 heading = round(heading / (0.5 * math.pi)) * 0.5 * math.pi
             return Pose2(round(x, 3), round(y, 3), round(heading, 4))
     raise ValueError("no free place for the robot in this room")
 
 
 def _box_corners(
-    rng: RandomSource, least: float = 1.8, most: float = 4.5
+    rng: RandomSource, min_m: float = 1.8, max_m: float = 4.5
 ) -> tuple[float, float, Polygon]:
-    width, depth = round(rng.uniform(least, most), 3), round(rng.uniform(least, most), 3)
+    width, depth = round(rng.uniform(min_m, max_m), 3), round(rng.uniform(min_m, max_m), 3)
     return width, depth, rectangle(0.0, 0.0, width, depth)
 
 
 def _boxes(
     rng: RandomSource, count: int, area: tuple[float, float, float, float], *, angled: bool = False
 ) -> list[Polygon]:
-    """Boxes in an area, on its walls or off them; they may overlap."""
+    """Return random boxes in an area, at its walls or not; they may overlap."""
     x0, y0, x1, y1 = area
     boxes: list[Polygon] = []
     for _ in range(count):
@@ -129,9 +142,9 @@ def _boxes(
             boxes.append(turned(x + 0.5 * width, y + 0.5 * depth, width, depth, angle))
             continue
         place = rng.uniform(0.0, 1.0)
-        if place < 0.25:  # noqa: PLR2004 - a quarter against each of two walls
+        if place < _AT_WALL[0]:
             x = x0
-        elif place < 0.5:  # noqa: PLR2004
+        elif place < _AT_WALL[1]:
             y = y1 - depth
         boxes.append(rectangle(x, y, x + width, y + depth))
     return boxes
@@ -189,13 +202,16 @@ def _legs(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
         for i in (0.0, across):
             for j in (0.0, along):
                 px, py = x + i * c - j * s, y + i * s + j * c
-                if 0.05 < px < width - 0.05 and 0.05 < py < depth - 0.05:  # noqa: PLR2004
+                if (
+                    _LEG_MARGIN_M < px < width - _LEG_MARGIN_M
+                    and _LEG_MARGIN_M < py < depth - _LEG_MARGIN_M
+                ):
                     obstacles.append(turned(px, py, leg, leg, angle))
     return walls, obstacles
 
 
 def _pockets(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
-    """Cupboards in a row along a wall, with niches of a robot's width and more between them."""
+    """Return cupboards in a row along a wall, with gaps of 22 to 70 cm between them."""
     width, depth, walls = _box_corners(rng, 2.4)
     obstacles: list[Polygon] = []
     x, height = rng.uniform(0.0, 0.5), rng.uniform(0.4, 0.9)
@@ -207,7 +223,7 @@ def _pockets(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
 
 
 def _corridor(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
-    """A corridor with rooms on one side."""
+    """Return a corridor with rooms on one side."""
     count = _whole(rng, 2, 3)
     room, hall = rng.uniform(1.8, 2.6), rng.uniform(0.7, 1.3)
     depth = rng.uniform(1.8, 2.8)
@@ -228,7 +244,7 @@ def _corridor(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
 
 
 def _flat(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
-    """Four rooms about a cross of walls with doors, and furniture."""
+    """Return four furnished rooms around a cross of walls with doors."""
     width, depth = rng.uniform(5.0, 8.0), rng.uniform(4.5, 7.5)
     x, y = rng.uniform(0.4, 0.6) * width, rng.uniform(0.4, 0.6) * depth
     half = 0.5 * _WALL_M
@@ -238,7 +254,8 @@ def _flat(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
         left = low + at * (high - low - door)
         obstacles.append(rectangle(low, y - half, left, y + half))
         obstacles.append(rectangle(left + door, y - half, high, y + half))
-    low, high = (0.0, y - half) if rng.uniform(0.0, 1.0) < 0.5 else (y + half, depth)  # noqa: PLR2004
+    is_lower = rng.uniform(0.0, 1.0) < 0.5  # noqa: PLR2004 - the door is in either half
+    low, high = (0.0, y - half) if is_lower else (y + half, depth)
     door, at = rng.uniform(0.6, 1.0), rng.uniform(0.1, 0.6)
     left = low + at * (high - low - door)
     obstacles.append(rectangle(x - half, low, x + half, left))

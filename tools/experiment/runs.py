@@ -1,4 +1,4 @@
-"""Runs trials in several processes: progress, Ctrl-C, and errors by the trial's name."""
+"""Runs trials in several processes, with progress, Ctrl-C and errors by trial."""
 
 from __future__ import annotations
 
@@ -25,38 +25,46 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 _SPEED_OVER_S = 1800.0
-"""The time left is told from the pace of so long."""
+"""Period over which the speed for the remaining time is averaged, s."""
 _LOOK_S = 0.2
-"""How often it is looked whether the runs are to end."""
+"""Period at which a request to end is checked, s."""
 ERRORS = "errors.txt"
+"""File in the experiment's folder with the tracebacks of failed trials."""
 
 
 @dataclass(slots=True)
 class Outcome:
-    """How a batch of trials went."""
+    """Result of a batch of trials."""
 
     interrupted: bool = False
+    """The runs were ended before all trials were done."""
     failed: list[str] = field(default_factory=list)
-    """One line each: the trial and what went wrong."""
+    """A line for each failed trial with its error."""
 
 
 class NotBegunError(BrokenProcessPool):
-    """The system refused a process; the text says why."""
+    """The system could not start a process."""
 
 
 class _Left(ProgressColumn):
-    """The time left."""
+    """Progress column with the remaining time."""
 
     def render(self, task: Task) -> Text:
-        """As words."""
+        """Return the remaining time."""
         return Text(_time_left(task), style="progress.remaining")
 
 
 def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
-    """Run what is missing in the store. A trial that fails is told, and the others go on.
+    """Run the trials that the store lacks. A failed trial is reported, and the others continue.
 
-    Ctrl-C (or SIGTERM) ends the runs. It is looked for between two waits, not raised: an
-    exception while the pool is begun or ended leaves processes that wait for each other for ever.
+    Ctrl-C or SIGTERM ends the runs. The signal is polled instead of raised: an exception while the
+    pool starts or ends would leave processes that wait for each other for ever.
+
+    Args:
+        store: takes the results.
+        trials: what to run.
+        jobs: number of processes; None: one per core.
+
     """
     missing = store.missing(trials)
     outcome = Outcome()
@@ -70,7 +78,7 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
         _Left(),
         TextColumn("{task.description}"),
     )
-    # Begun afresh, not forked: this process has threads by now.
+    # Spawned, not forked, because this process has threads.
     context = multiprocessing.get_context("spawn")
     workers = min(jobs or os.cpu_count() or 1, len(missing))
     ours = set(multiprocessing.active_children())
@@ -91,9 +99,9 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
         done = len(trials) - len(missing)
         task = bar.add_task("", total=sum(costs.values()), done=done, count=len(trials))
         if not is_drawable():
-            inform(f"{done}/{len(trials)} runs done, {workers} at a time from here")
+            inform(f"{done}/{len(trials)} runs done, {workers} in parallel")
         try:
-            # the longest first: none of them is left alone at the end
+            # the longest first, so that no long one runs alone at the end
             ordered = sorted(missing, key=lambda trial: -costs[trial])
             running = _submit(pool, ordered)
             while running and not outcome.interrupted:
@@ -110,45 +118,45 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
         if outcome.interrupted:
             for child in set(multiprocessing.active_children()) - ours:
                 child.terminate()
-            # waited for: no process of ours is left to end while the interpreter does
+            # wait, so that no child process is left when the interpreter exits
             pool.shutdown(cancel_futures=True)
     return outcome
 
 
 def _submit(pool: ProcessPoolExecutor, trials: list[Trial]) -> dict[Future[dict[str, Any]], Trial]:
-    """Begin the workers and give them what to do.
+    """Start the workers and submit the trials.
 
-    No signal comes before a worker is prepared for it: one that dies takes the pool with it.
+    Signals are blocked until a worker has its handlers: a worker that dies breaks the pool.
 
     Raises:
-        BrokenProcessPool: A worker died.
-        NotBegunError: A worker could not be begun.
+        BrokenProcessPool: a worker died.
+        NotBegunError: a worker could not be started.
 
     """
     try:
         with held_back():
             return {pool.submit(run_until_ended, trial): trial for trial in trials}
     except OSError as error:
-        if error.errno is None:  # a pipe of the pool, which closes them when a worker dies
+        if error.errno is None:  # from a pipe that the pool closed because a worker died
             raise BrokenProcessPool from error
-        raise NotBegunError(f"no more worker processes could be begun: {error}") from error
+        raise NotBegunError(f"cannot start a worker process: {error}") from error
 
 
 def _break_off(outcome: Outcome, error: BrokenProcessPool) -> None:
-    """Take note that the pool is broken."""
+    """Record that the pool is broken."""
     if not outcome.interrupted:
-        ended = "a worker process was ended from outside, or had no memory"
+        ended = "a worker process was killed, or ran out of memory; run the command again"
         outcome.failed.append(str(error) if isinstance(error, NotBegunError) else ended)
     outcome.interrupted = True
 
 
 def _keep(store: Store, trial: Trial, future: Future[dict[str, Any]], outcome: Outcome) -> str:
-    """Store a result, or note what went wrong; what to say of it."""
+    """Store a result or an error, and return a line about it."""
     error = future.exception()
     if isinstance(error, BrokenProcessPool):
         raise error
     if error is not None:
-        reason = (str(error).strip() or "no reason given").splitlines()[0]
+        reason = (str(error).strip() or "no message").splitlines()[0]
         line = f"{trial.label} failed: {type(error).__name__}: {reason}"
         outcome.failed.append(line)
         with (store.folder / ERRORS).open("a", encoding="utf-8") as file:
@@ -166,7 +174,7 @@ def _figure(row: dict[str, Any]) -> str:
             f"{row['outcome']}"
         )
     if row.get("offsets"):
-        return f"{row['offsets'][-1]['offset_mm']:.1f} mm off"
+        return f"offset {row['offsets'][-1]['offset_mm']:.1f} mm"
     return str(row.get("outcome", "done"))
 
 
@@ -180,7 +188,7 @@ def _time_left(task: Task) -> str:
         return "done"
     elapsed = task.elapsed
     if not elapsed or not task.completed or task.total is None:
-        return "time left not known yet"
+        return "time left unknown"
     left = round(elapsed * (task.total - task.completed) / task.completed)
     if left < 60:  # noqa: PLR2004 - seconds to a minute
         return f"{left} s left"

@@ -1,4 +1,4 @@
-"""How far a run goes: to its own end, or as far as it is compared."""
+"""The end of a trial: when its planner ends, or at the end of the comparison."""
 
 from __future__ import annotations
 
@@ -21,18 +21,22 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _LONGEST = 15.0
-"""Multiples of the reference time that a run is given at least. At rest the robot draws 1.5 W, more
-than half of what it draws at cruise: it draws 8 times the reference energy before."""
-_STRAIGHT_S, _STEADY_S = 22.0, 2.0
-"""A straight way at cruise, and what is left out where it sets off."""
+"""Minimum time limit of a run, in multiples of the reference time. A robot at rest draws 1.5 W,
+more than half of its power at cruise speed, so a run reaches 8 times the reference energy before
+this limit."""
+_STRAIGHT_S = 22.0
+"""Duration of the straight drive that measures the cruise power, s."""
+_STEADY_S = 2.0
+"""Part of that drive that is left out at its start, s: the acceleration."""
 _S_PER_H = 3600.0
+"""Seconds in an hour."""
 
 
 def planner_of(trial: Trial, model: RobotModel) -> Planner:
-    """A trial's planner; ``random`` without its own limit, which has nothing to do with the room.
+    """Make the planner of a trial; ``random`` gets no time limit of its own.
 
     Raises:
-        UnknownPlannerError: there is no such planner.
+        UnknownPlannerError: no planner has this name.
 
     """
     rng = random.Random(trial.seed)
@@ -43,17 +47,18 @@ def planner_of(trial: Trial, model: RobotModel) -> Planner:
 
 
 def limit_s(trial: Trial, meter: CoverageMeter) -> float:
-    """When a trial is ended, in seconds of its drive: as asked, or an hour and more."""
+    """Return the time limit of a trial, s: the requested one, else an hour or more."""
     if trial.max_time_s is not None:
         return trial.max_time_s
     return max(HOUR_S, round(_LONGEST * meter.reference_time_s, 1))
 
 
 def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], bool]:
-    """Whether a run is over by its drive's time (s) and the energy drawn since boot (Wh).
+    """Return a function that says whether to end a run.
 
-    Only ``random`` needs to be told: it never ends by itself. It is ended where the last of the
-    multiples of reference time and energy has been passed.
+    It takes the time of the drive, s, and the energy drawn since boot, Wh. Only ``random`` needs
+    it, because that planner never ends by itself: its run ends after the last of the multiples of
+    the reference time and energy.
     """
     if not isinstance(planner, RandomPlanner):
         return lambda _time_s, _energy_wh: False
@@ -65,13 +70,13 @@ def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], b
 
 
 def energy_unit_wh(meter: CoverageMeter) -> float:
-    """The reference energy: sweeping the sweepable floor once, straight on at cruise speed."""
+    """Return the energy to sweep the sweepable floor once, straight ahead at cruise speed, Wh."""
     return cruise_power_w() * meter.reference_time_s / _S_PER_H
 
 
 @cache
 def cruise_power_w() -> float:
-    """What the robot draws on a straight way at cruise speed, measured on the virtual sweeper."""
+    """Return the power at cruise speed, W, measured on a straight drive of the virtual sweeper."""
     straight = Trial(OPEN_FLOOR, "u-shape", "none", 0)
     seen = observe(straight, room_of(OPEN_FLOOR), max_time_s=_STRAIGHT_S)
     steady = [point for point in seen.energy if point[0] >= seen.truth[0][0] + _STEADY_S]

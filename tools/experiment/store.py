@@ -1,4 +1,4 @@
-"""Results on disk: one line a trial, added as each ends, so that nothing done is done again."""
+"""Results on disk, one line for each trial, so that completed trials are not repeated."""
 
 from __future__ import annotations
 
@@ -20,18 +20,21 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 Row = dict[str, Any]
+"""Result of a trial: its parameters and figures."""
 LINES = "runs.jsonl"
+"""File with the results, in the experiment's folder."""
 _PLAIN = (str, int, float, bool, type(None))
+"""Types of the values that a CSV file can have."""
 
 
 class ExperimentFolderError(BridgeError):
-    """The folder holds something else, or cannot be written."""
+    """The folder cannot be written, or contains results of another version."""
 
     exit_status = 1
 
 
 def code_version() -> str:
-    """The release, and a fingerprint of the code: results of other code are not mixed with ours."""
+    """Return release and hash of the code, so that results of different code are not mixed."""
     digest = hashlib.sha256()
     for package in ("protocol", "bridge", "sim_device", "tools"):
         root = resources.files(package)
@@ -53,10 +56,10 @@ class Store:
     """The folder of one experiment."""
 
     def __init__(self, folder: Path, version: str, *, force: bool = False) -> None:
-        """Open it, or make it; with ``force`` forget what it holds.
+        """Open or create the folder; with ``force`` discard its results.
 
         Raises:
-            ExperimentFolderError: it cannot be written, or was made by another version.
+            ExperimentFolderError: it cannot be written, or contains results of another version.
 
         """
         self.folder = folder
@@ -75,7 +78,7 @@ class Store:
         if not path.exists():
             return
         text = path.read_text("utf-8")
-        if text and not text.endswith("\n"):  # cut short by a kill: what comes starts anew
+        if text and not text.endswith("\n"):  # the writer was killed: begin a new line
             with path.open("a", encoding="utf-8") as file:
                 file.write("\n")
         for number, line in enumerate(text.splitlines(), 1):
@@ -83,34 +86,34 @@ class Store:
                 row = json.loads(line)
                 key, version = row["key"], row["version"]
             except (ValueError, KeyError, TypeError):
-                continue  # the line that a kill cut short: that trial is run again
+                continue  # an incomplete line of a killed writer: the trial is run again
             if version != self._version:
                 raise ExperimentFolderError(
-                    f"{path}:{number} was made by version {version}, this is {self._version}: "
-                    "choose another folder, or --force to begin anew"
+                    f"{path}:{number} is from version {version}, but this is {self._version}: "
+                    "choose another folder, or discard the results with --force"
                 )
             self._rows[key] = row
 
     def missing(self, trials: Iterable[Trial]) -> list[Trial]:
-        """Those not done yet, in their order."""
+        """Return the trials without a result, in their order."""
         return [trial for trial in trials if trial.key not in self._rows]
 
     def add(self, trial: Trial, row: Row) -> None:
-        """Keep one result, at once."""
+        """Write one result to the file at once."""
         row = {"key": trial.key, "version": self._version, **asdict(trial), **row}
-        # through JSON, so that a result is the same whether just made or read again
+        # through JSON, so that a new result equals one that was read from the file
         row = json.loads(json.dumps(row))
         self._rows[trial.key] = row
         with (self.folder / LINES).open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 
     def rows(self, trials: Iterable[Trial]) -> list[Row]:
-        """Results in the trials' order, whatever order they ended in."""
+        """Return the results in the order of the trials."""
         return [self._rows[trial.key] for trial in trials if trial.key in self._rows]
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """Plain figures as a table; lists are left to the JSON lines."""
+    """Write the plain values of the rows; lists are only in the JSON lines."""
     names = dict.fromkeys(
         name
         for row in rows

@@ -1,4 +1,4 @@
-"""What the runs amount to, next to the paper's figures and the aims."""
+"""Tables of the results: planners, rooms, curves, energy and the worst runs."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 _FINE_INRADIUS_M = 0.04
+"""Radius of the largest hole below which a run counts as complete, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A titled table of text."""
+    """A table of text with a title and a note."""
 
     title: str
     head: tuple[str, ...]
@@ -31,7 +32,7 @@ class Table:
 
 
 def group(rows: Iterable[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
-    """Rows by the values of some columns, in order of first sight."""
+    """Group rows by the values of some columns, in the order of the rows."""
     groups: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
     for row in rows:
         groups[tuple(row[key] for key in keys)].append(row)
@@ -39,7 +40,7 @@ def group(rows: Iterable[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
 
 
 def planner_table(rows: Sequence[Row]) -> Table:
-    """Each planner at each level over all rooms."""
+    """Return the figures of each planner at each noise level, over all rooms."""
     lines = [
         (
             planner,
@@ -74,15 +75,15 @@ def planner_table(rows: Sequence[Row]) -> Table:
             "ended",
         ),
         lines,
-        "Path ratio: path over sweepable area / W. Time ratio: time over the time to sweep the "
-        "sweepable area once at cruise speed. A hole's depth is the radius of the largest disc "
-        "that fits into what was left. Timeout: at the time limit; random, which never ends by "
-        f"itself, after {MULTIPLES[-1]:g} times the reference time and energy.",
+        "Path ratio: path / (sweepable area / W). Time ratio: time / time to sweep the sweepable "
+        "area once at cruise speed. The depth of a hole is the radius of the largest disc that "
+        "fits into the floor that was not swept. Timeout: at the time limit; random, which never "
+        f"ends by itself, after {MULTIPLES[-1]:g} times the reference time and energy.",
     )
 
 
 def room_table(rows: Sequence[Row], noise: str) -> Table:
-    """Each room with each planner, mean over seeds: mouth % at time ratio."""
+    """Return the coverage and time ratio of each planner in each room, mean over seeds."""
     planners = list(dict.fromkeys(row["planner"] for row in rows))
     lines = []
     at_level = [row for row in rows if row["noise"] == noise]
@@ -98,14 +99,17 @@ def room_table(rows: Sequence[Row], noise: str) -> Table:
         f"Rooms, noise {noise}",
         ("room", "sweepable m²", *planners),
         lines,
-        "Mean over seeds: mouth % of sweepable, at the run's time ratio.",
+        "Mean over seeds: swept share of the sweepable floor, %, and the run's time ratio.",
     )
 
 
 def curve_table(rows: Sequence[Row], curve: str = "coverage") -> Table:
-    """Coverage at multiples of a reference, mean over all runs of a planner.
+    """Return the coverage at multiples of a reference, mean over all runs of a planner.
 
-    The reference is that of time (``coverage``) or of energy (``by_energy``).
+    Args:
+        rows: the runs.
+        curve: ``coverage`` for the reference time, ``by_energy`` for the reference energy.
+
     """
     lines = [
         (planner, noise, str(len(runs)), *at_multiples(runs, curve))
@@ -116,24 +120,24 @@ def curve_table(rows: Sequence[Row], curve: str = "coverage") -> Table:
         f"Coverage against {'time' if by_time else 'energy'}",
         ("planner", "noise", "runs", *(f"{MULTIPLES[k]:g}x" for k in _COLUMNS)),
         lines,
-        ("Mouth % of sweepable" if by_time else "Mouth % of sweepable with so much energy drawn")
-        + ", mean over all runs, at multiples of the "
+        "Swept share of the sweepable floor, %, mean over all runs, at multiples of the "
         + ("time" if by_time else "energy")
-        + " to sweep the sweepable area once, straight on at cruise speed"
+        + " to sweep the sweepable area once, straight ahead at cruise speed"
         + ("." if by_time else f": {_unit_mwh_m2(rows)} mWh/m².")
-        + " A run that its planner ended stays as it is; a dash: a run was ended before.",
+        + " After the end of its planner a run keeps its share. A dash: a run had reached its time "
+        "limit before.",
     )
 
 
 def _unit_mwh_m2(rows: Sequence[Row]) -> str:
-    """The reference energy: one figure for all rooms, being power over speed and width."""
+    """Return the reference energy, mWh/m²: power / (speed · W), the same for all rooms."""
     return number(
         [1000.0 * row["reference_energy_wh"] / row["sweepable_m2"] for row in rows], median, 1
     )
 
 
 def at_multiples(runs: Sequence[Row], curve: str) -> list[str]:
-    """Mean of a curve (%) at each multiple; a dash where a run was cut short before it."""
+    """Return the mean of a curve, %, at each multiple; a dash if a run was cut short before."""
     cells = []
     for k in _COLUMNS:
         shares = [run["curve"][curve][k] for run in runs]
@@ -146,10 +150,10 @@ _COLUMNS = range(len(MULTIPLES))
 
 
 def energy_table(rows: Sequence[Row], shares: Sequence[float] = (0.5, 0.8, 0.9, 0.95)) -> Table:
-    """Energy per sweepable square metre until a share was reached: median, and how many did.
+    """Return the median energy per sweepable square metre to reach a share.
 
-    The median is over all runs, those that never reached it counted as without end: over those
-    that did, a planner would gain by failing in the rooms that take the most.
+    The median is over all runs; a run that never reached the share counts as infinite. Otherwise a
+    planner would look better by failing in the most expensive rooms.
     """
     lines = [
         (planner, noise, str(len(runs)), *(_median_energy(runs, share) for share in shares))
@@ -159,9 +163,10 @@ def energy_table(rows: Sequence[Row], shares: Sequence[float] = (0.5, 0.8, 0.9, 
         "Energy to a share",
         ("planner", "noise", "runs", *(f"{100 * share:.0f} %" for share in shares)),
         lines,
-        "Median mWh per sweepable square metre until the share was reached, over all runs, and in "
-        f"brackets how many reached it within {MULTIPLES[-1]:g} times the reference time; a dash: "
-        "the median run did not. Between the curve's points by straight lines.",
+        "Median energy in mWh per sweepable square metre to reach the share, over all runs; in "
+        f"brackets the percentage of runs that reached it within {MULTIPLES[-1]:g} times the "
+        "reference time. A dash: the median run did not. Linear interpolation between the points "
+        "of the curve.",
     )
 
 
@@ -187,24 +192,24 @@ def _energy_to(run: Row, share: float) -> float | None:
 
 
 def values(runs: Sequence[Row], key: str) -> list[float]:
-    """A column's figures, where there are any."""
+    """Return the values of a column that are not None."""
     return [run[key] for run in runs if run.get(key) is not None]
 
 
 def percent(values: Sequence[float], figure: Callable[[Sequence[float]], float]) -> str:
-    """A figure of shares, as a percentage; empty without any."""
+    """Format a statistic of shares as a percentage; empty without values."""
     return f"{100 * figure(values):.2f}" if values else ""
 
 
 def number(
     values: Sequence[float], figure: Callable[[Sequence[float]], float], digits: int = 2
 ) -> str:
-    """A figure of numbers; empty without any."""
+    """Format a statistic of numbers; empty without values."""
     return f"{figure(values):.{digits}f}" if values else ""
 
 
 def spread(values: Sequence[float]) -> str:
-    """Least and greatest share, %."""
+    """Format minimum and maximum of shares, %."""
     return f"{100 * min(values):.2f} to {100 * max(values):.2f}" if values else ""
 
 
@@ -223,7 +228,7 @@ def _fine_share(runs: Sequence[Row]) -> str:
 
 
 def outcomes(runs: Sequence[Row]) -> str:
-    """How the runs ended, counted."""
+    """Return the number of runs by outcome."""
     counts: dict[str, int] = defaultdict(int)
     for run in runs:
         counts[run["outcome"]] += 1
@@ -235,11 +240,11 @@ WORST_BY: tuple[tuple[str, bool, str, Callable[[float], str]], ...] = (
     ("largest_hole_cm2", True, "largest hole, cm²", "{:.0f}".format),
     ("time_ratio", True, "time ratio", "{:.2f}".format),
 )
-"""Column, whether more is worse, its name, its form."""
+"""Figures by which the worst runs are listed: column, whether more is worse, name, format."""
 
 
 def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Table:
-    """The worst runs by three figures, and the command that repeats each."""
+    """Return the worst runs by three figures, with the command that repeats each."""
     lines = []
     for key, more_is_worse, name, form in WORST_BY:
         known = [row for row in rows if row.get(key) is not None and row["noise"] != PERFECT]
@@ -251,20 +256,20 @@ def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Tabl
         ]  # fmt: skip
     return Table(
         "The worst runs",
-        ("by", "figure", "room", "planner", "noise", "seed", "ended", "to see it again"),
+        ("by", "figure", "room", "planner", "noise", "seed", "ended", "command"),
         lines,
-        f"The {count} worst by each figure; runs with a perfect pose, which no command repeats, "
-        "are left out.",
+        f"The {count} worst runs by each figure, without runs with a perfect pose, which no "
+        "command can repeat.",
     )
 
 
 def repeat_command(row: Row, rooms_folder: str) -> str:
-    """What to type for the same run, recorded."""
+    """Return the command line that repeats a run and records it."""
     room = row["room"]
     if ":" in room:
         room = f"{rooms_folder}/{room.replace(':', '-')}.json"
     longest_s, further = row["max_time_s"], ""
-    if row["planner"] == RANDOM:  # which here has no limit of its own
+    if row["planner"] == RANDOM:  # an experiment removes this planner's own time limit
         longest_s, further = row["duration_s"], " --planner-option max_time_s=1e6"
     return (
         f"sweepctl simulate {shlex.quote(room)} --planner {row['planner']}{further} "

@@ -1,4 +1,4 @@
-"""What is run: one trial is a room, a planner, a noise level and a seed."""
+"""Trials: combinations of a room, a planner, a noise level and a seed."""
 
 from __future__ import annotations
 
@@ -21,62 +21,64 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 GENERATED = "generated:"
-"""Rooms named ``generated:KIND:N`` are drawn, not read."""
+"""Prefix of the names of generated rooms, ``generated:KIND:N``."""
 OPEN_FLOOR = "open-floor"
-"""20 m by 20 m with nothing in it, the start in the middle: no wall to correct the estimate."""
+"""Empty room of 20 m by 20 m with the start in the middle: no wall corrects the estimate."""
 HOUR_S = 3600.0
+"""Default time limit of a run, s."""
 PERFECT = "perfect"
-"""As noise ``none``, and the pose that planner and controllers are given is the true one."""
-NOISELESS, RANDOM = frozenset({PERFECT, "none"}), "random"
-"""Levels at which a run is the same for every seed, but with the planner that draws by it."""
+"""Noise level ``none`` with the true pose for planner and controllers."""
+NOISELESS = frozenset({PERFECT, "none"})
+"""Noise levels at which a run is the same for every seed, except with ``RANDOM``."""
+RANDOM = "random"
+"""Planner that uses the seed itself."""
 _DRAWN_FROM = 0x5EED
-"""Keeps the generated rooms' numbers apart from other uses of small seeds."""
+"""First part of the seeds of generated rooms, so that they differ from other uses of the number."""
 
 
 class Kind(StrEnum):
-    """How a trial is run and what is measured."""
+    """Kind of a trial: how it is run and what is measured."""
 
     RUN = "run"
-    """A planner on the whole stack."""
+    """A planner with the whole stack."""
     LIMITS = "limits"
-    """The same, and what was not swept is split by cause."""
+    """A run whose lost coverage is split by cause."""
     CYCLES = "cycles"
-    """The paper's U-shaped cycles, no planner."""
+    """The paper's U-shaped cycles, without a planner."""
     ZIMABLUE = "zimablue"
-    """A planner of that package with its own robot in its own simulation."""
+    """A planner of the package zimablue with its own robot in its own simulation."""
     BESIDE = "beside"
-    """As a run: another planner in the paper's comprehensive room (its section 5.3)."""
+    """A run of another planner in the paper's comprehensive room (section 5.3)."""
     LAYOUT = "layout"
-    """As a run, in a layout in which the paper's algorithm fails; some with another reading of
-    the paper."""
+    """A run in a layout in which the paper's algorithm fails, some with another reading of it."""
     RANGES = "ranges"
-    """The paper's algorithm with ranges that are 1 cm wrong."""
+    """A run of the paper's algorithm with 1 cm of range noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One run."""
+    """One run of an experiment."""
 
     room: str
     planner: str
     noise: str
     seed: int
     max_time_s: float | None = None
-    """Simulated; a run that takes longer is ended. ``None``: an hour, more in large rooms."""
+    """Time limit in simulated seconds; None: an hour, more in large rooms."""
     kind: Kind = Kind.RUN
 
     @property
     def key(self) -> str:
-        """One line that names it."""
+        """Text that identifies the trial in the store."""
         return json.dumps(asdict(self), sort_keys=True)
 
     @property
     def label(self) -> str:
-        """For people."""
+        """Short text for messages."""
         return f"{self.room} {self.planner} {self.noise} seed {self.seed}"
 
 
-def grid_trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
+def grid_trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the grid
     rooms: Iterable[str],
     planners: Iterable[str],
     levels: Iterable[str],
@@ -84,7 +86,7 @@ def grid_trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
     max_time_s: float | None,
     kind: Kind = Kind.RUN,
 ) -> list[Trial]:
-    """Every room with every planner, level and seed; with one seed where all are alike."""
+    """Return every combination of room, planner, level and seed; one seed where all are equal."""
     seeds = list(seeds)
     return [
         Trial(room, planner, level, seed, max_time_s, kind)
@@ -94,15 +96,15 @@ def grid_trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
 
 
 def generated_rooms(count: int) -> list[str]:
-    """Names of ``count`` generated rooms, one kind after the other."""
+    """Return the names of ``count`` generated rooms, cycling through the kinds."""
     return [f"{GENERATED}{KINDS[n % len(KINDS)]}:{n}" for n in range(count)]
 
 
 def room_of(name: str) -> FloorPlan:
-    """Read or draw a room by its name in a trial.
+    """Read or generate a room by its name in a trial.
 
     Raises:
-        FloorPlanError: there is no such room, or it cannot be used.
+        FloorPlanError: there is no such room, or its file is invalid.
 
     """
     if name == OPEN_FLOOR:
@@ -117,7 +119,7 @@ def room_of(name: str) -> FloorPlan:
 
 
 def work(trial: Trial, plan: FloorPlan) -> float:
-    """About how long it takes, in no unit: for the time left."""
+    """Return the approximate cost of a trial in arbitrary units, to estimate the time left."""
     x0, y0, x1, y1 = plan.bounds()
     match trial.kind:
         case Kind.CYCLES:
@@ -126,6 +128,6 @@ def work(trial: Trial, plan: FloorPlan) -> float:
             return 6.0 * (x1 - x0) * (y1 - y0)
         case _:
             area_m2 = (x1 - x0) * (y1 - y0)
-            if trial.planner == RANDOM:  # as long as it is compared, in every room
+            if trial.planner == RANDOM:  # runs to the end of the comparison in every room
                 return 1.2 * area_m2
             return math.sqrt(1.0 + area_m2)

@@ -1,7 +1,7 @@
-"""The paper's test of path keeping (section 5.1, Fig. 14 and 15): U-shaped cycles, as legs.
+"""The paper's test of path keeping (section 5.1, Figs. 14 and 15): U-shaped cycles as legs.
 
-One cycle is a lane, a step aside, the lane back and a step aside. Where a cycle should end is
-known beforehand; how far the robot then stands from there is the paper's Fig. 15.
+A cycle is a lane, a side step, the lane back and a side step. Its planned end is known; the
+distance of the robot from it is the paper's Fig. 15.
 """
 
 from __future__ import annotations
@@ -16,31 +16,34 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 PAPER_CYCLES = 7
+"""Number of cycles in the paper's test."""
 PAPER_LANE_M = 1.77
-"""Not given; with it and steps of 0.16 m seven cycles are the 27 m of the paper's 160 s."""
+"""Length of a lane, m. The paper does not give it; with side steps of 0.16 m, seven cycles then
+have the 27 m that the paper's robot drives in 160 s."""
 
 
 class CycleOffset(NamedTuple):
-    """One point of Fig. 15."""
+    """One point of Fig. 15: true pose minus planned pose at the end of a cycle."""
 
     cycle: int
-    """From 1."""
+    """Number of the cycle, from 1."""
     time_s: float
+    """Time at the end of the cycle, s."""
     along_m: float
-    """Where the robot is less where it should be, along the lanes."""
+    """Offset along the lanes, m."""
     across_m: float
-    """The same across them, positive to the side that the steps go to."""
+    """Offset across the lanes, m, positive in the direction of the side steps."""
     heading_rad: float
-    """Heading less the planned one."""
+    """Offset of the heading, rad."""
 
     @property
     def offset_m(self) -> float:
-        """Distance from the planned place."""
+        """Distance from the planned position, m."""
         return math.hypot(self.along_m, self.across_m)
 
 
 class UCycles:
-    """Plan of some U-shaped cycles from a start pose, stepping to the left."""
+    """Plan of U-shaped cycles from a start pose, with side steps to the left."""
 
     def __init__(
         self,
@@ -50,7 +53,13 @@ class UCycles:
         lane_m: float = PAPER_LANE_M,
         step_m: float = 0.16,
     ) -> None:
-        """Lanes along the start's heading.
+        """Plan lanes along the heading of the start.
+
+        Args:
+            start: pose at the start of the first lane.
+            cycles: number of cycles.
+            lane_m: length of a lane, m.
+            step_m: length of a side step, m.
 
         Raises:
             ValueError: a length or the number is not positive.
@@ -65,11 +74,11 @@ class UCycles:
 
     @property
     def path_m(self) -> float:
-        """Length of all cycles."""
+        """Path length of all cycles, m."""
         return 2.0 * self.cycles * (self.lane_m + self.step_m)
 
     def legs(self) -> Iterator[tuple[int, Leg]]:
-        """Each leg with the number of cycles that are complete once it is done."""
+        """Yield each leg with the number of complete cycles after it."""
         out = self.start.theta_rad
         aside, back = wrap_angle(out + 0.5 * math.pi), wrap_angle(out + math.pi)
         for cycle in range(self.cycles):
@@ -83,12 +92,12 @@ class UCycles:
             yield cycle + 1, Turn(out)
 
     def end(self, cycle: int) -> Pose2:
-        """Pose in which a cycle should end."""
+        """Return the planned pose at the end of a cycle."""
         x_m, y_m = self.start.transform(0.0, 2.0 * cycle * self.step_m)
         return Pose2(x_m, y_m, self.start.theta_rad)
 
     def offsets(self, ends: Iterable[tuple[float, Pose2]]) -> list[CycleOffset]:
-        """Fig. 15: from the time (s) and true pose at the end of each cycle, in order."""
+        """Return the points of Fig. 15 from time, s, and true pose at the end of each cycle."""
         found = []
         for cycle, (time_s, pose) in enumerate(ends, start=1):
             plan = self.end(cycle)

@@ -1,4 +1,4 @@
-"""One trial, from room to figures; runs in a process of its own."""
+"""Runs one trial and computes its figures, in a worker process."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 
 def run_trial(trial: Trial) -> dict[str, Any]:
-    """Run it and give its figures: a flat object, but for curves, paths and the like.
+    """Run a trial and return its figures: a flat object, except for curves and paths.
 
     Raises:
-        FloorPlanError: the room cannot be used.
-        CompareMissingError: it is one of zimablue's, which is not installed.
+        FloorPlanError: the room is invalid.
+        CompareMissingError: the planner is zimablue's, which is not installed.
 
     """
     match trial.kind:
@@ -53,7 +53,7 @@ def _limits(trial: Trial) -> dict[str, Any]:
 
 
 class _Driven(NamedTuple):
-    """A trial that was driven."""
+    """A trial after its run."""
 
     observed: Observed
     planner: Planner
@@ -62,7 +62,7 @@ class _Driven(NamedTuple):
 
 
 def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
-    """Run a planner through a trial's room, as far as it is compared."""
+    """Run the planner of a trial in its room to the end of the comparison."""
     plan, model = room_of(trial.room), RobotModel()
     planner, meter = planner_of(trial, model), CoverageMeter(plan, model, 0.01)
     perfect = trial.noise == PERFECT
@@ -87,7 +87,7 @@ def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
 
 
 def _reading(trial: Trial) -> dict[str, Any]:
-    """Run what may be another reading of the paper, or its ranges with noise and nothing else."""
+    """Run a trial of another reading of the paper, or of range noise alone."""
     from tools.experiment.paper_trials import RANGE_LEVEL, READINGS
 
     plan, model, reading = room_of(trial.room), RobotModel(), READINGS.get(trial.planner)
@@ -125,7 +125,7 @@ def _figures(trial: Trial, driven: _Driven) -> dict[str, Any]:
             "coverage": by_time,
             "by_path": curves.over_path(meter, report, observed.truth, cut=cut),
             "by_energy": curves.over_energy(meter, report, drawn, unit_wh, cut=cut),
-            # after its end the robot stands: nothing more is drawn for the sweeping
+            # after the end of the run the robot stands still: sweeping draws no more energy
             "energy_wh": [
                 None
                 if share is None

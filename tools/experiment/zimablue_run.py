@@ -1,12 +1,12 @@
-"""Online planners of the package ``zimablue``, run there with that package's own robot.
+"""Online planners of the package ``zimablue``, run in its simulation with its own robot.
 
-What is fair is a choice, and it is this. Its robot is wider than ours (56.6 cm over the corners,
-head 34 cm; ours 32 and 16), so each floor plan is enlarged by the ratio of the two bodies: every
-door, gap and leg is then as tight for its robot as for ours, and the planner sees the same room
-in units of its own body. Its robot, sensors, noise, estimator, speeds and contact stay its own.
-Coverage is measured by our metrics from its true pose, its head as a segment across the axle:
-of what that head can reach, at multiples of that area / (head · cruise speed). A run goes on
-until the planner ends it, or to six times that reference time.
+The comparison is made fair as follows. zimablue's robot is wider than ours (56.6 cm over its
+corners with a head of 34 cm; ours 32 cm and 16 cm), so each floor plan is enlarged by the ratio of
+the two bodies. Every door, gap and table leg is then equally tight for both robots. zimablue keeps
+its own robot, sensors, noise, estimator, speeds and contact model. Our metrics measure its
+coverage from its true pose, with its head as a segment on the axle: the share of the floor that the
+head can reach, at multiples of that area / (head width · cruise speed). A run ends with its
+planner, or after six times that reference time.
 """
 
 from __future__ import annotations
@@ -29,28 +29,29 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Polygon
 
 PLANNERS = {"ba_star": "BA*", "epsilon_star": "ε*", "bsa": "BSA", "spiral_stc": "STC"}
-"""Its names, and those of the literature."""
+"""Names of the literature by zimablue's names of its planners."""
 _ROBOT = "tracked"
+"""zimablue's name of its robot."""
 LONGEST = 6.0
-"""Multiples of the reference time that a run may take."""
+"""Time limit of a run, in multiples of the reference time."""
 _SAMPLE_STEPS = 5
-"""A pose every 0.1 s."""
+"""Number of simulation steps between two recorded poses: 0.1 s."""
 _CENTIMETRE_M = 0.01
-"""Cell of the metrics, in the room as it is for our robot."""
+"""Cell size of the metrics in the original room, m."""
 
 
 class CompareMissingError(BridgeError):
     """zimablue is not installed."""
 
     def __init__(self) -> None:
-        super().__init__("--zimablue needs that package: pip install 'sweepctl[compare]'")
+        super().__init__("--zimablue needs the package: pip install 'sweepctl[compare]'")
 
 
 def check() -> None:
-    """Find out before hours of runs whether it is there.
+    """Check that zimablue is installed, before hours of runs.
 
     Raises:
-        CompareMissingError: it is not.
+        CompareMissingError: zimablue is not installed.
 
     """
     if find_spec("zimablue") is None:
@@ -58,7 +59,7 @@ def check() -> None:
 
 
 def zimablue_trials(rooms: list[str], seeds: range, max_time_s: float | None) -> list[Trial]:
-    """Every room with every of its planners and every seed; its noise is its own."""
+    """Return every combination of room, zimablue's planners and seed, with zimablue's noise."""
     return [
         Trial(room, f"zimablue {name}", "its own", seed, max_time_s, Kind.ZIMABLUE)
         for room in rooms
@@ -68,17 +69,17 @@ def zimablue_trials(rooms: list[str], seeds: range, max_time_s: float | None) ->
 
 
 def limit_s(trial: Trial, reference_time_s: float) -> float:
-    """When a run of theirs is ended, by its reference time: an hour is less in large rooms."""
+    """Return the time limit of a run, s, from its reference time, s."""
     longest_s = LONGEST * reference_time_s
     return longest_s if trial.max_time_s is None else min(longest_s, trial.max_time_s)
 
 
 def run_zimablue(trial: Trial) -> dict[str, Any]:
-    """Run one; the same figures as of our own runs, as far as there are such.
+    """Run a trial and return the figures of our own runs, as far as zimablue has them.
 
     Raises:
         CompareMissingError: zimablue is not installed.
-        FloorPlanError: the room cannot be used.
+        FloorPlanError: the room is invalid.
 
     """
     check()
@@ -137,7 +138,7 @@ def run_zimablue(trial: Trial) -> dict[str, Any]:
 
 
 def enlarged(plan: FloorPlan, scale: float) -> FloorPlan:
-    """The same room, larger, its start in the same place."""
+    """Return the room with all lengths multiplied by ``scale``."""
 
     def polygon(corners: Polygon) -> Polygon:
         return tuple((scale * x, scale * y) for x, y in corners)
@@ -148,8 +149,8 @@ def enlarged(plan: FloorPlan, scale: float) -> FloorPlan:
     )
 
 
-def _pool(plan: FloorPlan) -> Any:  # noqa: ANN401 - its own type
-    """The room as a pool of even depth with solids in it."""
+def _pool(plan: FloorPlan) -> Any:  # noqa: ANN401 - zimablue has no types
+    """Return the room as a pool of constant depth with solids in it."""
     shape: Any = import_module("shapely.geometry").Polygon
     features: Any = import_module("zimablue.pool.features")
     solids = [
@@ -161,7 +162,7 @@ def _pool(plan: FloorPlan) -> Any:  # noqa: ANN401 - its own type
     )
 
 
-def _pose(simulation: Any) -> tuple[float, float, float, float]:  # noqa: ANN401 - its own type
+def _pose(simulation: Any) -> tuple[float, float, float, float]:  # noqa: ANN401 - no types
     state = simulation.state
     heading = math.remainder(float(state.heading), math.tau)
     return float(state.time), float(state.x), float(state.y), heading

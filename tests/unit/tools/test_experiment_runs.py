@@ -101,10 +101,13 @@ def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
     [
         (
             BlockingIOError(11, "Resource temporarily unavailable"),
-            "no more worker processes could be begun: [Errno 11] Resource temporarily unavailable",
+            "cannot start a worker process: [Errno 11] Resource temporarily unavailable",
         ),
         # what a pool's pipe says after a worker died
-        (OSError("handle is closed"), "a worker process was ended from outside, or had no memory"),
+        (
+            OSError("handle is closed"),
+            "a worker process was killed, or ran out of memory; run the command again",
+        ),
     ],
 )
 def test_workers_that_cannot_start_are_reported_in_one_line(

@@ -78,7 +78,7 @@ def test_section_5_3_holds_the_papers_algorithm_against_others_of_the_same_noise
     assert beside_rows(rows) == [rows[0], rows[3]]
     assert [line[:3] for line in beside_table(rows).rows] == [
         ("paper", "94.61", "90.00"),
-        ("random", "none given", "80.00"),
+        ("random", "not given", "80.00"),
     ]
     assert beside_rows(rows[:3]) == []
     titles = [table.title for table in report.all_tables(rows[3:], "rooms")]
@@ -167,7 +167,7 @@ def test_side_by_side_only_where_both_ran() -> None:
     table = zimablue_table(rows, "coverage")
     assert [line[0] for line in table.rows] == ["paper", "BSA (zimablue)"]
     assert "1.77 times" in table.note
-    assert "theirs at 6 times the reference time" in table.note
+    assert "zimablue's runs end at 6 times the reference time" in table.note
 
 
 def test_an_enlarged_room_has_the_same_shape() -> None:
@@ -230,7 +230,7 @@ def test_results_of_other_code_or_another_time_limit_are_not_mixed(tmp_path: Pat
     trial = Trial("case-1", "paper", "none", 0, 60.0)
     Store(tmp_path, "1").add(trial, {})
     assert Store(tmp_path, "1").missing([Trial("case-1", "paper", "none", 0, 90.0)])
-    with pytest.raises(ExperimentFolderError, match="choose another folder, or --force"):
+    with pytest.raises(ExperimentFolderError, match="choose another folder, or discard"):
         Store(tmp_path, "2")
     assert Store(tmp_path, "2", force=True).missing([trial]) == [trial]
     assert code_version() == code_version()
