@@ -1,4 +1,4 @@
-"""What is wrong with a link or a log, in words, and what to do about it."""
+"""Diagnosis of a link, a device or a log: findings in plain words, each with a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A port under examination: listened to, or asked what cannot move anything."""
+"""Examines the device at a port, by listening only or with messages that cannot move it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ RATES = (
     *(921_600, 115_200, 460_800, 230_400, 1_000_000, 500_000, 3_000_000, 2_000_000, 1_500_000),
     *(57_600, 38_400, 19_200, 9_600),
 )
-"""Those of common firmwares first."""
+"""Baud rates to try, in bit/s; the rates of common firmware come first."""
 HELLO_S = 1.3
-"""A device that nobody talks to says hello once a second."""
+"""Listening time at each baud rate, s. A device without a session sends a hello every second."""
 
 
 def attend(  # noqa: PLR0913 - what a visit can be asked for
@@ -39,9 +39,9 @@ def attend(  # noqa: PLR0913 - what a visit can be asked for
     ask: bool = True,
     ended: Callable[[], bool] = lambda: False,
 ) -> Examination:
-    """Examine a device for so long; with ``ask`` false not a byte is sent.
+    """Examine a device for ``duration_s`` seconds, then close the port.
 
-    The port is closed at the end; where it goes away meanwhile, that is on record.
+    With ``ask`` false nothing is sent. If the port disappears, the examination contains the error.
     """
     link = link_of(name)
     visit = Visit(new_session_id, node=node, link=link)
@@ -64,19 +64,19 @@ def attend(  # noqa: PLR0913 - what a visit can be asked for
 def find_baud(
     name: str, rates: Iterable[int] = RATES, *, on_rate: Callable[[int], None] = lambda _: None
 ) -> int | None:
-    """Listen at one rate after the other until an intact frame comes; None: at no one.
+    """Listen at each baud rate until an intact frame arrives; return that rate, None if none does.
 
-    Not a byte is sent. ``on_rate`` is called with each rate as it begins.
+    Nothing is sent. ``on_rate`` is called with each rate before listening at it.
 
     Raises:
-        PortError: the port cannot be opened, or has gone.
+        PortError: the port cannot be opened, or has disappeared.
 
     """
     for baud in rates:
         on_rate(baud)
         try:
             port = open_port(name, baud=baud)
-        except ValueError:  # a rate that this driver does not know
+        except ValueError:  # the driver does not support this rate
             continue
         frames = _Frames()
         end_ns = HostNs(clock.now() + round(HELLO_S * 1e9))
@@ -90,14 +90,14 @@ def find_baud(
 
 
 class _Frames:
-    """Looks for an intact frame."""
+    """Detects the first intact frame of a serial line."""
 
     def __init__(self) -> None:
         self._seen = False
         self._parser = UartParser()
 
     def came(self) -> bool:
-        """Whether there was one."""
+        """Return whether an intact frame has arrived."""
         return self._seen
 
     def take(self, data: bytes, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener

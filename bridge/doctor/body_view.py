@@ -1,7 +1,6 @@
-"""What a device's messages tell of its body: the supervisor's rules and a look at the sensors.
+"""Examines a robot by the device's messages: the rules of supervision and checks of the IMU.
 
-The messages are walked through in the device's own time, as a supervisor would have seen them,
-so that what the line did to them does not count.
+The messages are processed in device time, so delays on the link do not affect the result.
 """
 
 from __future__ import annotations
@@ -22,27 +21,33 @@ if TYPE_CHECKING:
 
 _LOOKED_AT = frozenset({Imu, Encoders, Range, Power, Status, PlannerState})
 STEP_US = 20_000
+"""Period of the supervision rules, µs: the control period of the host."""
 GAP_US = 500_000
-"""Between two messages: longer, and what was between them is not known."""
+"""Longest pause between two messages, µs; after a longer one the estimate starts anew."""
 REST_S = 1.0
-"""The wheels' counts must not have changed for so long, and half as long again is averaged."""
+"""Time without encoder counts after which the robot counts as standing still, s."""
 SHIFT_DEG_S = 1.0
-"""Of the gyro from rest to rest: a hundred times what warming up brings."""
+"""Change of the gyro rate between two standstills that is reported, °/s: about a hundred times the
+effect of warming up."""
 GRAVITY_OFF = 0.15
+"""Deviation of the measured gravity from 1 g that is reported, g."""
 LEAN_DEG = 6.0
+"""Change of the tilt between two standstills that is reported, degrees."""
 FROZEN = 60
-"""Equal samples of the inertial sensor, 0.6 s; a chip with noise gives a few at most."""
+"""Equal consecutive IMU samples that are reported: 0.6 s. Sensor noise yields only a few."""
 LIVELY = 3
+"""Length of a run of equal samples, up to which its repeats count as normal sensor noise."""
 _G_LSB = 16384.0
 _DEG_S_LSB = 131.0
-_MOST = 200
+_MAX_SIGNS = 200
+"""Limit of the signs kept for one examination."""
 _QUIET = {"silence": "off", "progress": "off", "fence": "off", "reset": "off"}
-"""Rules that are about the line, or that need to know what the robot was to do."""
+"""Rules that are off: they judge the link, or need to know the robot's task."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """Something found about the body or its sensors."""
+    """A fault of the robot or its sensors, at one moment."""
 
     kind: str
     at_s: float
@@ -52,13 +57,13 @@ class Sign:
 
 
 class BodyView:
-    """Looks at one device; :meth:`take` every message of it."""
+    """Examines the messages of one device, passed in by :meth:`take`."""
 
     def __init__(self, model: RobotModel | None = None) -> None:
-        """Nothing is known."""
+        """Start without any message."""
         self.signs: list[Sign] = []
         self.onboard = ""
-        """The device's planner that was started, where its start was seen."""
+        """Name of the onboard planner whose start was recorded; empty if none was."""
         self._model = model or RobotModel()
         rules = {name: {"reaction": level} for name, level in _QUIET.items()}
         self._settings = settings_from(rules)
@@ -69,7 +74,7 @@ class BodyView:
         self._begin()
 
     def _begin(self) -> None:
-        """A boot, or the first message after a gap."""
+        """Start a new estimate: at a boot, or after a gap."""
         self._estimator = PoseEstimator(self._model, Pose2(0.0, 0.0, 0.0))
         self._supervisor = Supervisor(self._model, self._settings)
         self._step_us: int | None = None
@@ -78,7 +83,7 @@ class BodyView:
     def take(self, message: Message, stamp_us: int, _arrived_ns: int) -> None:
         """Take a message of the device."""
         if None in tuple(message) or message.__class__ not in _LOOKED_AT:
-            return  # of no interest, or an older device left fields out
+            return  # not examined, or an older device does not send all fields
         now_us = self._unwrapped(stamp_us)
         now_s = now_us * 1e-6
         self._newest[message.__class__] = message
@@ -98,7 +103,7 @@ class BodyView:
             self._supervise(now_us)
 
     def _unwrapped(self, stamp_us: int) -> int:
-        """The stamp without its wraps; a gap begins everything anew."""
+        """Return the stamp without wraps. A gap starts a new estimate."""
         last_us = self._last_us
         if last_us is None:
             self._first_us = self._last_us = DeviceUs(stamp_us)
@@ -136,7 +141,7 @@ class BodyView:
     def _sign(
         self, found: tuple[str, str, dict[str, float | str | bool]] | None, now_us: int
     ) -> None:
-        if found is not None and len(self.signs) < _MOST:
+        if found is not None and len(self.signs) < _MAX_SIGNS:
             kind, text, data = found
             at_s = round((now_us - self._first_us) * 1e-6, 2)
             self.signs.append(Sign(kind, at_s, text, data))
@@ -146,17 +151,17 @@ _Found = tuple[str, str, dict[str, float | str | bool]]
 
 
 class _Rest:
-    """The inertial sensor while the wheels stand: its rates and gravity, from rest to rest."""
+    """Compares the IMU's yaw rate and gravity between standstills."""
 
     def __init__(self) -> None:
         self._counts: Encoders | None = None
         self._known: tuple[float, float, float, float] | None = None
-        """Yaw rate (°/s) and gravity (g) of an earlier rest."""
+        """Yaw rate (°/s) and gravity vector (g) of the last normal standstill."""
         self._reported = False
         self.forget()
 
     def forget(self) -> None:
-        """No rest is under way."""
+        """Discard the standstill under way."""
         self._since_s = math.inf
         self._sums = [0.0] * 4
         self._count = 0
@@ -195,22 +200,22 @@ class _Rest:
         gravity = math.sqrt(x * x + y * y + z * z)
         found: _Found | None = None
         if abs(gravity - 1.0) > GRAVITY_OFF:
-            text = f"at rest the accelerometer reads {gravity:.2f} g"
+            text = f"at standstill the accelerometer reads {gravity:.2f} g"
             found = "imu", text, {"gravity_g": round(gravity, 3)}
         elif known is not None and abs(rate - known[0]) > SHIFT_DEG_S:
             by = rate - known[0]
-            text = f"the gyro's rate at rest changed by {by:+.1f} °/s"
+            text = f"the gyro rate at standstill changed by {by:+.1f} °/s"
             found = "imu", text, {"shift_deg_s": round(by, 2)}
         elif known is not None:
             lean_deg = math.degrees(math.hypot(x - known[1], y - known[2]))
             if lean_deg > LEAN_DEG:
-                text = f"at rest it leans otherwise than before, by {lean_deg:.0f}°"
+                text = f"the tilt at standstill changed by {lean_deg:.0f}°"
                 found = "imu", text, {"lean_deg": round(lean_deg, 1)}
         return found
 
 
 class _Frozen:
-    """Runs of equal samples."""
+    """Detects an IMU that repeats the same sample."""
 
     def __init__(self) -> None:
         self._before: tuple[int, ...] | None = None
@@ -227,9 +232,9 @@ class _Frozen:
         self._run += 1
         if self._run <= LIVELY:
             self._repeats += 1
-        # A virtual chip without noise repeats itself at rest: it says nothing.
+        # A virtual IMU without noise repeats samples at standstill; that is no fault.
         lively = self._changes > FROZEN and self._repeats < 0.5 * self._changes
         if self._run != FROZEN or not lively:
             return None
-        text = f"the inertial sensor gave the same {FROZEN} times in a row"
+        text = f"the inertial sensor repeated the same sample {FROZEN} times"
         return "imu", text, {"equal": FROZEN}

@@ -1,4 +1,4 @@
-"""Joins what was seen of a line, a body and a session to findings: one rule for each."""
+"""The rules of the doctor: from the examined link, robot and session to findings."""
 
 from __future__ import annotations
 
@@ -24,74 +24,79 @@ if TYPE_CHECKING:
     from bridge.doctor.wire_view import Boot
 
 MIN_DAMAGED = 3
-"""Fewer damaged frames are told in the figures, not as trouble: the first bytes after opening
-a port are the end of a frame more often than not."""
-STRANGE_BYTES, STRANGE_TIMES = 1000, 10
-"""Of damaged bytes that are like nothing a sweeper sends: so many, and so many times the rest."""
+"""Smallest number of damaged frames that is a finding: after opening a port the first bytes are
+usually the end of a frame."""
+STRANGE_BYTES = 1000
+"""Damaged bytes that resemble no message, above which the baud rate is taken to be wrong."""
+STRANGE_TIMES = 10
+"""Ratio of these bytes to the other damaged bytes, above which the same holds; both are needed."""
 MIN_PIECE = 10
-"""Frames missing one after the other: fewer may be a full buffer's doing."""
+"""Consecutive missing frames that count as a gap: a full buffer drops fewer."""
 NOISE_SHARE = 1e-4
-"""Of the frames: below it noise is told as a note."""
+"""Share of damaged frames below which noise is only a note."""
 LATE_P95_MS = 5.0
-"""An adapter at 1 ms and a host that is not busy stay below 2."""
+"""Largest normal 95th percentile of the delay, ms; below 2 for an idle host and a 1 ms adapter."""
 ROUND_TRIP_MS = 8.0
-"""The same there and back: below 4."""
+"""Largest normal median round trip, ms. An idle host with a 1 ms adapter stays below 4."""
 DRIFT_PPM = 200.0
-"""Two crystals of ±100 ppm."""
+"""Largest normal clock drift, ppm: two crystals of ±100 ppm."""
 LOGIC_V = 4.5
-"""What a 5 V rail must not fall below."""
+"""Lower limit of the 5 V rail, V."""
 LOAD_PERCENT = 90
+"""Load of the device's control loop that is reported, percent."""
 STALE_SHARE = 0.02
+"""Share of stale setpoints among the frames received by the device, above which it is reported."""
 _SHOWN = 3
+"""Number of schema differences in a finding's text."""
 _CONTACT = frozenset(
     {"no_data", "wrong_baud", "no_answer", "echo", "other_node", "words", "version"}
 )
-"""Failures of a session that are findings of the same name."""
+"""Session failures that have the name of their finding."""
 _FINDING_OF: dict[str, str] = {
     EventKind.SILENCE: "no_data",
     EventKind.GARBAGE: "wrong_baud",
     EventKind.DEAF: "no_answer",
 }
-"""Failures of a session that are findings of another name."""
+"""Findings of the session failures that have another name."""
 _WARN, _BAD, _NOTE = Severity.WARNING, Severity.ERROR, Severity.INFO
 
 
 @dataclass
 class Examination:
-    """One capture, with all that is known of it."""
+    """One capture and everything known about it; :meth:`conclude` gives the findings."""
 
     medium: Medium = Medium.UART
     raw: bool = True
-    """Whether the line's bytes are there; False: only decoded messages."""
+    """Whether the capture contains raw bytes; False: only decoded messages."""
     failure: tuple[str, str] | None = None
-    """Kind and text of why a session failed."""
+    """Kind and text of the session's failure."""
     differences: list[str] = field(default_factory=list)
-    """What host and device declare differently, a line each."""
+    """Differences between the catalogues of host and device, one line each."""
     boots: list[Boot] = field(default_factory=list)
-    """Further boots that a log names."""
+    """Additional boots that a log names."""
     port_lost: list[str] = field(default_factory=list)
-    """What was said as the port went away."""
+    """Error of each loss of the port."""
     extra: list[Finding] = field(default_factory=list)
-    """What is known beforehand: of the file, of the port."""
+    """Findings about the file or the port."""
 
     def __post_init__(self) -> None:
-        """Look at nothing yet."""
+        """Create the examiners of link and robot."""
         self.wire = WireView(self.medium)
         self.body = BodyView()
         self.wire.on_message = self.body.take
         self.timing = Timing()
 
     def received(self, data: bytes, at_ns: int) -> None:
-        """Bytes from the device."""
+        """Take bytes from the device."""
         self.wire.received(data, at_ns)
 
     def sent(self, data: bytes, at_ns: int) -> None:
-        """Bytes to the device."""
+        """Take bytes that were sent to the device."""
         self.wire.sent(data, at_ns)
         self.body.onboard = self.wire.onboard or self.body.onboard
 
     def conclude(self) -> list[Finding]:
-        """Everything that was found, the gravest first."""
+        """Return all findings, the most severe first."""
         self.timing = measure(self.wire)
         found = [*self.extra]
         for rule in (
@@ -111,7 +116,7 @@ class Examination:
     # ---- rules ----------------------------------------------------------------------------
 
     def _contact(self) -> Iterator[Finding]:
-        """Whether it is a sweeper at all, and whether both ends understand each other."""
+        """Check whether the device is a sweeper, and compatible."""
         wire = self.wire
         if self.failure is not None:
             kind, text = self.failure
@@ -121,7 +126,7 @@ class Examination:
                 return
             yield Finding("schema" if kind == EventKind.DISAGREEMENT else "no_answer", _BAD, text)
         elif self.raw and wire.bytes_in == 0:
-            yield Finding("no_data", _BAD, "not a byte came from the device")
+            yield Finding("no_data", _BAD, "no bytes were received from the device")
         elif wire.versions and wire.frames == 0:
             spoken = ", ".join(map(str, sorted(wire.versions)))
             yield Finding("version", _BAD, f"the device uses protocol version {spoken}")
@@ -132,12 +137,12 @@ class Examination:
             yield Finding(
                 "wrong_baud",
                 _BAD,
-                f"{100 * share:.0f} % of what came is no frame, most of it like nothing a sweeper "
-                "sends: for a part of the time the two ends ran at different rates",
+                f"{100 * share:.0f} % of the received data is no valid frame, and most of it "
+                "resembles no message: for part of the time the baud rates differed",
                 {"damaged": wire.damaged.total, "frames": wire.frames},
             )
         elif wire.streams.keys() == {"hello"}:
-            text = "only hellos came: the device waits for a host to talk to it"
+            text = "only hellos were received: the device waits for a host"
             yield Finding("waiting", _NOTE, text, {"hellos": wire.frames})
         if self.differences:
             yield Finding(
@@ -162,7 +167,7 @@ class Examination:
         return Finding(_FINDING_OF.get(kind, kind), _BAD, text, {"bytes": self.wire.bytes_in})
 
     def _is_rejected(self) -> bool:
-        """Whether the other end gave a reason in words; it then hangs up, and no plug is out."""
+        """Return whether the server rejected the connection with a line of text."""
         return self.wire.frames == 0 and text_line(self.wire.beginning) is not None
 
     def _mostly_garbage(self) -> bool:
@@ -171,16 +176,16 @@ class Examination:
         return strange > STRANGE_BYTES and strange > STRANGE_TIMES * (damaged.bytes - strange)
 
     def _damage(self) -> Iterator[Finding]:
-        """What kind of damage, by what the damaged frames still say of themselves."""
+        """Classify damage by the headers of the damaged frames."""
         wire, damaged = self.wire, self.wire.damaged
         if wire.repeated >= MIN_DAMAGED:
-            text = f"{wire.repeated} frames came twice"
+            text = f"{wire.repeated} frames were received twice"
             yield Finding("repeated", _WARN, text, {"repeated": wire.repeated})
         judged = damaged.whole + damaged.short + damaged.long
         if damaged.total < MIN_DAMAGED or judged < MIN_DAMAGED or wire.frames == 0:
             return
         if 2 * wire.repeated > damaged.total:
-            return  # it is the ends of what came twice
+            return  # the damaged frames are parts of the duplicates
         share = damaged.total / (wire.frames + damaged.total)
         data: dict[str, Any] = {
             "damaged": damaged.total,
@@ -192,18 +197,18 @@ class Examination:
         severity = _NOTE if share < NOISE_SHARE else _WARN
         of = f"{damaged.total} of {wire.frames + damaged.total} frames"
         if damaged.short > damaged.whole:
-            text = f"{of} came damaged, most of them too short: bytes are lost on the way"
+            text = f"{of} arrived damaged, most of them too short: bytes are lost on the link"
             yield Finding("overrun", severity, text, data)
         else:
-            text = f"{of} came damaged, with no bytes missing: bits turn over"
+            text = f"{of} arrived damaged without missing bytes: bits are flipped"
             yield Finding("line_noise", severity, text, data)
 
     def _losses(self) -> Iterator[Finding]:
-        """Frames that did not come, and times in which nothing did."""
+        """Find lost frames and gaps."""
         wire, holes = self.wire, self.timing.holes
         in_holes = sum(hole.missing for hole in holes)
         if self.port_lost and not self._is_rejected():
-            text = f"the port went away {_times(len(self.port_lost))}: {self.port_lost[0]}"
+            text = f"the port disappeared {_times(len(self.port_lost))}: {self.port_lost[0]}"
             yield Finding("unplugged", _BAD, text, {"times": len(self.port_lost)})
         boots = [boot.at_ns for boot in wire.boots[1:]]
         begin_ns = wire.marks.arrived_ns[0] if wire.marks.arrived_ns else 0
@@ -211,25 +216,25 @@ class Examination:
         if own and not self.port_lost:
             longest = max(own, key=lambda hole: hole.for_s)
             text = (
-                f"nothing came {_times(len(own))}, the longest {longest.for_s:.2f} s "
-                f"at {longest.at_s:.1f} s"
+                f"nothing was received {_times(len(own))}; the longest gap was "
+                f"{longest.for_s:.2f} s at {longest.at_s:.1f} s"
             )
             data = {"holes": [(hole.at_s, hole.for_s) for hole in own[:50]]}
             yield Finding("gap", _WARN, text, data)
         elsewhere = wire.lost - in_holes - wire.damaged.total
-        few_damaged = wire.damaged.total < MIN_DAMAGED  # else damage is told, with its kind
+        few_damaged = wire.damaged.total < MIN_DAMAGED  # else there is a finding about damage
         if elsewhere > max(MIN_DAMAGED, NOISE_SHARE * wire.frames) and few_damaged:
             yield self._missing(elsewhere)
         if wire.device_damaged >= MIN_DAMAGED and not self._mostly_garbage():
-            # At another rate the one end hears what the other does.
+            # With different baud rates both ends receive damaged frames.
             text = f"the device counted {wire.device_damaged} damaged frames from the host"
             yield Finding("device_hears_noise", _WARN, text, {"damaged": wire.device_damaged})
         if wire.device_stale > max(MIN_DAMAGED, STALE_SHARE * wire.device_received):
-            text = f"the device refused {wire.device_stale} velocities as old or repeated"
+            text = f"the device dropped {wire.device_stale} setpoints as stale or duplicate"
             yield Finding("late_setpoints", _WARN, text, {"stale": wire.device_stale})
 
     def _missing(self, elsewhere: int) -> Finding:
-        """Frames whose numbers are missing: in one piece a gap, here and there an overrun."""
+        """Classify missing sequence numbers: consecutive ones are a gap, others an overrun."""
         wire, marks = self.wire, self.wire.marks
         data: dict[str, Any] = {"lost": wire.lost, "frames": wire.frames}
         short = [
@@ -239,24 +244,24 @@ class Examination:
         ]
         piece, index = max(short, default=(0, 0))
         if piece < MIN_PIECE or 2 * piece < elsewhere:
-            text = f"{wire.lost} frames are missing by their numbers, "
-            text += f"{wire.damaged.total or 'none'} of them came damaged"
+            text = f"{wire.lost} frames are missing by their sequence numbers, "
+            text += f"{wire.damaged.total or 'none'} of them arrived damaged"
             return Finding("overrun", _WARN, text, data)
         at_s = (marks.arrived_ns[index - 1] - marks.arrived_ns[0]) * 1e-9
         share = 100.0 * wire.lost / (wire.frames + wire.lost)
-        text = f"{wire.lost} frames are missing by their numbers ({share:.1f} %), {piece} of them "
-        text += f"in one piece at {at_s:.1f} s"
+        text = f"{wire.lost} frames are missing by their sequence numbers ({share:.1f} %), "
+        text += f"{piece} of them consecutive at {at_s:.1f} s"
         return Finding("gap", _WARN, text, data | {"piece": piece, "at_s": round(at_s, 3)})
 
     def _delays(self) -> Iterator[Finding]:
-        """What comes late, and why that may be."""
+        """Find delays and their probable cause."""
         timing = self.timing
         stalls = timing.stalls
         if stalls:
             worst = max(stalls, key=lambda stall: stall.for_s)
             text = (
-                f"the host read nothing {_times(len(stalls))}, the longest {worst.for_s:.2f} s at "
-                f"{worst.at_s:.1f} s, and then what had come meanwhile"
+                f"the host stopped reading {_times(len(stalls))}; the longest stall was "
+                f"{worst.for_s:.2f} s at {worst.at_s:.1f} s"
             )
             data = {"stalls": [(stall.at_s, stall.for_s) for stall in stalls[:50]]}
             yield Finding("host_stall", _WARN, text, data)
@@ -270,24 +275,26 @@ class Examination:
         timer_ms = timing.timer_ms
         if timer_ms is not None and late_ms > max(LATE_P95_MS, 0.5 * timer_ms) and not slower:
             figures["timer_ms"] = round(timer_ms, 2)
-            text = f"bytes wait for a timer of {timer_ms:.0f} ms before they are handed over"
+            text = f"a latency timer of {timer_ms:.0f} ms delays the bytes"
             yield Finding("adapter_latency", _WARN, text, figures)
             return
-        judged = [f"one frame in twenty comes over {late_ms:.0f} ms late"] if late_ms else []
+        judged = [f"5 % of the frames arrive more than {late_ms:.0f} ms late"] if late_ms else []
         if trip_ms:
-            judged.append(f"a question is answered after {trip_ms:.1f} ms")
+            judged.append(f"the median round trip is {trip_ms:.1f} ms")
         if slower:
-            judged.append(f"at {slower[0].at_s:.1f} s it became slower by {slower[0].by_ms:.0f} ms")
+            judged.append(
+                f"at {slower[0].at_s:.1f} s the delay increased by {slower[0].by_ms:.0f} ms"
+            )
         yield Finding("latency", _WARN, "; ".join(judged), figures)
 
     def _clock(self) -> Iterator[Finding]:
-        """Jumps and drift of the device's clock."""
+        """Find steps and drift of the device clock."""
         timing = self.timing
         jumps = [s for s in timing.steps if not _is_line(s.by_ms, s.round_trip_ms)]
         if jumps:
             first = jumps[0]
             text = (
-                f"the clocks jumped against each other {_times(len(jumps))}, "
+                f"the device clock jumped {_times(len(jumps))} relative to the host clock, "
                 f"first by {-first.by_ms:+.0f} ms at {first.at_s:.1f} s"
             )
             data = {"jumps": [(s.at_s, round(-s.by_ms, 1)) for s in jumps[:50]]}
@@ -300,7 +307,7 @@ class Examination:
             yield Finding("clock_drift", _WARN, text, figures)
 
     def _resets(self) -> Iterator[Finding]:
-        """Boots during the capture, and what the device says caused them."""
+        """Find reboots during the capture and their causes."""
         boots = self.wire.boots or self.boots
         again = boots[1:]
         if again:
@@ -311,11 +318,11 @@ class Examination:
                 kind = "brown_out"
             elif ResetCause.WATCHDOG in {boot.cause for boot in again}:
                 kind = "watchdog"
-            text = f"the device booted anew {_times(len(again))}; cause: {judged}"
+            text = f"the device rebooted {_times(len(again))}; cause: {judged}"
             yield Finding(kind, _BAD, text, {"causes": dict(causes)})
         elif boots and boots[0].cause in {ResetCause.BROWN_OUT, ResetCause.WATCHDOG}:
             kind = "brown_out" if boots[0].cause == ResetCause.BROWN_OUT else "watchdog"
-            text = f"before this the device booted by {label(ResetCause, boots[0].cause)}"
+            text = f"the reset cause before the capture was {label(ResetCause, boots[0].cause)}"
             yield Finding(kind, _NOTE, text, {"before": True})
         low_v = self.wire.logic_low_v
         if low_v is not None and low_v < LOGIC_V:
@@ -323,18 +330,18 @@ class Examination:
             yield Finding("brown_out", _BAD, text, {"logic_v": round(low_v, 3)})
 
     def _device(self) -> Iterator[Finding]:
-        """What the firmware says of itself."""
+        """Find overload and a latched stop in the device's status."""
         wire = self.wire
         if wire.load_percent >= LOAD_PERCENT:
-            text = f"the device's control loop was busy for up to {wire.load_percent} % of its time"
+            text = f"the load of the device's control loop reached {wire.load_percent} %"
             yield Finding("overload", _WARN, text, {"load_percent": wire.load_percent})
         cause = wire.stop_cause
         if cause is not None and cause > StopCause.SESSION_END:
-            text = f"at the end the device holds a stop, cause: {label(StopCause, cause)}"
+            text = f"at the end a stop was latched, cause: {label(StopCause, cause)}"
             yield Finding("stopped", _NOTE, text, {"cause": label(StopCause, cause)})
 
     def _body(self) -> Iterator[Finding]:
-        """What the messages say of the body: each kind once, with its first and how often."""
+        """Report each kind of robot fault once, with its first occurrence and its number."""
         signs: dict[str, list[Sign]] = {}
         for sign in self.body.signs:
             signs.setdefault(sign.kind, []).append(sign)
@@ -348,7 +355,7 @@ class Examination:
     # ---- figures --------------------------------------------------------------------------
 
     def figures(self) -> dict[str, Any]:
-        """What was measured, whether or not anything is wrong."""
+        """Return the measurements as a JSON object."""
         wire, timing = self.wire, self.timing
         return {
             "duration_s": round(max(timing.duration_s, wire.heard_s), 3),
@@ -386,7 +393,7 @@ class Examination:
 
 
 def _is_line(by_ms: float, round_trip_ms: float | None) -> bool:
-    """Whether a jump of the offset is the line's: the round trip changed with it."""
+    """Return whether a jump of the offset is a change of delay: the round trip changed with it."""
     if round_trip_ms is None:
         return False
     return round_trip_ms * by_ms > 0.0 and abs(round_trip_ms) > 0.5 * abs(by_ms)

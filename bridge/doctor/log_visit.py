@@ -1,8 +1,8 @@
-"""A log on the doctor's table: ours, with every byte of the line, or another program's.
+"""Examination of a recorded log: one of sweepctl, with raw bytes, or one of another program.
 
-From the raw bytes all is judged as on a live line. Where a log has only decoded messages, line
-and clock cannot be judged, and it says so; what the messages tell is used. Of topics that
-nobody here knows, pauses are still found.
+Raw bytes are examined like a live link. If a log contains only decoded messages, the robot and
+its sensors are examined, and a finding says that link and clock cannot be. In unknown topics only
+pauses are found.
 """
 
 from __future__ import annotations
@@ -31,12 +31,15 @@ if TYPE_CHECKING:
 _EVENTS, _DEVICE = "/events", "/device/"
 _NANO = 1e-9
 PAUSE_TIMES = 20.0
+"""Shortest pause of a topic that is reported, in mean periods of the topic."""
 PAUSE_S = 1.0
-"""A topic that pauses for longer than this, and for so many of its usual periods."""
+"""Shortest pause of a topic that is reported, s; both limits must be exceeded."""
 MIN_MESSAGES = 20
+"""Smallest number of messages in a topic whose pauses are reported."""
 WINDOW_NS = 2_000_000_000
-"""By which messages of a file may be out of order: eight chunks of ours."""
+"""Largest disorder of the messages in a file, ns: eight chunks of a sweepctl log."""
 FROZEN = 60
+"""Equal consecutive IMU samples that are reported."""
 _FAILURES = frozenset(
     {
         *(EventKind.SILENCE, EventKind.GARBAGE, EventKind.ECHO, EventKind.WORDS),
@@ -52,15 +55,15 @@ _INERTIAL = tuple(
 
 @dataclass(slots=True)
 class _Topic:
-    """When a topic's messages came."""
+    """Statistics of one topic."""
 
     count: int = 0
     first_ns: int = 0
     last_ns: int = 0
     pauses: list[tuple[int, int]] = field(default_factory=list)
-    """How long, and from when (ns)."""
+    """Duration and start of each pause, ns."""
     before: object = None
-    """The inertial sensor's values of the message before, and how often they came."""
+    """IMU values of the previous message; ``equal`` counts their repeats."""
     equal: int = 0
     longest_equal: int = 0
 
@@ -75,7 +78,7 @@ class _Topic:
         self.count += 1
 
     def compare(self, now: tuple[Any, ...] | None) -> None:
-        """Count equal values of an inertial sensor; None: the message tells none."""
+        """Count repeated values of an IMU; None: the message contains none."""
         if now is not None:
             self.equal = self.equal + 1 if now == self.before else 0
             self.before = now
@@ -83,16 +86,16 @@ class _Topic:
 
     @property
     def period_ns(self) -> float:
-        """The usual one: mean of what is no pause."""
+        """Mean period without the pauses, ns."""
         paused = sum(wait for wait, _ in self.pauses)
         return (self.last_ns - self.first_ns - paused) / max(self.count - 1 - len(self.pauses), 1)
 
 
 def examine_log(path: Path) -> Examination:
-    """Look at a log, or at a capture of another program.
+    """Examine a log, or a capture of another program.
 
     Raises:
-        LogReadError: the file is missing, cannot be read, or holds nothing that we can read.
+        LogReadError: the file is missing, cannot be read, or contains no supported data.
 
     """
     with readable(path) as log:
@@ -100,7 +103,7 @@ def examine_log(path: Path) -> Examination:
 
 
 class _Log:
-    """One log being read."""
+    """Reads one log and fills an examination."""
 
     def __init__(self, reader: LogReader) -> None:
         self._reader = reader
@@ -153,7 +156,7 @@ class _Log:
             take(record.data, record.log_ns)
 
     def _event(self, source: str, kind: str, text: str, severity: str) -> None:
-        """What the session said, which the bytes do not show."""
+        """Take an event of the session: it reports faults that the bytes do not show."""
         examination = self._examination
         if source == "link" and kind == EventKind.PORT_LOST:
             examination.port_lost.append(text)
@@ -166,7 +169,7 @@ class _Log:
             examination.failure = kind, text
 
     def _decoded(self, name: str, message: LogMessage) -> None:
-        """A message of the device without its bytes: body and sensors can be judged."""
+        """Take a decoded message of the device, for the examination of robot and sensors."""
         spec = CATALOGUE.by_name.get(name)
         if spec is None:
             return
@@ -179,12 +182,12 @@ class _Log:
         if isinstance(t_us, int):
             self._examination.wire.note_decoded(spec, spec.cls(*values), t_us, message.log_ns)
 
-    # ---- what the file itself says ----------------------------------------------------------
+    # ---- findings about the file ------------------------------------------------------------
 
     def _about_file(self, examination: Examination) -> None:
         reader = self._reader
         if reader.truncated:
-            text = "the log's end is missing; what is there was read"
+            text = "the end of the log is missing; the rest was read"
             examination.extra.append(Finding("truncated", Severity.WARNING, text))
         if reader.problems:
             text = f"the log is damaged: {reader.problems[0]}"
@@ -193,21 +196,21 @@ class _Log:
                 Finding("damaged_log", Severity.WARNING, text, {"problems": problems})
             )
         if not self._raw:
-            text = "the log holds no bytes of the line: line and clock were not judged"
+            text = "the log contains no raw bytes; link and clock were not examined"
             examination.extra.append(Finding("not_recorded", Severity.INFO, text))
         if self._late:
-            text = f"the host was held up {len(self._late)} times by its own account; first: "
+            text = f"the host recorded {len(self._late)} delays of its loop; the first: "
             text += self._late[0]
             times = {"times": len(self._late)}
             examination.extra.append(Finding("host_stall", Severity.WARNING, text, times))
 
     def _about_topics(self, examination: Examination) -> None:
-        """Pauses of topics; on a whole line those of the device are told by the line's rules."""
+        """Report pauses of topics. With raw bytes, the rules of the link report them instead."""
         if self._raw:
             return
         for name, topic in sorted(self._topics.items()):
             if topic.longest_equal >= FROZEN:
-                text = f"{name} gave the same {topic.longest_equal} times in a row"
+                text = f"{name} repeated the same values {topic.longest_equal} times"
                 data: dict[str, Any] = {"topic": name, "equal": topic.longest_equal}
                 examination.extra.append(Finding("imu", Severity.WARNING, text, data))
             pauses = [p for p in topic.pauses if p[0] > PAUSE_TIMES * topic.period_ns]
@@ -216,15 +219,15 @@ class _Log:
             wait_ns, at_ns = max(pauses)
             at_s = (at_ns - (self._begin_ns or at_ns)) * _NANO
             text = (
-                f"{name}, else every {topic.period_ns * 1e-6:.0f} ms, paused {len(pauses)} times, "
-                f"the longest {wait_ns * _NANO:.1f} s at {at_s:.1f} s"
+                f"{name} (period {topic.period_ns * 1e-6:.0f} ms) paused {len(pauses)} times; "
+                f"the longest pause was {wait_ns * _NANO:.1f} s at {at_s:.1f} s"
             )
             data = {"topic": name, "pauses": len(pauses), "longest_s": wait_ns * _NANO}
             examination.extra.append(Finding("topic_gap", Severity.WARNING, text, data))
 
 
 def _in_order(messages: Iterable[LogMessage]) -> Iterator[LogMessage]:
-    """Messages by their time: a writer may put those of a topic together, chunk by chunk."""
+    """Sort messages by time: some writers group the messages of a chunk by topic."""
     waiting: list[tuple[int, int, LogMessage]] = []
     newest_ns = 0
     for number, message in enumerate(messages):
@@ -237,7 +240,7 @@ def _in_order(messages: Iterable[LogMessage]) -> Iterator[LogMessage]:
 
 
 def _values(message: LogMessage, *names: str) -> tuple[Any, ...] | None:
-    """Parts of a message, dotted names allowed; None: it is damaged, or has none such."""
+    """Return fields of a message by dotted name; None if it is damaged or lacks one."""
     try:
         decoded = message.decoded
     except ValueError:

@@ -1,8 +1,9 @@
-"""When frames came against when they were stamped: clocks, delays, holes and held-up hosts.
+"""Timing analysis of a capture: clock offset and drift, delays, gaps and host stalls.
 
-A frame's arrival less its stamp is the offset of the clocks and the delay on its way. The
-least of them in each half second is the offset and the shortest delay; a line through those
-is the clocks, what lies above it is delay, and where the line jumps, a clock or the line did.
+The arrival time of a frame minus its stamp is the clock offset plus the delay. The minimum of
+each half second is the offset plus the shortest delay. A line fitted to these minima gives the
+clock drift; the distance above the line is the additional delay; a jump of the line is a step of
+a clock or of the link's delay.
 """
 
 from __future__ import annotations
@@ -22,76 +23,80 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 BUCKET_S = 0.5
+"""Interval whose minimum offset is taken, s."""
 STEP_MS = 5.0
-"""Least jump of the offset between half seconds that is told."""
+"""Smallest jump of the offset between two intervals that is reported, ms."""
 HOLE_S = 0.3
-"""Without a frame of a device that sends one every 4 ms."""
+"""Shortest time without a frame that is reported as a gap, s; a device sends one every 4 ms."""
 STALL_S = 0.1
-"""A host that reads a device's frames so much later than they were sent, all at once."""
+"""Shortest pause in reading that is reported as a host stall, s."""
 AFTER_STALL_S = 0.1
+"""Time after a stall in which frames are still late, s."""
 _MS = 0.001
 MIN_FRAMES = 50
+"""Smallest number of frames that is analysed."""
 DRIFT_BUCKETS = 6
-"""Half seconds that a drift is judged by at least: fewer do not show how much they scatter."""
+"""Smallest number of intervals for a drift: fewer do not show the scatter."""
 DRIFT_SIGMAS = 4.0
-"""Standard errors by which a drift may be off: delays are no Gaussian noise."""
+"""Uncertainty of the drift in standard errors: delays are not Gaussian."""
 STAMP_S = 5e-6
-"""Least scatter of an offset that is believed: a stamp's microsecond and the time of its taking."""
+"""Lower bound of the scatter of an offset, s: the resolution of a stamp and of its reading."""
 _WRAP, _HALF = 1 << 32, 1 << 31
 _AROUND = 3
-"""Half seconds before and after a step that are compared."""
-_GRID_LEAST_MS, _GRID_MOST_MS = 4.0, 260.0
-"""Timers that drivers allow; an FTDI adapter's goes up to 255 ms."""
-_GRID_SHARE, _GRID_OFTEN = 0.03, 0.1
+"""Intervals before and after a step that are compared."""
+_MIN_TIMER_MS, _MAX_TIMER_MS = 4.0, 260.0
+"""Range of the latency timers of drivers, ms; that of an FTDI adapter goes up to 255 ms."""
+_TIMER_TOLERANCE, _TIMER_SHARE = 0.03, 0.1
+"""Relative tolerance of a timer's period, and the share of reads that must match it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """A time without frames."""
+    """A period without frames."""
 
     at_s: float
-    """Since the beginning of the capture."""
+    """Start, s since the beginning of the capture."""
     for_s: float
     missing: int
-    """Frames lost in it, by sequence numbers; up to 255 can be told."""
+    """Frames lost in it, from the sequence numbers; at most 255."""
     stamped_s: float
-    """By how much the stamps went on meanwhile."""
+    """Increase of the stamps over the period, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A jump of the clocks' offset."""
+    """A jump of the clock offset."""
 
     at_s: float
     by_ms: float
-    """Positive: frames came later against their stamps than before."""
+    """Size of the jump; positive: frames arrive later relative to their stamps."""
     round_trip_ms: float | None
-    """By how much the round trip grew there; None: no pings."""
+    """Increase of the round trip at the jump; None: no pings."""
 
 
 @dataclass(slots=True)
 class Timing:
-    """What was found; empty where there was too little."""
+    """Result of the analysis; empty for a capture with too few frames."""
 
     duration_s: float = 0.0
     drift_ppm: float | None = None
-    """Of the device's clock against the host's; positive: the device is slow."""
+    """Drift of the device clock relative to the host clock; positive: the device is slow."""
     drift_error_ppm: float | None = None
-    """By how much the drift may be off, from how the delays scatter; ``None``: too short a time."""
+    """Uncertainty of the drift, from the scatter of the delays; None: the capture is too short."""
     delay_ms: dict[str, float] = field(default_factory=dict)
-    """Beyond the shortest: ``p50``, ``p95``, ``p99``, ``max``."""
+    """Delay beyond the shortest one: ``p50``, ``p95``, ``p99``, ``max``."""
     round_trip_ms: dict[str, float] = field(default_factory=dict)
-    """``min``, ``p50``, ``p99``, ``max``."""
+    """Round trip: ``min``, ``p50``, ``p99``, ``max``."""
     timer_ms: float | None = None
-    """Period at which the adapter hands bytes over, where it seems to keep one."""
+    """Period of the adapter's latency timer; None: none was detected."""
     holes: list[Hole] = field(default_factory=list)
     stalls: list[Hole] = field(default_factory=list)
-    """Holes in which nothing was lost: the host, or what is before it, was held up."""
+    """Periods without frames in which none was lost: the host did not read."""
     steps: list[Step] = field(default_factory=list)
 
 
 def measure(view: WireView) -> Timing:
-    """Work out the timing of a capture."""
+    """Analyse the timing of a capture."""
     timing = Timing()
     arrived = np.array(view.marks.arrived_ns, dtype=np.int64)
     if view.round_trips:
@@ -127,7 +132,7 @@ def measure(view: WireView) -> Timing:
         _, slope, error = max(slopes, key=lambda each: each[0])
         timing.drift_ppm = slope * 1e6
         timing.drift_error_ppm = None if error is None else error * 1e6
-    # A line that became slower is no host that was held up: its frames stay late.
+    # After a stall frames are on time again; if they stay late, the link became slower.
     timing.stalls = [
         stall
         for stall in timing.stalls
@@ -140,7 +145,7 @@ def measure(view: WireView) -> Timing:
 def _unwrapped(
     stamps: NDArray[np.int64], view: WireView, arrived: NDArray[np.int64]
 ) -> tuple[Floats, list[int]]:
-    """Stamps in seconds without their wraps, and where each boot begins."""
+    """Return the stamps in seconds without wraps, and the index of the first frame of each boot."""
     boots = [0]
     for boot in view.boots[1:]:
         index = int(np.searchsorted(arrived, boot.at_ns))
@@ -165,7 +170,7 @@ def _find_holes(
             missing,
             round(float(stamp_s[index + 1] - stamp_s[index]), 3),
         )
-        # Held up: what came then was stamped while nothing came.
+        # A stall: the next frame was stamped during the period, so it waited to be read.
         if missing == 0 and hole.stamped_s < 0.5 * hole.for_s:
             timing.stalls.append(hole)
         elif hole.for_s > HOLE_S:
@@ -173,7 +178,7 @@ def _find_holes(
 
 
 def _of_stalls(timing: Timing, at_s: Floats) -> NDArray[np.bool_]:
-    """Which frames had waited for a host that was held up: they say nothing of the line."""
+    """Return a mask of the frames that a stall delayed: they do not show the link's delay."""
     late = np.zeros(len(at_s), np.bool_)
     for stall in timing.stalls:
         end_s = stall.at_s + stall.for_s
@@ -181,7 +186,7 @@ def _of_stalls(timing: Timing, at_s: Floats) -> NDArray[np.bool_]:
     return late
 
 
-def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
+def _judge_clock(  # noqa: PLR0913, PLR0917 - frames in, results into three lists
     timing: Timing,
     at_s: Floats,
     stamp_s: Floats,
@@ -190,7 +195,7 @@ def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
     delays: list[Floats],
     slopes: list[tuple[int, float, float | None]],
 ) -> None:
-    """Steps, drift and delays of one boot."""
+    """Find the steps, drift and delays of one boot."""
     if len(at_s) < MIN_FRAMES:
         return
     offset = at_s - stamp_s
@@ -223,7 +228,7 @@ def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
 
 
 def _steps(least: Floats) -> list[int]:
-    """Buckets from which on the offset is another, for good and not for one of them."""
+    """Return the intervals at which the offset changes for longer than one interval."""
     found: list[int] = []
     index = 1
     while index < len(least) - 1:
@@ -242,7 +247,7 @@ def _steps(least: Floats) -> list[int]:
 
 
 def _grown(trips: list[tuple[float, float]], at_s: float) -> float | None:
-    """By how much (ms) the round trip's middle grew at a moment."""
+    """Return the increase of the median round trip at a moment, ms; None: too few pings."""
     before = [trip for when, trip in trips if at_s - 3.0 <= when < at_s - 0.25]
     after = [trip for when, trip in trips if at_s + 0.25 <= when < at_s + 3.0]
     if not before or not after:
@@ -251,19 +256,19 @@ def _grown(trips: list[tuple[float, float]], at_s: float) -> float | None:
 
 
 def _robust_slope(x: Floats, y: Floats) -> float:
-    """Median of the slopes between points half the span apart (Theil and Sen, thinned)."""
+    """Return the median slope between points half the span apart (a thinned Theil-Sen fit)."""
     half = len(x) // 2
     return float(np.median((y[half:] - y[: len(y) - half]) / (x[half:] - x[: len(x) - half])))
 
 
 def _slope_error(x: Floats, y: Floats, slope: float) -> float | None:
-    """By how much that slope may be off.
+    """Return the uncertainty of the slope; None for too few points.
 
-    Each of the n/2 pairs is off by √2·σ over half the span, and their median by 1.25/√(n/2) of
-    that; σ is taken from the median of the residuals. Residuals that follow each other, as where
-    a host that reads every millisecond beats with the device's stamps, add no such certainty: the
-    slope may be off by their range over the span, and half as much again since the fit has made
-    that range small.
+    Each of the n/2 pairs has an error of √2·σ over half the span, and their median 1.25/√(n/2) of
+    that; σ follows from the median of the residuals. Correlated residuals do not average out, for
+    example the beat between a host that reads every millisecond and the device's stamps. The
+    uncertainty is therefore at least 1.5 times the range of the residuals over the span: 1.5,
+    because the fit has reduced that range.
     """
     count = len(x)
     if count < DRIFT_BUCKETS:
@@ -276,11 +281,11 @@ def _slope_error(x: Floats, y: Floats, slope: float) -> float | None:
 
 
 def _timer_ms(chunk_ns: NDArray[np.int64]) -> float | None:
-    """The longest time between two reads, where many of them take just that: a timer's."""
+    """Return the period of the adapter's latency timer, ms; None if reads show no such period."""
     if len(chunk_ns) < MIN_FRAMES:
         return None
     wait_ms = np.diff(chunk_ns) * 1e-6
     period = float(np.percentile(wait_ms, 99))
-    share = float((np.abs(wait_ms - period) < _GRID_SHARE * period).mean())
-    usual = _GRID_LEAST_MS <= period <= _GRID_MOST_MS
-    return period if usual and share > _GRID_OFTEN else None
+    share = float((np.abs(wait_ms - period) < _TIMER_TOLERANCE * period).mean())
+    possible = _MIN_TIMER_MS <= period <= _MAX_TIMER_MS
+    return period if possible and share > _TIMER_SHARE else None

@@ -1,7 +1,7 @@
-"""A device on the line: agrees with it, asks it the time, and listens; nothing else is sent.
+"""Examination of a live device: handshake, time requests and listening, nothing else.
 
-Sans-I/O: whoever owns the port feeds bytes and time in and carries bytes out. Nothing of what
-is sent can move a wheel: hellos, questions and time requests.
+Sans-I/O: the owner of the port passes bytes and time in and writes the bytes that come out. The
+messages sent (hello, describe, time request) cannot move a wheel.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Visit:
-    """One visit; :meth:`conclude` once it has lasted long enough."""
+    """Examination of one device. Its result is :attr:`examination`."""
 
     def __init__(
         self,
@@ -31,25 +31,25 @@ class Visit:
         node: int | None = None,
         link: type[LinkBase] = Link,
     ) -> None:
-        """Nothing is sent before :meth:`open`."""
+        """Create the session; nothing is sent before :meth:`open`."""
         self._session = Session(new_session_id, name="sweepctl doctor", node=node, link=link)
         self.examination = Examination(self._session.link.medium)
         self.agreed = False
         self.over = False
-        """True where the session has failed: there is no more to be heard."""
+        """True once the session has failed, so that nothing more will arrive."""
 
     def open(self, now_ns: HostNs) -> None:
-        """Say hello."""
+        """Send the hello."""
         self._session.open(now_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Bytes that the port gave."""
+        """Take bytes that the port received at ``now_ns``."""
         if data:
             self.examination.received(data, now_ns)
             self._digest(self._session.receive(data, now_ns))
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
-        """Do what time asks for, and give the bytes for the port."""
+        """Handle expired timers and return the bytes to write to the port."""
         self._digest(self._session.poll(now_ns))
         data = self._session.data_to_send()
         if data:
@@ -57,7 +57,7 @@ class Visit:
         return data
 
     def next_deadline(self) -> HostNs | None:
-        """When :meth:`data_to_send` has work next."""
+        """Return the time of the next timer; None if none is set."""
         return self._session.next_deadline()
 
     def _digest(self, events: list[SessionEvent]) -> None:

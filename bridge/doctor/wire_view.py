@@ -1,7 +1,6 @@
-"""What a line's bytes tell of the line: frames, damage and its kind, losses, answers, boots.
+"""Examines the bytes of a link: frames, damage, losses, round trips and boots.
 
-Fed with every byte in both directions and when the port gave or took it; keeps figures, not
-the bytes.
+It takes every byte of both directions with its time and keeps figures, not the bytes.
 """
 
 from __future__ import annotations
@@ -35,20 +34,22 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message, MessageSpec
 
 _KEPT = 1024
-"""Bytes kept to look into damaged stretches: four frames of the longest."""
+"""Received bytes kept to examine damaged data: four frames of maximum length."""
 _RECENT = 16
+"""Frames remembered to detect duplicates."""
 _VERSION = PROTOCOL_VERSION << 4
 _COBS_AND_CRC = 1 + CRC.size
 _HEAD_SEEN = 4
-"""Bytes of a stretch up to its type: one of COBS, then version, node, type."""
+"""Bytes of a frame up to its type: the COBS code byte, version, node, type."""
 _MAX_TEXT = 2048
+"""Bytes kept from the beginning of the capture, to recognise text."""
 _MAX_MARKS = 2_000_000
-"""Frames whose times are kept: two hours and more at the default rates."""
+"""Limit of the frames whose times are kept: more than two hours at the default rates."""
 
 
 @dataclass(slots=True)
 class Boot:
-    """One boot of the device, as its hello says."""
+    """One boot of the device, from its hello."""
 
     boot_id: int
     cause: int
@@ -60,39 +61,39 @@ class Boot:
 
 @dataclass(slots=True)
 class Damaged:
-    """What became of damaged stretches, by what their header still says of their length."""
+    """Damaged data, classified by the message length that its header indicates."""
 
     whole: int = 0
-    """As long as the message that it names: bits were wrong."""
+    """Pieces of the right length: bits were flipped."""
     short: int = 0
-    """Bytes are missing."""
+    """Pieces with bytes missing."""
     long: int = 0
-    """Bytes too many: two frames that ran together, or something sent twice."""
+    """Pieces with too many bytes: two frames without a delimiter, or repeated bytes."""
     unknown: int = 0
-    """Its header says nothing that makes sense."""
+    """Pieces whose header names no message."""
     bytes: int = 0
     unknown_bytes: int = 0
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """Number of damaged pieces."""
         return self.whole + self.short + self.long + self.unknown
 
 
 @dataclass(slots=True)
 class Stream:
-    """One message of the device over the capture."""
+    """Statistics of one message type over the capture."""
 
     count: int = 0
     first_ns: int = 0
     last_ns: int = 0
     longest_ns: int = 0
-    """Between two of them."""
+    """Longest time between two messages, ns."""
     default_hz: float = 0.0
 
     @property
     def rate_hz(self) -> float | None:
-        """Mean; None for fewer than two."""
+        """Mean rate, Hz; None for fewer than two messages."""
         if self.count < 2 or self.last_ns <= self.first_ns:  # noqa: PLR2004 - a rate needs two
             return None
         return (self.count - 1) / ((self.last_ns - self.first_ns) * 1e-9)
@@ -100,51 +101,52 @@ class Stream:
 
 @dataclass(slots=True)
 class Marks:
-    """Of every intact frame, in order; the raw material of the timing."""
+    """Times of the intact frames in order: the input of the timing analysis."""
 
     arrived_ns: array[int] = field(default_factory=lambda: array("q"))
     stamp_us: array[int] = field(default_factory=lambda: array("q"))
-    """The device's clock, 32 bits as received."""
+    """Device time, µs, 32 bits as received."""
     skipped: array[int] = field(default_factory=lambda: array("q"))
-    """Frames missing before it, by its sequence number."""
+    """Number of frames missing before this one, from the sequence numbers."""
 
 
 class WireView:
-    """Looks at one line; :meth:`received` and :meth:`sent` as bytes pass."""
+    """Examines one link, passed in by :meth:`received` and :meth:`sent`."""
 
     def __init__(self, medium: Medium = Medium.UART) -> None:
-        """Nothing has passed."""
+        """Start without any data."""
         can = medium is Medium.CAN
         self.medium = medium
         self.on_message: Callable[[Message, int, int], None] = lambda *_: None
-        """Told each message of the device, its stamp (µs, 32 bits) and its arrival (ns)."""
+        """Called with each message of the device, its stamp (µs, 32 bits) and arrival (ns)."""
         self.bytes_in = self.bytes_out = 0
         self.frames = 0
         self.lost = 0
         self.repeated = 0
-        """Frames that came again as they were."""
+        """Duplicate frames."""
         self.foreign = Counter[str]()
-        """Intact frames that could not be used, by why."""
+        """Intact frames that could not be used, by reason."""
         self.versions: set[int] = set()
-        """Other protocol versions spoken."""
+        """Unsupported protocol versions that were received."""
         self.damaged = Damaged()
         self.streams: dict[str, Stream] = {}
         self.boots: list[Boot] = []
         self.marks = Marks()
         self.chunk_ns = array("q")
-        """When the port gave something."""
+        """Times at which the port returned bytes, ns."""
         self.chunk_bytes = array("q")
         self.round_trips: list[tuple[int, int]] = []
-        """Of each ping that was answered: when (ns), and how long without the device's own part."""
+        """Of each answered ping: arrival of the reply (ns) and round trip without the device's
+        processing time (ns)."""
         self.unanswered = 0
         self.device_damaged = self.device_stale = self.device_received = 0
-        """What the device counted during the capture of what came from the host."""
+        """Counters of the device for frames from the host, increase during the capture."""
         self.logic_low_v: float | None = None
         self.load_percent = 0
         self.stop_cause: int | None = None
         self.beginning = b""
         self.onboard = ""
-        """Name of the device's planner that the host started last."""
+        """Name of the onboard planner that the host started last."""
         self._can = can
         self._rx: LinkBase = (CanLink if can else Link)(Direction.HOST)
         self._tx: LinkBase = (CanLink if can else Link)(Direction.DEVICE)
@@ -158,7 +160,7 @@ class WireView:
 
     @property
     def heard_s(self) -> float:
-        """From the first to the last decoded message."""
+        """Time from the first to the last decoded message, s."""
         streams = self.streams.values()
         if not streams:
             return 0.0
@@ -166,7 +168,7 @@ class WireView:
         return (max(stream.last_ns for stream in streams) - first_ns) * 1e-9
 
     def received(self, data: bytes, at_ns: int) -> None:
-        """Bytes from the device (on a bus: whole 16-byte records), and when the port gave them."""
+        """Take bytes from the device and their arrival time; on CAN, whole 16-byte records."""
         if not data:
             return
         if len(self.beginning) < _MAX_TEXT:
@@ -181,7 +183,7 @@ class WireView:
         self._tail = self._tail[-_KEPT:]
 
     def sent(self, data: bytes, at_ns: int) -> None:
-        """Bytes to the device."""
+        """Take bytes that were sent to the device."""
         self.bytes_out += len(data)
         for event in self._tx.receive(data, at_ns // 1000):
             if not isinstance(event, Received):
@@ -194,13 +196,13 @@ class WireView:
                 self.onboard = label(OnboardPlanner, message.planner).replace("_", "-")
 
     def note_decoded(self, spec: MessageSpec, message: Message, stamp_us: int, at_ns: int) -> None:
-        """A message whose bytes nobody kept."""
+        """Take a decoded message from a log without raw bytes."""
         self.frames += 1
         if isinstance(message, Hello):
             self._hello(message, at_ns)
         self._note(spec, message, stamp_us, at_ns)
 
-    # ---- what they are --------------------------------------------------------------------
+    # ---- link events ----------------------------------------------------------------------
 
     def _event(self, event: LinkEvent, at_ns: int) -> None:
         if isinstance(event, Received):
@@ -269,7 +271,7 @@ class WireView:
         self.boots.append(
             Boot(hello.boot_id, hello.reset_cause, at_ns, name, hello.catalogue_hash, hello.uid)
         )
-        self._seq = self._counters = None  # they begin anew with the boot
+        self._seq = self._counters = None  # both restart at a boot
 
     def _reply(self, reply: TimeReply, replied_us: int, at_ns: int) -> None:
         sent_ns = self._pings.pop(reply.ping, None)
@@ -301,9 +303,9 @@ class WireView:
 
 
 def _length_by_header(stretch: bytes) -> int | None:
-    """Encoded length of the message that a damaged stretch's header names, where it names one.
+    """Return the encoded length of the message that the header of damaged data names; else None.
 
-    The header's first bytes have no zero in them, so COBS leaves them where they are.
+    The first bytes of the header are never zero, so COBS does not move them.
     """
     if len(stretch) < _HEAD_SEEN or stretch[1] & 0xF0 != _VERSION:
         return None

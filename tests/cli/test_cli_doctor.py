@@ -98,7 +98,7 @@ def test_a_note_alone_is_no_trouble(folder: Path) -> None:
     capture.write_bytes(printed)
     done = sweepctl("doctor", capture)
     assert done.status == 0
-    assert "info    waiting: only hellos came" in done.out
+    assert "info    waiting: only hellos were received" in done.out
     assert "no problem found" in done.out
     assert sweepctl("doctor", capture, "--json").json["healthy"]
 

@@ -135,7 +135,7 @@ def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
     assert (found.kind, found.severity) == ("gap", Severity.WARNING)
     missing = 55 if cut else 54
     assert found.data == {"lost": missing, "frames": 801, "piece": missing, "at_s": 1.6}
-    assert "in one piece at 1.6 s" in found.text
+    assert f"{missing} of them consecutive at 1.6 s" in found.text
 
 
 def test_a_hole_and_a_stall() -> None:
