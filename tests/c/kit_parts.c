@@ -26,26 +26,26 @@ static struct {
     size_t can_room;
     size_t can_written;
     sp_can_frame_t can_last;
-} board;
+} parts;
 
-uint32_t board_now_us(void) { return 1000; }
-size_t board_uart_room(void) { return board.room; }
-uint32_t board_uart_wait_us(void) { return board.wait_us; }
+uint32_t board_now_us(board_t *board) { return 1000; }
+size_t board_uart_room(board_t *board) { return parts.room; }
+uint32_t board_uart_wait_us(board_t *board) { return parts.wait_us; }
 
-void board_uart_write(const uint8_t *data, size_t length)
+void board_uart_write(board_t *board, const uint8_t *data, size_t length)
 {
-    memcpy(board.out + board.out_length, data, length);
-    board.out_length += length;
+    memcpy(parts.out + parts.out_length, data, length);
+    parts.out_length += length;
 }
 
-bool board_can_write(const sp_can_frame_t *frame)
+bool board_can_write(board_t *board, const sp_can_frame_t *frame)
 {
-    if (board.can_room == 0) {
+    if (parts.can_room == 0) {
         return false;
     }
-    board.can_room--;
-    board.can_written++;
-    board.can_last = *frame;
+    parts.can_room--;
+    parts.can_written++;
+    parts.can_last = *frame;
     return true;
 }
 
@@ -132,19 +132,19 @@ static int encode(line_t *line, uint16_t id)
 static void the_uart_is_shared_out(void)
 {
     static line_t line;
-    line_start(&line, 3, false);
-    board.room = LINE_KEPT_BYTES + 18u;
-    board.wait_us = 0;
+    line_start(&line, NULL, 3, false);
+    parts.room = LINE_KEPT_BYTES + 18u;
+    parts.wait_us = 0;
     line_stream(&line, SP_TYPE_ACK, 0, encode(&line, 1));
-    CHECK(board.out_length == 18 && board.out[0] == 0);
-    board.wait_us = 5;
-    board.room = LINE_KEPT_BYTES + 17u;
+    CHECK(parts.out_length == 18 && parts.out[0] == 0);
+    parts.wait_us = 5;
+    parts.room = LINE_KEPT_BYTES + 17u;
     line_stream(&line, SP_TYPE_ACK, 0, encode(&line, 2));
-    CHECK(board.out_length == 18 && line.dropped == 1);
+    CHECK(parts.out_length == 18 && line.dropped == 1);
     line_send(&line, SP_TYPE_ACK, 0, encode(&line, 3));
-    CHECK(board.out_length == 18 + 17 && board.out[18] != 0);
+    CHECK(parts.out_length == 18 + 17 && parts.out[18] != 0);
     CHECK(line_sent(&line) == 3 && line.sender.seq == 3);
-    board.room = 17;
+    parts.room = 17;
     line_send(&line, SP_TYPE_ACK, 0, encode(&line, 4));
     CHECK(line.dropped == 2);
     line_send(&line, SP_TYPE_ACK, 0, -1); /* did not fit a payload: nothing happens */
@@ -155,10 +155,10 @@ static void the_uart_is_shared_out(void)
 static void departure_is_the_line_s(void)
 {
     static line_t line;
-    line_start(&line, 3, false);
-    board.wait_us = 250;
+    line_start(&line, NULL, 3, false);
+    parts.wait_us = 250;
     CHECK(line_departure_us(&line) == 1250 && !line_idle(&line));
-    board.wait_us = 0;
+    parts.wait_us = 0;
     CHECK(line_departure_us(&line) == 1000 && line_idle(&line));
 }
 
@@ -166,10 +166,10 @@ static void departure_is_the_line_s(void)
 static void the_bus_is_shared_out(void)
 {
     static line_t line;
-    line_start(&line, 3, true);
-    board.can_room = 1;
+    line_start(&line, NULL, 3, true);
+    parts.can_room = 1;
     line_send(&line, SP_TYPE_ACK, 0, encode(&line, 1));
-    CHECK(board.can_written == 1 && line_idle(&line));
+    CHECK(parts.can_written == 1 && line_idle(&line));
     line_send(&line, SP_TYPE_ACK, 0, encode(&line, 2));
     CHECK(line.waiting_count == 1 && !line_idle(&line));
     memset(line_payload(&line), 'x', 120);
@@ -180,10 +180,10 @@ static void the_bus_is_shared_out(void)
     const uint8_t waiting = line.waiting_count;
     line_stream(&line, SP_TYPE_ACK, 0, encode(&line, 3));
     CHECK(line.dropped == 3 && line.waiting_count == waiting);
-    board.can_room = 1000;
+    parts.can_room = 1000;
     line_pump(&line);
-    CHECK(line_idle(&line) && board.can_written == 1u + waiting);
-    CHECK((board.can_last.data[board.can_last.length - 1u] & 0x40u) != 0); /* a transfer's end */
+    CHECK(line_idle(&line) && parts.can_written == 1u + waiting);
+    CHECK((parts.can_last.data[parts.can_last.length - 1u] & 0x40u) != 0); /* a transfer's end */
 }
 
 static void a_full_text_takes_nothing_more(void)

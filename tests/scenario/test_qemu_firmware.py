@@ -71,6 +71,19 @@ def test_size_and_stack(built: Path, name: str) -> None:
     assert took.deepest[:2] == ["reset_handler", "main"]
 
 
+@CROSS
+def test_the_core_has_no_variables_of_its_own(built: Path) -> None:
+    """Its state is what the caller owns: only ``main`` has a device."""
+    folder = built / "board_f405_qemu.o" / "core"
+    sizes = run([tool("arm-none-eabi-size"), *sorted(folder.glob("*.o"))]).decode().splitlines()
+    with_variables = {
+        Path(columns[-1]).name
+        for columns in (line.split() for line in sizes[1:])
+        if columns[1] != "0" or columns[2] != "0"
+    }
+    assert with_variables == {"main.o"}
+
+
 def test_nothing_is_found_in_the_boards_sources(tmp_path: Path) -> None:
     variables = (f"BUILD={tmp_path}", f"PYTHON={sys.executable}", f"CPPCHECK={locked('cppcheck')}")
     run([tool("make"), "-s", "-C", FIRMWARE, "-f", "board.mk", *variables, "analyse"])

@@ -49,7 +49,18 @@ def compile_kit(
     files = [*CORE, wire_folder / "sweepctl_protocol.c", *sources]
     compiler = any_compiler("gcc", "clang")
     checks = compiler.sanitized if sanitized else ()
-    compiler.run(*STRICT, *MORE, *includes, *checks, *flags, *files, "-lm", "-o", out)
+    compiler.run(
+        *STRICT,
+        *MORE,
+        "-Wno-unused-parameter",
+        *includes,
+        *checks,
+        *flags,
+        *files,
+        "-lm",
+        "-o",
+        out,
+    )
     return out
 
 

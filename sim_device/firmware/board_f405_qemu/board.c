@@ -23,6 +23,7 @@
 #define ERASE_US 250000u
 #define WRITE_WORD_US 16u
 
+static firmware_t *device;         /* takes what the interrupts receive */
 static volatile uint32_t unfed_ms; /* milliseconds in which the program ran but did not feed */
 static uint32_t asked_for_us;      /* the control period whose readings were asked for last */
 static int16_t duty_left, duty_right;
@@ -35,16 +36,16 @@ void systick_handler(void);
 
 /* ---- time ---------------------------------------------------------------------------------- */
 
-uint32_t board_now_us(void) { return TIM2->cnt; }
+uint32_t board_now_us(board_t *board) { return uptime_us(); }
 
-uint32_t board_busy_us(void) { return board_now_us() - slept_us; }
+uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 
 void board_idle(void) {
     while (plant_hang) { /* asked for by a fault: hung, until the watchdog comes */
     }
-    const uint32_t from_us = board_now_us();
+    const uint32_t from_us = uptime_us();
     wait_for_interrupt();
-    slept_us += board_now_us() - from_us;
+    slept_us += uptime_us() - from_us;
 }
 
 static void request(uint32_t now_us, uint32_t sample_us) {
@@ -71,7 +72,7 @@ void systick_handler(void) {
     if (++unfed_ms > WATCHDOG_MS) {
         reset_for(SP_RESET_CAUSE_WATCHDOG);
     }
-    const uint32_t now_us = board_now_us();
+    const uint32_t now_us = uptime_us();
     /* By differences, so that the periods go on as they are when the counter wraps. */
     const uint32_t periods = (now_us + LEAD_US - asked_for_us) / PERIOD_US;
     if (periods != 0) {
@@ -80,9 +81,9 @@ void systick_handler(void) {
     }
 }
 
-void board_watchdog_feed(void) { unfed_ms = 0; }
+void board_watchdog_feed(board_t *board) { unfed_ms = 0; }
 
-void board_reboot(void) { reset_for(SP_RESET_CAUSE_SOFTWARE); }
+void board_reboot(board_t *board) { reset_for(SP_RESET_CAUSE_SOFTWARE); }
 
 /* ---- start --------------------------------------------------------------------------------- */
 
@@ -92,7 +93,8 @@ static void uart_start(usart_regs_t *uart, unsigned irq) {
     nvic_enable(irq, 4);
 }
 
-void board_start(void) {
+void board_start(firmware_t *firmware) {
+    device = firmware;
     RCC->apb1enr |= RCC_APB1_TIM2 | RCC_APB1_USART2;
     RCC->apb2enr |= RCC_APB2_USART1;
     TIM2->psc = 999u; /* QEMU's timers are fed with 1 GHz, the chip's with 84 MHz */
@@ -108,12 +110,12 @@ void board_start(void) {
     SYSTICK->val = 0;
     SYSTICK->ctrl = SYSTICK_CLKSOURCE | SYSTICK_TICKINT | SYSTICK_ENABLE;
     const uint8_t version = PLANT_LINK_VERSION;
-    uint32_t asked_us = board_now_us();
+    uint32_t asked_us = uptime_us();
     plant_send(PLANT_BOOT, &version, 1);
     while (!plant_known) {
         wait_for_interrupt();
-        if (board_now_us() - asked_us > BOOT_AGAIN_US) {
-            asked_us = board_now_us();
+        if (uptime_us() - asked_us > BOOT_AGAIN_US) {
+            asked_us = uptime_us();
             plant_send(PLANT_BOOT, &version, 1);
         }
     }
@@ -125,14 +127,14 @@ void board_start(void) {
     unfed_ms = 0;
 }
 
-const board_identity_t *board_identity(void) { return &plant_identity; }
+const board_identity_t *board_identity(board_t *board) { return &plant_identity; }
 
 /* ---- the line to the host ------------------------------------------------------------------ */
 
 void usart1_handler(void) {
     while ((USART1->sr & USART_SR_RXNE) != 0) {
         const uint8_t byte = (uint8_t)USART1->dr;
-        firmware_uart_received(&byte, 1, board_now_us());
+        firmware_uart_received(device, &byte, 1, uptime_us());
     }
 }
 
@@ -143,9 +145,9 @@ void usart2_handler(void) {
 }
 
 /* QEMU takes each byte at once; the line's own time is the emulator's (sim_device/line/line.py). */
-size_t board_uart_room(void) { return 512; }
+size_t board_uart_room(board_t *board) { return 512; }
 
-void board_uart_write(const uint8_t *data, size_t length) {
+void board_uart_write(board_t *board, const uint8_t *data, size_t length) {
     for (size_t i = 0; i < length; i++) {
         while ((USART1->sr & USART_SR_TXE) == 0) {
         }
@@ -153,53 +155,53 @@ void board_uart_write(const uint8_t *data, size_t length) {
     }
 }
 
-uint32_t board_uart_wait_us(void) { return 0; }
+uint32_t board_uart_wait_us(board_t *board) { return 0; }
 
 /* QEMU's F405 has no CAN; identity.can is false, so that the core never asks. */
-bool board_can_write(const sp_can_frame_t *frame) {
+bool board_can_write(board_t *board, const sp_can_frame_t *frame) {
     (void)frame;
     return true;
 }
 
 /* ---- motors and sensors -------------------------------------------------------------------- */
 
-void board_motors(int16_t left, int16_t right) {
+void board_motors(board_t *board, int16_t left, int16_t right) {
     if (left == duty_left && right == duty_right) {
         return;
     }
     duty_left = left;
     duty_right = right;
     uint8_t payload[8];
-    uint8_t *end = put_u32(payload, board_now_us());
+    uint8_t *end = put_u32(payload, uptime_us());
     (void)put_u16(put_u16(end, (uint16_t)left), (uint16_t)right);
     plant_send(PLANT_MOTORS, payload, sizeof payload);
 }
 
-void board_encoders(board_encoders_t *out) {
+void board_encoders(board_t *board, board_encoders_t *out) {
     plant_readings_t now;
     plant_readings(&now);
     *out = now.encoders;
 }
 
-void board_imu(board_imu_t *out) {
+void board_imu(board_t *board, board_imu_t *out) {
     plant_readings_t now;
     plant_readings(&now);
     *out = now.imu;
 }
 
-void board_ranges(board_ranges_t *out) {
+void board_ranges(board_t *board, board_ranges_t *out) {
     plant_readings_t now;
     plant_readings(&now);
     *out = now.ranges;
 }
 
-uint8_t board_contacts(void) {
+uint8_t board_contacts(board_t *board) {
     plant_readings_t now;
     plant_readings(&now);
     return now.contacts;
 }
 
-void board_power(board_power_t *out) {
+void board_power(board_t *board, board_power_t *out) {
     plant_readings_t now;
     plant_readings(&now);
     *out = now.power;
@@ -207,14 +209,14 @@ void board_power(board_power_t *out) {
 
 /* ---- flash: a copy here, the pages themselves beyond the link -------------------------------- */
 
-const uint8_t *board_flash_page(unsigned page) { return plant_pages[page]; }
+const uint8_t *board_flash_page(board_t *board, unsigned page) { return plant_pages[page]; }
 
 static void flash_takes(uint32_t duration_us) {
-    flash_began_us = board_now_us();
+    flash_began_us = uptime_us();
     flash_takes_us = duration_us;
 }
 
-void board_flash_erase(unsigned page) {
+void board_flash_erase(board_t *board, unsigned page) {
     const uint8_t number = (uint8_t)page;
     memset(plant_pages[page], 0xFF, BOARD_FLASH_PAGE_SIZE);
     plant_send(PLANT_ERASE, &number, 1);
@@ -232,7 +234,7 @@ static void write_chunk(unsigned page, size_t offset, const uint8_t *data, size_
     plant_send(PLANT_WRITE, payload, 3u + length);
 }
 
-void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length) {
+void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length) {
     flash_takes(WRITE_WORD_US * (uint32_t)(length / 4u));
     while (length > PLANT_CHUNK) {
         write_chunk(page, offset, data, PLANT_CHUNK);
@@ -243,8 +245,8 @@ void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t
     write_chunk(page, offset, data, length);
 }
 
-bool board_flash_busy(void) {
-    if (flash_takes_us != 0 && board_now_us() - flash_began_us >= flash_takes_us) {
+bool board_flash_busy(board_t *board) {
+    if (flash_takes_us != 0 && uptime_us() - flash_began_us >= flash_takes_us) {
         flash_takes_us = 0;
     }
     return flash_takes_us != 0;

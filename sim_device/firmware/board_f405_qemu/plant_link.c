@@ -35,7 +35,7 @@ void plant_begin(void) {
 }
 
 static void settle(void) {
-    if (on_its_way && (int32_t)(board_now_us() - coming.imu.sampled_us) >= 0) {
+    if (on_its_way && (int32_t)(uptime_us() - coming.imu.sampled_us) >= 0) {
         on_its_way = false;
         present = coming;
     }

@@ -12,6 +12,7 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "stm32f4.h"
 
 #define PLANT_LINK_VERSION 1u
 #define PLANT_CHUNK 128u
@@ -59,6 +60,8 @@ extern uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
 void plant_begin(void);
 void plant_send(uint8_t type, const uint8_t *payload, size_t length);
 void plant_received(uint8_t byte); /* from the interrupt */
+
+static inline uint32_t uptime_us(void) { return TIM2->cnt; }
 
 static inline uint8_t *put_u16(uint8_t *to, uint16_t value) {
     to[0] = (uint8_t)value;

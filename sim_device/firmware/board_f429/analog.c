@@ -44,8 +44,8 @@ void analog_start(void) {
     stream->cr = DMA_CR_CHSEL(0) | DMA_CR_MSIZE_16 | DMA_CR_PSIZE_16 | DMA_CR_MINC | DMA_CR_CIRC |
                  DMA_CR_EN;
     ADC1->cr2 = ADC_CR2_ADON | ADC_CR2_CONT | ADC_CR2_DMA | ADC_CR2_DDS;
-    const uint32_t from_us = board_now_us();
-    while (board_now_us() - from_us < 5u) { /* t_STAB: 3 us, data sheet table 74 */
+    const uint32_t from_us = uptime_us();
+    while (uptime_us() - from_us < 5u) { /* t_STAB: 3 us, data sheet table 74 */
     }
     ADC1->cr2 |= ADC_CR2_SWSTART;
 }
@@ -58,10 +58,10 @@ uint32_t analog_mv(unsigned channel) {
     return sum * REFERENCE_MV / (SETS * FULL_SCALE);
 }
 
-void board_power(board_power_t *out) {
+void board_power(board_t *board, board_power_t *out) {
     out->battery_mv = (uint16_t)(analog_mv(ANALOG_BATTERY) * BATTERY_RATIO);
     out->logic_mv = (uint16_t)(analog_mv(ANALOG_LOGIC) * LOGIC_RATIO);
     out->motor_left_ma = (uint16_t)(analog_mv(ANALOG_MOTOR_LEFT) * CURRENT_MA_PER_MV);
     out->motor_right_ma = (uint16_t)(analog_mv(ANALOG_MOTOR_RIGHT) * CURRENT_MA_PER_MV);
-    out->sampled_us = board_now_us() - ANALOG_AGE_US;
+    out->sampled_us = uptime_us() - ANALOG_AGE_US;
 }

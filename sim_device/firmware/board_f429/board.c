@@ -11,6 +11,8 @@
 
 void systick_handler(void);
 
+firmware_t *device;
+
 static board_identity_t identity;
 static uint32_t slept_us;
 
@@ -22,7 +24,8 @@ static void watchdog_start(void) {
     IWDG->kr = IWDG_KEY_FEED;
 }
 
-void board_start(void) {
+void board_start(firmware_t *firmware) {
+    device = firmware;
     clocks_start();
     motors_start(); /* first of all: the bridges' inputs are low */
     identity.reset_cause = reset_cause();
@@ -50,30 +53,30 @@ void board_start(void) {
     watchdog_start();
 }
 
-const board_identity_t *board_identity(void) { return &identity; }
+const board_identity_t *board_identity(board_t *board) { return &identity; }
 
 void systick_handler(void) {
-    imu_millisecond(board_now_us());
+    imu_millisecond(uptime_us());
     sonar_millisecond();
 }
 
-uint32_t board_now_us(void) { return TIM2->cnt; }
+uint32_t board_now_us(board_t *board) { return uptime_us(); }
 
-uint32_t board_busy_us(void) { return board_now_us() - slept_us; }
+uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 
 void board_idle(void) {
-    const uint32_t from_us = board_now_us();
+    const uint32_t from_us = uptime_us();
     wait_for_interrupt();
-    slept_us += board_now_us() - from_us;
+    slept_us += uptime_us() - from_us;
 }
 
-void board_watchdog_feed(void) { IWDG->kr = IWDG_KEY_FEED; }
+void board_watchdog_feed(board_t *board) { IWDG->kr = IWDG_KEY_FEED; }
 
-void board_reboot(void) {
-    board_motors(0, 0);
-    board_watchdog_feed();
-    const uint32_t from_us = board_now_us();
-    while (!identity.can && !uart_drained() && board_now_us() - from_us < DRAIN_US) {
+void board_reboot(board_t *board) {
+    board_motors(board, 0, 0);
+    board_watchdog_feed(board);
+    const uint32_t from_us = uptime_us();
+    while (!identity.can && !uart_drained() && uptime_us() - from_us < DRAIN_US) {
     }
     system_reset();
 }

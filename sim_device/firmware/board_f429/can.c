@@ -40,7 +40,7 @@ void can_start(uint8_t node) {
 }
 
 void can1_rx0_handler(void) {
-    const uint32_t now_us = board_now_us();
+    const uint32_t now_us = uptime_us();
     while ((CAN1->rfr[0] & CAN_RFR_FMP_MASK) != 0) {
         const can_mailbox_t *const box = &CAN1->rx[0];
         const uint32_t words[2] = {box->dlr, box->dhr};
@@ -51,11 +51,11 @@ void can1_rx0_handler(void) {
             frame.data[i] = (uint8_t)(words[i / 4u] >> (8u * (i % 4u)));
         }
         CAN1->rfr[0] = CAN_RFR_RFOM | CAN_RFR_FOVR;
-        firmware_can_received(&frame, now_us);
+        firmware_can_received(device, &frame, now_us);
     }
 }
 
-bool board_can_write(const sp_can_frame_t *frame) {
+bool board_can_write(board_t *board, const sp_can_frame_t *frame) {
     const uint32_t free = CAN1->tsr / CAN_TSR_TME0 & 7u;
     if (free == 0) {
         return false;

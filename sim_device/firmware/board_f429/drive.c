@@ -37,7 +37,7 @@ static void motor(volatile uint32_t *forward, volatile uint32_t *backward, int16
     *backward = duty < 0 ? width : 0;
 }
 
-void board_motors(int16_t left, int16_t right) {
+void board_motors(board_t *board, int16_t left, int16_t right) {
     motor(&TIM1->ccr[0], &TIM1->ccr[1], left);
     motor(&TIM1->ccr[2], &TIM1->ccr[3], right);
 }
@@ -61,8 +61,8 @@ void encoders_start(void) {
     TIM4->ccer = TIM_CCER_CCP(1); /* the right motor stands the other way round */
 }
 
-void board_encoders(board_encoders_t *out) {
+void board_encoders(board_t *board, board_encoders_t *out) {
     out->left = (uint16_t)TIM3->cnt;
     out->right = (uint16_t)TIM4->cnt;
-    out->sampled_us = board_now_us();
+    out->sampled_us = uptime_us();
 }

@@ -26,6 +26,7 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "stm32f4.h"
 
 #ifndef BOARD_HSE_MHZ
 #define BOARD_HSE_MHZ 25u /* of the crystal */
@@ -45,6 +46,11 @@
 
 enum { PORT_A, PORT_B, PORT_C, PORT_D, PORT_E, PORT_F, PORT_G };
 enum { LEVEL_LINE = 2, LEVEL_IMU = 4, LEVEL_ECHO = 5, LEVEL_FLASH = 6, LEVEL_TICK = 8 };
+
+/* The device that the interrupts hand what they receive to. */
+extern firmware_t *device;
+
+static inline uint32_t uptime_us(void) { return TIM2->cnt; }
 
 typedef enum { PULL_NONE, PULL_UP, PULL_DOWN } pull_t;
 void pin_input(unsigned port, unsigned pin, pull_t pull);

@@ -20,7 +20,7 @@ static bool two_banks(void) { return (FLASH->optcr & FLASH_OPTCR_DB1M) != 0; }
 
 static uint32_t address_of(unsigned page) { return FIRST_ADDRESS + SECTOR_BYTES * page; }
 
-const uint8_t *board_flash_page(unsigned page) {
+const uint8_t *board_flash_page(board_t *board, unsigned page) {
     return (const uint8_t *)(uintptr_t)address_of(page);
 }
 
@@ -33,7 +33,7 @@ static void unlock(void) {
     nvic_enable(IRQ_FLASH, LEVEL_FLASH);
 }
 
-void board_flash_erase(unsigned page) {
+void board_flash_erase(board_t *board, unsigned page) {
     if (!two_banks()) {
         return;
     }
@@ -56,7 +56,7 @@ static void write_word(void) {
     barrier();
 }
 
-void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length) {
+void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length) {
     if (!two_banks() || length < 4u) {
         return;
     }
@@ -85,4 +85,4 @@ void flash_handler(void) {
     busy = false;
 }
 
-bool board_flash_busy(void) { return busy; }
+bool board_flash_busy(board_t *board) { return busy; }

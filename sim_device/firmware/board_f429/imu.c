@@ -58,8 +58,8 @@ static void bus_free(void) {
     pin_output(PORT_B, SCL);
     for (unsigned i = 0; i < 18u; i++) {
         pin_write(PORT_B, SCL, i % 2u != 0);
-        const uint32_t from_us = board_now_us();
-        while (board_now_us() - from_us < 5u) {
+        const uint32_t from_us = uptime_us();
+        while (uptime_us() - from_us < 5u) {
         }
     }
     pin_alternate(PORT_B, SCL, 4, PULL_UP, true);
@@ -90,7 +90,7 @@ static void begin(uint32_t now_us, phase_t first) {
 
 void exti9_5_handler(void) {
     EXTI->pr = 1u << DATA_READY;
-    ready_us = board_now_us();
+    ready_us = uptime_us();
     if (phase == REST && setting == SETTINGS) {
         stamp_us = ready_us;
         begin(ready_us, WRITING);
@@ -174,7 +174,7 @@ void imu_millisecond(uint32_t now_us) {
     }
 }
 
-void board_imu(board_imu_t *out) {
+void board_imu(board_t *board, board_imu_t *out) {
     const uint32_t state = irq_save();
     *out = newest;
     irq_restore(state);

@@ -75,14 +75,14 @@ static uint16_t infrared_dmm(uint32_t mv) {
     return (uint16_t)(dmm < INFRARED_DMM_MIN ? INFRARED_DMM_MIN : dmm);
 }
 
-void board_ranges(board_ranges_t *out) {
+void board_ranges(board_t *board, board_ranges_t *out) {
     out->ultrasonic_mm = sonar_mm();
     out->infrared_left_dmm = infrared_dmm(analog_mv(ANALOG_INFRARED_LEFT));
     out->infrared_right_dmm = infrared_dmm(analog_mv(ANALOG_INFRARED_RIGHT));
-    out->sampled_us = board_now_us() - ANALOG_AGE_US;
+    out->sampled_us = uptime_us() - ANALOG_AGE_US;
 }
 
-uint8_t board_contacts(void) {
+uint8_t board_contacts(board_t *board) {
     const bool no_floor = pin_read(PORT_F, 0) || pin_read(PORT_F, 1) || pin_read(PORT_F, 2);
     return (uint8_t)((pin_read(PORT_F, 3) ? 0 : SP_CONTACT_BUMPER_LEFT) |
                      (pin_read(PORT_F, 4) ? 0 : SP_CONTACT_BUMPER_RIGHT) |

@@ -47,11 +47,11 @@ void uart_start(void) {
 static void take(uint32_t arrived_us) {
     const uint32_t filled = RX_SIZE - DMA2->stream[2].ndtr;
     if (filled < rx_taken) {
-        firmware_uart_received(&rx[rx_taken], RX_SIZE - rx_taken, arrived_us);
+        firmware_uart_received(device, &rx[rx_taken], RX_SIZE - rx_taken, arrived_us);
         rx_taken = 0;
     }
     if (filled > rx_taken) {
-        firmware_uart_received(&rx[rx_taken], filled - rx_taken, arrived_us);
+        firmware_uart_received(device, &rx[rx_taken], filled - rx_taken, arrived_us);
     }
     rx_taken = filled % RX_SIZE;
 }
@@ -62,13 +62,13 @@ void usart1_handler(void) {
         (void)USART1->dr; /* 30.6.1: reading both clears them; the DMA has had the byte itself */
     }
     if ((flags & USART_SR_IDLE) != 0) {
-        take(board_now_us() - (BYTE_NS + 999u) / 1000u); /* the line has been idle for a byte */
+        take(uptime_us() - (BYTE_NS + 999u) / 1000u); /* the line has been idle for a byte */
     }
 }
 
 void dma2_stream2_handler(void) {
     DMA2->ifcr[0] = RX_FLAGS(DMA_FLAGS_ALL);
-    take(board_now_us());
+    take(uptime_us());
 }
 
 /* ---- out ----------------------------------------------------------------------------------- */
@@ -98,9 +98,9 @@ void dma2_stream7_handler(void) {
     send_more();
 }
 
-size_t board_uart_room(void) { return TX_SIZE - (tx_put - tx_sent); }
+size_t board_uart_room(board_t *board) { return TX_SIZE - (tx_put - tx_sent); }
 
-void board_uart_write(const uint8_t *data, size_t length) {
+void board_uart_write(board_t *board, const uint8_t *data, size_t length) {
     const uint32_t at = tx_put % TX_SIZE;
     const size_t first = length < TX_SIZE - at ? length : TX_SIZE - at;
     memcpy(&tx[at], data, first);
@@ -113,7 +113,7 @@ void board_uart_write(const uint8_t *data, size_t length) {
 
 bool uart_drained(void) { return tx_put == tx_sent && (USART1->sr & USART_SR_TC) != 0; }
 
-uint32_t board_uart_wait_us(void) {
+uint32_t board_uart_wait_us(board_t *board) {
     const uint32_t state = irq_save();
     const uint32_t left = tx_under_way != 0 ? DMA2->stream[7].ndtr : 0;
     const uint32_t waiting = tx_put - tx_sent - tx_under_way + left;

@@ -30,6 +30,7 @@
 #define ONE_G 16384
 #define PAGE BOARD_FLASH_PAGE_SIZE
 
+static firmware_t *device;
 static int master = -1;
 static volatile sig_atomic_t ended;
 static uint64_t booted_us;
@@ -63,8 +64,9 @@ static void begin_life(uint8_t reset_cause)
     identity.reset_cause = reset_cause;
 }
 
-void board_start(void)
+void board_start(firmware_t *firmware)
 {
+    device = firmware;
     struct termios raw;
     master = posix_openpt(O_RDWR | O_NOCTTY);
     if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0) {
@@ -92,12 +94,17 @@ void board_start(void)
     (void)fflush(stdout);
 }
 
-uint32_t board_now_us(void)
+static uint32_t uptime_us(void)
 {
     return (uint32_t)(clock_us() - booted_us);
 }
 
-uint32_t board_busy_us(void)
+uint32_t board_now_us(board_t *board)
+{
+    return uptime_us();
+}
+
+uint32_t board_busy_us(board_t *board)
 {
     return (uint32_t)(clock_us() - booted_us - slept_us);
 }
@@ -111,47 +118,47 @@ void board_idle(void)
     slept_us += clock_us() - before_us;
     const ssize_t got = read(master, bytes, sizeof bytes);
     if (got > 0) {
-        firmware_uart_received(bytes, (size_t)got, board_now_us());
+        firmware_uart_received(device, bytes, (size_t)got, uptime_us());
     }
     if (ended) {
         exit(0);
     }
 }
 
-void board_watchdog_feed(void)
+void board_watchdog_feed(board_t *board)
 {
 }
 
-void board_reboot(void)
+void board_reboot(board_t *board)
 {
     begin_life(SP_RESET_CAUSE_SOFTWARE);
-    firmware_boot();
+    firmware_boot(device, board);
 }
 
-const board_identity_t *board_identity(void)
+const board_identity_t *board_identity(board_t *board)
 {
     return &identity;
 }
 
 /* ---- the line ------------------------------------------------------------------------------ */
 
-size_t board_uart_room(void)
+size_t board_uart_room(board_t *board)
 {
     return 4096;
 }
 
-void board_uart_write(const uint8_t *data, size_t length)
+void board_uart_write(board_t *board, const uint8_t *data, size_t length)
 {
     const ssize_t sent = write(master, data, length);
     (void)sent; /* what nobody takes is lost, as on a wire */
 }
 
-uint32_t board_uart_wait_us(void)
+uint32_t board_uart_wait_us(board_t *board)
 {
     return 0;
 }
 
-bool board_can_write(const sp_can_frame_t *frame)
+bool board_can_write(board_t *board, const sp_can_frame_t *frame)
 {
     (void)frame; /* there is no bus on this desk */
     return true;
@@ -174,37 +181,37 @@ static void move(void)
     }
 }
 
-void board_motors(int16_t left, int16_t right)
+void board_motors(board_t *board, int16_t left, int16_t right)
 {
     move();
     duty[0] = left / (double)BOARD_DUTY_ONE;
     duty[1] = right / (double)BOARD_DUTY_ONE;
 }
 
-void board_encoders(board_encoders_t *out)
+void board_encoders(board_t *board, board_encoders_t *out)
 {
     move();
     out->left = (uint16_t)(int64_t)floor(angle_rad[0] * COUNTS_PER_RAD);
     out->right = (uint16_t)(int64_t)floor(angle_rad[1] * COUNTS_PER_RAD);
-    out->sampled_us = board_now_us();
+    out->sampled_us = uptime_us();
 }
 
-void board_imu(board_imu_t *out)
+void board_imu(board_t *board, board_imu_t *out)
 {
-    const board_imu_t level = {.accel_z = ONE_G, .sampled_us = board_now_us()};
+    const board_imu_t level = {.accel_z = ONE_G, .sampled_us = uptime_us()};
     const double yaw_rad_s = (speed_rad_s[1] - speed_rad_s[0]) * WHEEL_RADIUS_M / WHEEL_BASE_M;
     *out = level;
     out->gyro_z = (int16_t)lround(fmax(-32768.0, fmin(32767.0, yaw_rad_s * GYRO_PER_RAD_S)));
 }
 
-void board_ranges(board_ranges_t *out)
+void board_ranges(board_t *board, board_ranges_t *out)
 {
     const board_ranges_t nothing = {
-        BOARD_NO_RANGE, BOARD_NO_RANGE, BOARD_NO_RANGE, board_now_us()};
+        BOARD_NO_RANGE, BOARD_NO_RANGE, BOARD_NO_RANGE, uptime_us()};
     *out = nothing;
 }
 
-uint8_t board_contacts(void)
+uint8_t board_contacts(board_t *board)
 {
     return 0;
 }
@@ -214,35 +221,35 @@ static uint16_t current_ma(int wheel)
     return (uint16_t)(62.0 + 40.0 * fabs(speed_rad_s[wheel]));
 }
 
-void board_power(board_power_t *out)
+void board_power(board_t *board, board_power_t *out)
 {
     out->battery_mv = 15900;
     out->logic_mv = 5000;
     out->motor_left_ma = current_ma(0);
     out->motor_right_ma = current_ma(1);
-    out->sampled_us = board_now_us();
+    out->sampled_us = uptime_us();
 }
 
 /* ---- flash --------------------------------------------------------------------------------- */
 
-const uint8_t *board_flash_page(unsigned page)
+const uint8_t *board_flash_page(board_t *board, unsigned page)
 {
     return pages[page];
 }
 
-void board_flash_erase(unsigned page)
+void board_flash_erase(board_t *board, unsigned page)
 {
     memset(pages[page], 0xFF, PAGE);
     flash_until_us = clock_us() + 250000u;
 }
 
-void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length)
+void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length)
 {
     memcpy(pages[page] + offset, data, length);
     flash_until_us = clock_us() + 1000u;
 }
 
-bool board_flash_busy(void)
+bool board_flash_busy(board_t *board)
 {
     return clock_us() < flash_until_us;
 }

@@ -20,7 +20,6 @@
 #include <string.h>
 
 #include "board.h"
-#include "firmware.h"
 #include "firmware_state.h"
 
 #define CAN_RECORD 16u
@@ -47,58 +46,65 @@ static struct {
     unsigned flash_wait;
     unsigned supply_left; /* periods of saving until it is lost; 0: it is not */
     bool supply_lost;
-} board;
+} lives;
+
+static firmware_t device;
 
 static const char NAME[] = "virtual sweeper";
 
 /* ---- what board.h asks for ----------------------------------------------------------------- */
 
-uint32_t board_now_us(void)
+static uint32_t uptime_us(void)
 {
-    return (uint32_t)(board.now_us - board.booted_us);
+    return (uint32_t)(lives.now_us - lives.booted_us);
 }
 
-uint32_t board_busy_us(void)
+uint32_t board_now_us(board_t *board)
+{
+    return uptime_us();
+}
+
+uint32_t board_busy_us(board_t *board)
 {
     return 0;
 }
 
-void board_watchdog_feed(void)
+void board_watchdog_feed(board_t *board)
 {
 }
 
-void board_reboot(void)
+void board_reboot(board_t *board)
 {
-    board.reboots++;
-    board.identity.boot_id++;
-    board.identity.reset_cause = SP_RESET_CAUSE_SOFTWARE;
+    lives.reboots++;
+    lives.identity.boot_id++;
+    lives.identity.reset_cause = SP_RESET_CAUSE_SOFTWARE;
 }
 
-const board_identity_t *board_identity(void)
+const board_identity_t *board_identity(board_t *board)
 {
-    return &board.identity;
+    return &lives.identity;
 }
 
-size_t board_uart_room(void)
+size_t board_uart_room(board_t *board)
 {
-    return sizeof board.out - board.out_length;
+    return sizeof lives.out - lives.out_length;
 }
 
-void board_uart_write(const uint8_t *data, size_t length)
+void board_uart_write(board_t *board, const uint8_t *data, size_t length)
 {
-    memcpy(board.out + board.out_length, data, length);
-    board.out_length += length;
+    memcpy(lives.out + lives.out_length, data, length);
+    lives.out_length += length;
 }
 
-uint32_t board_uart_wait_us(void)
+uint32_t board_uart_wait_us(board_t *board)
 {
-    return board.out_length == 0 ? 0u : 1u;
+    return lives.out_length == 0 ? 0u : 1u;
 }
 
-bool board_can_write(const sp_can_frame_t *frame)
+bool board_can_write(board_t *board, const sp_can_frame_t *frame)
 {
-    uint8_t *const record = board.out + board.out_length;
-    if (board_uart_room() < CAN_RECORD) {
+    uint8_t *const record = lives.out + lives.out_length;
+    if (board_uart_room(board) < CAN_RECORD) {
         return false;
     }
     memset(record, 0, CAN_RECORD);
@@ -106,79 +112,79 @@ bool board_can_write(const sp_can_frame_t *frame)
     record[1] = (uint8_t)(frame->id >> 8);
     record[4] = frame->length;
     memcpy(record + 8, frame->data, frame->length);
-    board.out_length += CAN_RECORD;
+    lives.out_length += CAN_RECORD;
     return true;
 }
 
-void board_motors(int16_t left, int16_t right)
+void board_motors(board_t *board, int16_t left, int16_t right)
 {
-    board.left = left;
-    board.right = right;
+    lives.left = left;
+    lives.right = right;
 }
 
-void board_encoders(board_encoders_t *out)
+void board_encoders(board_t *board, board_encoders_t *out)
 {
-    *out = board.encoders;
-    out->sampled_us = board_now_us();
+    *out = lives.encoders;
+    out->sampled_us = uptime_us();
 }
 
-void board_imu(board_imu_t *out)
+void board_imu(board_t *board, board_imu_t *out)
 {
-    *out = board.imu;
-    out->sampled_us = board_now_us();
+    *out = lives.imu;
+    out->sampled_us = uptime_us();
 }
 
-void board_ranges(board_ranges_t *out)
+void board_ranges(board_t *board, board_ranges_t *out)
 {
-    *out = board.ranges;
-    out->sampled_us = board_now_us();
+    *out = lives.ranges;
+    out->sampled_us = uptime_us();
 }
 
-uint8_t board_contacts(void)
+uint8_t board_contacts(board_t *board)
 {
-    return board.contacts;
+    return lives.contacts;
 }
 
-void board_power(board_power_t *out)
+void board_power(board_t *board, board_power_t *out)
 {
-    *out = board.power;
-    out->sampled_us = board_now_us();
+    *out = lives.power;
+    out->sampled_us = uptime_us();
 }
 
 /* ---- flash: what it costs in time, and that it may stay half done --------------------------- */
 
-const uint8_t *board_flash_page(unsigned page)
+const uint8_t *board_flash_page(board_t *board, unsigned page)
 {
-    return board.pages[page];
+    return lives.pages[page];
 }
 
-void board_flash_erase(unsigned page)
+void board_flash_erase(board_t *board, unsigned page)
 {
-    memset(board.pages[page], 0xFF, BOARD_FLASH_PAGE_SIZE);
-    board.flash_wait = ERASE_PERIODS;
+    memset(lives.pages[page], 0xFF, BOARD_FLASH_PAGE_SIZE);
+    lives.flash_wait = ERASE_PERIODS;
 }
 
-void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length)
+void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length)
 {
-    if (board.supply_lost) {
+    if (lives.supply_lost) {
         return;
     }
-    if (board.supply_left == 1u) {
+    if (lives.supply_left == 1u) {
         length = length / 8u * 4u; /* half of it, in whole words */
     }
-    memcpy(board.pages[page] + offset, data, length);
-    board.flash_wait = 1;
+    memcpy(lives.pages[page] + offset, data, length);
+    lives.flash_wait = 1;
 }
 
-bool board_flash_busy(void)
+bool board_flash_busy(board_t *board)
 {
-    if (board.supply_left != 0 && --board.supply_left == 0) {
-        board.supply_lost = true;
+    if (lives.supply_left != 0 && --lives.supply_left == 0) {
+        lives.supply_lost = true;
     }
-    if (board.flash_wait != 0) {
-        board.flash_wait--;
+    if (lives.flash_wait != 0) {
+        lives.flash_wait--;
     }
-    return board.flash_wait != 0;
+    return lives.flash_wait != 0;
 }
 
 /* ---- the script ---------------------------------------------------------------------------- */
@@ -209,11 +215,11 @@ static int16_t take_i16(reader_t *reader)
 
 static void boot(void)
 {
-    board.booted_us = board.now_us;
-    board.flash_wait = 0;
-    board.supply_lost = false;
-    board.left = board.right = 0;
-    firmware_boot();
+    lives.booted_us = lives.now_us;
+    lives.flash_wait = 0;
+    lives.supply_lost = false;
+    lives.left = lives.right = 0;
+    firmware_boot(&device, NULL);
 }
 
 static void take_boot(reader_t *reader)
@@ -221,45 +227,45 @@ static void take_boot(reader_t *reader)
     const uint32_t boot_id = take(reader, 4);
     const uint8_t reset_cause = (uint8_t)take(reader, 1);
     const uint8_t flags = (uint8_t)take(reader, 1);
-    memcpy(board.identity.uid, "script-board", sizeof board.identity.uid);
-    board.identity.boot_id = boot_id;
-    board.identity.reset_cause = reset_cause;
-    board.identity.node = 1;
-    board.identity.can = flags & 1u;
-    board.identity.name = NAME;
+    memcpy(lives.identity.uid, "script-board", sizeof lives.identity.uid);
+    lives.identity.boot_id = boot_id;
+    lives.identity.reset_cause = reset_cause;
+    lives.identity.node = 1;
+    lives.identity.can = flags & 1u;
+    lives.identity.name = NAME;
     if (flags & 2u) {
-        memset(board.pages, 0xFF, sizeof board.pages);
+        memset(lives.pages, 0xFF, sizeof lives.pages);
     }
     boot();
 }
 
 static void take_readings(reader_t *reader)
 {
-    board.encoders.left = take_u16(reader);
-    board.encoders.right = take_u16(reader);
-    board.imu.accel_x = take_i16(reader);
-    board.imu.accel_y = take_i16(reader);
-    board.imu.accel_z = take_i16(reader);
-    board.imu.temperature = take_i16(reader);
-    board.imu.gyro_x = take_i16(reader);
-    board.imu.gyro_y = take_i16(reader);
-    board.imu.gyro_z = take_i16(reader);
-    board.ranges.ultrasonic_mm = take_u16(reader);
-    board.ranges.infrared_left_dmm = take_u16(reader);
-    board.ranges.infrared_right_dmm = take_u16(reader);
-    board.contacts = (uint8_t)take(reader, 1) & 7u;
-    board.power.battery_mv = take_u16(reader);
-    board.power.logic_mv = take_u16(reader);
-    board.power.motor_left_ma = take_u16(reader);
-    board.power.motor_right_ma = take_u16(reader);
+    lives.encoders.left = take_u16(reader);
+    lives.encoders.right = take_u16(reader);
+    lives.imu.accel_x = take_i16(reader);
+    lives.imu.accel_y = take_i16(reader);
+    lives.imu.accel_z = take_i16(reader);
+    lives.imu.temperature = take_i16(reader);
+    lives.imu.gyro_x = take_i16(reader);
+    lives.imu.gyro_y = take_i16(reader);
+    lives.imu.gyro_z = take_i16(reader);
+    lives.ranges.ultrasonic_mm = take_u16(reader);
+    lives.ranges.infrared_left_dmm = take_u16(reader);
+    lives.ranges.infrared_right_dmm = take_u16(reader);
+    lives.contacts = (uint8_t)take(reader, 1) & 7u;
+    lives.power.battery_mv = take_u16(reader);
+    lives.power.logic_mv = take_u16(reader);
+    lives.power.motor_left_ma = take_u16(reader);
+    lives.power.motor_right_ma = take_u16(reader);
 }
 
 static void poll(void)
 {
-    const uint8_t reboots = board.reboots;
-    firmware_poll();
-    if (board.reboots != reboots || board.supply_lost) {
-        board.identity.boot_id += board.supply_lost;
+    const uint8_t reboots = lives.reboots;
+    firmware_poll(&device);
+    if (lives.reboots != reboots || lives.supply_lost) {
+        lives.identity.boot_id += lives.supply_lost;
         boot();
     }
 }
@@ -267,26 +273,26 @@ static void poll(void)
 /* Live for so long: in every control period that is due at its moment. */
 static void live(uint32_t for_us)
 {
-    const uint64_t left_us = board.end_us - board.now_us;
-    const uint64_t until_us = board.now_us + (for_us < left_us ? for_us : left_us);
+    const uint64_t left_us = lives.end_us - lives.now_us;
+    const uint64_t until_us = lives.now_us + (for_us < left_us ? for_us : left_us);
     for (;;) {
-        const int64_t due_us = firmware_state()->due_us + (int64_t)board.booted_us;
+        const int64_t due_us = device.due_us + (int64_t)lives.booted_us;
         if (due_us > (int64_t)until_us) {
             break;
         }
-        board.now_us = due_us > (int64_t)board.now_us ? (uint64_t)due_us : board.now_us;
+        lives.now_us = due_us > (int64_t)lives.now_us ? (uint64_t)due_us : lives.now_us;
         poll();
     }
-    board.now_us = until_us;
+    lives.now_us = until_us;
     poll();
 }
 
 static void deliver(const uint8_t *data, size_t length)
 {
-    if (!board.identity.can) {
+    if (!lives.identity.can) {
         for (size_t at = 0; at < length; at += 128u) {
-            firmware_uart_received(
-                data + at, length - at < 128u ? length - at : 128u, board_now_us());
+            firmware_uart_received(&device, data + at,
+                length - at < 128u ? length - at : 128u, uptime_us());
             poll();
         }
         return;
@@ -296,7 +302,7 @@ static void deliver(const uint8_t *data, size_t length)
         frame.length = data[at + 4u] & 0x0Fu;
         if (frame.length <= sizeof frame.data) {
             memcpy(frame.data, data + at + 8u, sizeof frame.data);
-            firmware_can_received(&frame, board_now_us());
+            firmware_can_received(&device, &frame, uptime_us());
             poll();
         }
     }
@@ -328,7 +334,7 @@ static void put_watchdog(const writer_t *writer, const watchdog_t *watchdog)
 
 static void tell(const writer_t *writer)
 {
-    const firmware_t *const state = firmware_state();
+    const firmware_t *const state = &device;
     put(writer, (uint64_t)state->now_us, 8);
     put(writer, state->session_id, 4);
     put(writer, state->agreed, 1);
@@ -336,17 +342,17 @@ static void tell(const writer_t *writer)
     put(writer, state->control.latch.cause, 1);
     put(writer, control_faults(&state->control), 2);
     put(writer, state->stale, 2);
-    put(writer, board.reboots, 1);
+    put(writer, lives.reboots, 1);
     put_watchdog(writer, &state->control.setpoints);
     put_watchdog(writer, &state->control.duties);
     for (unsigned i = 0; i < PARAMETERS; i++) {
         put(writer, state->parameters.present[i], 4);
     }
-    put(writer, (uint16_t)board.left, 2);
-    put(writer, (uint16_t)board.right, 2);
-    put(writer, board.out_length, 4);
-    writer->write(writer->to, board.out, board.out_length);
-    board.out_length = 0;
+    put(writer, (uint16_t)lives.left, 2);
+    put(writer, (uint16_t)lives.right, 2);
+    put(writer, lives.out_length, 4);
+    writer->write(writer->to, lives.out, lives.out_length);
+    lives.out_length = 0;
 }
 
 static void take_step(reader_t *reader, const writer_t *writer)
@@ -396,8 +402,8 @@ void script_begin(uint64_t life_us)
 {
     static const uint8_t first_boot[] = {1, 0, 0, 0, SP_RESET_CAUSE_POWER_ON, 2};
     reader_t reader = {first_boot};
-    memset(&board, 0, sizeof board);
-    board.end_us = life_us;
+    memset(&lives, 0, sizeof lives);
+    lives.end_us = life_us;
     take_boot(&reader);
 }
 
@@ -425,7 +431,7 @@ size_t script_take(const uint8_t *data, size_t length, script_write_t *write, vo
             take_frame(&reader);
             break;
         case 'P':
-            board.supply_left = take_u16(&reader);
+            lives.supply_left = take_u16(&reader);
             break;
         default:
             take_step(&reader, &writer);

@@ -80,7 +80,7 @@ static int save_parameters(firmware_t *firmware)
         return SP_NACK_REASON_OTHER_MODE;
     }
     parameters_image(&firmware->parameters, firmware->saving);
-    flash_store_begin(&firmware->flash, firmware->saving);
+    flash_store_begin(&firmware->flash, firmware->board, firmware->saving);
     return DONE;
 }
 

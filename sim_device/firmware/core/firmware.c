@@ -1,8 +1,6 @@
-#include "firmware.h"
-
+#include <stddef.h>
 #include <string.h>
 
-#include "board.h"
 #include "clock.h"
 #include "commands.h"
 #include "firmware_state.h"
@@ -18,148 +16,143 @@
 #define RANGE_PHASE 4u
 #define LOAD_PERIODS 10u
 
-static firmware_t device;
-static inbox_t inbox; /* outside: interrupts write to it */
-
-const firmware_t *firmware_state(void)
+void firmware_uart_received(
+    firmware_t *firmware, const uint8_t *data, size_t length, uint32_t arrived_us)
 {
-    return &device;
+    inbox_put_bytes(&firmware->inbox, data, length, arrived_us);
 }
 
-void firmware_uart_received(const uint8_t *data, size_t length, uint32_t arrived_us)
+void firmware_can_received(
+    firmware_t *firmware, const sp_can_frame_t *frame, uint32_t arrived_us)
 {
-    inbox_put_bytes(&inbox, data, length, arrived_us);
+    inbox_put_frame(&firmware->inbox, frame, arrived_us);
 }
 
-void firmware_can_received(const sp_can_frame_t *frame, uint32_t arrived_us)
+void firmware_boot(firmware_t *firmware, board_t *board)
 {
-    inbox_put_frame(&inbox, frame, arrived_us);
-}
-
-void firmware_boot(void)
-{
-    const board_identity_t *const identity = board_identity();
+    const board_identity_t *const identity = board_identity(board);
     stored_t stored[PARAMETERS];
-    memset(&device, 0, sizeof device);
-    inbox_clear(&inbox);
-    device.now_us = device.due_us = (int64_t)board_now_us();
-    device.load_at_us = device.now_us;
-    device.load_busy_us = board_busy_us();
-    flash_store_load(stored);
-    parameters_start(&device.parameters, identity->node, stored);
-    control_start(&device.control, &device.parameters);
-    readings_start(&device.readings, &device.parameters);
-    line_start(&device.line, identity->node, identity->can);
-    schedule_reset(&device.schedule);
-    board_motors(0, 0);
+    memset(firmware, 0, offsetof(firmware_t, inbox));
+    inbox_clear(&firmware->inbox);
+    firmware->board = board;
+    firmware->now_us = firmware->due_us = (int64_t)board_now_us(firmware->board);
+    firmware->load_at_us = firmware->now_us;
+    firmware->load_busy_us = board_busy_us(board);
+    flash_store_load(board, stored);
+    parameters_start(&firmware->parameters, identity->node, stored);
+    control_start(&firmware->control, &firmware->parameters);
+    readings_start(&firmware->readings, board, &firmware->parameters);
+    line_start(&firmware->line, board, identity->node, identity->can);
+    schedule_reset(&firmware->schedule);
+    board_motors(firmware->board, 0, 0);
 }
 
 /* ---- the control period -------------------------------------------------------------------- */
 
-static void read_power(void)
+static void read_power(firmware_t *firmware)
 {
     board_power_t power;
-    board_power(&power);
-    control_power(&device.control, &power);
+    board_power(firmware->board, &power);
+    control_power(&firmware->control, &power);
 }
 
-static void carry_on_saving(void)
+static void carry_on_saving(firmware_t *firmware)
 {
-    if (flash_store_step(&device.flash)) {
-        parameters_saved(&device.parameters, device.saving);
-        log_add(&device.control.log, SP_LOG_LEVEL_INFO, "parameters saved");
-        commands_answer(&device, &device.save_reply, device.now_us);
+    if (flash_store_step(&firmware->flash, firmware->board)) {
+        parameters_saved(&firmware->parameters, firmware->saving);
+        log_add(&firmware->control.log, SP_LOG_LEVEL_INFO, "parameters saved");
+        commands_answer(firmware, &firmware->save_reply, firmware->now_us);
     }
 }
 
-static void tell(void)
+static void tell(firmware_t *firmware)
 {
     for (unsigned i = 0; i < STREAMS; i++) {
-        if (schedule_due(&device.schedule, (stream_t)i, device.tick, device.ticks)) {
-            telemetry_send(&device, (stream_t)i);
+        if (schedule_due(&firmware->schedule, (stream_t)i, firmware->tick, firmware->ticks)) {
+            telemetry_send(firmware, (stream_t)i);
         }
     }
-    const log_line_t *const line = log_take(&device.control.log, device.now_us);
+    const log_line_t *const line = log_take(&firmware->control.log, firmware->now_us);
     if (line != NULL) {
         const sp_log_text_t text = {line->level, line->text.bytes, line->text.length};
-        line_send(&device.line, SP_TYPE_LOG_TEXT, (uint32_t)device.now_us,
-            sp_log_text_encode(&text, line_payload(&device.line), SP_PAYLOAD_MAX));
+        line_send(&firmware->line, SP_TYPE_LOG_TEXT, (uint32_t)firmware->now_us,
+            sp_log_text_encode(&text, line_payload(&firmware->line), SP_PAYLOAD_MAX));
     }
 }
 
-static bool due(uint32_t periods, uint32_t phase)
+static bool due(const firmware_t *firmware, uint32_t periods, uint32_t phase)
 {
-    return due_every(periods, phase, device.tick, device.ticks);
+    return due_every(periods, phase, firmware->tick, firmware->ticks);
 }
 
-static void period(void)
+static void period(firmware_t *firmware)
 {
-    board_watchdog_feed();
-    session_tick(&device);
-    readings_begin(&device.readings);
-    const bool sounded = device.agreed && due(RANGE_PERIODS, RANGE_PHASE);
-    const motors_t motors = control_tick(&device.control, device.tick, device.now_us,
-        &device.readings, sounded ? readings_around(&device.readings) : NULL);
-    board_motors(motors.left, motors.right);
-    carry_on_saving();
+    board_watchdog_feed(firmware->board);
+    session_tick(firmware);
+    readings_begin(&firmware->readings);
+    const bool sounded = firmware->agreed && due(firmware, RANGE_PERIODS, RANGE_PHASE);
+    const motors_t motors = control_tick(&firmware->control, firmware->tick, firmware->now_us,
+        &firmware->readings, sounded ? readings_around(&firmware->readings) : NULL);
+    board_motors(firmware->board, motors.left, motors.right);
+    carry_on_saving(firmware);
     /* The supply is looked after whether or not anybody is told. */
-    if (due(POWER_PERIODS, POWER_PHASE)
-        || schedule_due(&device.schedule, STREAM_POWER, device.tick, device.ticks)) {
-        read_power();
+    if (due(firmware, POWER_PERIODS, POWER_PHASE)
+        || schedule_due(&firmware->schedule, STREAM_POWER, firmware->tick, firmware->ticks)) {
+        read_power(firmware);
     }
-    if (due(LOAD_PERIODS, 0)) {
-        telemetry_measure_load(&device);
+    if (due(firmware, LOAD_PERIODS, 0)) {
+        telemetry_measure_load(firmware);
     }
-    if (device.agreed) {
-        tell();
-    } else if (due(PERIODS_PER_SECOND, 0)) {
-        session_hello(&device, device.now_us);
+    if (firmware->agreed) {
+        tell(firmware);
+    } else if (due(firmware, PERIODS_PER_SECOND, 0)) {
+        session_hello(firmware, firmware->now_us);
     }
 }
 
 /* Periods that were missed are not made up for, what they would have measured being gone; but what
  * was due in one of them is due now. */
-static void run_period_if_due(void)
+static void run_period_if_due(firmware_t *firmware)
 {
-    if (device.now_us < device.due_us) {
+    if (firmware->now_us < firmware->due_us) {
         return;
     }
-    const uint32_t missed = (uint32_t)(device.now_us - device.due_us) / PERIOD_US;
-    device.ticks = missed + 1u;
-    device.tick += device.ticked ? device.ticks : missed;
-    device.ticked = true;
-    device.due_us += (int64_t)device.ticks * PERIOD_US;
-    period();
+    const uint32_t missed = (uint32_t)(firmware->now_us - firmware->due_us) / PERIOD_US;
+    firmware->ticks = missed + 1u;
+    firmware->tick += firmware->ticked ? firmware->ticks : missed;
+    firmware->ticked = true;
+    firmware->due_us += (int64_t)firmware->ticks * PERIOD_US;
+    period(firmware);
 }
 
 /* ---- the loop ------------------------------------------------------------------------------ */
 
-static void receive(void)
+static void receive(firmware_t *firmware)
 {
     sp_frame_t frame;
     uint32_t arrived_us;
-    while (line_receive(&device.line, &inbox, &frame, &arrived_us)) {
-        session_receive(&device, &frame, extend_us(device.now_us, arrived_us));
+    while (line_receive(&firmware->line, &firmware->inbox, &frame, &arrived_us)) {
+        session_receive(firmware, &frame, extend_us(firmware->now_us, arrived_us));
     }
 }
 
-static void reboot_if_wanted(void)
+static void reboot_if_wanted(firmware_t *firmware)
 {
-    if (device.reboot_wanted && line_idle(&device.line)) { /* its ack has left */
-        board_motors(0, 0);
-        if (device.factory_reset) {
-            flash_store_erase();
+    if (firmware->reboot_wanted && line_idle(&firmware->line)) { /* its ack has left */
+        board_motors(firmware->board, 0, 0);
+        if (firmware->factory_reset) {
+            flash_store_erase(firmware->board);
         }
-        device.reboot_wanted = false;
-        board_reboot();
+        firmware->reboot_wanted = false;
+        board_reboot(firmware->board);
     }
 }
 
-void firmware_poll(void)
+void firmware_poll(firmware_t *firmware)
 {
-    device.now_us = extend_us(device.now_us, board_now_us());
-    receive();
-    run_period_if_due();
-    line_pump(&device.line);
-    reboot_if_wanted();
+    firmware->now_us = extend_us(firmware->now_us, board_now_us(firmware->board));
+    receive(firmware);
+    run_period_if_due(firmware);
+    line_pump(&firmware->line);
+    reboot_if_wanted(firmware);
 }

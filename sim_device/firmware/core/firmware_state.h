@@ -5,6 +5,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware.h"
+
 #include "command_log.h"
 #include "control.h"
 #include "flash_store.h"
@@ -19,7 +21,8 @@
 #define FIRMWARE_VERSION_MINOR 1
 #define FIRMWARE_VERSION_PATCH 0
 
-typedef struct {
+struct firmware {
+    board_t *board;
     int64_t now_us; /* uptime */
     int64_t due_us; /* of the next control period */
     uint32_t tick;  /* number of the period */
@@ -58,9 +61,9 @@ typedef struct {
     int64_t load_at_us;
     bool imu_told;
     uint32_t imu_told_us; /* stamp of the newest sample that was told */
-} firmware_t;
 
-/* The one there is. */
-const firmware_t *firmware_state(void);
+    /* Interrupts write to it at any time: a boot drops only what waits in it. */
+    inbox_t inbox;
+};
 
 #endif

@@ -1,6 +1,5 @@
 #include "flash_store.h"
 
-#include "board.h"
 #include "clock.h"
 
 #define MAGIC 0x52415053u /* "SPAR" */
@@ -33,19 +32,19 @@ static size_t whole(const uint8_t *page)
 }
 
 /* The page with the newest whole record; NO_PAGE: none has one. */
-static unsigned newest(void)
+static unsigned newest(board_t *board)
 {
-    const uint8_t *const first = board_flash_page(0);
-    const uint8_t *const second = board_flash_page(1);
+    const uint8_t *const first = board_flash_page(board, 0);
+    const uint8_t *const second = board_flash_page(board, 1);
     if (whole(first) == 0) {
         return whole(second) == 0 ? NO_PAGE : 1u;
     }
     return whole(second) != 0 && signed32(word(second, 1) - word(first, 1)) > 0 ? 1u : 0u;
 }
 
-void flash_store_load(stored_t stored[PARAMETERS])
+void flash_store_load(board_t *board, stored_t stored[PARAMETERS])
 {
-    const unsigned page_number = newest();
+    const unsigned page_number = newest(board);
     for (uint8_t i = 0; i < PARAMETERS; i++) {
         stored[i].known = false;
         stored[i].value = 0;
@@ -53,7 +52,7 @@ void flash_store_load(stored_t stored[PARAMETERS])
     if (page_number == NO_PAGE) {
         return;
     }
-    const uint8_t *const page = board_flash_page(page_number);
+    const uint8_t *const page = board_flash_page(board, page_number);
     const size_t entries = whole(page);
     for (size_t entry = 0; entry < entries; entry++) {
         for (uint8_t i = 0; i < PARAMETERS; i++) {
@@ -65,10 +64,11 @@ void flash_store_load(stored_t stored[PARAMETERS])
     }
 }
 
-void flash_store_begin(flash_store_t *store, const stored_t image[PARAMETERS])
+void flash_store_begin(
+    flash_store_t *store, board_t *board, const stored_t image[PARAMETERS])
 {
-    const unsigned page = newest();
-    const uint32_t number = page == NO_PAGE ? 0u : word(board_flash_page(page), 1) + 1u;
+    const unsigned page = newest(board);
+    const uint32_t number = page == NO_PAGE ? 0u : word(board_flash_page(board, page), 1) + 1u;
     uint32_t entries = 0;
     for (uint8_t i = 0; i < PARAMETERS; i++) {
         if (image[i].known) {
@@ -85,29 +85,29 @@ void flash_store_begin(flash_store_t *store, const stored_t image[PARAMETERS])
     store->words = (uint8_t)(words + 1u);
     store->page = page == NO_PAGE ? 0u : (uint8_t)(1u - page);
     store->step = FLASH_ERASING;
-    board_flash_erase(store->page);
+    board_flash_erase(board, store->page);
 }
 
-bool flash_store_step(flash_store_t *store)
+bool flash_store_step(flash_store_t *store, board_t *board)
 {
-    if (store->step == FLASH_IDLE || board_flash_busy()) {
+    if (store->step == FLASH_IDLE || board_flash_busy(board)) {
         return false;
     }
     if (store->step == FLASH_ERASING) {
         store->step = FLASH_WRITING;
-        board_flash_write(store->page, 0, store->record, 4u * store->words);
+        board_flash_write(board, store->page, 0, store->record, 4u * store->words);
         return false;
     }
     store->step = FLASH_IDLE;
     return true;
 }
 
-void flash_store_erase(void)
+void flash_store_erase(board_t *board)
 {
     for (unsigned page = 0; page < BOARD_FLASH_PAGES; page++) {
-        board_flash_erase(page);
-        while (board_flash_busy()) {
-            board_watchdog_feed();
+        board_flash_erase(board, page);
+        while (board_flash_busy(board)) {
+            board_watchdog_feed(board);
         }
     }
 }

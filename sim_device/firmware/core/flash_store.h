@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "board.h"
 #include "parameters.h"
 
 /* A record, little-endian words: magic, number of the save, number of entries; then key and value
@@ -24,16 +25,17 @@ typedef struct {
 } flash_store_t;
 
 /* What the newest whole record says of each parameter. */
-void flash_store_load(stored_t stored[PARAMETERS]);
+void flash_store_load(board_t *board, stored_t stored[PARAMETERS]);
 
 /* Start to save; flash_store_step() carries it on. */
-void flash_store_begin(flash_store_t *store, const stored_t image[PARAMETERS]);
+void flash_store_begin(
+    flash_store_t *store, board_t *board, const stored_t image[PARAMETERS]);
 
 /* Once a control period: true as the save is complete. */
-bool flash_store_step(flash_store_t *store);
+bool flash_store_step(flash_store_t *store, board_t *board);
 
 /* Forget everything that is stored. It waits for the flash: to be called before a reset only. */
-void flash_store_erase(void);
+void flash_store_erase(board_t *board);
 
 static inline bool flash_store_busy(const flash_store_t *store)
 {

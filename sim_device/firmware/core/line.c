@@ -1,9 +1,8 @@
 #include "line.h"
 
-#include "board.h"
-
-void line_start(line_t *line, uint8_t node, bool can)
+void line_start(line_t *line, board_t *board, uint8_t node, bool can)
 {
+    line->board = board;
     line->can = can;
     line->sender.node = node;
     line->can_sender.node = node;
@@ -16,12 +15,12 @@ static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, 
     const size_t whole = sp_seal(line->frame, &line->sender, type, t_us, length);
     /* On an idle line the leading zero goes first: a frame that was cut off costs this one
      * nothing. */
-    const size_t skip = board_uart_wait_us() == 0 ? 0u : 1u;
-    if (board_uart_room() < whole + kept) {
+    const size_t skip = board_uart_wait_us(line->board) == 0 ? 0u : 1u;
+    if (board_uart_room(line->board) < whole + kept) {
         line->dropped++;
         return;
     }
-    board_uart_write(line->frame + skip, whole - skip);
+    board_uart_write(line->board, line->frame + skip, whole - skip);
 }
 
 static void send_can(line_t *line, uint8_t type, uint32_t t_us, size_t length, size_t kept)
@@ -76,7 +75,8 @@ uint32_t line_sent(const line_t *line)
 
 void line_pump(line_t *line)
 {
-    while (line->waiting_count != 0 && board_can_write(&line->waiting[line->first_waiting])) {
+    while (line->waiting_count != 0
+        && board_can_write(line->board, &line->waiting[line->first_waiting])) {
         line->first_waiting = (uint8_t)((line->first_waiting + 1u) % LINE_CAN_WAITING);
         line->waiting_count--;
     }
@@ -84,12 +84,12 @@ void line_pump(line_t *line)
 
 uint32_t line_departure_us(const line_t *line)
 {
-    return board_now_us() + (line->can ? 0u : board_uart_wait_us());
+    return board_now_us(line->board) + (line->can ? 0u : board_uart_wait_us(line->board));
 }
 
 bool line_idle(const line_t *line)
 {
-    return line->can ? line->waiting_count == 0 : board_uart_wait_us() == 0;
+    return line->can ? line->waiting_count == 0 : board_uart_wait_us(line->board) == 0;
 }
 
 /* ---- in ------------------------------------------------------------------------------------ */

@@ -7,6 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "board.h"
 #include "inbox.h"
 #include "sweepctl_protocol.h"
 
@@ -16,6 +17,7 @@
 #define LINE_KEPT_FRAMES 24u
 
 typedef struct {
+    board_t *board;
     bool can;
     uint8_t frame[SP_FRAME_MAX]; /* being made */
     uint32_t intact;             /* frames that came whole, a host's or of no known type */
@@ -32,7 +34,7 @@ typedef struct {
     uint8_t waiting_count;
 } line_t;
 
-void line_start(line_t *line, uint8_t node, bool can);
+void line_start(line_t *line, board_t *board, uint8_t node, bool can);
 
 /* Where a message's payload is encoded, SP_PAYLOAD_MAX bytes; line_send() then sends it.
  *     line_send(line, SP_TYPE_ACK, t_us, sp_ack_encode(&ack, line_payload(line), SP_PAYLOAD_MAX));

@@ -7,8 +7,9 @@ static correction_t correction(const parameters_t *parameters, uint8_t scale)
     return found;
 }
 
-void readings_start(readings_t *readings, const parameters_t *parameters)
+void readings_start(readings_t *readings, board_t *board, const parameters_t *parameters)
 {
+    readings->board = board;
     readings->ultrasonic = correction(parameters, PARAMETER_ULTRASONIC_SCALE);
     readings->infrared_left = correction(parameters, PARAMETER_INFRARED_LEFT_SCALE);
     readings->infrared_right = correction(parameters, PARAMETER_INFRARED_RIGHT_SCALE);
@@ -29,14 +30,14 @@ static uint16_t corrected(uint16_t range, const correction_t *by, float per_m)
 
 void readings_begin(readings_t *readings)
 {
-    board_encoders(&readings->counts);
+    board_encoders(readings->board, &readings->counts);
     if (!readings->begun) {
         readings->begun = true;
         readings->zero = readings->counts;
     }
     readings->counts.left = (uint16_t)(readings->counts.left - readings->zero.left);
     readings->counts.right = (uint16_t)(readings->counts.right - readings->zero.right);
-    board_imu(&readings->imu);
+    board_imu(readings->board, &readings->imu);
     readings->around_known = false;
 }
 
@@ -45,13 +46,13 @@ const around_t *readings_around(readings_t *readings)
     if (!readings->around_known) {
         readings->around_known = true;
         board_ranges_t *const ranges = &readings->around.ranges;
-        board_ranges(ranges);
+        board_ranges(readings->board, ranges);
         ranges->ultrasonic_mm = corrected(ranges->ultrasonic_mm, &readings->ultrasonic, 1e3f);
         ranges->infrared_left_dmm =
             corrected(ranges->infrared_left_dmm, &readings->infrared_left, 1e4f);
         ranges->infrared_right_dmm =
             corrected(ranges->infrared_right_dmm, &readings->infrared_right, 1e4f);
-        readings->around.contacts = board_contacts();
+        readings->around.contacts = board_contacts(readings->board);
     }
     return &readings->around;
 }

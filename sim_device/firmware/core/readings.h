@@ -21,6 +21,7 @@ typedef struct {
 } correction_t;
 
 typedef struct {
+    board_t *board;
     correction_t ultrasonic, infrared_left, infrared_right;
     bool begun;          /* `zero` is known */
     board_encoders_t zero;
@@ -30,8 +31,8 @@ typedef struct {
     around_t around;
 } readings_t;
 
-/* Take the rangers' calibration, for this boot. */
-void readings_start(readings_t *readings, const parameters_t *parameters);
+/* Read from this board, with the rangers' calibration as it is for this boot. */
+void readings_start(readings_t *readings, board_t *board, const parameters_t *parameters);
 
 /* Start a period: counts and IMU are read in each. */
 void readings_begin(readings_t *readings);

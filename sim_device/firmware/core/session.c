@@ -15,7 +15,7 @@
 
 void session_hello(firmware_t *firmware, int64_t now_us)
 {
-    const board_identity_t *const identity = board_identity();
+    const board_identity_t *const identity = board_identity(firmware->board);
     sp_hello_t hello = {
         .catalogue_hash = sp_catalogue_hash(),
         .boot_id = identity->boot_id,
@@ -126,9 +126,9 @@ static void duty(
     }
 }
 
-static bool for_us(const sp_frame_t *frame)
+static bool for_us(const firmware_t *firmware, const sp_frame_t *frame)
 {
-    return frame->node == board_identity()->node
+    return frame->node == board_identity(firmware->board)->node
         || (frame->node == SP_NODE_ALL && sp_to_all(frame->type));
 }
 
@@ -138,7 +138,7 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
         firmware->line.refused++;
         return;
     }
-    if (!for_us(frame)) {
+    if (!for_us(firmware, frame)) {
         return;
     }
     firmware->heard_us = arrived_us;

@@ -138,7 +138,7 @@ void telemetry_send(firmware_t *firmware, stream_t stream)
 
 void telemetry_measure_load(firmware_t *firmware)
 {
-    const uint32_t busy_us = board_busy_us();
+    const uint32_t busy_us = board_busy_us(firmware->board);
     const uint32_t window_us = (uint32_t)(firmware->now_us - firmware->load_at_us);
     if (window_us != 0) {
         const uint32_t percent =

@@ -1,10 +1,12 @@
 /* What the firmware's core needs of a board, and nothing else: the core includes no vendor header
  * and knows no register. A board is one folder (board_host, board_f429, board_f405_qemu, yours)
- * that defines every function here, and whose interrupts call the three functions of firmware.h
- * that say so.
+ * that defines every function here, and whose interrupts call the functions of firmware.h that say
+ * so.
  *
  * All functions are called from the main loop, never from an interrupt, and none of them waits,
- * board_idle() and board_reboot() aside. Times are of one free-running microsecond counter that
+ * board_idle() and board_reboot() aside. Each gets the board that firmware_boot() was given: a program
+ * of one device gives NULL and its functions ignore it; a program with several devices gives each
+ * its own. Times are of one free-running microsecond counter that
  * begins near 0 at boot and wraps at 32 bits.
  */
 #ifndef BOARD_H
@@ -16,27 +18,31 @@
 
 #include "sweepctl_protocol.h"
 
+typedef struct board board_t;       /* defined by a board that needs one */
+typedef struct firmware firmware_t; /* the state of one device: firmware_state.h */
+
 /* ---- the chip ------------------------------------------------------------------------------ */
 
-/* Clocks, pins, timers, interrupts; motors off. Called once, first of all. A board that gets its
- * identity from elsewhere (the emulated one) waits for it here. */
-void board_start(void);
+/* Clocks, pins, timers, interrupts; motors off. Called once, first of all, by main(). `firmware`
+ * takes what interrupts receive. A board that gets its identity from elsewhere (the emulated one)
+ * waits for it here. */
+void board_start(firmware_t *firmware);
 
 /* Microseconds since boot; wraps. */
-uint32_t board_now_us(void);
+uint32_t board_now_us(board_t *board);
 
 /* Microseconds that the processor has not slept in board_idle() since boot; wraps. */
-uint32_t board_busy_us(void);
+uint32_t board_busy_us(board_t *board);
 
-/* Sleep until the next interrupt, a millisecond at most. */
+/* Sleep until the next interrupt, a millisecond at most. Called by main(). */
 void board_idle(void);
 
 /* Feed the watchdog: 100 ms without it and the chip resets. Called once a control period. */
-void board_watchdog_feed(void);
+void board_watchdog_feed(board_t *board);
 
 /* Reset the chip with cause "software"; what was queued for the line has left. Does not return on
  * a chip. The host's board returns: its test then calls firmware_boot(). */
-void board_reboot(void);
+void board_reboot(board_t *board);
 
 /* ---- who it is, constant from board_start() on --------------------------------------------- */
 
@@ -49,28 +55,28 @@ typedef struct {
     const char *name;    /* of board and firmware, as the host shows it; ASCII, at most 60 B */
 } board_identity_t;
 
-const board_identity_t *board_identity(void);
+const board_identity_t *board_identity(board_t *board);
 
 /* ---- the line to the host ------------------------------------------------------------------ */
 
 /* UART. Receiving: from the interrupt, by firmware_uart_received() in firmware.h. */
 
 /* Bytes that can be queued now. The queue should hold 512 at least: a frame has up to 256. */
-size_t board_uart_room(void);
+size_t board_uart_room(board_t *board);
 
 /* Queue a frame, or most of one; never called with more than there is room for. */
-void board_uart_write(const uint8_t *data, size_t length);
+void board_uart_write(board_t *board, const uint8_t *data, size_t length);
 
 /* Microseconds until a byte queued now would begin to leave: 0 where the line is idle. By it a
  * frame gets its leading zero, and a time reply the stamp of its sending. At 921 600 baud a byte
  * that waits is 10.85 us. */
-uint32_t board_uart_wait_us(void);
+uint32_t board_uart_wait_us(board_t *board);
 
 /* CAN. Receiving: from the interrupt, by firmware_can_received(). */
 
 /* Hand a frame to the controller; false where none of its mailboxes is free (it is offered again).
  * Frames leave in the order in which they were taken (bxCAN: TXFP in MCR). */
-bool board_can_write(const sp_can_frame_t *frame);
+bool board_can_write(board_t *board, const sp_can_frame_t *frame);
 
 /* ---- motors -------------------------------------------------------------------------------- */
 
@@ -78,7 +84,7 @@ bool board_can_write(const sp_can_frame_t *frame);
 
 /* Duty of left and right, -BOARD_DUTY_ONE .. BOARD_DUTY_ONE, forward positive; 0 brakes (both ends
  * of the motor tied together). Holds until the next call. */
-void board_motors(int16_t left, int16_t right);
+void board_motors(board_t *board, int16_t left, int16_t right);
 
 /* ---- sensors ------------------------------------------------------------------------------- */
 
@@ -92,7 +98,7 @@ typedef struct {
     uint16_t right;
     uint32_t sampled_us;
 } board_encoders_t;
-void board_encoders(board_encoders_t *out);
+void board_encoders(board_t *board, board_encoders_t *out);
 
 /* Registers of the MPU6050 in its order, +-2 g and +-250 deg/s, 100 Hz or quicker, 44 Hz filter or
  * narrower; x forward, y left, z up. Read each control period. */
@@ -102,7 +108,7 @@ typedef struct {
     int16_t gyro_x, gyro_y, gyro_z;
     uint32_t sampled_us;
 } board_imu_t;
-void board_imu(board_imu_t *out);
+void board_imu(board_t *board, board_imu_t *out);
 
 #define BOARD_NO_RANGE 0xFFFFu
 
@@ -113,10 +119,10 @@ typedef struct {
     uint16_t infrared_right_dmm; /* likewise */
     uint32_t sampled_us;
 } board_ranges_t;
-void board_ranges(board_ranges_t *out);
+void board_ranges(board_t *board, board_ranges_t *out);
 
 /* SP_CONTACT_*: bumper halves and cliff as they are now; asked for at 50 Hz while a plan runs. */
-uint8_t board_contacts(void);
+uint8_t board_contacts(board_t *board);
 
 /* Supply; asked for at 5 Hz. Currents are magnitudes. */
 typedef struct {
@@ -126,7 +132,7 @@ typedef struct {
     uint16_t motor_right_ma;
     uint32_t sampled_us;
 } board_power_t;
-void board_power(board_power_t *out);
+void board_power(board_t *board, board_power_t *out);
 
 /* ---- two pages of flash -------------------------------------------------------------------- */
 
@@ -137,13 +143,13 @@ void board_power(board_power_t *out);
 #define BOARD_FLASH_PAGE_SIZE 1024u /* as much of each page as is used; the sector may be larger */
 
 /* The page as it can be read now, memory mapped; erased bytes read 0xFF. Not while busy. */
-const uint8_t *board_flash_page(unsigned page);
+const uint8_t *board_flash_page(board_t *board, unsigned page);
 /* Begin to erase a page. */
-void board_flash_erase(unsigned page);
+void board_flash_erase(board_t *board, unsigned page);
 /* Begin to write words that were erased; offset and length are multiples of 4, and the data stays
  * where it is until it is done. */
-void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length);
+void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length);
 /* Whether erasing or writing is under way; asked once a control period meanwhile. */
-bool board_flash_busy(void);
+bool board_flash_busy(board_t *board);
 
 #endif
