@@ -22,7 +22,8 @@ import struct
 from typing import TYPE_CHECKING
 
 from protocol.errors import LocalError
-from protocol.messages import ALL_MESSAGES, Describe, HostHello, Stop, TimeRequest
+from protocol.messages import ALL_MESSAGES
+from protocol.messages.host import Describe, HostHello, Stop, TimeRequest
 from protocol.schema.message import Direction, Message, specify
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
 
-from protocol.messages import Ack, Nack
+from protocol.messages.device import Ack, Nack
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from protocol.values import ResetCause
+    from protocol.messages.values import ResetCause
     from sim_device.body.plant import Plant, Truth
     from sim_device.device.clock import DeviceClock
     from sim_device.sensors.sensors import SensorSuite

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.motion.robot_model import RobotModel
+from protocol.messages.values import RebootKind, ResetCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.link import Link
-from protocol.values import RebootKind, ResetCause
 from sim_device.body.plant import Plant, Truth
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import Flash

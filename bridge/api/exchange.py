@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
     from bridge.session.session import Session
     from protocol.clock import HostNs
-    from protocol.messages import Status
+    from protocol.messages.device import Status
 
 WAIT_S = 8.0
 """Maximum wait for an answer, s. Six attempts with doubled timeouts and a flash erase take less."""

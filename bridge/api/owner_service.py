@@ -10,7 +10,7 @@ from bridge.io import clock
 from bridge.run.client import DeviceClient
 from bridge.run.ending import Ending
 from bridge.run.snapshot import snapshot
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 
 if TYPE_CHECKING:
     from bridge.api.pump import Pump

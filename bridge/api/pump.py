@@ -19,7 +19,7 @@ from bridge.session.records import Severity
 from bridge.session.states import State
 from bridge.session.stop_request import StopRequest
 from protocol.clock import HostNs
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable

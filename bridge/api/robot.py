@@ -56,8 +56,9 @@ from bridge.run.summary import run_summary
 from bridge.session.records import RunInfo
 from bridge.session.states import State
 from protocol.authentication import KEY_SIZE, key_words
-from protocol.messages import Encoders, Imu, Power, Range, SetKey, Status
-from protocol.values import StopCause
+from protocol.messages.device import Encoders, Imu, Power, Range, Status
+from protocol.messages.host import SetKey
+from protocol.messages.values import StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -227,7 +228,7 @@ class Robot:
         """Newest ranges and contacts, 20 per second.
 
         ``robot.range.latest`` has ``ultrasonic_m``, ``infrared_left_m`` and ``infrared_right_m``
-        (None: no echo) and ``contacts``, the bits of ``protocol.values.Contact``.
+        (None: no echo) and ``contacts``, the bits of ``protocol.messages.values.Contact``.
         """
         return self._range
 

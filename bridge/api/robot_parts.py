@@ -11,8 +11,8 @@ from bridge.errors import BridgeError, StoppedForSafetyError
 from bridge.io import clock
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.session.records import EventRecord, IdentityRecord
-from protocol.messages import PlannerState, SetMode
-from protocol.values import Mode, OnboardPlanner, PlannerAction, StopCause, label
+from protocol.messages.host import SetMode
+from protocol.messages.values import Mode, OnboardPlanner, PlannerAction, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.run.client import DeviceClient
     from bridge.run.snapshot import StateSnapshot
     from bridge.session.records import Record
-    from protocol.messages import Status
+    from protocol.messages.device import PlannerState, Status
     from protocol.schema.message import Message
 
 SETPOINT_TIMEOUT_S = 0.5

@@ -28,16 +28,9 @@ from bridge.session.session import Session
 from bridge.session.states import CommandEnded, Data, Failed, SessionReady, State, StateChanged
 from bridge.session.stop_request import StopRequest
 from protocol.clock import DeviceUs, HostNs, extend_us
-from protocol.messages import (
-    ClearStop,
-    Encoders,
-    Hello,
-    LogText,
-    ParameterValue,
-    SetMode,
-    Status,
-)
-from protocol.values import LogLevel, Mode, StopCause, label
+from protocol.messages.device import Encoders, Hello, LogText, ParameterValue, Status
+from protocol.messages.host import ClearStop, SetMode
+from protocol.messages.values import LogLevel, Mode, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +40,7 @@ if TYPE_CHECKING:
     from bridge.bringup.recorded import BenchRecords
     from bridge.session.states import SessionEvent
     from protocol.commands import Outcome
-    from protocol.messages import Stop
+    from protocol.messages.host import Stop
     from protocol.schema.message import Message
 
 CYCLE_NS = 20_000_000

@@ -30,8 +30,9 @@ from bridge.bringup.wiring import (
 )
 from bridge.errors import BridgeError, CommandRejectedError, StoppedForSafetyError
 from bridge.motion.kinematics import encoder_delta
-from protocol.messages import Encoders, Imu, Power, Range, SetStreamRate, Status
-from protocol.values import Contact, Fault, Mode, flag_labels
+from protocol.messages.device import Encoders, Imu, Power, Range, Status
+from protocol.messages.host import SetStreamRate
+from protocol.messages.values import Contact, Fault, Mode, flag_labels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator

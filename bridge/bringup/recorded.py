@@ -11,7 +11,7 @@ from bridge.session.records import Severity
 from bridge.session.states import Data, Failed, Ping, Restless, SessionReady, StateChanged
 from bridge.session.timesync import TimeSync
 from protocol.can.link import CanLink
-from protocol.messages import LogText
+from protocol.messages.device import LogText
 from protocol.uart.framing import DamagedFrame
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.kinematics import encoder_delta
 from bridge.motion.legs import Drive, Leg, LegResult, StopReason, Turn
 from bridge.motion.observation import Observation
-from protocol.messages import Encoders, Range
-from protocol.values import Contact, Mode, StopCause
+from protocol.messages.device import Encoders, Range
+from protocol.messages.values import Contact, Mode, StopCause
 
 if TYPE_CHECKING:
     from bridge.bringup.desk import Desk

@@ -15,7 +15,7 @@ from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Received, Rejected
-from protocol.messages import Encoders, Hello, Imu, LogText
+from protocol.messages.device import Encoders, Hello, Imu, LogText
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame
 

@@ -24,7 +24,7 @@ from bridge.session.timesync import TimeSync
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Received
-from protocol.messages import HostHello
+from protocol.messages.host import HostHello
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 

@@ -14,7 +14,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.supervise import Level, RuleInputs, Supervisor, settings_from
 from protocol.clock import DeviceUs, extend_us
-from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message

@@ -14,8 +14,8 @@ from bridge.session.diagnosis import Evidence, text_line
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from protocol.link import Medium
+from protocol.messages.values import ResetCause, StopCause, label
 from protocol.schema.catalogue import CATALOGUE
-from protocol.values import ResetCause, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,20 +12,13 @@ from typing import TYPE_CHECKING
 
 from protocol.can.link import CanLink
 from protocol.link import Medium, Received, Rejected
-from protocol.messages import (
-    Hello,
-    LinkCounters,
-    PlannerCommand,
-    Power,
-    Status,
-    TimeReply,
-    TimeRequest,
-)
+from protocol.messages.device import Hello, LinkCounters, Power, Status, TimeReply
+from protocol.messages.host import PlannerCommand, TimeRequest
+from protocol.messages.values import OnboardPlanner, PlannerAction, label
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.message import Direction
 from protocol.uart.framing import CRC, HEADER, DamagedFrame
 from protocol.uart.link import Link
-from protocol.values import OnboardPlanner, PlannerAction, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable

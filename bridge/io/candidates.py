@@ -23,7 +23,8 @@ from bridge.io.ports import DEFAULT_BAUD, SerialPort
 from bridge.io.reopening import BY_ID, stable_name
 from protocol.clock import HostNs
 from protocol.link import NODE_ALL, Received, Rejected
-from protocol.messages import Hello, HostHello
+from protocol.messages.device import Hello
+from protocol.messages.host import HostHello
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link

@@ -15,7 +15,7 @@ from bridge.io.port_loop import serve
 from bridge.io.ports import link_of
 from bridge.session.stop_request import REPEAT_NS, StopRequest
 from protocol.clock import HostNs
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable

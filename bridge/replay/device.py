@@ -14,31 +14,27 @@ from bridge.record.wire_records import RAW_TOPICS, in_order, wire_records
 from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.link import Received, addresses
-from protocol.messages import (
+from protocol.messages.device import (
     Ack,
     Challenge,
-    ClearStop,
-    Describe,
     DescribeReply,
     Encoders,
     Hello,
-    HostHello,
     Imu,
     Nack,
     ParameterValue,
     Power,
     Range,
     Status,
-    Stop,
     TimeReply,
-    TimeRequest,
 )
+from protocol.messages.host import ClearStop, Describe, HostHello, Stop, TimeRequest
+from protocol.messages.values import NackReason
 from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame
 from protocol.uart.link import Link
-from protocol.values import NackReason
 
 if TYPE_CHECKING:
     from bridge.record.reader import LogReader

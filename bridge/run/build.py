@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bridge.run.options import HostOptions
     from bridge.run.runner import Runner
     from bridge.supervise import SuperviseSettings
-    from protocol.values import OnboardPlanner
+    from protocol.messages.values import OnboardPlanner
 
 
 def build_run(  # noqa: PLR0913 - the options of a run

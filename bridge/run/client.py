@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 from bridge.errors import BridgeError, DeviceLostError, ParameterError, shown
 from bridge.run.rejections import check_fields, check_known, check_outcome
 from bridge.session.parameters import Parameter, closest
-from protocol.messages import (
+from protocol.messages.host import (
     ClearStop,
     GetParameter,
     PlannerCommand,
@@ -22,9 +22,7 @@ from protocol.messages import (
     SetParameter,
     SetStreamRate,
 )
-from protocol.schema.catalogue import CATALOGUE
-from protocol.schema.message import Direction, RateClass
-from protocol.values import (
+from protocol.messages.values import (
     OnboardPlanner,
     ParameterKind,
     PlannerAction,
@@ -32,6 +30,8 @@ from protocol.values import (
     StopCause,
     latched_cause,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction, RateClass
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from bridge.session.session import Session
     from protocol.clock import HostNs
     from protocol.commands import Outcome
-    from protocol.messages import Status
+    from protocol.messages.device import Status
     from protocol.schema.message import Message
 
 AT_ONCE = 8

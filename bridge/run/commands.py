@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from bridge.session.parameters import Parameter
 from bridge.session.states import State
 from protocol.errors import ProtocolError
-from protocol.messages import GetParameter, PlannerCommand
+from protocol.messages.host import GetParameter, PlannerCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.session.session import Session
     from protocol.clock import HostNs
     from protocol.commands import Command, Outcome
-    from protocol.messages import ParameterValue
+    from protocol.messages.device import ParameterValue
     from protocol.schema.message import Message
 
 

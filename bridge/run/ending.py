@@ -12,7 +12,7 @@ from bridge.errors import (
     Remedy,
     StoppedForSafetyError,
 )
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +38,8 @@ class Ending:
     def outranks(self, other: Ending | None) -> bool:
         """Return True if this end replaces ``other``, which occurred at the same time.
 
-        The order is that of the protocol and the device (:func:`protocol.values.by_gravity`). The
-        first of two equal causes stays.
+        The order is that of the protocol and the device
+        (:func:`protocol.messages.values.by_gravity`). The first of two equal causes stays.
         """
         return other is None or self.gravity > other.gravity
 

@@ -52,7 +52,7 @@ from bridge.session.timesync import TimeSync
 from bridge.supervise import RuleInputs
 from protocol.clock import DeviceUs, HostNs
 from protocol.link import Medium, Rejected
-from protocol.messages import (
+from protocol.messages.device import (
     Encoders,
     Imu,
     LogText,
@@ -63,8 +63,8 @@ from protocol.messages import (
     Status,
     TimeReply,
 )
+from protocol.messages.values import Mode, StopCause, label
 from protocol.uart.framing import DamagedFrame
-from protocol.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from bridge.run.robot_state import RobotState
     from bridge.supervise import Supervisor
     from protocol.commands import Outcome
-    from protocol.messages import Hello
+    from protocol.messages.device import Hello
     from protocol.schema.message import Message
 
 CONTROL_PERIOD_NS = 20_000_000

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.run.robot_state import RobotState
-from protocol.values import Contact
+from protocol.messages.values import Contact
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from protocol.clock import DeviceUs, HostNs
-    from protocol.messages import Encoders, Imu, Range, TimeReply
+    from protocol.messages.device import Encoders, Imu, Range, TimeReply
     from protocol.schema.message import Message
 
 

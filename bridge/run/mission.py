@@ -16,8 +16,8 @@ from bridge.run.ending import Ending
 from bridge.run.rejections import rejection_remedy, rejection_text
 from bridge.run.robot_state import NEEDS
 from bridge.run.runner import hold, release
-from protocol.messages import ClearStop, SetMode, Status, Stop
-from protocol.values import Mode, NackReason, StopCause, label, latched_cause
+from protocol.messages.host import ClearStop, SetMode, Stop
+from protocol.messages.values import Mode, NackReason, StopCause, label, latched_cause
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from bridge.run.runner import Runner
     from bridge.session.round_trip import LinkTrouble
     from protocol.commands import Outcome
+    from protocol.messages.device import Status
     from protocol.schema.message import Message
 
 AT_REST_S = 2.5

@@ -16,16 +16,17 @@ from bridge.run.ending import Ending
 from bridge.run.mission import DATA_TIMEOUT_S, Mission, Phase, Request
 from bridge.run.rejections import rejection_remedy, rejection_text
 from bridge.run.robot_state import STATUS_STALE_S
-from protocol.messages import PlannerCommand, PlannerState, SetMode, Status
-from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause, label
+from protocol.messages.device import PlannerState, Status
+from protocol.messages.host import PlannerCommand, SetMode
+from protocol.messages.values import Mode, PlannerAction, PlannerPhase, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.motion.observation import Observation, VelocityCommand
     from protocol.commands import Outcome
+    from protocol.messages.values import OnboardPlanner
     from protocol.schema.message import Message
-    from protocol.values import OnboardPlanner
 
 _HALF_COUNT = 128
 """Half the range of the 8-bit turn count. A larger increase is a restart of the count."""

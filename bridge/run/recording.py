@@ -24,8 +24,8 @@ from bridge.session.records import (
 )
 from bridge.session.redaction import KeyRedactor, redacted_can
 from protocol.can.frames import RECORD
-from protocol.values import Fault as DeviceFault
-from protocol.values import LogLevel, ResetCause, StopCause, flag_labels, label
+from protocol.messages.values import Fault as DeviceFault
+from protocol.messages.values import LogLevel, ResetCause, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from bridge.session.states import SessionReady
     from bridge.session.timesync import TimeSync
     from protocol.link import Rejected
-    from protocol.messages import Hello, LogText, Status
+    from protocol.messages.device import Hello, LogText, Status
     from protocol.uart.framing import DamagedFrame
 
 _LEVELS = {

@@ -11,8 +11,8 @@ from bridge.errors import (
     Remedy,
     shown,
 )
+from protocol.messages.values import NackReason, label
 from protocol.schema.catalogue import CATALOGUE
-from protocol.values import NackReason, label
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

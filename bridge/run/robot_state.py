@@ -8,19 +8,9 @@ from typing import TYPE_CHECKING
 
 from bridge.motion.observation import Observation
 from bridge.session.sample_times import SampleTimes
-from protocol.messages import (
-    ClearStop,
-    Encoders,
-    Imu,
-    LogText,
-    PlannerState,
-    Power,
-    Range,
-    SetMode,
-    Status,
-    VelocitySetpoint,
-)
-from protocol.values import Contact
+from protocol.messages.device import Encoders, Imu, LogText, PlannerState, Power, Range, Status
+from protocol.messages.host import ClearStop, SetMode, VelocitySetpoint
+from protocol.messages.values import Contact
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

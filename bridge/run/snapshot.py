@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.session.link_stats import wire_summary
-from protocol.values import Fault, Mode, ResetCause, StopCause, flag_labels, label
+from protocol.messages.values import Fault, Mode, ResetCause, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bridge.session.states import State
     from bridge.session.timesync import Fit
     from protocol.link import LinkStatistics
-    from protocol.messages import Encoders, Hello, Imu, PlannerState, Power, Range, Status
+    from protocol.messages.device import Encoders, Hello, Imu, PlannerState, Power, Range, Status
     from protocol.schema.message import Message
 
 

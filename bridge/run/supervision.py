@@ -16,8 +16,8 @@ from bridge.run.ending import Ending
 from bridge.session.records import Severity
 from bridge.supervise import Level
 from protocol.commands import Outcome
-from protocol.messages import GetParameter, PlannerCommand, SetParameter, Stop
-from protocol.values import NackReason, ParameterKind, PlannerAction, StopCause, label
+from protocol.messages.host import GetParameter, PlannerCommand, SetParameter, Stop
+from protocol.messages.values import NackReason, ParameterKind, PlannerAction, StopCause, label
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bridge.session.parameters import Parameter
     from bridge.supervise import Reaction, RuleInputs, Supervisor
     from protocol.clock import HostNs
-    from protocol.values import OnboardPlanner
+    from protocol.messages.values import OnboardPlanner
 
 _SPEED = "max_speed"
 """Name of the device's parameter for its maximum speed."""

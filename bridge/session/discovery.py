@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.clock import HostNs
-from protocol.messages import Hello
+from protocol.messages.device import Hello
 
 if TYPE_CHECKING:
     from protocol.link import Received

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.authentication import Authenticator
-from protocol.values import Capability
+from protocol.messages.values import Capability
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase
-    from protocol.messages import Challenge, Hello
+    from protocol.messages.device import Challenge, Hello
 
 
 class SessionKey:

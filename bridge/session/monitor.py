@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from protocol.link import LinkBase, Medium, Received, Rejected
-from protocol.messages import Hello
+from protocol.messages.device import Hello
+from protocol.messages.values import flag_labels, label
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import flag_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -8,7 +8,8 @@ from protocol.schema.agreement import Comparison, MessageAgreement
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase
-    from protocol.messages import Describe, DescribeReply, Hello
+    from protocol.messages.device import DescribeReply, Hello
+    from protocol.messages.host import Describe
     from protocol.schema.catalogue import Catalogue
 
 QUESTIONS_AT_ONCE = 4

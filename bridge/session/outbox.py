@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from protocol.commands import CommandSender
 from protocol.errors import ProtocolError
 from protocol.link import NODE_ALL
-from protocol.messages import TimeRequest, VelocitySetpoint, WheelDuty
+from protocol.messages.host import TimeRequest, VelocitySetpoint, WheelDuty
 from protocol.uart.framing import FLAG_RETRY
 
 if TYPE_CHECKING:

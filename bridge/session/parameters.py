@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.errors import ParameterError, shown
 from bridge.spelling import nearest
-from protocol.values import ParameterFlag, ParameterKind, label
+from protocol.messages.values import ParameterFlag, ParameterKind, label
 
 if TYPE_CHECKING:
-    from protocol.messages import ParameterValue
+    from protocol.messages.device import ParameterValue
 
 _F32 = struct.Struct("<f")
 _I32 = struct.Struct("<i")

@@ -6,7 +6,7 @@ from collections import deque
 
 from cobs import cobs
 
-from protocol.messages import SetKey
+from protocol.messages.host import SetKey
 from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import HEADER, MAX_ENCODED
 

@@ -32,18 +32,8 @@ from bridge.session.states import (
 from protocol.clock import HostNs
 from protocol.commands import CommandSender
 from protocol.link import LinkBase, Medium, Received, Rejected
-from protocol.messages import (
-    Ack,
-    Challenge,
-    ClearStop,
-    DescribeReply,
-    Hello,
-    HostHello,
-    Nack,
-    SetMode,
-    Stop,
-    TimeReply,
-)
+from protocol.messages.device import Ack, Challenge, DescribeReply, Hello, Nack, TimeReply
+from protocol.messages.host import ClearStop, HostHello, SetMode, Stop
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction, Message

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bridge.session.event_kinds import EventKind
     from protocol.clock import HostNs
     from protocol.commands import Outcome
-    from protocol.messages import Hello
+    from protocol.messages.device import Hello
     from protocol.schema.agreement import MessageAgreement
 
 

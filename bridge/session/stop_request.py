@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 from protocol.clock import HostNs
 from protocol.link import NODE_ALL, LinkBase, Received
-from protocol.messages import Ack, Stop
+from protocol.messages.device import Ack
+from protocol.messages.host import Stop
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
-    from protocol.values import StopCause
+    from protocol.messages.values import StopCause
 
 REPEAT_NS = 50_000_000
 """Interval of the repeated stop, ns: above an FTDI adapter's latency of 16 ms, so that a reply

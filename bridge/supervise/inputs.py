@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import VelocityCommand
     from bridge.supervise.settings import Level
-    from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
+    from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
     from protocol.schema.message import Message
 
 Scalar = float | str | bool

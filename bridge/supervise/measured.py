@@ -14,7 +14,7 @@ from bridge.motion.kinematics import encoder_delta
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.supervise.inputs import RuleInputs
-    from protocol.messages import Encoders, Range
+    from protocol.messages.device import Encoders, Range
 
 GAP_S = 0.3
 """Maximum time between two steps or two counts, s. Across a longer gap the motion is unknown."""

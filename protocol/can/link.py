@@ -38,7 +38,8 @@ from protocol.can.transfers import (
 )
 from protocol.errors import FieldRangeError, PayloadError
 from protocol.link import LinkBase, LinkStatistics, Medium, Received
-from protocol.messages import Stop, Sync
+from protocol.messages.device import Sync
+from protocol.messages.host import Stop
 from protocol.schema.catalogue import PROTOCOL_VERSION
 from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_AUTHENTICATED, Damage, DamagedFrame, Frame

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.can.frames import CAN_FULL_STAMP, T16, T32, is_native, nominal_bits, parts_of
 from protocol.can.frames import worst_bits as worst_frame_bits
 from protocol.can.transfers import content, segments
-from protocol.messages import LogText, TimeReply, TimeRequest
+from protocol.messages.device import LogText, TimeReply
+from protocol.messages.host import TimeRequest
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from protocol.generate.c_text import (
     snake,
     upper,
 )
+from protocol.messages.values import StopCause, by_gravity, latched_cause
 from protocol.schema.message import Direction, RateClass
-from protocol.values import StopCause, by_gravity, latched_cause
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,11 +15,11 @@ from protocol.commands import REMEMBERED
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
 from protocol.generate.template import fill
-from protocol.messages import VelocitySetpoint
+from protocol.messages.host import VelocitySetpoint
+from protocol.messages.values import StopCause, by_gravity, latched_cause
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec
 from protocol.uart.framing import encode_frame
-from protocol.values import StopCause, by_gravity, latched_cause
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from protocol.messages import UNKNOWN_MESSAGE, Describe, DescribeReply
+from protocol.messages.device import UNKNOWN_MESSAGE, DescribeReply
+from protocol.messages.host import Describe
 from protocol.schema.message import Direction
 
 if TYPE_CHECKING:

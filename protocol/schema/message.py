@@ -29,6 +29,7 @@ from protocol.schema.fields import Field, SiValue, SiValueOrNone
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+    from types import ModuleType
 
 
 class Message:
@@ -168,6 +169,11 @@ def message(  # noqa: PLR0913 - what is declared of a message
         return cast("type[M]", made)
 
     return register
+
+
+def declared_in(module: ModuleType) -> tuple[type[Message], ...]:
+    """Messages that a module declares, in its order."""
+    return tuple(v for v in vars(module).values() if isinstance(v, type) and v in _DECLARATIONS)
 
 
 def specify(cls: type[Message]) -> MessageSpec:

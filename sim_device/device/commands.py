@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
-from protocol.messages import (
+from protocol.messages.device import Sync
+from protocol.messages.host import (
     ClearStop,
     GetParameter,
     PlannerCommand,
@@ -18,9 +19,8 @@ from protocol.messages import (
     SetMode,
     SetParameter,
     SetStreamRate,
-    Sync,
 )
-from protocol.values import Mode, NackReason, PlannerAction, RebootKind
+from protocol.messages.values import Mode, NackReason, PlannerAction, RebootKind
 from sim_device.device.modes import SET_EVENT, Event
 
 if TYPE_CHECKING:

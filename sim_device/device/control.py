@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.values import Fault, LogLevel, NackReason, StopCause, flag_labels, label
+from protocol.messages.values import Fault, LogLevel, NackReason, StopCause, flag_labels, label
 from sim_device.body.power import PowerReading
 from sim_device.device.health import IMU, Health
 from sim_device.device.modes import MODE_OF, PLANNING, Event, Guard, State
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from bridge.motion.robot_model import RobotModel
-    from protocol.messages import PlannerState
-    from protocol.values import Mode
+    from protocol.messages.device import PlannerState
+    from protocol.messages.values import Mode
     from sim_device.device.log_lines import LogLines
     from sim_device.device.modes import ModeMachine
     from sim_device.device.parameters import ParameterStore
@@ -80,7 +80,7 @@ class Control:
 
     @property
     def fault_bits(self) -> int:
-        """Of ``protocol.values.Fault``."""
+        """Of ``protocol.messages.values.Fault``."""
         return self.health.bits | self._expired
 
     @property

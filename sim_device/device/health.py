@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from protocol.values import Fault
+from protocol.messages.values import Fault
 
 if TYPE_CHECKING:
     from sim_device.body.power import PowerReading
@@ -83,7 +83,7 @@ class Health:
     def __init__(self) -> None:
         """Nothing is known, and nothing is wrong."""
         self.bits = 0
-        """Of ``protocol.values.Fault``."""
+        """Of ``protocol.messages.values.Fault``."""
         self.battery_empty = False
         self._currents_a = (0.0, 0.0)
         self._empty = 0

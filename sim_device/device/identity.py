@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from protocol.messages import Hello
-from protocol.values import Capability, ResetCause
+from protocol.messages.device import Hello
+from protocol.messages.values import Capability, ResetCause
 
 NAME = "virtual sweeper"
 VERSION = (0, 1, 0)

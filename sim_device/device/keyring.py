@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 from protocol.authentication import GUARDED_TYPES, Authenticator, key_of
 from protocol.link import Medium
-from protocol.messages import Challenge
+from protocol.messages.device import Challenge
+from protocol.messages.values import NackReason
 from protocol.uart.framing import FLAG_AUTHENTICATED
-from protocol.values import NackReason
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase
-    from protocol.messages import SetKey
+    from protocol.messages.host import SetKey
     from protocol.uart.framing import Frame
     from sim_device.device.flash import Flash
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.messages import LogText
+from protocol.messages.device import LogText
 
 if TYPE_CHECKING:
-    from protocol.values import LogLevel
+    from protocol.messages.values import LogLevel
 
 LOG_PERIOD_US = 100_000
 """At most ten log lines a second; what waits longer is dropped, oldest first."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.values import Mode, NackReason
+from protocol.messages.values import Mode, NackReason
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator

@@ -18,8 +18,8 @@ from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import GoTo, Turn
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from protocol.messages import PlannerState
-from protocol.values import OnboardPlanner, PlannerPhase
+from protocol.messages.device import PlannerState
+from protocol.messages.values import OnboardPlanner, PlannerPhase
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel

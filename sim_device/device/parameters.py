@@ -13,8 +13,8 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from protocol.messages import ParameterValue
-from protocol.values import NackReason, ParameterFlag, ParameterKind
+from protocol.messages.device import ParameterValue
+from protocol.messages.values import NackReason, ParameterFlag, ParameterKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

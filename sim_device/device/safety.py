@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.clock import DeviceUs, extend_us
-from protocol.values import StopCause, latched_cause
+from protocol.messages.values import StopCause, latched_cause
 
 if TYPE_CHECKING:
-    from protocol.messages import VelocitySetpoint, WheelDuty
+    from protocol.messages.host import VelocitySetpoint, WheelDuty
 
 MAX_TIME_TO_LIVE_US = 250_000
 HOST_SILENCE_US = 1_000_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.messages import INFRARED_NONE, ULTRASONIC_NONE, Power, Range
+from protocol.messages.device import INFRARED_NONE, ULTRASONIC_NONE, Power, Range
+from protocol.messages.values import Capability, Contact
 from protocol.schema.message import Direction, RateClass
-from protocol.values import Capability, Contact
 
 if TYPE_CHECKING:
     from protocol.schema.catalogue import Catalogue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING
 
-from protocol.messages import Encoders, Imu, LinkCounters, Status, Sync
+from protocol.messages.device import Encoders, Imu, LinkCounters, Status, Sync
 from protocol.schema.catalogue import CATALOGUE
 from sim_device.device.streams import TICK_HZ, is_device_stream, power_message, range_message
 from sim_device.device.versions import as_spec, blank

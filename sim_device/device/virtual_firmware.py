@@ -10,28 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from protocol.commands import CommandLog
 from protocol.link import LinkBase, Received, addresses
-from protocol.messages import (
-    Ack,
+from protocol.messages.device import Ack, Nack, TimeReply
+from protocol.messages.host import (
     Describe,
     GetParameter,
     HostHello,
-    Nack,
     SaveParameters,
     SetKey,
     SetParameter,
     Stop,
-    TimeReply,
     TimeRequest,
     VelocitySetpoint,
     WheelDuty,
 )
-from protocol.schema.agreement import describe
-from protocol.schema.catalogue import CATALOGUE, Catalogue
-from protocol.schema.codec import Codec
-from protocol.schema.message import Direction
-from protocol.uart.framing import FLAG_AUTHENTICATED
-from protocol.uart.link import Link
-from protocol.values import (
+from protocol.messages.values import (
     Fault,
     LogLevel,
     Mode,
@@ -39,6 +31,12 @@ from protocol.values import (
     RebootKind,
     StopCause,
 )
+from protocol.schema.agreement import describe
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.framing import FLAG_AUTHENTICATED
+from protocol.uart.link import Link
 from sim_device.device import parameters, streams
 from sim_device.device.clock import DeviceClock
 from sim_device.device.commands import COMMANDS, carry_out

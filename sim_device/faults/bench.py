@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bridge.motion.robot_model import RobotModel
-from protocol.values import ResetCause
+from protocol.messages.values import ResetCause
 from sim_device.world.world import World
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 from zlib import crc32
 
-from protocol.values import Contact
+from protocol.messages.values import Contact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

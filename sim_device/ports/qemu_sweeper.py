@@ -17,7 +17,7 @@ import numpy as np
 
 from bridge.motion.robot_model import RobotModel
 from protocol.clock import DeviceUs, extend_us
-from protocol.values import ResetCause
+from protocol.messages.values import ResetCause
 from sim_device.body.plant import Plant, Truth
 from sim_device.device.clock import DeviceClock
 from sim_device.noise import noise_level

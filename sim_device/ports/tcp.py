@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from protocol.messages import Stop
+from protocol.messages.host import Stop
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.uart.framing import Frame, UartParser, encode_frame
 from sim_device.line.line import FIFO_BYTES

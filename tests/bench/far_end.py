@@ -17,7 +17,8 @@ import serial
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from protocol.link import Received
-from protocol.messages import Ack, Hello, HostHello, Sync, TimeReply, TimeRequest
+from protocol.messages.device import Ack, Hello, Sync, TimeReply
+from protocol.messages.host import HostHello, TimeRequest
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link

@@ -18,7 +18,7 @@ from bridge.session.ingest import Ingest
 from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Received
-from protocol.messages import Imu
+from protocol.messages.device import Imu
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.synthetic_run import run_info

@@ -37,7 +37,8 @@ from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
 from bridge.session.records import RunInfo
 from bridge.session.states import State
-from protocol.messages import Ack, SetStreamRate
+from protocol.messages.device import Ack
+from protocol.messages.host import SetStreamRate
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 

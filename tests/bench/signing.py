@@ -16,7 +16,7 @@ from protocol.authentication import Authenticator
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.link import LinkBase, Received
-from protocol.messages import TimeRequest, VelocitySetpoint
+from protocol.messages.host import TimeRequest, VelocitySetpoint
 from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_AUTHENTICATED
 from protocol.uart.link import Link

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from bench import signing
 from bench.mavlink import parse_all, same_content
-from protocol.messages import Imu
+from protocol.messages.device import Imu
 from protocol.schema.message import Direction
 from protocol.uart.batch import decode_capture
 from protocol.uart.link import Link

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from campaign.kept import Kept
-from protocol.messages import Power
+from protocol.messages.device import Power
 from sim_device.faults.kinds import KINDS
 from sim_device.line.line import LineSettings
 from support.clinic import Visit, examine

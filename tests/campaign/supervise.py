@@ -30,7 +30,7 @@ from campaign.hazards import GRACE_S, HAZARDS, HOST, IN_LANES, ONBOARD, ROOMS, S
 from campaign.kept import Kept
 from campaign.outcome import Alarm, Alarms, Job, Outcome
 from campaign.supervise_page import page
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 from sim_device.faults.kinds import parse_fault
 from support.liar import let_lie
 from support.root import ROOT

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.writer import Writer
 
-from protocol.messages import Hello
+from protocol.messages.device import Hello
+from protocol.messages.values import ResetCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import ResetCause
 from support.cli import end, start, sweepctl
 
 if TYPE_CHECKING:

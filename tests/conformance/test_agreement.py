@@ -8,16 +8,11 @@ from zlib import crc32
 
 import pytest
 
-from protocol.messages import (
-    UNKNOWN_MESSAGE,
-    Describe,
-    DescribeReply,
-    Hello,
-    HostHello,
-)
+from protocol.messages.device import UNKNOWN_MESSAGE, DescribeReply, Hello
+from protocol.messages.host import Describe, HostHello
+from protocol.messages.values import ResetCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import MAX_TYPE
-from protocol.values import ResetCause
 
 if TYPE_CHECKING:
     from support.probe import Probe

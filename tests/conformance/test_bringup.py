@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import SetMode, SetStreamRate, WheelDuty
-from protocol.values import Mode, NackReason, StopCause
+from protocol.messages.host import SetMode, SetStreamRate, WheelDuty
+from protocol.messages.values import Mode, NackReason, StopCause
 from support.probe import since
 
 if TYPE_CHECKING:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.messages import (
-    Ack,
+from protocol.messages.device import Ack, Nack
+from protocol.messages.host import (
     ClearStop,
     GetParameter,
-    Nack,
     Reboot,
     SaveParameters,
     SetMode,
     SetParameter,
     SetStreamRate,
 )
+from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import FLAG_RETRY
-from protocol.values import Mode, NackReason, StopCause
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message

@@ -8,16 +8,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.can.transfers import content, segments
-from protocol.messages import (
-    Ack,
+from protocol.messages.device import Ack, DescribeReply, Encoders, Hello, Nack, TimeReply
+from protocol.messages.host import (
     ClearStop,
     Describe,
-    DescribeReply,
-    Encoders,
     GetParameter,
-    Hello,
     HostHello,
-    Nack,
     PlannerCommand,
     Reboot,
     SaveParameters,
@@ -26,13 +22,12 @@ from protocol.messages import (
     SetParameter,
     SetStreamRate,
     Stop,
-    TimeReply,
     TimeRequest,
     VelocitySetpoint,
     WheelDuty,
 )
+from protocol.messages.values import Mode, ParameterKind, PlannerAction, RebootKind, StopCause
 from protocol.schema.catalogue import CATALOGUE
-from protocol.values import Mode, ParameterKind, PlannerAction, RebootKind, StopCause
 from support.probe import now_us
 from support.reference_codec import frame_bytes
 

@@ -10,14 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import (
-    Reboot,
-    SetMode,
-    SetParameter,
-    SetStreamRate,
-    Stop,
-)
-from protocol.values import Fault, Mode, NackReason, StopCause
+from protocol.messages.host import Reboot, SetMode, SetParameter, SetStreamRate, Stop
+from protocol.messages.values import Fault, Mode, NackReason, StopCause
 from support.probe import now_us, since
 from support.probe_parameters import every, put, raw_of, value_of
 

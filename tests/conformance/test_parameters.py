@@ -7,12 +7,19 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import GetParameter, Hello, Reboot, SaveParameters, SetParameter
-from protocol.values import NackReason, ParameterFlag, ParameterKind, RebootKind, ResetCause
+from protocol.messages.device import Hello
+from protocol.messages.host import GetParameter, Reboot, SaveParameters, SetParameter
+from protocol.messages.values import (
+    NackReason,
+    ParameterFlag,
+    ParameterKind,
+    RebootKind,
+    ResetCause,
+)
 from support.probe_parameters import every, get, other_value, put, value_of, writable
 
 if TYPE_CHECKING:
-    from protocol.messages import ParameterValue
+    from protocol.messages.device import ParameterValue
     from support.probe import Probe
 
 REBOOT_S = 15.0

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import PlannerCommand, PlannerState, SetStreamRate
-from protocol.values import (
+from protocol.messages.device import PlannerState
+from protocol.messages.host import PlannerCommand, SetStreamRate
+from protocol.messages.values import (
     Capability,
     Mode,
     NackReason,

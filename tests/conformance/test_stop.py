@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import Ack, ClearStop, Describe, SetMode, Stop, TimeRequest
-from protocol.values import Mode, NackReason, StopCause, by_gravity
+from protocol.messages.device import Ack
+from protocol.messages.host import ClearStop, Describe, SetMode, Stop, TimeRequest
+from protocol.messages.values import Mode, NackReason, StopCause, by_gravity
 from support.probe import now_us
 
 if TYPE_CHECKING:

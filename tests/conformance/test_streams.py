@@ -9,19 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.can.frames import RECORD
-from protocol.messages import (
-    ClearStop,
-    Describe,
-    Encoders,
-    Imu,
-    LogText,
-    Range,
-    SetStreamRate,
-    Sync,
-)
+from protocol.messages.device import Encoders, Imu, LogText, Range, Sync
+from protocol.messages.host import ClearStop, Describe, SetStreamRate
+from protocol.messages.values import Capability, NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, RateClass
-from protocol.values import Capability, NackReason, StopCause
 from support.probe import since
 from support.reference_codec import RefDamage, RefFrame, parse_stream
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.messages import TimeReply, TimeRequest
+from protocol.messages.device import TimeReply
+from protocol.messages.host import TimeRequest
 from support.probe import since
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from protocol.can.link import CanLink
 from protocol.errors import ProtocolError
 from protocol.link import Received
-from protocol.messages import Encoders, LogText, VelocitySetpoint
+from protocol.messages.device import Encoders, LogText
+from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction

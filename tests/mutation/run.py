@@ -32,7 +32,7 @@ from support.root import ROOT
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-_UNTOUCHED = ("protocol.messages", "protocol.link", "bridge.motion.robot_model")
+_UNTOUCHED = ("protocol.messages.device", "protocol.link", "bridge.motion.robot_model")
 """Modules of the product that import no target."""
 
 

@@ -16,15 +16,9 @@ from protocol.can.stamps import OLDEST_US, StampExtender
 from protocol.can.transfers import MAX_CONTENT, MAX_OPEN
 from protocol.errors import FieldRangeError
 from protocol.link import LinkEvent, Received, Rejected
-from protocol.messages import (
-    ALL_MESSAGES,
-    Imu,
-    PlannerState,
-    Status,
-    Stop,
-    Sync,
-    TimeRequest,
-)
+from protocol.messages import ALL_MESSAGES
+from protocol.messages.device import Imu, PlannerState, Status, Sync
+from protocol.messages.host import Stop, TimeRequest
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction, Message, MessageSpec

@@ -15,7 +15,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from protocol.commands import MAX_TIMEOUT_US, MAX_TRIES, REMEMBERED, CommandLog, CommandSender
 from protocol.link import Received
-from protocol.messages import Ack, ClearStop, Nack, SetMode, Stop
+from protocol.messages.device import Ack, Nack
+from protocol.messages.host import ClearStop, SetMode, Stop
 from protocol.schema.message import Direction, Message
 from protocol.uart.framing import FLAG_RETRY
 from protocol.uart.link import Link

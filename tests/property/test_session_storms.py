@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bridge.run.ending import Ending
 from bridge.run.mission import Phase
 from bridge.session.states import SessionEvent, State, StateChanged
-from protocol.values import Mode
+from protocol.messages.values import Mode
 from support.ends import (
     RAMP_US,
     TIME_TO_LIVE_US,

@@ -14,8 +14,9 @@ from bridge.motion.robot_model import RobotModel
 from protocol.authentication import key_words
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
-from protocol.messages import ClearStop, Imu, SetKey
-from protocol.values import Mode, StopCause
+from protocol.messages.device import Imu
+from protocol.messages.host import ClearStop, SetKey
+from protocol.messages.values import Mode, StopCause
 from sim_device.noise import NOISE_LEVELS
 from sim_device.sweeper import VirtualSweeper
 from support.bench_wire import Scripted, desk_on

@@ -10,7 +10,7 @@ import pytest
 from protocol.can.frames import RECORD, CanFrame, from_record
 from protocol.can.link import CanLink
 from protocol.link import Received, Rejected
-from protocol.messages import Encoders, Imu, LogText, Sync
+from protocol.messages.device import Encoders, Imu, LogText, Sync
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame

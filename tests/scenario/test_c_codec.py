@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from protocol.generate.c_messages import MINIMAL
-from protocol.messages import Describe
+from protocol.messages.host import Describe
 from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec

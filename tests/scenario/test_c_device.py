@@ -13,19 +13,10 @@ import pytest
 from bridge.session.session import Session
 from bridge.session.states import CommandEnded, Data, SessionReady, State
 from protocol.clock import HostNs
-from protocol.messages import (
-    ClearStop,
-    Encoders,
-    Hello,
-    Imu,
-    SaveParameters,
-    SetMode,
-    Status,
-    Stop,
-    VelocitySetpoint,
-)
+from protocol.messages.device import Encoders, Hello, Imu, Status
+from protocol.messages.host import ClearStop, SaveParameters, SetMode, Stop, VelocitySetpoint
+from protocol.messages.values import Fault, Mode, NackReason, StopCause
 from protocol.uart.framing import Frame, UartParser
-from protocol.values import Fault, Mode, NackReason, StopCause
 from support.c_build import C_TESTS, generate
 from support.hostile import BitFlips, Chunked, CutTail, Lossy, Pipe, Wire
 from support.root import ROOT

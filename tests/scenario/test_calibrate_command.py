@@ -13,8 +13,8 @@ from bridge.bringup.square import Result, Squares
 from bridge.bringup.umbmark import Benchmark, Correction
 from bridge.config import parse_robot
 from bridge.motion.robot_model import RobotModel
-from protocol.messages import Range
-from protocol.values import ResetCause
+from protocol.messages.device import Range
+from protocol.messages.values import ResetCause
 from sim_device.sweeper import VirtualSweeper
 from support.bench_wire import desk_on
 from support.cli import sweepctl

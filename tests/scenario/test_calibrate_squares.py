@@ -11,7 +11,7 @@ from bridge.bringup.square import Asked, ByTape, Result, Squares
 from bridge.errors import BridgeError, StoppedForSafetyError
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 from sim_device import sweeper as device_module
 from sim_device.noise import NoiseLevel
 from sim_device.sweeper import VirtualSweeper

@@ -16,9 +16,10 @@ from bridge.session.records import DeviceMessage, EventRecord, RawCan
 from bridge.session.states import CommandEnded, Data, Failed, Ping, SessionReady, State
 from protocol.can.link import CanLink, CanStatistics
 from protocol.can.load import loads
-from protocol.messages import Encoders, Imu, Range, Stop, Sync, VelocitySetpoint
+from protocol.messages.device import Encoders, Imu, Range, Sync
+from protocol.messages.host import Stop, VelocitySetpoint
+from protocol.messages.values import Mode, StopCause
 from protocol.schema.message import Direction
-from protocol.values import Mode, StopCause
 from support.can_bus import BITRATE, Bus, BusWire
 from support.ends import Collector, Ends, HostEnd, SessionEnd, check_safe, session_end, sweeper
 

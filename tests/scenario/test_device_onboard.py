@@ -11,8 +11,8 @@ from bridge.coverage.registry import PLANNERS
 from bridge.coverage.runner import PlanRunner
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
-from protocol.messages import Encoders, Hello, PlannerState, Status, Sync
-from protocol.values import (
+from protocol.messages.device import Encoders, Hello, PlannerState, Status, Sync
+from protocol.messages.values import (
     Capability,
     Mode,
     NackReason,

@@ -105,5 +105,5 @@ def test_the_page_can_be_followed(tree: Path) -> None:
 
 def test_the_page_explains_what_it_shows() -> None:
     found = steps(PAGE.read_text(encoding="utf-8"))
-    assert sum(isinstance(step, Edit) for step in found) == 5
+    assert sum(isinstance(step, Edit) for step in found) == 4
     assert sum(isinstance(step, str) for step in found) == 7

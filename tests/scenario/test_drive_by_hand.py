@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.record.reader import LogReader
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 from support.cli import sweepctl
 from support.served import Served
 from support.terminal import OnTerminal

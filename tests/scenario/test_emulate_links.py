@@ -19,7 +19,7 @@ import pytest
 
 from bridge.io.ports import open_port
 from bridge.io.stopping import stop_device
-from protocol.messages import TimeRequest
+from protocol.messages.host import TimeRequest
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from sim_device.ports import PortUnavailableError, PtyPort, ask_control

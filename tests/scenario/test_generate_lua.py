@@ -11,7 +11,7 @@ import pytest
 
 from protocol.authentication import Authenticator
 from protocol.generate import render
-from protocol.messages import VelocitySetpoint
+from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction

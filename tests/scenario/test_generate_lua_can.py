@@ -11,7 +11,7 @@ from protocol.authentication import Authenticator
 from protocol.can.frames import CAN_FULL_STAMP, can_type, from_record, is_native
 from protocol.can.link import CanLink
 from protocol.generate import render
-from protocol.messages import VelocitySetpoint
+from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from support.captures import SOCKETCAN, Packet, Seen, Tshark, socketcan, write_pcap

@@ -11,19 +11,11 @@ from bridge.evaluation.metrics import CoverageMeter
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from protocol.link import Received
-from protocol.messages import (
-    ClearStop,
-    HostHello,
-    LogText,
-    PlannerCommand,
-    PlannerState,
-    SetMode,
-    Stop,
-    TimeRequest,
-)
+from protocol.messages.device import LogText, PlannerState
+from protocol.messages.host import ClearStop, HostHello, PlannerCommand, SetMode, Stop, TimeRequest
+from protocol.messages.values import Mode, PlannerAction, PlannerPhase, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause
 from sim_device.sweeper import VirtualSweeper
 from support.kit_build import the_kit
 from support.kit_robot import KitRobot

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import (
-    Ack,
+from protocol.messages.device import Ack, Nack, ParameterValue, TimeReply
+from protocol.messages.host import (
     ClearStop,
     Describe,
     GetParameter,
     HostHello,
-    Nack,
-    ParameterValue,
     PlannerCommand,
     Reboot,
     SaveParameters,
@@ -22,14 +20,20 @@ from protocol.messages import (
     SetParameter,
     SetStreamRate,
     Stop,
-    TimeReply,
     TimeRequest,
     VelocitySetpoint,
     WheelDuty,
 )
+from protocol.messages.values import (
+    Fault,
+    Mode,
+    OnboardPlanner,
+    PlannerAction,
+    RebootKind,
+    StopCause,
+)
 from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import Frame, UartParser
-from protocol.values import Fault, Mode, OnboardPlanner, PlannerAction, RebootKind, StopCause
 from support.kit_build import the_kit
 from support.kit_compare import compare
 from support.kit_script import LoseSupply, Readings, Step

@@ -15,7 +15,7 @@ from bridge.coverage.runner import PlanRunner
 from bridge.errors import BridgeError
 from bridge.io.owner_client import ask
 from bridge.record.reader import LogReader
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 from support.cli import sweepctl
 from support.emulated import Emulated
 

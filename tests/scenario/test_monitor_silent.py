@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import bridge
-from protocol.messages import Hello, Imu, Status
+from protocol.messages.device import Hello, Imu, Status
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.cli import end, start, sweepctl

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from bridge.io.ports import open_port
-from protocol.messages import Hello, Status
-from protocol.values import Mode, ResetCause, StopCause
+from protocol.messages.device import Hello, Status
+from protocol.messages.values import Mode, ResetCause, StopCause
 from sim_device.ports.qemu_build import FirmwareBuildError, firmware_elf
 from support.c_build import locked, run, tool
 from support.cli import end, start, sweepctl

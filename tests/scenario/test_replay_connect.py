@@ -17,22 +17,12 @@ from bridge.session.states import Data, Ping, State
 from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Received
-from protocol.messages import (
-    Ack,
-    Describe,
-    DescribeReply,
-    Hello,
-    HostHello,
-    Nack,
-    SetMode,
-    Stop,
-    TimeReply,
-    TimeRequest,
-)
+from protocol.messages.device import Ack, DescribeReply, Hello, Nack, TimeReply
+from protocol.messages.host import Describe, HostHello, SetMode, Stop, TimeRequest
+from protocol.messages.values import NackReason
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame
 from protocol.uart.link import Link
-from protocol.values import NackReason
 from support.cli import end, plain_messages, short_runs, start, sweepctl
 
 if TYPE_CHECKING:

@@ -30,8 +30,8 @@ from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.record.errors import LogError
 from bridge.record.reader import LogReader
 from bridge.session.states import State
-from protocol.messages import Encoders, Imu, Range, Status
-from protocol.values import Mode, StopCause
+from protocol.messages.device import Encoders, Imu, Range, Status
+from protocol.messages.values import Mode, StopCause
 from sim_device.ports import PtyPort
 from support.emulated import PLAN, Emulated
 from support.observed import AT_REST

@@ -17,8 +17,8 @@ from bridge.run.options import HostOptions
 from bridge.session.records import CommandRecord, EventRecord, PlannerRecord
 from bridge.session.states import State
 from bridge.supervise import SuperviseSettings, Supervisor, parse_rule
-from protocol.messages import VelocitySetpoint
-from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
+from protocol.messages.host import VelocitySetpoint
+from protocol.messages.values import Mode, NackReason, OnboardPlanner, StopCause
 from sim_device.device.modes import Event
 from sim_device.sweeper import VirtualSweeper
 from support.ends import Collector, Ends, HostEnd

@@ -16,7 +16,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from protocol.link import Received
-from protocol.messages import Ack, Encoders, Hello, HostHello, Imu, Status, TimeReply, TimeRequest
+from protocol.messages.device import Ack, Encoders, Hello, Imu, Status, TimeReply
+from protocol.messages.host import HostHello, TimeRequest
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from bridge.motion.robot_model import RobotModel
 from bridge.session.states import CommandEnded, Data, SessionReady, State
-from protocol.messages import (
+from protocol.messages.device import ParameterValue
+from protocol.messages.host import (
     ClearStop,
     GetParameter,
-    ParameterValue,
     Reboot,
     SaveParameters,
     SetMode,
@@ -18,13 +18,13 @@ from protocol.messages import (
     SetStreamRate,
     VelocitySetpoint,
 )
-from protocol.schema.catalogue import CATALOGUE
-from protocol.values import (
+from protocol.messages.values import (
     Mode,
     NackReason,
     ParameterKind,
     RebootKind,
 )
+from protocol.schema.catalogue import CATALOGUE
 from sim_device.device.parameters import table
 from support.ends import Ends, session_end, sweeper
 

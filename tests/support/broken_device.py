@@ -19,23 +19,19 @@ from typing import TYPE_CHECKING
 
 from cobs import cobs
 
-from protocol.messages import (
-    Ack,
+from protocol.messages.device import Ack, DescribeReply, Hello, Nack, Status
+from protocol.messages.host import (
     ClearStop,
-    DescribeReply,
-    Hello,
     HostHello,
-    Nack,
     SaveParameters,
-    Status,
     Stop,
     TimeRequest,
     VelocitySetpoint,
 )
+from protocol.messages.values import StopCause, by_gravity
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.uart.framing import Frame, UartParser, encode_frame
-from protocol.values import StopCause, by_gravity
 from sim_device.sweeper import VirtualSweeper
 from tools.cli.rooms import load_room
 

@@ -20,7 +20,8 @@ import pytest
 
 from bridge.errors import PortError
 from bridge.io.ports import DEFAULT_BAUD, open_port
-from protocol.messages import Hello, HostHello
+from protocol.messages.device import Hello
+from protocol.messages.host import HostHello
 from protocol.schema.catalogue import CATALOGUE
 from support.conformance_report import Report, describe_device, kind_of
 from support.hold_up import Busy
@@ -29,7 +30,7 @@ from support.probe import Probe, now_us
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from protocol.messages import Hello as HelloMessage
+    from protocol.messages.device import Hello as HelloMessage
 
 FOLDER = Path(__file__).resolve().parents[1] / "conformance"
 ROOT = FOLDER.parents[1]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from bridge.io.ports import is_can
-from protocol.values import Capability, flag_labels
+from protocol.messages.values import Capability, flag_labels
 
 if TYPE_CHECKING:
-    from protocol.messages import Hello as HelloMessage
+    from protocol.messages.device import Hello as HelloMessage
 
 
 def kind_of(device: str) -> str:

@@ -5,17 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.link import Received
-from protocol.messages import (
-    ClearStop,
-    HostHello,
-    SetMode,
-    TimeRequest,
-    VelocitySetpoint,
-)
+from protocol.messages.host import ClearStop, HostHello, SetMode, TimeRequest, VelocitySetpoint
+from protocol.messages.values import Mode, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, Message
 from protocol.uart.link import Link
-from protocol.values import Mode, StopCause
 from support.ends import sweeper
 
 if TYPE_CHECKING:

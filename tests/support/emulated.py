@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from bridge.motion.geometry import Pose2
-    from protocol.values import StopCause
+    from protocol.messages.values import StopCause
 
 PLAN = parse_floorplan('{"walls": [[0,0],[6,0],[6,6],[0,6]], "start": [3,3,0]}')
 

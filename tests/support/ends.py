@@ -17,11 +17,11 @@ from bridge.session.session import Session
 from protocol.authentication import CAN_AUTH_TYPE
 from protocol.clock import HostNs
 from protocol.link import LinkBase, Received, Rejected
-from protocol.messages import VelocitySetpoint
+from protocol.messages.host import VelocitySetpoint
+from protocol.messages.values import ResetCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import ResetCause
 from sim_device.sweeper import VirtualSweeper
 from support.hostile import Piece, Pipe, Wire
 from support.sim_body import room

@@ -9,9 +9,9 @@ import numpy as np
 
 from bridge.motion.robot_model import RobotModel
 from protocol.link import Received
+from protocol.messages.values import Contact
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import Contact
 from sim_device.body.plant import Plant
 from sim_device.noise import noise_level
 from sim_device.sensors.sensors import SensorSuite

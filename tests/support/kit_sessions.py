@@ -10,7 +10,7 @@ from cobs import cobs
 from hypothesis import strategies as st
 
 from protocol.can.link import CanLink
-from protocol.messages import (
+from protocol.messages.host import (
     ClearStop,
     Describe,
     GetParameter,
@@ -26,10 +26,10 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
+from protocol.messages.values import Mode, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.framing import encode_frame
 from protocol.uart.link import Link
-from protocol.values import Mode, StopCause
 from support.kit_script import NO_RANGE, PARAMETERS, Boot, Readings, Step
 
 if TYPE_CHECKING:

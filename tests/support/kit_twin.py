@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from bridge.motion.robot_model import RobotModel
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
+from protocol.messages.values import Contact, RebootKind, ResetCause
 from protocol.uart.link import Link
-from protocol.values import Contact, RebootKind, ResetCause
 from sim_device.body.power import PowerReading
 from sim_device.device.flash import Flash
 from sim_device.device.identity import Identity

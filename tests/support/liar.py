@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.messages import PlannerState
+from protocol.messages.device import PlannerState
+from protocol.messages.values import PlannerPhase
 from protocol.schema.catalogue import CATALOGUE
-from protocol.values import PlannerPhase
 
 if TYPE_CHECKING:
     from collections.abc import Callable

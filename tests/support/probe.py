@@ -11,28 +11,30 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
-from protocol.messages import (
+from protocol.messages.device import (
     Ack,
-    ClearStop,
     DescribeReply,
     Encoders,
     Hello,
-    HostHello,
     LinkCounters,
     Nack,
+    Status,
+    TimeReply,
+)
+from protocol.messages.host import (
+    ClearStop,
+    HostHello,
     SetMode,
     SetStreamRate,
-    Status,
     Stop,
-    TimeReply,
     TimeRequest,
     VelocitySetpoint,
     WheelDuty,
 )
+from protocol.messages.values import Capability, Mode, NackReason, StopCause
 from protocol.schema.agreement import Comparison
 from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import FLAG_RETRY
-from protocol.values import Capability, Mode, NackReason, StopCause
 from support.wire_probe import Heard, Ping, WireProbe, now_us, since
 
 if TYPE_CHECKING:

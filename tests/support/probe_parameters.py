@@ -5,8 +5,9 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from protocol.messages import GetParameter, ParameterValue, SetParameter
-from protocol.values import NackReason, ParameterFlag, ParameterKind
+from protocol.messages.device import ParameterValue
+from protocol.messages.host import GetParameter, SetParameter
+from protocol.messages.values import NackReason, ParameterFlag, ParameterKind
 
 if TYPE_CHECKING:
     from support.probe import Probe

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from bridge.session.session import Session
 from bridge.session.states import Data, Ping, SessionReady, State
 from protocol.clock import HostNs
-from protocol.messages import Imu
+from protocol.messages.device import Imu
+from protocol.messages.values import Mode, StopCause
 from protocol.uart.link import Link
-from protocol.values import Mode, StopCause
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import STRAIGHT, LineSettings
 from sim_device.rig import Rig

@@ -5,8 +5,8 @@ from __future__ import annotations
 from bridge.motion.geometry import Pose2
 from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.settings import DisagreementRule
-from protocol.messages import PlannerState
-from protocol.values import PlannerPhase
+from protocol.messages.device import PlannerState
+from protocol.messages.values import PlannerPhase
 from support.watching import MODEL, STEP_S, Walk, planner, reading
 
 IDLE, LANE, TURN, STEP = (

@@ -29,7 +29,7 @@ from bridge.session.records import (
     Severity,
     TruthRecord,
 )
-from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:

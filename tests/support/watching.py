@@ -8,7 +8,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
-from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
 
 if TYPE_CHECKING:
     from bridge.supervise.rules.conditions import Condition

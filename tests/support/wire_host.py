@@ -5,23 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from protocol.link import Received
-from protocol.messages import (
-    Ack,
-    ClearStop,
-    Hello,
-    HostHello,
-    LogText,
-    Nack,
-    PlannerCommand,
-    SetMode,
-    Status,
-    Stop,
-    TimeRequest,
-)
+from protocol.messages.device import Ack, Hello, LogText, Nack, Status
+from protocol.messages.host import ClearStop, HostHello, PlannerCommand, SetMode, Stop, TimeRequest
+from protocol.messages.values import Mode, NackReason, OnboardPlanner, PlannerAction, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import Mode, NackReason, OnboardPlanner, PlannerAction, StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,10 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from bridge.io.ports import link_of
 from protocol.can.frames import RECORD
 from protocol.link import NODE_ALL, LinkEvent, Medium, Received
-from protocol.messages import (
-    Hello,
-    TimeRequest,
-)
+from protocol.messages.host import TimeRequest
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 
@@ -24,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.io.ports import BytePort
+    from protocol.messages.device import Hello
     from protocol.schema.message import Message
     from protocol.uart.framing import Frame
 

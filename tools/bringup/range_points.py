@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.bringup.ranging import Point, point
-from protocol.messages import Range
+from protocol.messages.device import Range
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

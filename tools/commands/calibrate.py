@@ -72,7 +72,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     from bridge.bringup.applying import Change
     from bridge.bringup.gyro import biases, complaint
     from bridge.errors import BridgeError
-    from protocol.messages import Encoders, Imu
+    from protocol.messages.device import Encoders, Imu
     from tools.bringup.calibrating import load_existing, write_results
     from tools.bringup.desk import Terminal, desk_on
 

@@ -18,7 +18,7 @@ from protocol.can import link as can_link
 from protocol.can import stamps as can_stamps
 from protocol.can import transfers as can_segments
 from protocol.generate.md import Behaviour, Machine, Rule
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 from sim_device import sweeper as device
 from sim_device.device import commands as device_commands
 from sim_device.device import (

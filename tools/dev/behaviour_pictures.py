@@ -32,8 +32,8 @@ from bridge.motion.robot_model import RobotModel
 from bridge.session.records import DeviceMessage, EventRecord, TruthRecord
 from bridge.view.report.drawing import as_png, blank, floor_axes, tidy
 from bridge.view.report.picture import draw_plan
-from protocol.messages import Encoders, Imu, Range
-from protocol.values import Contact
+from protocol.messages.device import Encoders, Imu, Range
+from protocol.messages.values import Contact
 from tools.cli.console import write_line
 from tools.cli.rooms import load_room
 from tools.virtual.loop import HOST_BOOT_NS

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from protocol.values import Contact, flag_labels
+from protocol.messages.values import Contact, flag_labels
 from tools.cli.console import drop_queued, flush, inform, plain_console, write_json, write_line
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from bridge.run.onboard_mission import OnboardMission
 from bridge.run.rejections import rejection_text
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
-from protocol.messages import PlannerCommand
-from protocol.values import PlannerAction, PlannerPhase, StopCause, label
+from protocol.messages.host import PlannerCommand
+from protocol.messages.values import PlannerAction, PlannerPhase, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
     from bridge.run.mission import Resume
     from bridge.supervise import SuperviseSettings
-    from protocol.values import OnboardPlanner
+    from protocol.messages.values import OnboardPlanner
     from tools.live.terminal_keys import Key
 
 

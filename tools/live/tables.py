@@ -10,9 +10,17 @@ from rich.text import Text
 
 from bridge.io import clock
 from bridge.session.states import State
-from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, Power, Range, Status
+from protocol.messages.values import (
+    Contact,
+    Fault,
+    Mode,
+    PlannerPhase,
+    StopCause,
+    flag_labels,
+    label,
+)
 from protocol.schema.catalogue import CATALOGUE
-from protocol.values import Contact, Fault, Mode, PlannerPhase, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -20,8 +20,8 @@ from bridge.run.options import HostOptions
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import RoomRecord, Severity, TruthRecord
 from bridge.session.stop_request import StopRequest
+from protocol.messages.values import StopCause
 from protocol.uart.link import Link
-from protocol.values import StopCause
 from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
 from sim_device.sweeper import VirtualSweeper
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from bridge.run.runner import Runner
     from bridge.supervise import SuperviseSettings
     from protocol.link import LinkBase
-    from protocol.values import OnboardPlanner
+    from protocol.messages.values import OnboardPlanner
     from sim_device.faults.spec import FaultSpec
     from sim_device.line.line import LineSettings
     from sim_device.noise import NoiseLevel

@@ -26,9 +26,9 @@ from bridge.run.options import HostOptions
 from bridge.run.summary import run_summary
 from bridge.session.states import State
 from protocol.can.link import CanLink
-from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, Power, Range, Status
+from protocol.messages.values import StopCause
 from protocol.uart.link import Link
-from protocol.values import StopCause
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig

@@ -15,7 +15,7 @@ import numpy as np
 from bridge.record.encode.cdr import LITTLE_ENDIAN, CdrLayout, stamp
 from bridge.record.wheels import WheelAngles
 from bridge.session.records import CoverageRecord
-from protocol.messages import Encoders, Imu, Power, Range
+from protocol.messages.device import Encoders, Imu, Power, Range
 from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bridge.floor_plan.floor_plan import contains
-from protocol.values import Contact, Fault
+from protocol.messages.values import Contact, Fault
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bridge.supervise.measured import Measured
     from bridge.supervise.rules.conditions import Evidence
     from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
-    from protocol.messages import Imu
+    from protocol.messages.device import Imu
 
 _BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
 _CLIFF = int(Contact.CLIFF)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
-from protocol.values import Fault, flag_labels
+from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.messages.values import Fault, flag_labels
 
 if TYPE_CHECKING:
     from bridge.supervise.inputs import RuleInputs, Scalar

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from protocol.values import Contact, PlannerPhase, label
+from protocol.messages.values import Contact, PlannerPhase, label
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.supervise.measured import Measured
     from bridge.supervise.rules.conditions import Evidence
     from bridge.supervise.settings import DisagreementRule
-    from protocol.messages import PlannerState
+    from protocol.messages.device import PlannerState
 
 _LANE, _TURN, _STEP = PlannerPhase.LANE, PlannerPhase.TURN, PlannerPhase.STEP
 _STILL = frozenset(

@@ -16,9 +16,9 @@ from bridge.run.mission import Phase
 from bridge.session.event_kinds import EventKind
 from bridge.view.report.run_track import load_track
 from bridge.view.run_reading import PoseErrors
+from protocol.messages.values import Fault, StopCause, flag_labels, label
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import RateClass
-from protocol.values import Fault, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from pathlib import Path

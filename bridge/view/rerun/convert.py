@@ -13,7 +13,7 @@ from bridge.record.wheels import WheelAngles
 from bridge.view.rerun import paths, planning, scene
 from bridge.view.rerun.columns import Document, RerunRecording, Series, States, TextLines
 from bridge.view.run_reading import PoseErrors, plan_of, robot_of
-from protocol.values import Mode, StopCause, label
+from protocol.messages.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable

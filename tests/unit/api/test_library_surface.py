@@ -10,7 +10,7 @@ import pytest
 from bridge.api.robot import Robot
 from bridge.errors import CommandRejectedError, OutputExistsError, Remedy, StoppedForSafetyError
 from bridge.run.ending import Ending, cannot_move
-from protocol.messages import Imu, Range, Status
+from protocol.messages.device import Imu, Range, Status
 from tools.cli.remedies import error_line
 
 

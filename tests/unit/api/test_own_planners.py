@@ -13,7 +13,7 @@ from bridge.coverage.planner import Finish, PlannerError, PlannerState
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.legs import Drive, GoTo, Leg, Rest, Turn
 from bridge.motion.robot_model import RobotModel
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 from tools.virtual.settings import Settings
 from tools.virtual.sweeper import SimulatedSweeper
 

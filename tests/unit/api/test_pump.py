@@ -15,10 +15,10 @@ from bridge.session.records import EventRecord
 from protocol.clock import HostNs
 from protocol.errors import FieldRangeError
 from protocol.link import Received
-from protocol.messages import GetParameter, Stop, VelocitySetpoint
+from protocol.messages.host import GetParameter, Stop, VelocitySetpoint
+from protocol.messages.values import StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import StopCause
 from support.ends import Collector, spinning_host, sweeper
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.bringup.desk_wire import InterruptedByPersonError
 from bridge.errors import DeviceLostError, StoppedForSafetyError
-from protocol.values import LogLevel, Mode, StopCause
+from protocol.messages.values import LogLevel, Mode, StopCause
 from support.bench_wire import RigWire, desk_on
 from support.ends import sweeper
 

@@ -8,11 +8,11 @@ from bridge.doctor import ADVICE, Examination
 from bridge.doctor.wire_view import Damaged
 from bridge.session.records import Severity
 from campaign.doctor import PATIENTS, uncovered, visit
-from protocol.messages import Encoders, Hello, LinkCounters, Power, Status
+from protocol.messages.device import Encoders, Hello, LinkCounters, Power, Status
+from protocol.messages.values import ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import ResetCause, StopCause
 from support.clinic import Visit, examine
 
 pytestmark = pytest.mark.slow

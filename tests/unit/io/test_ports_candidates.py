@@ -22,7 +22,8 @@ from bridge.io import ports
 from bridge.io.candidates import ADAPTERS, Candidate, candidates, probe
 from bridge.io.reopening import Opener, PortOptions, stable_name
 from protocol.link import Received
-from protocol.messages import Hello, HostHello
+from protocol.messages.device import Hello
+from protocol.messages.host import HostHello
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link

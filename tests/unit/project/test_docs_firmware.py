@@ -14,7 +14,7 @@ from bridge.session.session import Session
 from bridge.session.states import Failed
 from protocol.clock import HostNs
 from protocol.generate import render
-from protocol.messages import Stop
+from protocol.messages.host import Stop
 from protocol.schema.agreement import Match, MessageAgreement
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.fields import U8, number

@@ -7,7 +7,7 @@ import random
 from bridge.motion.geometry import Pose2
 from bridge.record.sink import NullSink
 from bridge.session.records import EventRecord, Severity, TruthRecord
-from protocol.values import StopCause
+from protocol.messages.values import StopCause
 from sim_device.faults.kinds import KINDS, parse_fault
 from sim_device.sweeper import VirtualSweeper
 from soak.faults import draw_fault, run

@@ -8,21 +8,12 @@ import pytest
 
 from bridge.session.states import CommandEnded, Data, SessionReady, State
 from protocol.link import Rejected
-from protocol.messages import (
-    ClearStop,
-    Encoders,
-    LinkCounters,
-    Power,
-    Range,
-    SaveParameters,
-    SetMode,
-    SetParameter,
-    SetStreamRate,
-)
+from protocol.messages.device import Encoders, LinkCounters, Power, Range
+from protocol.messages.host import ClearStop, SaveParameters, SetMode, SetParameter, SetStreamRate
+from protocol.messages.values import Mode, NackReason, ParameterKind, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.fields import U8, U16, number
 from protocol.schema.message import Direction, Message, RateClass, message
-from protocol.values import Mode, NackReason, ParameterKind, StopCause
 from support.ends import Ends, SessionEnd, session_end, sweeper
 from support.peers import EXTRA, catalogue, hints_of, longer, shorter, variant
 

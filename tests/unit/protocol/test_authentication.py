@@ -24,14 +24,7 @@ from protocol.can.authentication import TOGETHER_US
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.link import Received, Rejected
-from protocol.messages import (
-    Describe,
-    HostHello,
-    SetMode,
-    Stop,
-    TimeRequest,
-    VelocitySetpoint,
-)
+from protocol.messages.host import Describe, HostHello, SetMode, Stop, TimeRequest, VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link

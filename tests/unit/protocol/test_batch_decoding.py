@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from protocol.messages import Encoders, Hello, Imu, LogText, Range
+from protocol.messages.device import Encoders, Hello, Imu, LogText, Range
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.batch import BatchDecoder, decode_capture, iter_capture, row_dtype

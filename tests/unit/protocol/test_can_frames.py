@@ -22,22 +22,18 @@ from protocol.can.link import CanLink
 from protocol.can.load import BITRATE, loads, report
 from protocol.can.transfers import MAX_CONTENT, content, parse_content, segments
 from protocol.link import Received
-from protocol.messages import (
+from protocol.messages.device import (
     Ack,
     Encoders,
     Hello,
     Imu,
     LogText,
-    PlannerCommand,
     PlannerState,
     Power,
-    SetParameter,
-    Stop,
     Sync,
     TimeReply,
-    TimeRequest,
-    VelocitySetpoint,
 )
+from protocol.messages.host import PlannerCommand, SetParameter, Stop, TimeRequest, VelocitySetpoint
 from protocol.schema.message import Direction, Message
 
 HOST, DEVICE = Direction.HOST, Direction.DEVICE

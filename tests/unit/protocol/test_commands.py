@@ -17,8 +17,9 @@ from protocol.commands import (
     Outcome,
     RoundTrip,
 )
-from protocol.messages import Ack, ClearStop, Nack, SetMode, Stop
-from protocol.values import NackReason
+from protocol.messages.device import Ack, Nack
+from protocol.messages.host import ClearStop, SetMode, Stop
+from protocol.messages.values import NackReason
 
 STOP, CLEAR, MODE = 0x00, 0x05, 0x06
 

@@ -14,7 +14,7 @@ from protocol.can.frames import from_record
 from protocol.can.link import CanLink
 from protocol.errors import FieldRangeError
 from protocol.generate import render
-from protocol.messages import VelocitySetpoint
+from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import U8, U16, number
 from protocol.schema.message import Direction, Message, RateClass, message

@@ -13,7 +13,8 @@ import pytest
 from bridge.session.states import TRANSITIONS
 from protocol.generate import render
 from protocol.generate.md import Machine, diagram
-from protocol.messages import Imu, Range, VelocitySetpoint
+from protocol.messages.device import Imu, Range
+from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from support import reference_codec as ref
 from support.peers import catalogue, longer

@@ -13,7 +13,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from bridge.record.encode.schemas import device_encoders
 from bridge.session.records import DeviceMessage
 from protocol.generate import render
-from protocol.messages import Imu, Range
+from protocol.messages.device import Imu, Range
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from support.peers import catalogue, longer
 

@@ -9,24 +9,14 @@ import pytest
 from protocol.clock import DeviceUs, elapsed_us, extend_us
 from protocol.errors import FieldRangeError, LocalError, ProtocolError, RemoteError
 from protocol.link import LinkEvent, Received, Rejected, WrongDirectionError
-from protocol.messages import (
-    Encoders,
-    Hello,
-    HostHello,
-    Imu,
-    LogText,
-    Power,
-    SetMode,
-    Stop,
-    Sync,
-    VelocitySetpoint,
-)
+from protocol.messages.device import Encoders, Hello, Imu, LogText, Power, Sync
+from protocol.messages.host import HostHello, SetMode, Stop, VelocitySetpoint
+from protocol.messages.values import Fault, Mode, flag_labels, label
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_RETRY, Damage, DamagedFrame, FrameSizeError
 from protocol.uart.link import Link
-from protocol.values import Fault, Mode, flag_labels, label
 from support import reference_codec as ref
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ import pytest
 
 from protocol.can.frames import CAN_PART_TYPES
 from protocol.errors import UnknownMessageError
-from protocol.messages import Imu, LogText, Power, Range, SetMode, Status
+from protocol.messages.device import Imu, LogText, Power, Range, Status
+from protocol.messages.host import SetMode
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
 from protocol.schema.lint import findings

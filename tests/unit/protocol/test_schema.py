@@ -9,16 +9,9 @@ from typing import Annotated
 
 import pytest
 
-from protocol.messages import (
-    ALL_MESSAGES,
-    UNKNOWN_MESSAGE,
-    Describe,
-    DescribeReply,
-    Encoders,
-    Imu,
-    Power,
-    Status,
-)
+from protocol.messages import ALL_MESSAGES
+from protocol.messages.device import UNKNOWN_MESSAGE, DescribeReply, Encoders, Imu, Power, Status
+from protocol.messages.host import Describe
 from protocol.schema.agreement import Comparison, Match, describe
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import I16, U8, U16, U32, Field, number, si, si_or_none

@@ -23,7 +23,7 @@ from bridge.session.records import (
     Record,
     TruthRecord,
 )
-from protocol.messages import Encoders
+from protocol.messages.device import Encoders
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:

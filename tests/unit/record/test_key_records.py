@@ -13,7 +13,7 @@ from bridge.session.states import State
 from protocol.authentication import key_words
 from protocol.can.frames import RECORD
 from protocol.link import Received
-from protocol.messages import SetKey, Stop
+from protocol.messages.host import SetKey, Stop
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper

@@ -43,7 +43,7 @@ from bridge.session.records import (
     Severity,
     TruthRecord,
 )
-from protocol.messages import Encoders, Imu, Power, Range
+from protocol.messages.device import Encoders, Imu, Power, Range
 from protocol.schema.catalogue import CATALOGUE
 from support.synthetic_run import EPOCH_NS, PLAN, run_info, summary
 

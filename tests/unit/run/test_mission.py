@@ -19,8 +19,9 @@ from bridge.run.mission import (
     Request,
 )
 from protocol.commands import Outcome
-from protocol.messages import ClearStop, SetMode, Status, Stop
-from protocol.values import Mode, NackReason, StopCause
+from protocol.messages.device import Status
+from protocol.messages.host import ClearStop, SetMode, Stop
+from protocol.messages.values import Mode, NackReason, StopCause
 from support.ends import Spinning
 from support.observed import AT_REST
 

@@ -9,7 +9,7 @@ import pytest
 
 from bridge.errors import ParameterError
 from bridge.session.parameters import Parameter, closest
-from protocol.messages import ParameterValue
+from protocol.messages.device import ParameterValue
 
 # IEEE 754 binary32, worked out by hand: 0.5 = 2^-1, 0.25 = 2^-2, 2.0 = 2^1.
 HALF, QUARTER, TWO = 0x3F00_0000, 0x3E80_0000, 0x4000_0000

@@ -11,11 +11,12 @@ from bridge.run.mission import Phase
 from bridge.session.records import EventRecord, Record, Severity
 from bridge.session.states import State
 from protocol.clock import HostNs
-from protocol.messages import Hello, Stop, VelocitySetpoint
+from protocol.messages.device import Hello
+from protocol.messages.host import Stop, VelocitySetpoint
+from protocol.messages.values import Mode, StopCause
 from protocol.schema.codec import Codec
 from protocol.schema.message import specify
 from protocol.uart.framing import encode_frame
-from protocol.values import Mode, StopCause
 from support.ends import (
     RAMP_US,
     TIME_TO_LIVE_US,

@@ -13,8 +13,8 @@ from bridge.run.options import HostOptions
 from bridge.session.records import EventRecord
 from bridge.session.states import Failed, SessionReady, State, StateChanged
 from protocol.clock import HostNs
-from protocol.messages import Power
-from protocol.values import Mode, StopCause
+from protocol.messages.device import Power
+from protocol.messages.values import Mode, StopCause
 from support.ends import (
     Collector,
     Ends,

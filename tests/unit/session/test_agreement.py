@@ -11,10 +11,9 @@ from bridge.run.mission import Phase
 from bridge.run.robot_state import missing_needs, understood
 from bridge.session.states import Data, Failed, SessionReady, State
 from protocol.link import Received, Rejected
-from protocol.messages import (
-    ALL_MESSAGES,
+from protocol.messages import ALL_MESSAGES
+from protocol.messages.device import (
     Ack,
-    Describe,
     DescribeReply,
     Encoders,
     Hello,
@@ -22,11 +21,9 @@ from protocol.messages import (
     LinkCounters,
     Power,
     Range,
-    SetMode,
     Status,
-    Stop,
-    VelocitySetpoint,
 )
+from protocol.messages.host import Describe, SetMode, Stop, VelocitySetpoint
 from protocol.schema.agreement import Match, MessageAgreement
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.fields import U8, U16, number

@@ -13,17 +13,11 @@ from protocol.authentication import (
     key_words,
 )
 from protocol.can.link import CanLink
-from protocol.messages import (
-    ClearStop,
-    GetParameter,
-    HostHello,
-    SetKey,
-    Stop,
-)
+from protocol.messages.host import ClearStop, GetParameter, HostHello, SetKey, Stop
+from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import Mode, NackReason, StopCause
 from support.ends import Ends, HostEnd, SessionEnd, check_safe, spinning_host, sweeper
 
 if TYPE_CHECKING:

@@ -22,10 +22,11 @@ from bridge.session.round_trip import LIMIT_NS, LinkTrouble, RoundTrip
 from bridge.session.states import State
 from protocol.can.link import CanLink
 from protocol.link import Received
-from protocol.messages import PlannerCommand, TimeReply, TimeRequest
+from protocol.messages.device import TimeReply
+from protocol.messages.host import PlannerCommand, TimeRequest
+from protocol.messages.values import Mode, OnboardPlanner, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import Mode, OnboardPlanner, StopCause
 from support.bench_wire import desk_on
 from support.ends import Collector, Ends, HostEnd, Spinning, check_safe, spinning_host, sweeper
 from support.hostile import Piece, Pipe, Wire

@@ -9,10 +9,11 @@ import pytest
 from bridge.session.monitor import Monitor, UnknownTypeError
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
-from protocol.messages import Encoders, Hello, Stop, Sync
+from protocol.messages.device import Encoders, Hello, Sync
+from protocol.messages.host import Stop
+from protocol.messages.values import StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import StopCause
 from support.reference_codec import cobs_encode, crc32
 from tools.live.monitor_view import TextLines
 

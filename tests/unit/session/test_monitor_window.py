@@ -9,7 +9,7 @@ from rich.console import Console
 
 from bridge.session.monitor import Monitor
 from protocol.clock import HostNs
-from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from tools.live.monitor_view import Table

@@ -16,7 +16,8 @@ from bridge.session.session import (
 from bridge.session.states import RESTLESS, Failed, Restless, SessionEvent, SessionReady, State
 from protocol.clock import HostNs
 from protocol.link import Received
-from protocol.messages import Hello, HostHello, Status
+from protocol.messages.device import Hello, Status
+from protocol.messages.host import HostHello
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link

@@ -18,11 +18,11 @@ from bridge.run.robot_state import STALE_S, STATUS_STALE_S
 from bridge.session.records import EventRecord
 from bridge.session.sample_times import RESYNC_S, SampleTimes
 from protocol.link import Received
-from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.messages.values import Mode, OnboardPlanner, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.framing import encode_frame
 from protocol.uart.link import Link
-from protocol.values import Mode, OnboardPlanner, StopCause
 from support.bench_wire import desk_on
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
 from support.hostile import Piece, Pipe, Wire

@@ -18,9 +18,10 @@ from bridge.session.states import (
     StateChanged,
 )
 from protocol.clock import HostNs
-from protocol.messages import Hello, HostHello, Stop, TimeRequest, VelocitySetpoint
+from protocol.messages.device import Hello
+from protocol.messages.host import HostHello, Stop, TimeRequest, VelocitySetpoint
+from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.uart.framing import encode_frame
-from protocol.values import Mode, NackReason, StopCause
 from support.ends import Ends, SessionEnd, session_end, sweeper
 from support.hostile import Pipe
 

@@ -12,11 +12,12 @@ from bridge.io.stopping import CONFIRM_S, send_until_confirmed, stop_device
 from bridge.session.stop_request import REPEAT_NS, StopRequest
 from protocol.clock import HostNs
 from protocol.link import NODE_ALL, Received
-from protocol.messages import Ack, Nack, Stop
+from protocol.messages.device import Ack, Nack
+from protocol.messages.host import Stop
+from protocol.messages.values import NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import NackReason, StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,23 +8,21 @@ import pytest
 
 from protocol.authentication import Authenticator
 from protocol.link import Received
-from protocol.messages import (
-    Ack,
-    Challenge,
+from protocol.messages.device import Ack, Challenge, Hello
+from protocol.messages.host import (
     ClearStop,
     Describe,
-    Hello,
     HostHello,
     SetMode,
     Stop,
     TimeRequest,
     VelocitySetpoint,
 )
+from protocol.messages.values import Mode, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, Message
 from protocol.uart.framing import FLAG_AUTHENTICATED, encode_frame
 from protocol.uart.link import Link
-from protocol.values import Mode, StopCause
 from support.ends import sweeper
 
 KEY = bytes(range(1, 17))

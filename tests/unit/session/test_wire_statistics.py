@@ -6,7 +6,7 @@ import random
 
 from bridge.session.link_stats import MessageStatistics, Spread
 from bridge.session.timesync import Fit
-from protocol.messages import Ack, Imu
+from protocol.messages.device import Ack, Imu
 from protocol.schema.catalogue import CATALOGUE
 
 IMU = CATALOGUE.by_class[Imu]

@@ -6,14 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import (
-    LinkCounters,
-    SetMode,
-    Status,
-    Stop,
-    WheelDuty,
-)
-from protocol.values import (
+from protocol.messages.device import LinkCounters, Status
+from protocol.messages.host import SetMode, Stop, WheelDuty
+from protocol.messages.values import (
     Fault,
     Mode,
     NackReason,

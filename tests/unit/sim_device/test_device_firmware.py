@@ -6,22 +6,11 @@ from collections import Counter
 
 import pytest
 
-from protocol.messages import (
-    Ack,
-    ClearStop,
-    Describe,
-    Hello,
-    HostHello,
-    LogText,
-    Nack,
-    SetMode,
-    Stop,
-    TimeReply,
-    TimeRequest,
-)
+from protocol.messages.device import Ack, Hello, LogText, Nack, TimeReply
+from protocol.messages.host import ClearStop, Describe, HostHello, SetMode, Stop, TimeRequest
+from protocol.messages.values import Mode, NackReason, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, RateClass
-from protocol.values import Mode, NackReason, ResetCause, StopCause
 from support.device_bench import SESSION, Bench, kinds
 
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.robot_model import RobotModel
-from protocol.messages import LogText, PlannerState, SetParameter, VelocitySetpoint, WheelDuty
-from protocol.values import (
+from protocol.messages.device import LogText, PlannerState
+from protocol.messages.host import SetParameter, VelocitySetpoint, WheelDuty
+from protocol.messages.values import (
     Fault,
     Mode,
     NackReason,

@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.messages import (
-    ClearStop,
-    HostHello,
-    LinkCounters,
-    SetMode,
-    Status,
-    Stop,
-    VelocitySetpoint,
-)
+from protocol.messages.device import LinkCounters, Status
+from protocol.messages.host import ClearStop, HostHello, SetMode, Stop, VelocitySetpoint
+from protocol.messages.values import Fault, Mode, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
-from protocol.values import Fault, Mode, ResetCause, StopCause
 from support.device_bench import SESSION, Bench, kinds
 from support.ends import RAMP_US, REST_M_S, sweeper
 

@@ -7,7 +7,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from protocol.values import NackReason, OnboardPlanner, PlannerAction, ResetCause, StopCause
+from protocol.messages.values import (
+    NackReason,
+    OnboardPlanner,
+    PlannerAction,
+    ResetCause,
+    StopCause,
+)
 from sim_device.device.modes import MODE_OF, SET_EVENT, Event, Guard, ModeMachine, State
 from support.ends import sweeper
 from support.wire_host import SESSION, WireHost

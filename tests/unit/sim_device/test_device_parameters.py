@@ -8,17 +8,9 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from bridge.session.states import CommandEnded, Data
-from protocol.messages import (
-    Ack,
-    GetParameter,
-    ParameterValue,
-    Reboot,
-    SetMode,
-    SetParameter,
-    Status,
-    Stop,
-)
-from protocol.values import (
+from protocol.messages.device import Ack, ParameterValue, Status
+from protocol.messages.host import GetParameter, Reboot, SetMode, SetParameter, Stop
+from protocol.messages.values import (
     Fault,
     Mode,
     NackReason,

@@ -6,19 +6,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import (
-    Hello,
-    Imu,
-    LogText,
-    Power,
-    Sync,
-    VelocitySetpoint,
-)
-from protocol.schema.catalogue import CATALOGUE
-from protocol.values import (
+from protocol.messages.device import Hello, Imu, LogText, Power, Sync
+from protocol.messages.host import VelocitySetpoint
+from protocol.messages.values import (
     Fault,
     NackReason,
 )
+from protocol.schema.catalogue import CATALOGUE
 from support.ends import SessionEnd, session_end
 
 if TYPE_CHECKING:

@@ -5,11 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bridge.session.states import Data, SessionReady
-from protocol.messages import (
-    Reboot,
-    SetMode,
-)
-from protocol.values import (
+from protocol.messages.host import Reboot, SetMode
+from protocol.messages.values import (
     Mode,
     NackReason,
     ParameterFlag,

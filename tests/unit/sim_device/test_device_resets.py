@@ -9,19 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.motion.robot_model import RobotModel
-from protocol.messages import (
-    Ack,
-    Encoders,
-    Hello,
-    Imu,
-    SaveParameters,
-    SetParameter,
-    Status,
-    TimeReply,
-    TimeRequest,
-    VelocitySetpoint,
-)
-from protocol.values import Mode, ParameterKind, ResetCause, StopCause
+from protocol.messages.device import Ack, Encoders, Hello, Imu, Status, TimeReply
+from protocol.messages.host import SaveParameters, SetParameter, TimeRequest, VelocitySetpoint
+from protocol.messages.values import Mode, ParameterKind, ResetCause, StopCause
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import BYTES_PER_MS, ERASE_MS, Flash
 from sim_device.device.modes import State

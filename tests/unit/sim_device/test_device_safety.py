@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from protocol.messages import VelocitySetpoint
-from protocol.values import StopCause
+from protocol.messages.host import VelocitySetpoint
+from protocol.messages.values import StopCause
 from sim_device.device.safety import MAX_TIME_TO_LIVE_US, Freshness, SetpointWatchdog, StopLatch
 
 CAUSES = [c for c in StopCause if c is not StopCause.NONE]

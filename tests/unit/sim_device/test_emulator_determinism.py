@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from protocol.messages import ClearStop, HostHello, SetMode, TimeRequest, VelocitySetpoint
+from protocol.messages.host import ClearStop, HostHello, SetMode, TimeRequest, VelocitySetpoint
+from protocol.messages.values import Mode, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import Mode, StopCause
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import LineSettings
 from sim_device.rig import Rig

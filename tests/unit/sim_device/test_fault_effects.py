@@ -7,8 +7,8 @@ import statistics
 
 import pytest
 
-from protocol.messages import Encoders, Imu, Power, Range
-from protocol.values import Contact
+from protocol.messages.device import Encoders, Imu, Power, Range
+from protocol.messages.values import Contact
 from support.rigs import Drive, rig
 from support.sim_body import box, room
 

@@ -8,8 +8,8 @@ import pytest
 
 from bridge.session.states import State
 from protocol.can.link import CanLink
-from protocol.messages import Imu
-from protocol.values import ResetCause
+from protocol.messages.device import Imu
+from protocol.messages.values import ResetCause
 from sim_device.line.line import LineSettings
 from sim_device.sweeper import VirtualSweeper
 from support.rigs import Drive, lost_frames, rig

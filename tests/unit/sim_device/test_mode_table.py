@@ -8,7 +8,7 @@ from collections import deque
 
 import pytest
 
-from protocol.values import Fault, Mode, NackReason
+from protocol.messages.values import Fault, Mode, NackReason
 from sim_device.device.modes import (
     GUARDED,
     MODE_OF,

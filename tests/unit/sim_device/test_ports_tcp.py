@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.link import Received
-from protocol.messages import HostHello, SetMode, Stop, TimeRequest, VelocitySetpoint
+from protocol.messages.host import HostHello, SetMode, Stop, TimeRequest, VelocitySetpoint
+from protocol.messages.values import Mode, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from protocol.values import Mode, StopCause
 from sim_device.ports import TcpPort
 
 if TYPE_CHECKING:

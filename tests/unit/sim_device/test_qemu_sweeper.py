@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.values import ResetCause
+from protocol.messages.values import ResetCause
 from sim_device.ports import qemu_link as link
 from sim_device.ports import qemu_sweeper
 from sim_device.ports.qemu_process import QemuGoneError

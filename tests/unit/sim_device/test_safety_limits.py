@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.messages import VelocitySetpoint, WheelDuty
-from protocol.values import StopCause
+from protocol.messages.host import VelocitySetpoint, WheelDuty
+from protocol.messages.values import StopCause
 from sim_device.device import safety
 from sim_device.device.safety import DutyWatchdog, Freshness, SetpointWatchdog, StopLatch
 

@@ -12,11 +12,11 @@ from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
 from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
-from protocol.values import Contact, Fault
+from protocol.messages.values import Contact, Fault
 from support.watching import G_LSB, MODEL, Walk, imu, reading, status
 
 if TYPE_CHECKING:
-    from protocol.messages import Imu
+    from protocol.messages.device import Imu
 
 LEFT, RIGHT, CLIFF = (
     int(Contact.BUMPER_LEFT),

@@ -10,12 +10,12 @@ import pytest
 from bridge.motion.geometry import Pose2
 from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
 from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
-from protocol.values import Contact
+from protocol.messages.values import Contact
 from support.watching import G_LSB, Walk, imu, reading, status
 
 if TYPE_CHECKING:
     from bridge.supervise.rules.conditions import Condition
-    from protocol.messages import Imu
+    from protocol.messages.device import Imu
 
 LEFT, RIGHT, CLIFF = (
     int(Contact.BUMPER_LEFT),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.values import PlannerPhase
+from protocol.messages.values import PlannerPhase
 from support.sweeping_device import (
     CRUISE_M,
     IDLE,

@@ -11,8 +11,8 @@ from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
 from bridge.supervise.settings import BatteryRule, SilenceRule, StallRule
-from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
-from protocol.values import Fault
+from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.messages.values import Fault
 from support.watching import MODEL, STEP_S, Walk, imu, power, status
 
 if TYPE_CHECKING:

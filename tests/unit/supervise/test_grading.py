@@ -16,8 +16,8 @@ from bridge.supervise import (
     Supervisor,
     settings_from,
 )
-from protocol.messages import Encoders, Range
-from protocol.values import Contact, Fault
+from protocol.messages.device import Encoders, Range
+from protocol.messages.values import Contact, Fault
 from support.watching import MODEL, STEP_S, imu, planner, power, reading, status
 
 STALL = int(Fault.MOTOR_STALL)

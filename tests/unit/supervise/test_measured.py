@@ -9,7 +9,7 @@ import pytest
 from bridge.motion.geometry import Pose2
 from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
-from protocol.messages import Encoders
+from protocol.messages.device import Encoders
 from support.watching import MODEL, PER_COUNT_M, STEP_S, Walk, reading
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import pytest
 from bridge.motion.geometry import Pose2
 from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.settings import DisagreementRule
-from protocol.values import Contact
+from protocol.messages.values import Contact
 from support.sweeping_device import (
     BACK,
     CRUISE_M,

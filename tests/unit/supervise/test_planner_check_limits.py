@@ -12,8 +12,8 @@ from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.settings import DisagreementRule
-from protocol.messages import PlannerState, Range
-from protocol.values import Contact, PlannerPhase
+from protocol.messages.device import PlannerState, Range
+from protocol.messages.values import Contact, PlannerPhase
 from support.watching import MODEL, planner, reading
 
 LANE, TURN, STEP, PAUSED = (

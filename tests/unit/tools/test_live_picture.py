@@ -19,7 +19,7 @@ from bridge.run.manual import Operator
 from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
 from bridge.session.records import EventRecord, LogRecord, Severity
-from protocol.messages import Imu, Power, Range, Status
+from protocol.messages.device import Imu, Power, Range, Status
 from tools.cli.console import err
 from tools.cli.visible_console import MAX_COLUMNS, MAX_ROWS, VisibleConsole
 from tools.cli.visible_text import is_visible

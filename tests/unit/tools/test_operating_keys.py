@@ -20,8 +20,9 @@ from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
 from bridge.session.records import Severity
 from protocol.commands import Outcome
-from protocol.messages import PlannerCommand, Status
-from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
+from protocol.messages.device import Status
+from protocol.messages.host import PlannerCommand
+from protocol.messages.values import Mode, NackReason, OnboardPlanner, StopCause
 from support.events import Events
 from tools.live.operating import Operating
 from tools.live.terminal_keys import Key

@@ -1,0 +1,184 @@
+"""Messages from the host to a device."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from protocol.messages.values import (
+    Mode,
+    OnboardPlanner,
+    ParameterKind,
+    PlannerAction,
+    RebootKind,
+    StopCause,
+)
+from protocol.schema.fields import (
+    I16,
+    U8,
+    U16,
+    U32,
+    number,
+    si,
+    text,
+)
+from protocol.schema.message import Direction, Message, RateClass, message
+
+_HOST = Direction.HOST
+_STREAM, _COMMAND, _RARE = RateClass.STREAM, RateClass.COMMAND, RateClass.RARE
+
+_ID = number(U16, "id", "chosen by the host, counts up; names the command in its reply")
+
+
+@message(0x00, _HOST, _COMMAND, bootstrap=True, to_all=True)
+class Stop(Message):
+    """Stop and latch; repeated until acknowledged, obeyed from anyone at any time."""
+
+    command_id: Annotated[int, _ID]
+    cause: Annotated[int, number(U8, "enum", "why", enum=StopCause, low=1, high=5)]
+
+
+@message(0x02, _HOST, _STREAM, default_hz=50)
+class VelocitySetpoint(Message):
+    """Body velocity to hold until the time to live runs out."""
+
+    v: Annotated[int, number(I16, "m/s", "forward speed", scale="0.0001")]
+    yaw_rate: Annotated[int, number(I16, "rad/s", "counter-clockwise", scale="0.0002")]
+    time_to_live: Annotated[
+        int, number(U8, "s", "the device ramps to rest after it", scale="0.001", high=250)
+    ]
+    counter: Annotated[int, number(U8, "count", "must advance; wraps")]
+
+    v_m_s = si("v")
+    yaw_rate_rad_s = si("yaw_rate")
+    time_to_live_s = si("time_to_live")
+
+
+@message(0x03, _HOST, _STREAM, default_hz=50)
+class WheelDuty(Message):
+    """Motor duties, obeyed in bring-up mode only and capped there."""
+
+    left: Annotated[
+        int, number(I16, "duty", "forward positive", scale="1/10000", low=-10000, high=10000)
+    ]
+    right: Annotated[
+        int, number(I16, "duty", "forward positive", scale="1/10000", low=-10000, high=10000)
+    ]
+    time_to_live: Annotated[
+        int, number(U8, "s", "the motors are off after it", scale="0.001", high=250)
+    ]
+    counter: Annotated[int, number(U8, "count", "must advance; wraps")]
+
+    left_duty = si("left")
+    right_duty = si("right")
+    time_to_live_s = si("time_to_live")
+
+
+@message(0x04, _HOST, _RARE, bootstrap=True, to_all=True)
+class HostHello(Message):
+    """Opens a session; sent again with ``agreed`` set once the catalogues are compared."""
+
+    catalogue_hash: Annotated[int, number(U32, "hash", "of the host's whole catalogue")]
+    session_id: Annotated[int, number(U32, "id", "random, new for each session", low=1)]
+    agreed: Annotated[int, number(U8, "bits", "1: streams and commands may start", high=1)]
+    name: Annotated[str, text("the host program and its version")]
+
+
+@message(0x05, _HOST, _COMMAND)
+class ClearStop(Message):
+    """Release the latch, if its cause is still the one named."""
+
+    command_id: Annotated[int, _ID]
+    cause: Annotated[int, number(U8, "enum", "the cause to clear", enum=StopCause, low=1, high=5)]
+
+
+@message(0x06, _HOST, _COMMAND)
+class SetMode(Message):
+    """Choose what moves the wheels; refused while a stop is latched."""
+
+    command_id: Annotated[int, _ID]
+    mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode, high=3)]
+
+
+@message(0x07, _HOST, _RARE, to_all=True)
+class TimeRequest(Message):
+    """Ask for the device's clock; also keeps the session alive."""
+
+    ping: Annotated[int, number(U8, "id", "comes back in the reply")]
+
+
+@message(0x08, _HOST, _RARE, bootstrap=True)
+class Describe(Message):
+    """Ask how the device declares one message."""
+
+    described_type: Annotated[int, number(U8, "id", "type asked about", high=0x7E)]
+    field_count: Annotated[int, number(U8, "count", "fields that the host knows of it")]
+
+
+@message(0x09, _HOST, _COMMAND)
+class PlannerCommand(Message):
+    """Start, pause, resume or abort the device's own planner."""
+
+    command_id: Annotated[int, _ID]
+    action: Annotated[int, number(U8, "enum", "what to do", enum=PlannerAction, high=3)]
+    planner: Annotated[int, number(U8, "enum", "which, at start", enum=OnboardPlanner, high=3)]
+
+
+@message(0x0A, _HOST, _COMMAND)
+class GetParameter(Message):
+    """Ask for one parameter; the value comes before the acknowledgement."""
+
+    command_id: Annotated[int, _ID]
+    parameter: Annotated[int, number(U8, "id", "number of the parameter, from 0 without gaps")]
+
+
+@message(0x0B, _HOST, _COMMAND)
+class SetParameter(Message):
+    """Change one parameter until the next boot; save makes it stay."""
+
+    command_id: Annotated[int, _ID]
+    parameter: Annotated[int, number(U8, "id", "number of the parameter")]
+    kind: Annotated[
+        int, number(U8, "enum", "must be the parameter's own", enum=ParameterKind, high=3)
+    ]
+    value: Annotated[int, number(U32, "raw", "32 bits, read as the kind says")]
+
+
+@message(0x0C, _HOST, _COMMAND)
+class SaveParameters(Message):
+    """Store every parameter's present value."""
+
+    command_id: Annotated[int, _ID]
+
+
+@message(0x0D, _HOST, _COMMAND)
+class SetStreamRate(Message):
+    """Change how often a stream is sent, until the session ends."""
+
+    command_id: Annotated[int, _ID]
+    stream_type: Annotated[int, number(U8, "id", "type of the stream", high=0x7E)]
+    rate: Annotated[int, number(U16, "Hz", "0: off", scale="0.1", high=10000)]
+
+    rate_hz = si("rate")
+
+
+@message(0x0E, _HOST, _COMMAND)
+class Reboot(Message):
+    """Boot anew; acknowledged before it happens, refused while the robot moves."""
+
+    command_id: Annotated[int, _ID]
+    kind: Annotated[int, number(U8, "enum", "how", enum=RebootKind, high=2)]
+
+
+@message(0x0F, _HOST, _COMMAND)
+class SetKey(Message):
+    """Set the key that motion is authenticated with; over a local UART only, never told again."""
+
+    command_id: Annotated[int, _ID]
+    key_0: Annotated[int, number(U32, "raw", "bytes 0 to 3 of the key; all words 0: no key")]
+    key_1: Annotated[int, number(U32, "raw", "bytes 4 to 7")]
+    key_2: Annotated[int, number(U32, "raw", "bytes 8 to 11")]
+    key_3: Annotated[int, number(U32, "raw", "bytes 12 to 15")]
+
+    def __repr__(self) -> str:
+        """Without the key: a message may be shown in an exception or a test's output."""
+        return f"SetKey(command_id={self.command_id})"
