@@ -46,6 +46,9 @@ class Coverage:
 
     mouth_sweepable: float
     """The main figure: of what the mouth can reach, what it swept."""
+    mouth_passing: float
+    """The same of what the mouth reaches as the robot passes: with the mouth ahead of the axle,
+    without what it reaches only by turning towards a wall."""
     mouth_free: float
     body_reachable: float
     body_free: float
@@ -57,6 +60,7 @@ class Coverage:
         """For a summary."""
         return {
             "mouth_sweepable": self.mouth_sweepable,
+            "mouth_passing": self.mouth_passing,
             "mouth_free": self.mouth_free,
             "body_reachable": self.body_reachable,
             "body_free": self.body_free,
@@ -225,6 +229,7 @@ class CoverageTrack:
         free_m2 = meter.free_m2
         coverage = Coverage(
             mouth_sweepable=_share(swept & regions.sweepable, regions.sweepable),
+            mouth_passing=_share(swept & regions.passing, regions.passing),
             mouth_free=_share(swept, regions.free),
             body_reachable=_share(body & regions.reachable, regions.reachable),
             body_free=_share(body, regions.free),

@@ -34,6 +34,9 @@ class Regions:
     """What the body's disc can cover from the start."""
     sweepable: Mask
     """What the mouth can reach with the body free of collision."""
+    passing: Mask
+    """What the mouth reaches as the robot passes with any heading along its motion: the same for a
+    mouth on the axle. A mouth ahead of the axle reaches more only by turning towards a wall."""
 
 
 def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Regions:
@@ -59,12 +62,13 @@ def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Reg
     centres, curves = _connected(raster, centres, curves, (plan.start.x_m, plan.start.y_m))
     half_width = 0.5 * model.cleaning_width_m
     reach = math.hypot(model.mouth_offset_m, half_width)
-    reachable, sweepable = centres.copy(), centres.copy()
+    reachable, sweepable, passing = centres.copy(), centres.copy(), centres.copy()
     for curve in curves:
         pieces = _simplified(curve)
         raster.stamp_path(reachable, pieces, radius)
+        raster.stamp_path(passing, pieces, half_width)
         raster.stamp_path(sweepable, pieces, reach)
-    return Regions(raster, free, centres, reachable & free, sweepable & free)
+    return Regions(raster, free, centres, reachable & free, sweepable & free, passing & free)
 
 
 def _boundary(plan: FloorPlan, edges: Floats, radius: float) -> list[Floats]:

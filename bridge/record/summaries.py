@@ -16,6 +16,8 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "pose_error_m": ("end", "max"),
     "wire": ("lost", "crc_errors"),
 }
+_ADDED = {"coverage": ("mouth_passing",)}
+"""Keys of those tables that older logs lack."""
 _LARGEST = 1e300
 """Maximum absolute number that is accepted. JSON integers have no limit, but floats have."""
 _BY_DIRECTION = ("frames", "bytes")
@@ -62,7 +64,8 @@ def _is_ours(key: str, value: Any) -> bool:  # noqa: ANN401 - any JSON value
 
 
 def _is_table(key: str, value: dict[str, Any]) -> bool:
-    if not all(value.get(name) is None or _is_number(value[name]) for name in _TABLES[key]):
+    names = (*_TABLES[key], *_ADDED.get(key, ()))
+    if not all(value.get(name) is None or _is_number(value[name]) for name in names):
         return False
     ways = [value[name] for name in _BY_DIRECTION if key == "wire" and name in value]
     return all(

@@ -12,7 +12,14 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
 
 
-_COVERAGES = ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
+_COVERAGES = (
+    "mouth_sweepable",
+    "mouth_passing",
+    "mouth_free",
+    "body_reachable",
+    "body_free",
+    "eq8",
+)
 
 
 def link_summary(host: Host) -> dict[str, Any]:

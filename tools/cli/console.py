@@ -129,6 +129,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
         ("time", _with(summary["duration_s"], "{:.1f} s")),
         ("path", _path(summary)),
         ("swept by the mouth", _share(coverage, "mouth_sweepable", "of the reachable floor")),
+        ("swept in passing", _passing(coverage)),
         ("covered by the body", _share(coverage, "body_free", "of the floor (the paper's figure)")),
         ("90 % / 99 % after", _pair(summary["t90_s"], summary["t99_s"], "{:.0f} s")),
         ("largest hole", _with(summary["largest_hole_cm2"], "{:.0f} cm²")),
@@ -163,6 +164,14 @@ def _with(value: float | None, form: str) -> str | None:
 def _share(coverage: dict[str, float | None], key: str, text: str) -> str | None:
     value = coverage[key]
     return None if value is None else f"{100 * value:.2f} % {text}"
+
+
+def _passing(coverage: dict[str, float | None]) -> str | None:
+    """Return the share that is left out where it is the main figure: a mouth on the axle."""
+    share = coverage.get("mouth_passing")
+    if share is None or share == coverage["mouth_sweepable"]:
+        return None
+    return f"{100 * share:.2f} % of what the mouth reaches without turning towards walls"
 
 
 def _pair(first: float | None, second: float | None, form: str) -> str | None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-rooms,studio-flat"
 _DEFAULT = "recovery"
 _PLANNERS = tuple(dict.fromkeys((_DEFAULT, *options.PLANNERS)))
-_GRID = ("rooms", "generated", "planners", "levels", "seeds")
+_GRID = ("rooms", "generated", "planners", "levels", "seeds", "robots")
 """Parameters of ``compare`` and ``limits``; the paper's experiments have fixed ones."""
 _TITLES = {
     "paper": "The paper's experiments",
@@ -84,6 +84,12 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     help="Runs of each combination, with seeds 0 to N-1; without noise one run, because all are "
     "equal.",
 )
+@click.option(
+    "--robots",
+    callback=_listed(),
+    help="Robot files, separated by commas: every combination is run with each of them.  "
+    "[default: the paper's robot]",
+)
 @click.option("--zimablue", is_flag=True, help="Add the online planners of the package zimablue.")
 @click.option(
     "--jobs",
@@ -118,6 +124,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     planners: list[str] | None,
     levels: list[str],
     seeds: int,
+    robots: list[str] | None,
     zimablue: bool,
     jobs: int | None,
     max_time_s: float | None,
@@ -135,7 +142,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     compare runs every combination of room, planner, noise level and seed. limits adds runs with a
     perfect pose and perfect ranges, and splits the lost coverage by cause.
 
-    Besides files and names of shipped rooms, --rooms takes generated:KIND:N and layout:NAME.
+    Besides files and names of shipped rooms, --rooms takes generated:KIND:N and layout:NAME. With
+    --robots, a table compares the robots.
 
     The results are runs.csv, curves.csv, tables.md and report.html. Ctrl-C or SIGTERM ends the runs
     and reports on those that are done; the same command continues from there.
@@ -145,11 +153,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.experiment.paper_trials import paper_trials
     from tools.experiment.runs import run_all
     from tools.experiment.store import Store, code_version
-    from tools.experiment.trials import generated_rooms, room_of
+    from tools.experiment.trials import generated_rooms, with_robots
 
     figures.check()
     if zimablue and what != "compare":
         raise click.UsageError("--zimablue needs compare")
+    if zimablue and robots:
+        raise click.UsageError("--zimablue has a robot of its own: leave out --robots")
     if what == "paper":
         _reject_grid(ctx)
         trials = paper_trials(max_time_s)
@@ -158,8 +168,9 @@ def command(  # noqa: PLR0913 - one parameter per option
         if not names:
             raise click.UsageError("no room: give --rooms or --generated")
         trials = _trials(what, names, planners, levels, range(seeds), max_time_s, zimablue=zimablue)
-    for name in dict.fromkeys(trial.room for trial in trials):
-        room_of(name)  # so that a wrong name is reported now, not after an hour
+        trials = with_robots(trials, robots) if robots else trials
+    for trial in {(trial.room, trial.robot): trial for trial in trials}.values():
+        _ = trial.plan  # so that a wrong name is reported now, not after an hour
     store = Store(out, code_version(), force=force)
     with leaving_at_once(
         f"interrupted before the report; completed runs are kept in {out}\n"

@@ -13,7 +13,7 @@ from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.limits import CAUSES
 from tools.experiment.paper_tables import cycle_spread
 from tools.experiment.tables import group
-from tools.experiment.trials import OPEN_FLOOR, Kind, room_of
+from tools.experiment.trials import OPEN_FLOOR, Kind, robot_label, room_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -173,6 +173,8 @@ def path_picture(row: Row) -> str:
         axes.plot(xs[-1], ys[-1], "s", ms=6, color="black")
     mouth, body = row.get("mouth_sweepable"), row.get("body_free")
     title = f"{row['room']}, {display_name(row['planner'])}, {row['noise']}, seed {row['seed']}"
+    if row["robot"]:
+        title += f", robot {robot_label(row['robot'])}"
     if row.get("offsets"):
         title += f"\n{len(row['offsets'])} cycles, {row['path_m']:.1f} m, {row['duration_s']:.0f} s"
     elif mouth is not None and body is not None:

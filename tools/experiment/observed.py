@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bridge.coverage.runner import PlanRunner
-from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.run.ending import Ending
 from bridge.session.records import CommandRecord, TruthRecord
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from bridge.coverage.planner import Planner
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
     from bridge.run.host import Host
     from bridge.session.records import Record
     from sim_device.noise import NoiseLevel
@@ -78,6 +78,7 @@ def observe(  # noqa: PLR0913 - one parameter for each property of a run
     plan: FloorPlan,
     *,
     max_time_s: float,
+    model: RobotModel | None = None,
     planner: Planner | None = None,
     noise: str | NoiseLevel | None = None,
     prepare: Callable[[VirtualRun], None] = lambda _: None,
@@ -89,6 +90,7 @@ def observe(  # noqa: PLR0913 - one parameter for each property of a run
         trial: what to run.
         plan: its room.
         max_time_s: time limit of the run, simulated seconds.
+        model: replaces the robot of the trial.
         planner: replaces the planner that the trial names.
         noise: replaces the noise level of the trial.
         prepare: called before the first byte; may change both ends.
@@ -99,7 +101,7 @@ def observe(  # noqa: PLR0913 - one parameter for each property of a run
         FloorPlanError: the robot does not fit at the room's start.
 
     """
-    eye, model = _Eye(), RobotModel()
+    eye, model = _Eye(), model or trial.model
     begun: list[VirtualRun] = []
     energy: list[tuple[float, float]] = []
     estimated: list[tuple[float, Pose2]] = []

@@ -11,6 +11,7 @@ from tools.experiment import report
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.limits import CAUSES
 from tools.experiment.store import write_csv
+from tools.experiment.tables import room_file
 from tools.experiment.trials import Kind, room_of
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 _PLAIN_WIDTH = 220
 """Width of tables that are not printed on a terminal, characters."""
-_NAMES = ("kind", "room", "planner", "noise", "seed")
+_NAMES = ("kind", "room", "planner", "noise", "seed", "robot")
 
 
 def write_results(out: Path, title: str, command: str, rows: Sequence[Row]) -> list[Table]:
@@ -112,7 +113,10 @@ def _curves(rows: Sequence[Row]) -> list[Row]:
 
 def _write_rooms(folder: Path, rows: Sequence[Row]) -> None:
     """Write the generated rooms and layouts as files, so that ``simulate`` can repeat a run."""
-    for name in sorted({row["room"] for row in rows if ":" in row["room"]}):
+    drawn = {
+        (row["room"], row["robot"], row.get("radius_m", 0.0)) for row in rows if ":" in row["room"]
+    }
+    for name, robot, radius_m in sorted(drawn):
         folder.mkdir(exist_ok=True)
-        path = folder / f"{name.replace(':', '-')}.json"
-        path.write_text(room_of(name).to_json() + "\n", encoding="utf-8")
+        path = folder / room_file(name, robot)
+        path.write_text(room_of(name, radius_m).to_json() + "\n", encoding="utf-8")

@@ -61,11 +61,16 @@ def _pairs(
     mine = [row for row in rows if row["planner"] == leader]
     for (planner,), theirs in group(others, "planner").items():
         for (noise,), at_level in group(mine, "noise").items():
-            by_seed = {(row["room"], row["seed"]): row for row in at_level}
+            by_seed = {(row["room"], row["seed"], row["robot"]): row for row in at_level}
             # without noise there is one run, because it is the same for every seed
-            once = {row["room"]: row for row in at_level} if noise in NOISELESS else {}
+            once = (
+                {(row["room"], row["robot"]): row for row in at_level} if noise in NOISELESS else {}
+            )
             for other in theirs:
-                run = by_seed.get((other["room"], other["seed"]), once.get(other["room"]))
+                run = by_seed.get(
+                    (other["room"], other["seed"], other["robot"]),
+                    once.get((other["room"], other["robot"])),
+                )
                 if run is not None and (other["noise"] == noise or other["kind"] == Kind.ZIMABLUE):
                     found.setdefault((planner, noise), []).append((run, other))
     return found

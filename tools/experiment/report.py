@@ -61,7 +61,7 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
         paired = [
             paired_table(swept, curve, DEFAULT_PLANNER) for curve in ("coverage", "by_energy")
         ]
-        made += [table for table in paired if table.rows]
+        made += [table for table in (tables.robot_table(ours), *paired) if table.rows]
     if compare_tables.shared(rows) and results.of(Kind.ZIMABLUE):
         made += [compare_tables.zimablue_table(rows, curve) for curve in ("coverage", "by_path")]
     if ours:
@@ -83,7 +83,7 @@ def render(title: str, command: str, rows: Sequence[Row], tables_made: Sequence[
     parts += [table(made.title, made.head, made.rows, note=made.note) for made in tables_made]
     firsts = [
         runs[0]
-        for runs in tables.group(rows, "room", "planner", "noise").values()
+        for runs in tables.group(rows, "room", "planner", "noise", "robot").values()
         if runs[0].get("path") and runs[0]["kind"] != Kind.RANGES
     ]
     if firsts:

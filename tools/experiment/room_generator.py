@@ -21,8 +21,10 @@ KINDS = ("box", "ell", "turned", "columns", "legs", "pockets", "corridor", "flat
 
 _WALL_M = 0.1
 """Thickness of an inner wall, m."""
-_CLEAR_M = 0.18
-"""Minimum distance of the start to walls and obstacles, m: the footprint's radius and 2 cm."""
+_START_GAP_M = 0.02
+"""Minimum gap between footprint and walls or obstacles at the start, m."""
+_CLEAR_M = 0.16 + _START_GAP_M
+"""Minimum distance of the start to walls and obstacles for the paper's robot, m."""
 _TRIES = 400
 """Maximum number of random start positions that are tried."""
 _ORTHOGONAL_SHARE = 0.5
@@ -41,13 +43,17 @@ class RandomSource(Protocol):
         ...
 
 
-def generate_room(seed: int, rng: RandomSource, kind: str | None = None) -> FloorPlan:
+def generate_room(
+    seed: int, rng: RandomSource, kind: str | None = None, radius_m: float = 0.0
+) -> FloorPlan:
     """Return a random room.
 
     Args:
         seed: number in the room's name; it does not affect the room.
         rng: source of randomness.
         kind: one of ``KINDS``; None: a random one.
+        radius_m: radius of the footprint, m; only one larger than the paper's robot's moves the
+            start.
 
     Raises:
         KeyError: ``kind`` is not one of ``KINDS``.
@@ -56,7 +62,7 @@ def generate_room(seed: int, rng: RandomSource, kind: str | None = None) -> Floo
     if kind is None:
         kind = KINDS[_whole(rng, 0, len(KINDS) - 1)]
     walls, obstacles = _MAKERS[kind](rng)
-    start = _start(rng, walls, obstacles)
+    start = _start(rng, walls, obstacles, max(_CLEAR_M, radius_m + _START_GAP_M))
     return FloorPlan(f"{kind}-{seed}", walls, tuple(obstacles), start)
 
 
@@ -105,14 +111,14 @@ def _whole(rng: RandomSource, low: int, high: int) -> int:
     return min(int(rng.uniform(low, high + 1)), high)
 
 
-def _start(rng: RandomSource, walls: Polygon, obstacles: list[Polygon]) -> Pose2:
-    """Return a random pose at which the footprint is free."""
+def _start(rng: RandomSource, walls: Polygon, obstacles: list[Polygon], clear_m: float) -> Pose2:
+    """Return a random pose at least ``clear_m`` from walls and obstacles, m."""
     xs, ys = [p[0] for p in walls], [p[1] for p in walls]
     for _ in range(_TRIES):
         x, y = rng.uniform(min(xs), max(xs)), rng.uniform(min(ys), max(ys))
         if not contains(walls, x, y) or any(contains(o, x, y) for o in obstacles):
             continue
-        if all(distance_m(polygon, x, y) > _CLEAR_M for polygon in (walls, *obstacles)):
+        if all(distance_m(polygon, x, y) > clear_m for polygon in (walls, *obstacles)):
             heading = rng.uniform(-math.pi, math.pi)
             if rng.uniform(0.0, 1.0) < _ORTHOGONAL_SHARE:
                 heading = round(heading / (0.5 * math.pi)) * 0.5 * math.pi

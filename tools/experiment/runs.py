@@ -16,7 +16,7 @@ from rich.text import Text
 from tools.cli.console import err, inform, is_drawable
 from tools.cli.signals import held_back, until_signalled
 from tools.experiment.ending import prepare_worker, run_until_ended
-from tools.experiment.trials import room_of, work
+from tools.experiment.trials import work
 
 if TYPE_CHECKING:
     from rich.progress import Task, TaskID
@@ -70,7 +70,7 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
     outcome = Outcome()
     if not missing:
         return outcome
-    costs = {trial: work(trial, room_of(trial.room)) for trial in missing}
+    costs = {trial: work(trial, trial.plan) for trial in missing}
     columns = (
         TextColumn("{task.fields[done]}/{task.fields[count]}"),
         BarColumn(),

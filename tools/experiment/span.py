@@ -71,14 +71,14 @@ def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], b
 
 def energy_unit_wh(meter: CoverageMeter) -> float:
     """Return the energy to sweep the sweepable floor once, straight ahead at cruise speed, Wh."""
-    return cruise_power_w() * meter.reference_time_s / _S_PER_H
+    return cruise_power_w(meter.model) * meter.reference_time_s / _S_PER_H
 
 
 @cache
-def cruise_power_w() -> float:
+def cruise_power_w(model: RobotModel) -> float:
     """Return the power at cruise speed, W, measured on a straight drive of the virtual sweeper."""
     straight = Trial(OPEN_FLOOR, "u-shape", "none", 0)
-    seen = observe(straight, room_of(OPEN_FLOOR), max_time_s=_STRAIGHT_S)
+    seen = observe(straight, room_of(OPEN_FLOOR), max_time_s=_STRAIGHT_S, model=model)
     steady = [point for point in seen.energy if point[0] >= seen.truth[0][0] + _STEADY_S]
     (begin_s, begin_wh), (end_s, end_wh) = steady[0], steady[-1]
     return _S_PER_H * (end_wh - begin_wh) / (end_s - begin_s)

@@ -10,7 +10,7 @@ from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
 from tools.experiment.curves import MULTIPLES
-from tools.experiment.trials import PERFECT, RANDOM
+from tools.experiment.trials import PERFECT, RANDOM, robot_label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -79,6 +79,51 @@ def planner_table(rows: Sequence[Row]) -> Table:
         "area once at cruise speed. The depth of a hole is the radius of the largest disc that "
         "fits into the floor that was not swept. Timeout: at the time limit; random, which never "
         f"ends by itself, after {MULTIPLES[-1]:g} times the reference time and energy.",
+    )
+
+
+def robot_table(rows: Sequence[Row]) -> Table:
+    """Return the figures of each planner with each robot; no line without a robot file."""
+    named = rows if any(row["robot"] for row in rows) else []
+    lines = [
+        (
+            robot_label(robot),
+            planner,
+            noise,
+            str(len(runs)),
+            percent(values(runs, "mouth_passing"), fmean),
+            percent(values(runs, "mouth_passing"), min),
+            percent(values(runs, "mouth_sweepable"), fmean),
+            number(values(runs, "path_ratio"), median),
+            number(values(runs, "time_ratio"), median),
+            number(values(runs, "time_ratio"), max),
+            number([run["hole_inradius_m"] / run["width_m"] for run in runs], max),
+            number(_per_area(runs), max),
+            outcomes(runs),
+        )
+        for (robot, planner, noise), runs in group(named, "robot", "planner", "noise").items()
+    ]
+    return Table(
+        "Robots",
+        (
+            "robot",
+            "planner",
+            "noise",
+            "runs",
+            "mouth in passing, mean %",
+            "worst %",
+            "mouth, mean %",
+            "path ratio, median",
+            "time ratio, median",
+            "worst",
+            "deepest hole, W",
+            "collisions per m², worst",
+            "ended",
+        ),
+        lines,
+        "In passing: of what the mouth reaches with any heading along the robot's motion. A mouth "
+        "ahead of the axle reaches more by turning towards walls. The depth of a hole is the "
+        "radius of the largest disc that fits into the unswept floor, in widths of the mouth.",
     )
 
 
@@ -213,6 +258,12 @@ def spread(values: Sequence[float]) -> str:
     return f"{100 * min(values):.2f} to {100 * max(values):.2f}" if values else ""
 
 
+def room_file(room: str, robot: str) -> str:
+    """Return the name of the file of a generated room; its start may depend on the robot."""
+    of_robot = f"-{robot_label(robot)}" if robot else ""
+    return f"{room.replace(':', '-')}{of_robot}.json"
+
+
 def _per_area(runs: Sequence[Row]) -> list[float]:
     return [
         run["collisions"] / run["sweepable_m2"]
@@ -265,12 +316,13 @@ def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Tabl
 
 def repeat_command(row: Row, rooms_folder: str) -> str:
     """Return the command line that repeats a run and records it."""
-    room = row["room"]
+    room, robot = row["room"], row["robot"]
     if ":" in room:
-        room = f"{rooms_folder}/{room.replace(':', '-')}.json"
-    longest_s, further = row["max_time_s"], ""
+        room = f"{rooms_folder}/{room_file(room, robot)}"
+    longest_s, further = row["max_time_s"], f" --robot {shlex.quote(robot)}" if robot else ""
     if row["planner"] == RANDOM:  # an experiment removes this planner's own time limit
-        longest_s, further = row["duration_s"], " --planner-option max_time_s=1e6"
+        longest_s = row["duration_s"]
+        further += " --planner-option max_time_s=1e6"
     return (
         f"sweepctl simulate {shlex.quote(room)} --planner {row['planner']}{further} "
         f"--noise {row['noise']} --seed {row['seed']} --max-time {longest_s:.9g}"

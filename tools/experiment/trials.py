@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bridge.config import load_robot
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from tools.cli.rooms import load_room
@@ -18,7 +21,9 @@ from tools.experiment.layouts import LAYOUT, layout_plan
 from tools.experiment.room_generator import KINDS, generate_room
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
+
+    from bridge.motion.robot_model import RobotModel
 
 GENERATED = "generated:"
 """Prefix of the names of generated rooms, ``generated:KIND:N``."""
@@ -66,6 +71,10 @@ class Trial:
     max_time_s: float | None = None
     """Time limit in simulated seconds; None: an hour, more in large rooms."""
     kind: Kind = Kind.RUN
+    robot: str = ""
+    """Robot file; empty: the default robot."""
+    robot_hash: str = ""
+    """Hash of that file's content, so that results of another content are not taken for it."""
 
     @property
     def key(self) -> str:
@@ -75,7 +84,48 @@ class Trial:
     @property
     def label(self) -> str:
         """Short text for messages."""
-        return f"{self.room} {self.planner} {self.noise} seed {self.seed}"
+        what = f"{self.room} {self.planner} {self.noise} seed {self.seed}"
+        return f"{what} robot {robot_label(self.robot)}" if self.robot else what
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot.
+
+        Raises:
+            ConfigError: the robot file cannot be read or is invalid.
+
+        """
+        return load_robot(Path(self.robot) if self.robot else None)[0]
+
+    @property
+    def plan(self) -> FloorPlan:
+        """The room, with a start at which the robot fits if the room is generated.
+
+        Raises:
+            FloorPlanError: there is no such room, or its file is invalid.
+
+        """
+        return room_of(self.room, self.model.radius_m)
+
+
+def robot_label(robot: str) -> str:
+    """Return the short name of a robot file; ``default`` without one."""
+    return Path(robot).stem if robot else "default"
+
+
+def with_robots(trials: Sequence[Trial], robots: Iterable[str]) -> list[Trial]:
+    """Return the trials once for each robot file.
+
+    Raises:
+        ConfigError: a file cannot be read or is invalid.
+
+    """
+    made: list[Trial] = []
+    for robot in robots:
+        _, text = load_robot(Path(robot))
+        digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+        made += [replace(trial, robot=robot, robot_hash=digest) for trial in trials]
+    return made
 
 
 def grid_trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the grid
@@ -100,8 +150,10 @@ def generated_rooms(count: int) -> list[str]:
     return [f"{GENERATED}{KINDS[n % len(KINDS)]}:{n}" for n in range(count)]
 
 
-def room_of(name: str) -> FloorPlan:
+def room_of(name: str, radius_m: float = 0.0) -> FloorPlan:
     """Read or generate a room by its name in a trial.
+
+    A generated room has its start where a footprint of ``radius_m`` fits, m.
 
     Raises:
         FloorPlanError: there is no such room, or its file is invalid.
@@ -115,7 +167,9 @@ def room_of(name: str) -> FloorPlan:
     kind, _, number = name.removeprefix(GENERATED).partition(":")
     if not name.startswith(GENERATED) or kind not in KINDS or not number.isdecimal():
         return load_room(name)
-    return generate_room(int(number), np.random.default_rng([_DRAWN_FROM, int(number)]), kind)
+    return generate_room(
+        int(number), np.random.default_rng([_DRAWN_FROM, int(number)]), kind, radius_m
+    )
 
 
 def work(trial: Trial, plan: FloorPlan) -> float:

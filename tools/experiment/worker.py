@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.coverage.baselines.paper import PaperPlanner
 from bridge.evaluation.metrics import CoverageMeter
-from bridge.motion.robot_model import RobotModel
 from tools.experiment import curves
 from tools.experiment.observed import Observed, observe
 from tools.experiment.span import energy_unit_wh, enough, limit_s, planner_of
-from tools.experiment.trials import PERFECT, Kind, Trial, room_of
+from tools.experiment.trials import PERFECT, Kind, Trial
 from tools.virtual.summary import summarise
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ class _Driven(NamedTuple):
 
 def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
     """Run the planner of a trial in its room to the end of the comparison."""
-    plan, model = room_of(trial.room), RobotModel()
+    model, plan = trial.model, trial.plan
     planner, meter = planner_of(trial, model), CoverageMeter(plan, model, 0.01)
     perfect = trial.noise == PERFECT
 
@@ -90,7 +89,7 @@ def _reading(trial: Trial) -> dict[str, Any]:
     """Run a trial of another reading of the paper, or of range noise alone."""
     from tools.experiment.paper_trials import RANGE_LEVEL, READINGS
 
-    plan, model, reading = room_of(trial.room), RobotModel(), READINGS.get(trial.planner)
+    model, plan, reading = trial.model, trial.plan, READINGS.get(trial.planner)
     noise = RANGE_LEVEL if trial.noise == RANGE_LEVEL.name else trial.noise
     if reading is None:
         return _figures(trial, _drive(trial, noise))
@@ -116,6 +115,8 @@ def _figures(trial: Trial, driven: _Driven) -> dict[str, Any]:
     by_time = curves.over_time(meter, report, cut=cut)
     return row | {
         "max_time_s": driven.max_time_s,
+        "radius_m": meter.model.radius_m,
+        "width_m": meter.model.cleaning_width_m,
         "sweepable_m2": round(report.sweepable_m2, 4),
         "reference_time_s": round(report.reference_time_s, 2),
         "reference_energy_wh": round(unit_wh, 5),

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _COLOURS = (report_figures.BLUE, report_figures.ORANGE)
 _PERCENT = (
     "coverage.mouth_sweepable",
+    "coverage.mouth_passing",
     "coverage.mouth_free",
     "coverage.body_reachable",
     "coverage.body_free",
@@ -42,7 +43,10 @@ def figures_of(data: RunData) -> dict[str, float | None]:
         "turns": data.figure("turns"),
     }
     shares = measured.coverage.to_dict() if measured is not None else {}
-    for name in ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8"):
+    for name in (
+        *("mouth_sweepable", "mouth_passing", "mouth_free"),
+        *("body_reachable", "body_free", "eq8"),
+    ):
         known = data.figure("coverage", name)
         made[f"coverage.{name}"] = known if known is not None else shares.get(name)
     for name in ("t90_s", "t99_s", "largest_hole_cm2", "hole_inradius_m", "repeat_ratio"):

@@ -94,6 +94,12 @@ def comparison(data: RunData) -> Rows:
             "100 %",
         ),
         (
+            "mouth over what it reaches in passing",
+            f"{100 * report.coverage.mouth_passing:.2f} %",
+            "not given",
+            "100 %",
+        ),
+        (
             "mouth over the whole floor",
             f"{100 * report.coverage.mouth_free:.2f} %",
             "not given",

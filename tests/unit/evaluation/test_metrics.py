@@ -246,3 +246,13 @@ def test_scattered_points_measure_what_centres_cannot() -> None:
     area = 1.59**2
     assert raster.area_m2(raster.polygon(corners)) == pytest.approx(area, rel=2e-4)
     assert abs(centred.area_m2(centred.polygon(box(0.2049, 0.2049, 1.7951, 1.7951))) - area) > 0.01
+
+
+def test_a_mouth_ahead_of_the_axle_reaches_more_by_turning_than_in_passing() -> None:
+    side = 2.0
+    plan = FloorPlan("s", ((0, 0), (side, 0), (side, side), (0, side)), (), Pose2(0.5, 1.0, 0.0))
+    ahead = CoverageMeter(plan, replace(RobotModel(), mouth_offset_m=0.1), 0.01).regions
+    on_axle = CoverageMeter(plan, RobotModel(), 0.01).regions
+    assert (ahead.passing == on_axle.sweepable).all()
+    assert (on_axle.passing == on_axle.sweepable).all()
+    assert ahead.sweepable.sum() > 1.05 * ahead.passing.sum()

@@ -93,7 +93,7 @@ def test_coverage_is_the_reports() -> None:
     report = CoverageMeter(PLAN, MODEL).measure(track, 1.196)
     summary = summed(host(), report=report)
     assert set(summary["coverage"]) == {
-        *("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
+        *("mouth_sweepable", "mouth_passing", "mouth_free", "body_reachable", "body_free", "eq8")
     }
     # mouth: 1.196 m by 0.16 m; body: that by 0.32 m and a disc; of 4 m²
     assert abs(summary["coverage"]["mouth_free"] - 1.196 * 0.16 / 4) < 0.003

@@ -39,6 +39,7 @@ def row(
     return {
         "kind": Kind.RUN,
         "room": "case-1",
+        "robot": "",
         "planner": planner,
         "noise": "typical",
         "seed": 0,

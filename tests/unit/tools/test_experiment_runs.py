@@ -11,9 +11,18 @@ import pytest
 from bridge.motion.robot_model import RobotModel
 from tools.experiment.limits import CAUSES
 from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES
+from tools.experiment.room_generator import distance_m
 from tools.experiment.runs import run_all
 from tools.experiment.store import Store
-from tools.experiment.trials import OPEN_FLOOR, PERFECT, Kind, Trial, grid_trials, room_of
+from tools.experiment.trials import (
+    OPEN_FLOOR,
+    PERFECT,
+    Kind,
+    Trial,
+    grid_trials,
+    room_of,
+    with_robots,
+)
 from tools.experiment.worker import run_trial
 
 if TYPE_CHECKING:
@@ -126,3 +135,23 @@ def test_workers_that_cannot_start_are_reported_in_one_line(
 def test_without_noise_a_run_is_the_same_for_every_seed() -> None:
     rows = [run_trial(Trial("case-1", "recovery", "none", seed, 20.0)) for seed in (0, 1)]
     assert rows[0] == rows[1]
+
+
+def test_a_robot_file_is_an_axis_of_the_grid(tmp_path: Path) -> None:
+    small = tmp_path / "small.toml"
+    small.write_text("robot_diameter_m = 0.26\ncleaning_width_m = 0.13\nwheel_base_m = 0.19\n")
+    trials = grid_trials(["empty"], ["recovery"], ["none"], [0], None)
+    with_small = with_robots(trials, [str(small)])
+    assert [trial.model.robot_diameter_m for trial in trials + with_small] == [0.32, 0.26]
+    assert with_small[0].label.endswith("robot small")
+    before = with_small[0].key
+    small.write_text(small.read_text() + "name = 'another'\n")
+    assert with_robots(trials, [str(small)])[0].key != before
+
+
+def test_a_large_robot_fits_at_the_start_of_a_generated_room() -> None:
+    name, radius_m = "generated:legs:4", 0.25
+    plan = room_of(name, radius_m)
+    start = (plan.start.x_m, plan.start.y_m)
+    assert all(distance_m(polygon, *start) > radius_m for polygon in (plan.walls, *plan.obstacles))
+    assert room_of(name, 0.10) == room_of(name)

@@ -102,7 +102,7 @@ def test_the_power_at_cruise_by_the_motors_constants() -> None:
     current_a = motor.friction_v / motor.resistance_ohm + torque_nm / motor.back_emf_v_s
     volts = motor.resistance_ohm * current_a + motor.back_emf_v_s * MODEL.cruise_speed_m_s / wheel_m
     power_w = chassis.electronics_w + 2.0 * current_a * (volts + MODEL.driver_drop_v)
-    assert cruise_power_w() == pytest.approx(power_w, rel=0.02)
+    assert cruise_power_w(MODEL) == pytest.approx(power_w, rel=0.02)
 
 
 def test_a_straight_lane_by_energy() -> None:

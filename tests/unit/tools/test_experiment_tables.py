@@ -41,6 +41,7 @@ def row(planner: str = "paper", seed: int = 0, **more: Any) -> dict[str, Any]:  
     return {
         "kind": Kind.RUN,
         "room": "case-1",
+        "robot": "",
         "planner": planner,
         "noise": "typical",
         "seed": seed,
