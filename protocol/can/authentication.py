@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.uart.framing import FLAG_AUTHENTICATED
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from protocol.authentication import Authenticator
     from protocol.link import Received
 
@@ -16,8 +18,7 @@ TOGETHER_US = 10_000
 
 class _Held(NamedTuple):
     came_us: int
-    can_id: int
-    covered: bytes
+    covered: Sequence[tuple[int, bytes]]
     event: Received
 
 
@@ -27,11 +28,13 @@ class HeldMessages:
     def __init__(self) -> None:
         self._held: dict[int, _Held] = {}
 
-    def hold(self, can_id: int, covered: bytes, event: Received, now_us: int) -> Received | None:
-        """Hold a message; gives one that was held already, which has no tag."""
-        node = can_id & 0x0F
+    def hold(
+        self, event: Received, covered: Sequence[tuple[int, bytes]], now_us: int
+    ) -> Received | None:
+        """Hold a message and what its tag covers; gives one held already, which has no tag."""
+        node = event.frame.node
         before = self._held.get(node)
-        self._held[node] = _Held(now_us, can_id, covered, event)
+        self._held[node] = _Held(now_us, covered, event)
         return None if before is None else before.event
 
     def tagged(self, node: int, data: bytes, key: Authenticator, now_us: int) -> Received | None:
@@ -39,7 +42,7 @@ class HeldMessages:
         held = self._held.pop(node, None)
         if held is None or now_us - held.came_us > TOGETHER_US:
             return None
-        if not key.check_can([(held.can_id, held.covered)], data):
+        if not key.check_can(held.covered, data):
             return None
         frame = held.event.frame
         flags = frame.version_flags | FLAG_AUTHENTICATED

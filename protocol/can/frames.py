@@ -1,8 +1,9 @@
 """Classic CAN frames: identifiers, the packing of periodic messages, and their length in bits.
 
 ``id = type << 4 | node``: the type first, so that stop wins arbitration over everything. A
-periodic message is one frame of at most 6 B of payload and the low 16 bits of its stamp, or
-several such frames, its parts, with a type each: every frame can be decoded by itself.
+periodic message is one frame: the low 16 bits of its stamp, then at most 6 B of payload. A
+longer one is several such frames, its parts, with a type each: every frame can be decoded by
+itself. The stamp stands first, so that a field that is appended moves nothing.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ CAN_PART_TYPES: dict[tuple[int, int], int] = {
 CAN_SLOW_PARTS_US: dict[tuple[int, int], int] = {(0x12, 2): 1_000_000}
 """Parts that go out with the first message and then after this long; receivers keep them."""
 CAN_FULL_STAMP = frozenset({0x10})
-"""Sync: ``t_us u32 | payload`` instead of ``payload | t16``."""
+"""Sync: ``t_us u32 | payload`` instead of ``t16 | payload``."""
 
 STAMP_SHIFT = 4
 """A short stamp counts 16 µs."""
@@ -140,7 +141,7 @@ def pack(part: Part, payload: bytes, t_us: int) -> bytes:
     mine = b"".join(payload[start:end] for start, end in part.spans)
     if part.can_type in CAN_FULL_STAMP:
         return T32.pack(t_us & 0xFFFF_FFFF) + mine
-    return mine + T16.pack(t_us >> STAMP_SHIFT & 0xFFFF)
+    return T16.pack(t_us >> STAMP_SHIFT & 0xFFFF) + mine
 
 
 def join(fields: Iterable[Field], parts: dict[int, bytes]) -> bytes:

@@ -45,6 +45,8 @@ from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_AUTHENTICATED, Damage, DamagedFrame, Frame
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from protocol.link import LinkEvent
     from protocol.schema.codec import Codec
     from protocol.schema.message import Message, MessageSpec
@@ -211,32 +213,32 @@ class CanLink(LinkBase):
         else:
             if len(data) < T16.size:
                 return self._malformed(frame, spec)
-            stamp_us = sender.stamps.short(T16.unpack(data[-T16.size :])[0], now_us)
-            payload = data[: -T16.size]
+            stamp_us = sender.stamps.short(T16.unpack_from(data)[0], now_us)
+            payload = data[T16.size :]
         if stamp_us is None:
             self.statistics.stale += 1
             return None
         self._expire(sender, stamp_us)
-        parts = self._parts_of(spec)
-        if len(parts) > 1:
-            joined = self._join(sender, native, parts, stamp_us, payload)
-            if joined is None:
+        parts, frames = self._parts_of(spec), [frame]
+        if len(parts) > 1 or native.part:  # or of a part that the peer does not share
+            whole = self._join(sender, frame, native, parts, stamp_us, payload)
+            if whole is None:
                 return None
-            payload = joined
+            payload, frames = whole
         event = self._interpret(spec, frame.node, _VERSION, stamp_us, payload)
         if isinstance(event, Received) and isinstance(event.message, Sync):
             self._count(sender, event.message.frame_count)
-        return self._guarded(event, frame.can_id, frame.data, now_us)
+        return self._guarded(event, frames, now_us)
 
     def _guarded(
-        self, event: LinkEvent, can_id: int, covered: bytes, now_us: int
+        self, event: LinkEvent, covered: Sequence[tuple[int, bytes]], now_us: int
     ) -> LinkEvent | None:
         """Hold back what needs a tag until it comes, where there is a key to check it with."""
         if self.key is None or not self.key.begun or not isinstance(event, Received):
             return event
         if event.spec.type_id not in GUARDED_TYPES:
             return event
-        before = self._held.hold(can_id, covered, event, now_us)
+        before = self._held.hold(event, covered, now_us)
         if before is not None:
             self._unmarked.append(before)
         return None
@@ -244,14 +246,16 @@ class CanLink(LinkBase):
     def _malformed(self, frame: CanFrame, spec: MessageSpec) -> LinkEvent:
         return self._reject(Frame(_VERSION, frame.node, spec.type_id, 0, 0, frame.data), "payload")
 
-    def _join(
+    def _join(  # noqa: PLR0913, PLR0917 - a frame, taken apart
         self,
         sender: Sender,
+        frame: CanFrame,
         native: _Native,
         parts: tuple[Part, ...],
         stamp_us: int,
         payload: bytes,
-    ) -> bytes | None:
+    ) -> tuple[bytes, list[CanFrame]] | None:
+        """The payload that a frame completes, and the frames of this stamp that carried it."""
         spec, number = native
         part = next((p for p in parts if p.number == number), None)
         if part is None:  # of fields that are not shared
@@ -260,33 +264,35 @@ class CanLink(LinkBase):
         if part.slow_us:
             sender.slow[spec.type_id, number] = payload
             return None
-        pending = sender.pending.get(spec.type_id)
+        place = frame.node, spec.type_id
+        pending = sender.pending.get(place)
         if pending is not None and pending.stamp_us != stamp_us:
-            self._drop(sender, spec.type_id)
+            self._drop(sender, place)
             pending = None
         if pending is None:
-            pending = sender.pending[spec.type_id] = Pending(stamp_us, {})
-        pending.parts[number] = payload
+            pending = sender.pending[place] = Pending(stamp_us, {})
+        pending.frames[number] = frame
         quick = [p for p in parts if not p.slow_us]
-        if len(pending.parts) < len(quick):
+        if len(pending.frames) < len(quick):
             return None
         slow = {p.number: sender.slow.get((spec.type_id, p.number)) for p in parts if p.slow_us}
         if None in slow.values():  # not told yet: it comes within its own period
-            self._drop(sender, spec.type_id)
+            self._drop(sender, place)
             return None
-        del sender.pending[spec.type_id]
+        del sender.pending[place]
         known = {number: data for number, data in slow.items() if data is not None}
-        return join(spec.fields, pending.parts | known)
+        payloads = {number: came.data[T16.size :] for number, came in pending.frames.items()}
+        return join(spec.fields, payloads | known), [pending.frames[p.number] for p in quick]
 
-    def _drop(self, sender: Sender, type_id: int) -> None:
-        self.statistics.incomplete += len(sender.pending.pop(type_id).parts)
+    def _drop(self, sender: Sender, place: tuple[int, int]) -> None:
+        self.statistics.incomplete += len(sender.pending.pop(place).frames)
 
     def _expire(self, sender: Sender, stamp_us: int) -> None:
         """Drop what the sender's own clock says is a period old."""
-        for type_id, pending in list(sender.pending.items()):
-            period_us = 1e6 / self.codec.catalogue.by_type[type_id].default_hz
+        for place, pending in list(sender.pending.items()):
+            period_us = 1e6 / self.codec.catalogue.by_type[place[1]].default_hz
             if stamp_us - pending.stamp_us >= period_us:
-                self._drop(sender, type_id)
+                self._drop(sender, place)
 
     def _count(self, sender: Sender, count: int) -> None:
         if sender.count is not None:
@@ -327,7 +333,7 @@ class CanLink(LinkBase):
         if self.key is not None:
             flags &= ~FLAG_AUTHENTICATED  # it is what the tag says, not what the frame says
         event = self._interpret(spec, frame.node, flags, stamp_us, parsed.payload)
-        return self._guarded(event, frame.can_id, whole, now_us)
+        return self._guarded(event, [(frame.can_id, whole)], now_us)
 
     def forget_sequence(self) -> None:
         """Forget counts, clocks and halves: the peer has booted anew, as its hello says.
@@ -365,7 +371,7 @@ class CanLink(LinkBase):
             spec = self.codec.catalogue.by_type[type_id]
             if is_native(spec):
                 frames = self._pack(spec, node, t_us, payload)
-                covered = [(frame.can_id, frame.data) for frame in frames]
+                covered: Sequence[tuple[int, bytes]] = frames
             else:
                 can_id = type_id << 4 | node
                 transfer = self._transfer_ids.get(can_id, -1) + 1

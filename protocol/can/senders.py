@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from protocol.can.stamps import StampExtender
+
+if TYPE_CHECKING:
+    from protocol.can.frames import CanFrame
 
 
 @dataclass(slots=True)
@@ -12,7 +16,8 @@ class Pending:
     """A message of which a part is still to come."""
 
     stamp_us: int
-    parts: dict[int, bytes]
+    frames: dict[int, CanFrame]
+    """By the number of the part."""
 
 
 class Sender:
@@ -20,7 +25,8 @@ class Sender:
 
     def __init__(self) -> None:
         self.stamps = StampExtender()
-        self.pending: dict[int, Pending] = {}
+        self.pending: dict[tuple[int, int], Pending] = {}
+        """By node and message type: a host's messages name the device that they are for."""
         self.slow: dict[tuple[int, int], bytes] = {}
         self.messages = 0
         """Given out: numbered so, for want of a sequence number on the wire."""

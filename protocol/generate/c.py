@@ -65,6 +65,7 @@ def _header(catalogue: Catalogue) -> str:
         declarations="\n".join(c_messages.declaration(spec) for spec in catalogue),
         to_all=c_messages.to_all(catalogue),
         slow_parts=max(1, len(c_can.slow_parts(catalogue))),
+        host_parts=c_can.host_parts(catalogue),
     )
 
 

@@ -15,23 +15,22 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 
-class HostPartsError(ValueError):
-    """A host's periodic message in several frames, which the C receiver does not join."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(f"{message}: a host's message needs more than one CAN frame")
-        self.message = message
-
-
 def spans(catalogue: Catalogue) -> str:
-    """Return the rows of the table of native frames.
-
-    Raises:
-        HostPartsError: a host's periodic message does not fit one frame.
-
-    """
+    """Return the rows of the table of native frames."""
     slow = slow_parts(catalogue)
     return "".join(guarded(s, "".join(_spans(s, slow))) for s in catalogue if is_native(s))
+
+
+def host_parts(catalogue: Catalogue) -> int:
+    """Return the most CAN frames that a host's periodic message has."""
+    return max(
+        (
+            len(parts_of(s, len(s.fields)))
+            for s in catalogue
+            if is_native(s) and s.direction is Direction.HOST
+        ),
+        default=1,
+    )
 
 
 def slow_parts(catalogue: Catalogue) -> dict[int, int]:
@@ -41,10 +40,7 @@ def slow_parts(catalogue: Catalogue) -> dict[int, int]:
 
 
 def _spans(spec: MessageSpec, slow: dict[int, int]) -> Iterator[str]:
-    parts = parts_of(spec, len(spec.fields))
-    if spec.direction is Direction.HOST and len(parts) > 1:
-        raise HostPartsError(spec.name)
-    for part in parts:
+    for part in parts_of(spec, len(spec.fields)):
         place = list(slow).index(part.can_type) + 1 if part.slow_us else 0
         full = int(part.can_type in CAN_FULL_STAMP)
         for first, end in part.spans:

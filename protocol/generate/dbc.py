@@ -122,20 +122,18 @@ def tag_frame(node: int) -> Frame:
 
 
 def _signals(spec: MessageSpec, part: Part) -> Iterator[Signal]:
-    bit = 0
-    full = part.can_type in CAN_FULL_STAMP
-    if full:
-        doc = "sender's clock when the content was sampled"
-        yield _plain(FULL_STAMP, 0, 8 * T32.size, 1.0, "us", doc)
+    doc = "sender's clock when the content was sampled"
+    if part.can_type in CAN_FULL_STAMP:
         bit = 8 * T32.size
+        yield _plain(FULL_STAMP, 0, bit, 1.0, "us", doc)
+    else:
+        bit, step_us = 8 * T16.size, 1 << STAMP_SHIFT
+        doc = f"{doc}, low 16 bits of {step_us} us steps"
+        yield _plain(STAMP, 0, bit, step_us / 1e6, "s", doc)
     for field in spec.fields:
         if field.can_part == part.number:
             yield _signal(field, bit)
             bit += 8 * field.wire.size
-    if not full:
-        step_us = 1 << STAMP_SHIFT
-        doc = f"sender's clock when the content was sampled, low 16 bits of {step_us} us steps"
-        yield _plain(STAMP, bit, 8 * T16.size, step_us / 1e6, "s", doc)
 
 
 def _plain(  # noqa: PLR0913, PLR0917 - a row of the table

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from protocol.authentication import CAN_AUTH_TYPE, FREE, GUARDED_TYPES, TRAILER
 from protocol.can.authentication import TOGETHER_US
+from protocol.can.frames import pack, parts_of
 from protocol.commands import REMEMBERED
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
@@ -142,8 +143,10 @@ def _life(catalogue: Catalogue, behaviour: Behaviour) -> Iterator[str]:
     if VelocitySetpoint not in catalogue.by_class or "encoders" not in catalogue.by_name:
         return
     setpoint = VelocitySetpoint(v=2000, yaw_rate=-500, time_to_live=200, counter=7)
+    spec = catalogue.spec(VelocitySetpoint)
     type_id, payload = Codec(catalogue).encode(setpoint)
-    wire = b"\0" + encode_frame(1, type_id, 42, 0x0012_D687, payload)
+    stamp_us, (part, *_) = 0x0012_D687, parts_of(spec, len(spec.fields))
+    wire = b"\0" + encode_frame(1, type_id, 42, stamp_us, payload)
     yield fill(
         "PROTOCOL-life.md",
         payload=payload.hex(" "),
@@ -152,6 +155,6 @@ def _life(catalogue: Catalogue, behaviour: Behaviour) -> Iterator[str]:
         wire_us=round(len(wire) * _BITS_A_BYTE / _MBAUD),
         encoders_ms=f"{1000 / catalogue.by_name['encoders'].default_hz:g}",
         can_id=f"{type_id << 4 | 1:03x}",
-        can=(payload + (0x0012_D687 >> 4 & 0xFFFF).to_bytes(2, "little")).hex(" "),
+        can=pack(part, payload, stamp_us).hex(" "),
         **behaviour.numbers,
     )

@@ -53,6 +53,4 @@ def _layout(spec: MessageSpec, part: Part) -> list[tuple[str, int]]:
     """Names and sizes in the order of the frame's bytes."""
     fields: list[Field] = [f for f in spec.fields if f.can_part == part.number]
     mine = [(f.name, f.wire.size) for f in fields]
-    if part.can_type in CAN_FULL_STAMP:
-        return [("t_us", 4), *mine]
-    return [*mine, ("t16", 2)]
+    return [("t_us", 4) if part.can_type in CAN_FULL_STAMP else ("t16", 2), *mine]

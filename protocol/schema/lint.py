@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from protocol.can.frames import CAN_PART_TYPES
+from protocol.can.frames import CAN_PART_TYPES, CAN_SLOW_PARTS_US
 from protocol.schema.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
 from protocol.schema.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
 from protocol.schema.message import MAX_TYPE, Direction, RateClass
@@ -70,6 +70,8 @@ def _stream(spec: MessageSpec) -> Iterator[str]:
         known = (spec.type_id, part) in CAN_PART_TYPES or not 0 <= spec.type_id <= MAX_TYPE
         if part and not known:
             yield f"CAN part {part} has no type of its own"
+        if spec.direction is Direction.HOST and (spec.type_id, part) in CAN_SLOW_PARTS_US:
+            yield f"CAN part {part} of a host's message is slow: a device joins what comes at once"
 
 
 def _field(spec: MessageSpec, field: Field) -> Iterator[str]:

@@ -238,6 +238,12 @@ static void can_send(char **words)
 static void can_hear(char **words)
 {
     static sp_can_receiver_t receiver;
+#if SP_CAN_HOST_PARTS > 1
+    if (strcmp(words[0], "limit") == 0) {
+        sp_can_limit(&receiver, (uint8_t)adapter_number(words[1]), (size_t)adapter_number(words[2]));
+        return;
+    }
+#endif
     const uint32_t now_us = (uint32_t)adapter_number(words[0]);
     sp_can_frame_t in = {(uint16_t)adapter_number(words[1]), 0, {0}};
     sp_frame_t frame;

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import pytest
 
-from protocol.can.frames import RECORD, CanFrame, from_record
+from protocol.can.frames import CAN_PART_TYPES, RECORD, CanFrame, from_record
 from protocol.can.link import CanLink
 from protocol.link import Received, Rejected
+from protocol.messages import ALL_MESSAGES
 from protocol.messages.device import Encoders, Imu, LogText, Sync
-from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
-from protocol.schema.message import Direction
+from protocol.schema import message as declared
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.fields import I16, U8, U16, number
+from protocol.schema.message import Direction, Message, RateClass
 from protocol.uart.framing import DamagedFrame
 from support.c_adapter import random_message, words
 from support.c_build import generate
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
     from protocol.link import LinkEvent
-    from protocol.schema.message import Message
     from support.c_build import Adapter
 
 pytestmark = pytest.mark.slow
@@ -123,15 +129,20 @@ def troubled(rng: random.Random, records: list[CanFrame]) -> list[CanFrame]:
     return out
 
 
-def host_traffic(rng: random.Random) -> list[tuple[int, CanFrame]]:
+def host_traffic(
+    rng: random.Random, catalogue: Catalogue = CATALOGUE, shared: int | None = None
+) -> list[tuple[int, CanFrame]]:
     """What a host writes, and when it arrives, in the device's time."""
-    link = CanLink(Direction.HOST)
+    specs = [s for s in catalogue if s.direction is Direction.HOST]
+    link = CanLink(Direction.HOST, codec=Codec(catalogue))
+    if shared is not None:
+        link.codec.limit(catalogue.by_name["velocity_setpoint"].type_id, shared)
     now_us, arrivals = (1 << 32) - 8_000_000, []
     for _ in range(MESSAGES):
         now_us += rng.choice((0, 500, 2_000, 20_000))
         if rng.random() < 0.002:
             now_us += 3_000_000
-        message = random_message(rng, rng.choice(FROM_HOST))
+        message = random_message(rng, rng.choice(specs))
         late_us = rng.choice((0, 0, 0, 1_000, 30_000, 400_000, 700_000))
         stamp_us = (now_us - late_us + 123_456_789) & 0xFFFF_FFFF
         link.send(message, stamp_us, node=rng.choice((0, NODE)), flags=rng.randrange(4))
@@ -139,9 +150,12 @@ def host_traffic(rng: random.Random) -> list[tuple[int, CanFrame]]:
     return arrivals
 
 
-def sent_by_c(adapter: Adapter, arrivals: list[tuple[int, CanFrame]]) -> list[tuple[str, str]]:
+def sent_by_c(
+    adapter: Adapter, arrivals: list[tuple[int, CanFrame]], first: Sequence[str] = ()
+) -> list[tuple[str, str]]:
     questions = [f"{t & 0xFFFF_FFFF} {f.can_id} {f.data.hex() or '-'}" for t, f in arrivals]
-    answers = [a.split(" | ") for a in adapter.ask("can-hear", questions)]
+    printed = adapter.ask("can-hear", [*first, *questions])
+    answers = [a.split(" | ") for a in printed]
     return [(event, counts) for event, counts in answers]
 
 
@@ -180,6 +194,49 @@ def test_c_receives_what_python_receives(adapter: Adapter) -> None:
     assert complete > MESSAGES // 2
     s = link.statistics
     assert min(s.damaged, s.doubled, s.stale, s.given_up) > 10  # all of it was tried
+
+
+@declared.message(0x02, Direction.HOST, RateClass.STREAM, default_hz=50)
+class VelocitySetpoint(Message):
+    """A velocity setpoint with fields of its second frame, one of which stands between others."""
+
+    v: Annotated[int, number(I16, "m/s", "forward speed", scale="0.0001")]
+    yaw_rate: Annotated[int, number(I16, "rad/s", "counter-clockwise", scale="0.0002")]
+    time_to_live: Annotated[int, number(U8, "s", "how long", scale="0.001", high=250)]
+    counter: Annotated[int, number(U8, "count", "must advance; wraps")]
+    acceleration: Annotated[int, number(U16, "raw", "appended", can_part=1)]
+    brush: Annotated[int, number(U8, "raw", "appended", can_part=1)]
+    suction: Annotated[int, number(U8, "raw", "appended", can_part=2)]
+
+
+@pytest.mark.parametrize("shared", [None, 6, 5, 4, 3])
+def test_a_host_s_message_in_several_frames(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, shared: int | None
+) -> None:
+    """Also from a host that knows fewer of its fields, and so sends fewer frames."""
+    monkeypatch.setitem(CAN_PART_TYPES, (0x02, 1), 0x70)
+    monkeypatch.setitem(CAN_PART_TYPES, (0x02, 2), 0x71)
+    plain = CATALOGUE.by_name["velocity_setpoint"].cls
+    catalogue = Catalogue([VelocitySetpoint, *(m for m in ALL_MESSAGES if m is not plain)])
+    grown = catalogue.spec(VelocitySetpoint)
+    room = ("-DSP_CAN_OPEN=16", "-DSP_CAN_RECENT=64")
+    adapter = generate(tmp_path, catalogue).adapter(flags=room, sanitized=True)
+    arrivals = host_traffic(random.Random(4), catalogue, shared)
+    device = CanLink(Direction.DEVICE, codec=Codec(catalogue))
+    limit = []
+    if shared is not None:
+        device.codec.limit(grown.type_id, shared)
+        limit = [f"limit {grown.type_id} {grown.prefix_layout(shared).size}"]
+    answers = sent_by_c(adapter, arrivals, limit)
+    complete = 0
+    for (now_us, frame), (event, _) in zip(arrivals, answers, strict=True):
+        record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
+        for heard in device.receive(record, now_us):
+            if isinstance(heard, Received):
+                printed = event.split()
+                assert " ".join(printed[:7]) == as_c_sends(heard)
+                complete += heard.spec.type_id == grown.type_id
+    assert complete > MESSAGES // 40
 
 
 def test_lost_and_duplicate_segments_never_give_a_wrong_message(small_adapter: Adapter) -> None:

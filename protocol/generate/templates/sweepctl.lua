@@ -488,7 +488,7 @@ local function add_t_us(tree, range)
   tree:add_le(head.t_us, range):append_text((" (%.6f s)"):format(range:le_uint() / 1e6))
 end
 
--- A native frame: fields of one part of a stream's message, then t16; or t_us, then fields.
+-- A native frame: t16 or t_us, then the fields of one part of a stream's message.
 local function add_native(tree, frame, tvb)
   local message = MESSAGES[frame.message]
   tree:add(head.direction, DIRECTIONS[message.direction]):set_generated()
@@ -500,17 +500,12 @@ local function add_native(tree, frame, tvb)
   if left < 0 then
     return mark(tree, "length", ("%d B hold no stamp"):format(tvb:len()))
   end
-  if frame.full_stamp then
-    add_t_us(tree, tvb(0, 4))
-  end
+  local add_stamp = frame.full_stamp and add_t_us or add_t16
+  add_stamp(tree, tvb(0, stamp_size))
   if left > 0 then
-    local payload = frame.full_stamp and tvb(4, left):tvb() or tvb(0, left):tvb()
-    add_payload(tree, frame.fields, payload, frame.size)
+    add_payload(tree, frame.fields, tvb(stamp_size, left):tvb(), frame.size)
   else
     tree:add_proto_expert_info(experts.payload, ("0 B, declared are %d B"):format(frame.size))
-  end
-  if not frame.full_stamp then
-    add_t16(tree, tvb(left, 2))
   end
   return frame.name
 end

@@ -326,6 +326,7 @@ static const sp_can_span_t sp_can_spans[] = {
 
 static const uint32_t sp_can_slow_us[] = {@slow_us@};
 
+/* The first stretch of a message; the end where it is none of these. */
 static const sp_can_span_t *sp_can_span(uint8_t type)
 {
     const sp_can_span_t *span = sp_can_spans;
@@ -333,6 +334,22 @@ static const sp_can_span_t *sp_can_span(uint8_t type)
         span++;
     }
     return span;
+}
+
+/* The first stretch in a frame; the end where it is none of these. */
+static const sp_can_span_t *sp_can_part(uint8_t can_type)
+{
+    const sp_can_span_t *span = sp_can_spans;
+    while (span->can_type != can_type && span->can_type != 0xFFu) {
+        span++;
+    }
+    return span;
+}
+
+sp_direction_t sp_can_direction(uint8_t can_type)
+{
+    const sp_can_span_t *const span = sp_can_part(can_type);
+    return sp_direction(span->type == 0xFFu ? can_type : span->type);
 }
 
 bool sp_can_begin(sp_can_sender_t *sender, sp_can_message_t *message, uint8_t type, uint32_t t_us,
@@ -404,6 +421,9 @@ static bool sp_can_next_part(
     if (full) {
         sp_put_u32(frame->data, message->t_us);
         length = 4;
+    } else {
+        sp_put_u16(frame->data, (uint16_t)(message->t_us >> @stamp_shift@));
+        length = 2;
     }
     while (span->can_type == can_type) {
         sp_copy(frame->data + length, message->payload + span->first, span->size);
@@ -415,10 +435,6 @@ static bool sp_can_next_part(
         sp_put_u32(frame->data + 4, sender->frames);
     }
 #endif
-    if (!full) {
-        sp_put_u16(frame->data + length, (uint16_t)(message->t_us >> @stamp_shift@));
-        length = (uint8_t)(length + 2u);
-    }
     message->position = (uint16_t)(span - sp_can_spans);
     frame->id = (uint16_t)(can_type << 4 | sender->node);
     frame->length = length;
@@ -611,23 +627,123 @@ static const uint8_t *sp_can_segment(sp_can_receiver_t *receiver, const sp_can_f
     return open->data;
 }
 
-/* A periodic message: its payload stands in the frame as it is. */
+#if SP_CAN_HOST_PARTS > 1
+void sp_can_limit(sp_can_receiver_t *receiver, uint8_t type, size_t length)
+{
+    const size_t index = sp_index(type);
+    if (index < SP_MESSAGES) {
+        receiver->unshared[index] =
+            length < sp_messages[index][2] ? (uint8_t)(sp_messages[index][2] - length) : 0u;
+    }
+}
+
+/* Bytes of a stretch that the host sends, of a payload of which it knows `known`. */
+static uint8_t sp_can_shared(const sp_can_span_t *span, uint8_t known)
+{
+    if (span->first >= known) {
+        return 0;
+    }
+    const uint8_t left = (uint8_t)(known - span->first);
+    return left < span->size ? left : span->size;
+}
+
+/* The payload from the parts, as far as they go; what is beyond the fields is put behind. */
+static uint8_t sp_can_assemble(sp_can_joined_t *joined, uint8_t known)
+{
+    uint8_t taken[SP_CAN_HOST_PARTS] = {0};
+    uint8_t length = known;
+    uint8_t part = 0;
+    const sp_can_span_t *span = sp_can_span(joined->type);
+    const uint8_t type = span->type;
+    for (; span->type == type; span++) {
+        const uint8_t size = sp_can_shared(span, known);
+        if (taken[part] + size > joined->part_length[part]) {
+            length = span->first < length ? span->first : length;
+        } else {
+            sp_copy(joined->payload + span->first, joined->parts[part] + taken[part], size);
+            taken[part] = (uint8_t)(taken[part] + size);
+        }
+        part = (uint8_t)(part + (span[1].can_type != span->can_type));
+    }
+    for (uint8_t i = 0; i < part; i++) {
+        const uint8_t more = (uint8_t)(joined->part_length[i] - taken[i]);
+        sp_copy(joined->payload + length, joined->parts[i] + taken[i], more);
+        length = (uint8_t)(length + more);
+    }
+    return length;
+}
+
+/* A frame of a message in several of them: true where it completes it. The host sends them one
+ * after the other, so one message at a time is put together. */
+static bool sp_can_join(
+    sp_can_receiver_t *receiver, const sp_can_frame_t *in, sp_frame_t *frame)
+{
+    sp_can_joined_t *const joined = &receiver->joined;
+    const uint8_t can_type = (uint8_t)(in->id >> 4);
+    const uint8_t known =
+        (uint8_t)(sp_messages[sp_index(frame->type)][2] - receiver->unshared[sp_index(frame->type)]);
+    uint8_t part = 0, mine = SP_CAN_HOST_PARTS, wanted = 0;
+    for (const sp_can_span_t *span = sp_can_span(frame->type); span->type == frame->type; span++) {
+        const uint8_t bit = (uint8_t)(1u << part);
+        if (sp_can_shared(span, known) != 0) {
+            wanted |= bit;
+            mine = span->can_type == can_type ? part : mine;
+        }
+        part = (uint8_t)(part + (span[1].can_type != span->can_type));
+    }
+    if (mine == SP_CAN_HOST_PARTS) {
+        return false; /* of fields that are not shared */
+    }
+    if (joined->came == 0 || joined->type != frame->type || joined->node != frame->node
+        || joined->t_us != frame->t_us) {
+        receiver->incomplete += joined->came != 0;
+        joined->came = 0;
+        joined->type = frame->type;
+        joined->node = frame->node;
+        joined->t_us = frame->t_us;
+    }
+    joined->came |= (uint8_t)(1u << mine);
+    joined->part_length[mine] = (uint8_t)(in->length - 2u);
+    sp_copy(joined->parts[mine], in->data + 2, joined->part_length[mine]);
+    if (joined->came != wanted) {
+        return false;
+    }
+    joined->came = 0;
+    for (uint8_t i = 0; i < SP_CAN_HOST_PARTS; i++) {
+        joined->part_length[i] = wanted >> i & 1u ? joined->part_length[i] : 0u;
+    }
+    frame->length = sp_can_assemble(joined, known);
+    frame->payload = joined->payload;
+    return true;
+}
+#endif
+
+/* A frame of a periodic message; true where the message is complete. */
 static bool sp_can_periodic(sp_can_receiver_t *receiver, const sp_can_frame_t *in,
     uint32_t now_us, sp_frame_t *frame)
 {
     if (in->length < 2u) {
         return false;
     }
-    const uint8_t length = (uint8_t)(in->length - 2u);
-    if (!sp_can_short_stamp(receiver, sp_get_u16(in->data + length), now_us, &frame->t_us)) {
+    if (!sp_can_short_stamp(receiver, sp_get_u16(in->data), now_us, &frame->t_us)) {
         receiver->stale++;
         return false;
     }
-    sp_copy(receiver->single, in->data, length);
     frame->version = SP_VERSION;
     frame->flags = 0;
+#if SP_CAN_HOST_PARTS > 1
+    const sp_can_span_t *span = sp_can_span(frame->type);
+    const uint8_t first = span->can_type;
+    while (span->type == frame->type && span->can_type == first) {
+        span++;
+    }
+    if (span->type == frame->type) {
+        return sp_can_join(receiver, in, frame);
+    }
+#endif
+    frame->length = (uint8_t)(in->length - 2u);
+    sp_copy(receiver->single, in->data + 2, frame->length);
     frame->payload = receiver->single;
-    frame->length = length;
     return true;
 }
 
@@ -659,7 +775,9 @@ static bool sp_can_parse(sp_can_receiver_t *receiver, const uint8_t *content, si
 sp_event_t sp_can_receive(
     sp_can_receiver_t *receiver, const sp_can_frame_t *in, uint32_t now_us, sp_frame_t *frame)
 {
-    const uint8_t type = (uint8_t)(in->id >> 4);
+    const uint8_t can_type = (uint8_t)(in->id >> 4);
+    const sp_can_span_t *const span = sp_can_part(can_type);
+    const uint8_t type = span->type == 0xFFu ? can_type : span->type;
     sp_event_t event = SP_NOTHING;
     if (in->id > 0x7FFu || in->length > 8u) {
         return event;
@@ -675,7 +793,7 @@ sp_event_t sp_can_receive(
     frame->node = in->id & 0x0Fu;
     frame->seq = 0;
     bool complete = false;
-    if (sp_can_span(type)->type == type) {
+    if (span->type == type) {
         complete = sp_can_periodic(receiver, in, now_us, frame);
     } else {
         size_t length = 0;

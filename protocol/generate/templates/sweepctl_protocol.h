@@ -214,6 +214,21 @@ typedef struct {
     uint8_t data[SP_CAN_CONTENT_MAX + 4u];
 } sp_can_transfer_t;
 
+#define SP_CAN_HOST_PARTS @host_parts@ /* frames of a host's periodic message, at most */
+
+#if SP_CAN_HOST_PARTS > 1
+/* A periodic message of which parts are still to come. */
+typedef struct {
+    uint32_t t_us;
+    uint8_t type;
+    uint8_t node;
+    uint8_t came; /* bits: the parts that are here */
+    uint8_t part_length[SP_CAN_HOST_PARTS];
+    uint8_t parts[SP_CAN_HOST_PARTS][6];
+    uint8_t payload[SP_CAN_HOST_PARTS * 6u];
+} sp_can_joined_t;
+#endif
+
 /* A device that listens to its host. All zero is one that has heard nothing. */
 typedef struct {
     uint32_t frames;   /* messages that were complete */
@@ -228,6 +243,11 @@ typedef struct {
     bool stamped;
     uint8_t next_recent;
     uint8_t single[7]; /* content of a single frame */
+#if SP_CAN_HOST_PARTS > 1
+    uint32_t incomplete; /* messages of which a part did not come */
+    sp_can_joined_t joined;
+    uint8_t unshared[@messages@]; /* last bytes of each message that the host does not know */
+#endif
     struct {
         uint32_t at_us;
         sp_can_frame_t frame;
@@ -241,6 +261,14 @@ typedef struct {
 bool sp_can_begin(sp_can_sender_t *sender, sp_can_message_t *message, uint8_t type, uint32_t t_us,
     const uint8_t *payload, size_t length);
 bool sp_can_next(sp_can_sender_t *sender, sp_can_message_t *message, sp_can_frame_t *frame);
+
+/* Who sends frames of a type, which is a message's or that of one of its parts. */
+sp_direction_t sp_can_direction(uint8_t can_type);
+
+#if SP_CAN_HOST_PARTS > 1
+/* The host knows so many bytes of a message's payload: it sends no parts beyond them. */
+void sp_can_limit(sp_can_receiver_t *receiver, uint8_t type, size_t length);
+#endif
 
 /* Take a data frame with an 11-bit identifier that came at now_us. SP_FRAME: a message is
  * complete, its payload stands in the receiver until the next frame is taken. */

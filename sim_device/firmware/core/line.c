@@ -1,5 +1,7 @@
 #include "line.h"
 
+#include <string.h>
+
 void line_start(line_t *line, board_t *board, uint8_t node, bool can)
 {
     line->board = board;
@@ -111,7 +113,7 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
     while (inbox_take_frame(inbox, &in, arrived_us)) {
         const uint32_t doubled = line->can_receiver.doubled;
         const sp_event_t event = sp_can_receive(&line->can_receiver, &in, *arrived_us, frame);
-        const sp_direction_t sender = sp_direction((uint8_t)(in.id >> 4));
+        const sp_direction_t sender = sp_can_direction((uint8_t)(in.id >> 4));
         if (line->can_receiver.doubled == doubled && sender != SP_FROM_DEVICE) {
             line->intact++; /* on a bus they are counted as they come */
             line->refused += sender == SP_UNKNOWN;
@@ -154,6 +156,24 @@ void line_new_host(line_t *line, const sp_frame_t *frame, uint32_t arrived_us)
     line->can_receiver.wire_us = frame->t_us;
     line->can_receiver.ahead_us = frame->t_us - arrived_us;
     line->can_receiver.at_us = arrived_us;
+}
+
+void line_limit(line_t *line, uint8_t type, uint8_t length)
+{
+#if SP_CAN_HOST_PARTS > 1
+    sp_can_limit(&line->can_receiver, type, length);
+#else
+    (void)line, (void)type, (void)length;
+#endif
+}
+
+void line_forget_limits(line_t *line)
+{
+#if SP_CAN_HOST_PARTS > 1
+    memset(line->can_receiver.unshared, 0, sizeof line->can_receiver.unshared);
+#else
+    (void)line;
+#endif
 }
 
 uint32_t line_damaged(const line_t *line)

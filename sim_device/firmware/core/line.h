@@ -61,6 +61,12 @@ bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arr
 /* Another host begins with this frame: its clock is a new one. */
 void line_new_host(line_t *line, const sp_frame_t *frame, uint32_t arrived_us);
 
+/* The host knows so many bytes of a message's payload. On a bus it sends no frames beyond them. */
+void line_limit(line_t *line, uint8_t type, uint8_t length);
+
+/* The host is gone: the next one knows every message whole. */
+void line_forget_limits(line_t *line);
+
 /* Frames with a bad check or form so far. */
 uint32_t line_damaged(const line_t *line);
 

@@ -72,6 +72,25 @@ void payloads_described(payloads_t *payloads, const sp_describe_t *question)
     }
 }
 
+/* The same by the message's place in the table. */
+static uint8_t known_bytes(const payloads_t *payloads, unsigned i)
+{
+    uint8_t known = 0;
+    if (payloads->known_fields[i] == 0) {
+        return table[i].size;
+    }
+    for (uint8_t k = 0; k + 1u < payloads->known_fields[i] && k < FIELDS_MAX; k++) {
+        known = (uint8_t)(known + table[i].bytes[k]);
+    }
+    return known;
+}
+
+uint8_t payloads_known(const payloads_t *payloads, uint8_t type)
+{
+    const unsigned i = place_of(type);
+    return i == HOST_MESSAGES ? 0u : known_bytes(payloads, i);
+}
+
 bool payloads_fit(payloads_t *payloads, sp_frame_t *frame)
 {
     const unsigned i = place_of(frame->type);
@@ -86,10 +105,7 @@ bool payloads_fit(payloads_t *payloads, sp_frame_t *frame)
     if (all_known) {
         return frame->length > whole && table[i].open_end;
     }
-    uint8_t known = 0;
-    for (uint8_t k = 0; k + 1u < payloads->known_fields[i] && k < FIELDS_MAX; k++) {
-        known = (uint8_t)(known + table[i].bytes[k]);
-    }
+    const uint8_t known = known_bytes(payloads, i);
     if (frame->length < known) {
         return false;
     }

@@ -22,6 +22,9 @@ void payloads_reset(payloads_t *payloads);
 /* Note how many fields of a message the host knows. */
 void payloads_described(payloads_t *payloads, const sp_describe_t *question);
 
+/* Bytes of a message's payload, its text left out, that the host knows; 0: it is none of its own. */
+uint8_t payloads_known(const payloads_t *payloads, uint8_t type);
+
 /* Judge a frame's payload: false where it is not one of its message. One that an older host sends
  * is replaced by a whole one, zero where it ends. */
 bool payloads_fit(payloads_t *payloads, sp_frame_t *frame);

@@ -51,6 +51,7 @@ static void forget_host(firmware_t *firmware)
     freshness_reset(&firmware->freshness);
     schedule_reset(&firmware->schedule);
     payloads_reset(&firmware->payloads);
+    line_forget_limits(&firmware->line);
 }
 
 static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
@@ -95,6 +96,10 @@ static void describe(firmware_t *firmware, const sp_describe_t *question, int64_
     line_send(&firmware->line, SP_TYPE_DESCRIBE_REPLY, (uint32_t)now_us,
         sp_describe_reply_encode(&reply, line_payload(&firmware->line), SP_PAYLOAD_MAX));
     payloads_described(&firmware->payloads, question);
+    if (sp_direction(question->described_type) == SP_FROM_HOST) {
+        line_limit(&firmware->line, question->described_type,
+            payloads_known(&firmware->payloads, question->described_type));
+    }
 }
 
 /* Obeyed before any question of session or repetition. */

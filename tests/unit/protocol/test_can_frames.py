@@ -62,15 +62,15 @@ def test_stop_is_one_frame_and_the_first_of_all() -> None:
 @pytest.mark.parametrize(
     ("message", "frames"),
     [
-        (Encoders(0x1234, 0x5678), [f"131#34127856{T16}"]),
-        (Power(16000, 200, 3, 4), [f"151#803ec80304{T16}"]),
+        (Encoders(0x1234, 0x5678), [f"131#{T16}34127856"]),
+        (Power(16000, 200, 3, 4), [f"151#{T16}803ec80304"]),
         (
             Imu(1, 2, 3, 4, 5, 6, 7),
-            [f"321#0400{T16}", f"121#010002000300{T16}", f"221#050006000700{T16}"],
+            [f"321#{T16}0400", f"121#{T16}010002000300", f"221#{T16}050006000700"],
         ),
         (
             PlannerState(1, 2, 3, -1, 5, 6, 7, 3),
-            [f"171#01020300ffff{T16}", f"271#050006000703{T16}"],
+            [f"171#{T16}01020300ffff", f"271#{T16}050006000703"],
         ),
         (Sync(99), ["101#5634120001000000"]),  # the stamp whole, and the frames sent by now
         (Ack(7, 2), [f"191#10{T16}070002e0"]),
@@ -82,7 +82,7 @@ def test_device_frames(message: Message, frames: list[str]) -> None:
 
 
 def test_host_frames() -> None:
-    assert frames_of(HOST, VelocitySetpoint(-2, 3, 200, 9)) == [f"021#feff0300c809{T16}"]
+    assert frames_of(HOST, VelocitySetpoint(-2, 3, 200, 9)) == [f"021#{T16}feff0300c809"]
     assert frames_of(HOST, TimeRequest(7), TimeRequest(8)) == [
         "071#185634120007e0",  # one byte of payload leaves room for the whole stamp
         "071#185634120008e1",

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import pytest
 
-from protocol.can.frames import CAN_PART_TYPES
 from protocol.generate.c import HEADER, SOURCE, render
-from protocol.generate.c_can import HostPartsError
 from protocol.messages import ALL_MESSAGES
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import I16, U16, number
@@ -91,22 +89,6 @@ def test_another_catalogue_gives_another_header(tmp_path: Path) -> None:
     made = generate(tmp_path, Catalogue([*ALL_MESSAGES, Fan]))
     assert "#define SP_TYPE_FAN 0x60u" in (tmp_path / HEADER).read_text()
     made.compile("fan.o", [made.source], flags=("-c",))
-
-
-def test_a_host_s_stream_of_several_can_frames_is_rejected(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(CAN_PART_TYPES, (0x61, 1), 0x63)
-
-    @message(0x61, Direction.HOST, RateClass.STREAM, default_hz=3)
-    class Wide(Message):
-        """Two frames."""
-
-        one: Annotated[int, number(U16, "count", "first")]
-        two: Annotated[int, number(U16, "count", "second", can_part=1)]
-
-    with pytest.raises(HostPartsError, match="wide"):
-        render(Catalogue([*ALL_MESSAGES, Wide]))
 
 
 # ---- compilers --------------------------------------------------------------------------------

@@ -126,7 +126,7 @@ def test_units_scales_and_ranges(
     assert numbers == pytest.approx(wanted[1:], rel=1e-12)
 
 
-def test_the_stamp_stands_behind_the_payload(db: Database) -> None:
+def test_the_stamp_stands_before_the_payload(db: Database) -> None:
     stamps = {
         m.frame_id: (s.start, s.length, s.is_signed)
         for m in db.messages
@@ -135,9 +135,7 @@ def test_the_stamp_stands_behind_the_payload(db: Database) -> None:
     }
     assert stamps.pop(0x101) == (0, 32, False)
     assert stamps == {
-        m.frame_id: (8 * (m.length - 2), 16, False)
-        for m in db.messages
-        if m.frame_id not in {0x011, 0x101}
+        m.frame_id: (0, 16, False) for m in db.messages if m.frame_id not in {0x011, 0x101}
     }
 
 
@@ -200,4 +198,4 @@ def test_another_catalogue_s_texts_cannot_break_it() -> None:
     assert (odd.name, odd.length, odd.cycle_time) == ("odd", 5, 333)
     assert odd.comment == "Says 'quoted', twice; +- ?. And goes on."
     assert odd.get_signal_by_name("level").comment == "a 'level'; \\ and ;"
-    assert odd.decode(b"\1\7\0\2\0") == {"level": 1, "depth": "none", "t16": 32e-6}
+    assert odd.decode(b"\2\0\1\7\0") == {"level": 1, "depth": "none", "t16": 32e-6}

@@ -213,7 +213,5 @@ def test_the_motor_command_in_the_text_is_a_real_one() -> None:
     assert values == {"v": 2000, "yaw_rate": -500, "time_to_live": 200, "counter": 7}
     assert f"payload `{frame.payload.hex(' ')}`" in life
     assert frame.type_id == CATALOGUE.by_class[VelocitySetpoint].type_id
-    assert (
-        f"{frame.payload.hex(' ')} {(frame.t_us >> 4 & 0xFFFF).to_bytes(2, 'little').hex(' ')}"
-        in life
-    )
+    t16 = (frame.t_us >> 4 & 0xFFFF).to_bytes(2, "little")
+    assert f"{t16.hex(' ')} {frame.payload.hex(' ')}" in life
