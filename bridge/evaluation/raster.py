@@ -1,9 +1,9 @@
-"""Areas by sample points: one point in every cell of a grid, and shapes stamped on them.
+"""A raster of sample points, one in each cell of a grid, to measure areas.
 
-The point's place within its cell changes from cell to cell by a low-discrepancy sequence. With
-points at the cells' centres a wall along the grid counts whole rows at once, an error of up
-to half a cell times its length and always the same way; scattered, the errors along an edge
-cancel (a 2 m edge at 5 mm cells: below 1e-4 m² in place of 5e-3 m²).
+The position of the point within its cell follows a low-discrepancy sequence. If the points were
+at the centres of the cells, a wall along the grid would add or remove whole rows: a systematic
+error of up to half a cell times the wall's length. With scattered points the errors along an edge
+cancel: for a 2 m edge and 5 mm cells they are below 1e-4 m², instead of 5e-3 m².
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Floats = NDArray[np.float64]
 
-# Fractional parts of multiples of these are evenly spread along rows, columns and diagonals.
+# The fractional parts of their multiples are evenly distributed in rows, columns and diagonals.
 _ROOT = 1.324717957244746
 _PHI = 0.6180339887498949
 
 
 class Window(NamedTuple):
-    """A block of cells: rows and columns, half open."""
+    """A block of cells: half-open ranges of rows and columns."""
 
     row0: int
     row1: int
@@ -39,7 +39,7 @@ class Window(NamedTuple):
 
 
 class Raster:
-    """Sample points over a rectangle. Masks over it have shape (rows, columns): y, then x."""
+    """Sample points over a rectangle. Masks have the shape (rows along y, columns along x)."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class Raster:
         *,
         scatter: bool = True,
     ) -> None:
-        """``bounds`` are x_min, y_min, x_max, y_max in metres."""
+        """Create the points within ``bounds``: x_min, y_min, x_max, y_max in metres."""
         x_min, y_min, x_max, y_max = bounds
         self.resolution_m = resolution_m
         self.x_min_m, self.y_min_m = x_min, y_min
@@ -66,15 +66,15 @@ class Raster:
         self.y = y_min + (row + v) * resolution_m
 
     def area_m2(self, mask: Mask) -> float:
-        """Area of a mask."""
+        """Return the area of a mask."""
         return float(np.count_nonzero(mask)) * self.cell_m2
 
     def empty(self) -> Mask:
-        """A mask of nothing."""
+        """Return an empty mask."""
         return np.zeros(self.shape, dtype=np.bool_)
 
     def window(self, x0: float, y0: float, x1: float, y1: float) -> Window:
-        """The cells that a rectangle touches; may be empty."""
+        """Return the cells that a rectangle touches; the window may be empty."""
         resolution, (rows, columns) = self.resolution_m, self.shape
         return Window(
             max(math.floor((y0 - self.y_min_m) / resolution), 0),
@@ -84,7 +84,7 @@ class Raster:
         )
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int] | None:
-        """Row and column of the cell that holds a point; ``None`` outside."""
+        """Return row and column of the cell that contains a point; None outside the raster."""
         row = math.floor((y_m - self.y_min_m) / self.resolution_m)
         col = math.floor((x_m - self.x_min_m) / self.resolution_m)
         if 0 <= row < self.shape[0] and 0 <= col < self.shape[1]:
@@ -92,7 +92,7 @@ class Raster:
         return None
 
     def polygon(self, corners: Iterable[tuple[float, float]]) -> Mask:
-        """Points inside a polygon (even-odd rule)."""
+        """Return a mask of the points inside a polygon (even-odd rule)."""
         points = list(corners)
         inside = self.empty()
         for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1], strict=True):
@@ -140,11 +140,11 @@ class Raster:
         new: tuple[float, float, float, float],
         time_s: float,
     ) -> None:
-        """Note ``time_s`` for the points over which a bar moves and which have no time yet.
+        """Store ``time_s`` for the points that a bar sweeps for the first time.
 
-        The bar's ends (left x, left y, right x, right y) move in straight lines from ``old`` to
-        ``new``: a quadrilateral, or two triangles when the bar turns about a point of its own.
-        Points without a time are infinite in ``times``.
+        The ends of the bar (left x, left y, right x, right y) move in straight lines from ``old``
+        to ``new``. The swept area is a quadrilateral, or two triangles if the bar turns about one
+        of its own points. ``times`` is infinite for points that were never swept.
         """
         lx0, ly0, rx0, ry0 = old
         lx1, ly1, rx1, ry1 = new
@@ -169,7 +169,7 @@ def _crossing(
     old: tuple[float, float, float, float],
     new: tuple[float, float, float, float],
 ) -> tuple[float, float] | None:
-    """Where two positions of the bar cross each other; ``None`` if they do not."""
+    """Return the intersection of two positions of the bar; None if they do not intersect."""
     ax, ay, bx, by = old
     cx, cy, dx, dy = new
     ux, uy, vx, vy = bx - ax, by - ay, dx - cx, dy - cy

@@ -1,4 +1,4 @@
-"""Loops over the cells of a raster, compiled: shapes stamped on it, pieces, and distances."""
+"""Compiled loops over the cells of a raster: shapes, connected pieces and distances."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _EDGE = cython.declare(cython.double, -1e-12)
-"""A point on a triangle's edge is in it, to rounding."""
+"""Tolerance with which a point on the edge of a triangle counts as inside."""
 
 
 def capsule(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
@@ -38,9 +38,9 @@ def capsule(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
     ey: cython.double,
     radius: cython.double,
 ) -> None:
-    """Set the points within ``radius`` of the segment from (ax, ay) on by (ex, ey).
+    """Set the points within ``radius`` of the segment from (ax, ay) to (ax + ex, ay + ey).
 
-    Rows and columns from 0 up to 1, half open, hold all that can be.
+    The half-open ranges ``row0`` to ``row1`` and ``col0`` to ``col1`` must contain these points.
     """
     row: cython.int
     col: cython.int
@@ -68,10 +68,10 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
     edges: FloatBlock,
     time_s: cython.double,
 ) -> None:
-    """Note a time for the points in either of two triangles that have a later one or none.
+    """Store a time for the points in one of two triangles, unless they have an earlier time.
 
-    Rows and columns are as in :func:`capsule`; ``corners`` has a row for each triangle: x, y of
-    its three corners, in either orientation; ``edges``, (2, 3, 4), is room.
+    Rows and columns are as in :func:`capsule`. ``corners`` has one row for each triangle: x and y
+    of its three corners, in either orientation. ``edges`` is a work array of shape (2, 3, 4).
     """
     row: cython.int
     col: cython.int
@@ -106,7 +106,7 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
 def pieces(mask: NDArray[np.bool_], reach: int) -> tuple[NDArray[np.int32], int]:
     """Number the connected pieces of a mask from 1, in the order of their first cells.
 
-    ``reach`` 1: cells that share a side are connected; 2: those that share a corner as well.
+    With ``reach`` 1, cells that share a side are connected; with 2, also those that share a corner.
     """
     labels = np.zeros(mask.shape, dtype=np.int32)
     stack = np.empty((mask.size, 2), dtype=np.int32)
@@ -118,7 +118,7 @@ def _bytes_of(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def number_pieces(mask: Layer, reach: cython.int, labels: IntGrid, stack: IntGrid) -> cython.int:
-    """Do what :func:`pieces` says; ``labels`` begins with zeros, ``stack`` is room."""
+    """Compiled part of :func:`pieces`: ``labels`` must be zero, ``stack`` is a work array."""
     rows: cython.int = mask.shape[0]
     columns: cython.int = mask.shape[1]
     row0: cython.int
@@ -157,10 +157,10 @@ def number_pieces(mask: Layer, reach: cython.int, labels: IntGrid, stack: IntGri
 
 
 def deepest(mask: NDArray[np.bool_]) -> float:
-    """Greatest distance (cells) of a cell of the mask from the nearest outside it.
+    """Return the largest distance, in cells, of a cell of the mask to the nearest cell outside it.
 
-    Exact, in two passes (Meijster, Roerdink, Hesselink 2000); what is beyond the raster counts
-    as outside.
+    The result is exact (two passes: Meijster, Roerdink, Hesselink 2000). Everything beyond the
+    raster counts as outside.
     """
     rows, columns = mask.shape
     down = np.zeros((rows + 2, columns + 2), dtype=np.int64)
@@ -168,7 +168,7 @@ def deepest(mask: NDArray[np.bool_]) -> float:
 
 
 def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
-    """Do what :func:`deepest` says, squared; ``down`` has a rim of zeros around the mask's size."""
+    """Compiled part of :func:`deepest`: the squared distance. ``down`` has a border of zeros."""
     rows: cython.int = mask.shape[0]
     columns: cython.int = mask.shape[1]
     row: cython.int
@@ -190,7 +190,7 @@ def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
             reach = down[row, col]
             square = reach * reach
             if square <= most:
-                continue  # no nearer cell beside it can make this one the deepest
+                continue  # its distance cannot exceed the largest one found so far
             step = 1
             while step * step < square:
                 for side in range(2):

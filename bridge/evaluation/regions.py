@@ -1,4 +1,4 @@
-"""What of a floor can be reached: the areas that coverage is measured against."""
+"""Regions of a floor plan: free, reachable and sweepable floor, the reference of coverage."""
 
 from __future__ import annotations
 
@@ -17,35 +17,38 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _BOUNDARY_STEP_M = 0.001
+"""Spacing of the points on a boundary curve, m."""
 _SLACK_M = 1e-6
-"""Centres on the boundary touch a wall: they count as free to rounding."""
+"""Tolerance of a distance, m: centres on the boundary touch a wall and count as free."""
 
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """Masks over one raster."""
+    """The regions of one floor plan for one robot, as masks over one raster."""
 
     raster: Raster
     free: Mask
     """Floor inside the walls less the obstacles and the cliffs."""
     centres: Mask
-    """Where the axle's centre can be, connected to the start."""
+    """Collision-free positions of the axle's centre that are connected to the start."""
     reachable: Mask
-    """What the body's disc can cover from the start."""
+    """Floor that the footprint can cover from the start."""
     sweepable: Mask
-    """What the mouth can reach with the body free of collision."""
+    """Floor that the mouth can reach while the footprint is free of collision."""
     passing: Mask
-    """What the mouth reaches as the robot passes with any heading along its motion: the same for a
-    mouth on the axle. A mouth ahead of the axle reaches more only by turning towards a wall."""
+    """Floor that the mouth reaches while the robot passes with any heading along its motion. For a
+    mouth on the axle it is the same as ``sweepable``. A mouth ahead of the axle reaches more only
+    by turning towards a wall."""
 
 
 def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Regions:
-    """The areas of a floor plan for a robot.
+    """Return the regions of a floor plan for a robot.
 
-    The centre's region C is bounded by parallels of the edges and arcs about the corners at
-    the body's radius. Those curves are followed exactly (1 mm steps), not taken from the raster:
-    dilating C is then C and all within the distance of its boundary, with no loss of a
-    half cell along every wall. Passages are open from a width of Φ.
+    The region C of collision-free centres is bounded by lines parallel to the edges and by arcs
+    about the corners, both at the footprint's radius. These curves are followed exactly, in 1 mm
+    steps, and are not taken from the raster. The dilation of C is C plus everything within the
+    given distance of its boundary, so no half cell is lost along the walls. A passage is open if
+    its width is at least Φ.
     """
     plan = replace(plan, obstacles=plan.obstacles + plan.cliffs)
     raster = Raster(plan.bounds(), resolution_m)
@@ -72,7 +75,7 @@ def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Reg
 
 
 def _boundary(plan: FloorPlan, edges: Floats, radius: float) -> list[Floats]:
-    """Runs of boundary points of C, each of shape (n, 2), n ≥ 1, in order along the curve."""
+    """Return the boundary curves of C: arrays of shape (n, 2), n ≥ 1, in order along the curve."""
     candidates: list[Floats] = []
     for ax, ay, bx, by in edges:
         length = math.hypot(bx - ax, by - ay)
@@ -94,7 +97,7 @@ def _boundary(plan: FloorPlan, edges: Floats, radius: float) -> list[Floats]:
 
 
 def _clear(points: Floats, edges: Floats, least: float) -> Mask:
-    """Which points are at least ``least`` away from every edge."""
+    """Return a mask of the points at least ``least`` metres away from every edge."""
     good = np.ones(len(points), dtype=np.bool_)
     low, high = points.min(axis=0) - least, points.max(axis=0) + least
     for ax, ay, bx, by in edges:
@@ -110,7 +113,7 @@ def _clear(points: Floats, edges: Floats, least: float) -> Mask:
 
 
 def _on_floor(points: Floats, plan: FloorPlan) -> Mask:
-    """Which points are inside the walls and outside the obstacles."""
+    """Return a mask of the points inside the walls and outside the obstacles."""
 
     def inside(corners: tuple[tuple[float, float], ...]) -> Mask:
         found = np.zeros(len(points), dtype=np.bool_)
@@ -132,11 +135,11 @@ def _connected(
     curves: list[Floats],
     start: tuple[float, float],
 ) -> tuple[Mask, list[Floats]]:
-    """The part of C, and of its boundary, that is connected to the start.
+    """Return the part of C, and of its boundary, that is connected to the start.
 
-    Cells that the boundary runs through belong to C as well: a passage narrower than a
-    cell has no sample point in it, but its two boundary curves. A start whose body touches a
-    wall is taken to the nearest place where it does not.
+    Cells that contain boundary points belong to C as well: a passage narrower than a cell may
+    contain no sample point, but it contains its two boundary curves. If the footprint touches a
+    wall at the start, the nearest collision-free position counts as the start.
     """
     joined = centres.copy()
     rows_cols: list[tuple[Floats, Floats]] = []
@@ -159,7 +162,7 @@ def _connected(
 
 
 def _simplified(curve: Floats) -> list[tuple[float, float]]:
-    """Few corners for a run: its ends if straight, else a corner per 3° of arc."""
+    """Return a polyline with few points: the ends of a straight curve, else a point per 3°."""
     first, last = curve[0], curve[-1]
     chord = last - first
     middle = curve[len(curve) // 2] - first
@@ -169,6 +172,6 @@ def _simplified(curve: Floats) -> list[tuple[float, float]]:
     if straight and not closed:
         picked = [0, len(curve) - 1]
     else:
-        # 8 mm of a 16 cm arc are 3°: the sagitta is 0.05 mm
+        # 8 mm of an arc of radius 16 cm are 3°; the sagitta is 0.05 mm.
         picked = [*range(0, len(curve) - 1, 8), len(curve) - 1]
     return [(float(curve[i, 0]), float(curve[i, 1])) for i in picked]

@@ -1,8 +1,8 @@
-"""A recorded robot that answers: what it sent comes again at its time, on a serial line.
+"""Replays a recorded robot on a serial link, at the times of the recording.
 
-Sans-I/O. Telemetry and damaged bytes are those of the log, payloads and stamps untouched;
-what belongs to a conversation (hello, time, acknowledgements) is made anew for the host that
-is there now. It cannot be driven: commands that would move or change it are refused.
+Sans-I/O. Telemetry and damaged bytes come from the log, with unchanged payloads and stamps. The
+messages of a conversation (hello, time replies, acknowledgements) are created for the connected
+host. The replayed robot cannot be driven: it rejects commands that would move or change it.
 """
 
 from __future__ import annotations
@@ -44,35 +44,37 @@ if TYPE_CHECKING:
 
 _CONVERSATION = (Hello, DescribeReply, Ack, Nack, TimeReply, ParameterValue, Challenge)
 _NOBODY = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
-"""Of a capture that began later than the conversation."""
+"""Hello for a recording that contains none."""
 _STANDING = (Status, Encoders, Imu, Range, Power)
-"""What is repeated after the recording's end: a robot that stands still."""
+"""Messages that are repeated after the end of the recording: the robot stands still."""
 _HELLO_NS = 1_000_000_000
+"""Period of the hello until a host has connected, ns."""
 _STANDING_NS = 50_000_000
+"""Period of the repeated messages after the end, ns."""
 _WRAP_US = 1 << 32
 _BEFORE_US = 60_000_000
-"""By this much the stamps before the playing lie before the recording's first moment.
+"""Offset of the stamps before playback starts, µs, relative to the first recorded stamp.
 
-When it will begin is not known then. A stamp that is too early bounds the clock loosely; one
-that is too late would be a clock that jumps as the playing begins.
+The start of the playback is not known yet. A stamp that is too early only bounds the clock loosely;
+a stamp that is too late would look like a clock step when playback starts.
 """
 
 
 class Played(NamedTuple):
-    """One thing that the robot sent."""
+    """One recorded frame, or one piece of damaged bytes."""
 
     log_ns: int
     node: int
     type_id: int
     t_us: int
-    """Wraps undone."""
+    """Device time without wraps."""
     payload: bytes
-    """Of a frame; of damaged bytes, those themselves."""
+    """Payload of the frame, or the damaged bytes."""
     is_damaged: bool
 
 
 class RecordedRun(NamedTuple):
-    """What a robot sent, and who it was."""
+    """The data that a robot sent, and its hello."""
 
     hello: Hello
     node: int
@@ -81,10 +83,10 @@ class RecordedRun(NamedTuple):
 
 
 def load(reader: LogReader) -> RecordedRun:
-    """Read a log's received bytes.
+    """Read the received bytes of a log.
 
     Raises:
-        LogReadError: it holds none.
+        LogReadError: the log contains none.
 
     """
     loader = _Loader()
@@ -92,7 +94,7 @@ def load(reader: LogReader) -> RecordedRun:
         if not record.outgoing:
             loader.take(record)
     if not loader.played:
-        raise LogReadError(reader.path, "it holds no raw bytes of a robot")
+        raise LogReadError(reader.path, "it contains no raw bytes of a robot")
     first, last = loader.played[0], loader.played[-1]
     duration_s = (last.log_ns - first.log_ns) / 1e9
     return RecordedRun(loader.hello or _NOBODY, loader.node, loader.played, duration_s)
@@ -131,15 +133,15 @@ class _Loader:
 
 
 class ReplayDevice:
-    """The device's end of a line, playing a recording once a host has agreed."""
+    """The device's side of a link: it plays a recording once a host has completed the handshake."""
 
     def __init__(self, recording: RecordedRun) -> None:
         self.recording = recording
         self.session_id = 0
-        """Of the host that has agreed; 0: none."""
+        """Session of the connected host; 0: none."""
         self._link = Link(Direction.DEVICE)
         self._first_ns = recording.played[0].log_ns
-        # Its clock, by the time since the beginning: no stamp may lie in the future.
+        # Device time at the first record, chosen so that no stamp lies in the future.
         self._clock_us = max(p.t_us - (p.log_ns - self._first_ns) // 1000 for p in recording.played)
         self._begun_ns: HostNs | None = None
         self._opened_ns: HostNs | None = None
@@ -151,11 +153,11 @@ class ReplayDevice:
 
     @property
     def is_over(self) -> bool:
-        """Everything was played."""
+        """True after the last recorded frame."""
         return self._next >= len(self.recording.played)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Take what the host sends."""
+        """Take bytes from the host."""
         for event in self._link.receive(data):
             if isinstance(event, Received) and addresses(
                 event.frame, event.spec, self.recording.node
@@ -163,7 +165,7 @@ class ReplayDevice:
                 self._answer(event.message, now_ns)
 
     def poll(self, now_ns: HostNs) -> None:
-        """Send what is due."""
+        """Send the frames that are due."""
         if self._opened_ns is None:
             self._opened_ns = now_ns
         if self._begun_ns is None:
@@ -181,7 +183,7 @@ class ReplayDevice:
             self._stand(now_ns)
 
     def next_deadline(self) -> HostNs:
-        """When :meth:`poll` has work next."""
+        """Return the time of the next frame."""
         if self._begun_ns is None:
             return HostNs(self._hello_ns)
         if self.is_over:
@@ -190,7 +192,7 @@ class ReplayDevice:
         return HostNs(self._begun_ns + due_ns)
 
     def data_to_send(self) -> bytes:
-        """Bytes for the line."""
+        """Return the bytes to write to the port."""
         self._drain()
         data = bytes(self._out)
         self._out.clear()
@@ -199,7 +201,7 @@ class ReplayDevice:
     # ---- inside ---------------------------------------------------------------------------
 
     def _device_us(self, now_ns: HostNs) -> int:
-        """The device's clock, as it goes on the wire."""
+        """Return the device time as it is transmitted, 32 bits."""
         if self._begun_ns is None:
             return (self._clock_us - _BEFORE_US) % _WRAP_US
         return (self._clock_us + (now_ns - self._begun_ns) // 1000) % _WRAP_US
@@ -210,14 +212,14 @@ class ReplayDevice:
     def _play(self, played: Played) -> None:
         if played.is_damaged:
             self._drain()
-            # Between delimiters, so that it damages no neighbour that was whole.
+            # Delimiters on both sides keep the intact frames beside it intact.
             self._out += b"\0" + played.payload.replace(b"\0", b"\1") + b"\0"
         else:
             stamp = played.t_us % _WRAP_US
             self._link.send_payload(played.type_id, played.payload, stamp, played.node)
 
     def _stand(self, now_ns: HostNs) -> None:
-        """Repeat the last of each kind: the robot is there and does not move."""
+        """Repeat the last message of each kind."""
         stamp = self._device_us(now_ns)
         for message in _STANDING:
             last = self._last.get(CATALOGUE.spec(message).type_id)
@@ -229,7 +231,7 @@ class ReplayDevice:
         self._link.send(message, stamp, node=self.recording.node)
 
     def _send_hello(self, now_ns: HostNs) -> None:
-        # Messages are encoded by our own catalogue, whatever the recorded device's was.
+        # Messages are encoded with this program's catalogue, not the recorded device's.
         _, uid, boot_id, _, *others = tuple(self.recording.hello)
         self._send(Hello(CATALOGUE.hash, uid, boot_id, self.session_id, *others), now_ns)
 
@@ -256,10 +258,10 @@ class ReplayDevice:
 
 
 def replay_device(reader: LogReader) -> ReplayDevice:
-    """A device out of a log.
+    """Create a replayed device from a log.
 
     Raises:
-        LogReadError: it holds no raw bytes of a robot.
+        LogReadError: the log contains no raw bytes of a robot.
 
     """
     return ReplayDevice(load(reader))

@@ -1,4 +1,4 @@
-"""What can go wrong when a run is to be seen."""
+"""Errors of the viewers."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ class ViewerMissingError(BridgeError):
 
 
 class NoDisplayError(BridgeError):
-    """A window was asked for where there is none to be had."""
+    """A window was requested without a display."""
 
     def __init__(self, more: str = "") -> None:
-        """``more``: what else the command can do, for the end of the line."""
+        """``more``: alternatives of the command, for the end of the message."""
         super().__init__(
-            f"no display to open a window on: --serve shows it in a browser on this machine{more}"
+            f"there is no display for a window; --serve shows it in a browser on this machine{more}"
         )
 
 
 class ViewerFailedError(BridgeError):
-    """The viewer did not start, or crashed: no graphics driver, its port taken."""
+    """The viewer did not start, or crashed, for example without a graphics driver."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(f"the viewer ended with status {status}: {reason}")

@@ -1,4 +1,4 @@
-"""Reading a log while it is being written, or as fast as it was."""
+"""Reads a log while it is being written, or at the speed of the recording."""
 
 from __future__ import annotations
 
@@ -19,27 +19,25 @@ if TYPE_CHECKING:
     from bridge.record.reader import LogMessage
 
 POLL_S = 0.1
-_PATIENCE = 5
+_TRIES = 5
+"""Number of times to look for the next file of a run."""
 _NS = 1e9
 
 
 class Follower:
-    """A log that grows: gives what has come since the last time.
-
-    The writer never learns of it: whatever a reader does, it cannot delay the recording.
-    """
+    """Reads the new messages of a growing log. It cannot delay the recording."""
 
     def __init__(self, path: Path, topics: Container[str] | None = None) -> None:
         self.path = path
         self.ended = False
-        """Its end has been written."""
+        """True once the end of the log has been written."""
         self._first, self._number = path, 1
         self._topics = topics
         self._chunks = ChunkReader(topics)
         self._position: int | None = None
 
     def more(self) -> list[LogMessage]:
-        """Messages of the chunks that are whole by now.
+        """Return the messages of the chunks that were completed since the last call.
 
         Raises:
             LogReadError: the file is missing, cannot be read, or is no MCAP file.
@@ -62,8 +60,8 @@ class Follower:
         return found
 
     def go_on(self) -> bool:
-        """Turn to the file in which the run goes on, where there is one."""
-        for _ in range(_PATIENCE):  # it is begun just after this one was ended
+        """Continue with the next file of the run; False if there is none."""
+        for _ in range(_TRIES):  # the recorder creates it just after it has ended this file
             following = part_after(self._first, self._number)
             if following is not None:
                 self.path, self.ended, self._position = following, False, None
@@ -75,10 +73,10 @@ class Follower:
 
 
 def wait_for_log(path: Path, timeout_s: float) -> None:
-    """Wait until a log has been begun.
+    """Wait until a log exists.
 
     Raises:
-        LogReadError: it has not, in this time.
+        LogReadError: it does not within ``timeout_s``.
 
     """
     end_s = clock.now() / _NS + timeout_s
@@ -92,7 +90,7 @@ def wait_for_log(path: Path, timeout_s: float) -> None:
         clock.pause(POLL_S)
 
 
-def paced(  # noqa: PLR0913 - how, from where, to where, and two clocks for tests
+def paced(  # noqa: PLR0913 - speed, limits, and two clocks for tests
     messages: Iterator[LogMessage],
     speed: float,
     *,
@@ -102,16 +100,17 @@ def paced(  # noqa: PLR0913 - how, from where, to where, and two clocks for test
     moment: Callable[[], int] = clock.now,
     pause: Callable[[float], None] = clock.pause,
 ) -> Iterator[list[LogMessage]]:
-    """A log's messages in small batches, each when its time has come.
+    """Yield a log's messages in small batches, each at its time.
 
     Args:
-        messages: In the order of the file.
-        speed: Seconds of the log for each second that passes.
-        start_s: What lies before, from the first message, comes at once: it leads to that state.
-        end_s: Where to end, from the first message.
-        period_s: Of the batches.
+        messages: Messages in the order of the file.
+        speed: Seconds of the log for each second of real time.
+        start_s: Start, s after the first message. Earlier messages are yielded at once, because
+            they lead to the state at the start.
+        end_s: End, s after the first message.
+        period_s: Period of the batches, s of real time.
         moment: Monotonic clock, ns.
-        pause: Waits for so many seconds.
+        pause: Function that waits for a number of seconds.
 
     """
     batch: list[LogMessage] = []

@@ -1,4 +1,4 @@
-"""Files that a viewer writes."""
+"""Writing of pictures and pages."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a file, its folder made where it is missing.
+    """Write a file; create its folder if it is missing.
 
     Raises:
-        LogWriteError: it cannot be.
+        LogWriteError: the file cannot be written.
 
     """
     try:

@@ -1,4 +1,4 @@
-"""What the viewer and the report both read from a run's log: room, robot, error of the estimate."""
+"""Reads room, robot and pose errors from a run's log, for the viewer and the report."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T", int, float)
 _MAX_WAITING = 500
-"""Largest number of estimates that wait for a truth: where there is none they would pile up."""
+"""Limit of the estimates that wait for a true pose, which some logs never contain."""
 
 
 def plan_of(reader: LogReader) -> FloorPlan | None:
-    """The run's room, where it is known."""
+    """Return the run's room; None if the log has no valid one."""
     try:
         return parse_floorplan(reader.attachments[ROOM_ATTACHMENT].decode(errors="replace"))
     except (KeyError, FloorPlanError):
@@ -31,7 +31,7 @@ def plan_of(reader: LogReader) -> FloorPlan | None:
 
 
 def robot_of(reader: LogReader) -> RobotModel:
-    """The run's robot; the default one where the log has none."""
+    """Return the run's robot; the default robot if the log has no valid one."""
     try:
         return parse_robot(reader.attachments[ROBOT_ATTACHMENT].decode(errors="replace"))
     except (KeyError, ConfigError):
@@ -39,22 +39,22 @@ def robot_of(reader: LogReader) -> RobotModel:
 
 
 class PoseErrors(Generic[_T]):
-    """Distance of each estimate from the truth at its moment, which may come a little later."""
+    """Position errors of the estimates against the true pose, which may arrive later."""
 
     def __init__(self) -> None:
         self._truth: list[tuple[_T, float, float]] = []
         self._estimates: list[tuple[_T, float, float]] = []
 
     def add_truth(self, time: _T, x_m: float, y_m: float) -> None:
-        """Take where the robot was."""
+        """Take a true position."""
         self._truth.append((time, x_m, y_m))
 
     def add_estimate(self, time: _T, x_m: float, y_m: float) -> None:
-        """Take where it believed to be."""
+        """Take an estimated position."""
         self._estimates.append((time, x_m, y_m))
 
     def take(self) -> Iterator[tuple[_T, float]]:
-        """Time and error (m) of every estimate with a truth on both sides; they are forgotten."""
+        """Yield and discard time and error (m) of each estimate between two true positions."""
         truth, estimates = self._truth, self._estimates
         times = [time for time, _, _ in truth]
         waiting = []

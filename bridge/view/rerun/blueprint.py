@@ -1,4 +1,4 @@
-"""The prepared layout: the room large, what the robot did and how it was beside it."""
+"""The layout of the viewer: the room, the events, and plots beside them."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
 
 _SHORTEST_S = 1.0
+"""Shortest time axis of a recorded run, s."""
 _DEFAULT_BOUNDS = (-2.0, -2.0, 2.0, 2.0)
+"""Bounds of the view for an unknown room, m."""
 _VIEW_HEIGHT = 1.05
-"""Camera height for a room of size 1: all of it with a margin."""
-
-
+"""Camera height relative to the size of the room: all of it with a margin."""
 _NEWEST_S = 60.0
-"""Time for which a path, a lane and the true path stay in full colour, seconds: 12 m at 0.2 m/s."""
+"""Time for which a path, a lane and the true path stay in full colour, s: 12 m at 0.2 m/s."""
 _LIVE_S = 60.0
-"""What the plots show of a run that is still going on."""
+"""Time span of the plots during a live run, s."""
 
 
 def blueprint(plan: FloorPlan | None, duration_s: float | None) -> rrb.Blueprint:
-    """Layout for one run: the whole room where it is known, the whole of the run's time.
+    """Return the layout for one run, with the whole room and the whole duration.
 
-    Without a duration the run is still going on, and the plots show its last minute.
+    For ``duration_s`` None, the run is live and the plots show the last minute.
     """
     if duration_s is None:
         start = rr.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_S)
@@ -114,12 +114,12 @@ def _room(plan: FloorPlan | None) -> rrb.Spatial3DView:
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            # A hair beside the vertical: straight down leaves the heading of "up" open.
+            # Slightly off the vertical: straight down leaves the direction of "up" undefined.
             position=(centre[0], centre[1] - 1e-3 * size, _VIEW_HEIGHT * size),
             look_target=(centre[0], centre[1], 0.0),
             eye_up=(0.0, 1.0, 0.0),
         ),
-        # The whole of a long run in full colour is a tangle: the newest minute stands out.
+        # The whole path of a long run in full colour is unreadable: highlight the last minute.
         overrides={
             **dict.fromkeys((paths.WHOLE_PATH, paths.OCCLUDED), so_far),
             **dict.fromkeys((paths.PATH, paths.TRUTH_PATH, paths.LANES), newest),

@@ -1,6 +1,6 @@
-"""Collecting a log's values into columns, which Rerun takes a thousand times faster than rows.
+"""Collectors that send a log's values to Rerun in columns, a thousand times faster than rows.
 
-Each collector forgets what it has sent, so that the same serve a run that is still going on.
+Each collector discards what it has sent, so that a live run can use it as well.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class RerunRecording:
         self._styled: set[str] = set()
 
     def send(self, entity: str, times_ns: list[int], columns: Iterable[rr.ComponentColumn]) -> None:
-        """Send columns whose rows are at these moments (Unix time)."""
+        """Send columns whose rows have these times (Unix time, ns)."""
         times: NDArray[np.int64] = np.asarray(times_ns, dtype=np.int64)
         self.stream.send_columns(
             entity,
@@ -43,22 +43,22 @@ class RerunRecording:
         )
 
     def log_static(self, entity: str, *parts: rr.AsComponents) -> None:
-        """Log what holds for the whole run."""
+        """Log data that is valid for the whole run."""
         self.stream.log(entity, *parts, static=True)
 
     def style(self, entity: str, *parts: rr.AsComponents) -> None:
-        """Log once how all of an entity looks."""
+        """Log the style of an entity, once."""
         if entity not in self._styled:
             self._styled.add(entity)
             self.log_static(entity, *parts)
 
     def seconds(self, time_ns: int) -> float:
-        """Since the run began."""
+        """Return the time since the start of the run, s."""
         return (time_ns - self.start_ns) / _NANOSECONDS
 
 
 class Series:
-    """Curves of one plot that share their moments; NaN is a gap."""
+    """Curves of one plot with common times; NaN is a gap."""
 
     def __init__(self, entity: str, **curves: paths.Colour) -> None:
         self._entity = entity
@@ -67,7 +67,7 @@ class Series:
         self._values: list[tuple[float, ...]] = []
 
     def add(self, time_ns: int, *values: float | None) -> None:
-        """One value a curve, in the order of the curves; None is a gap."""
+        """Add one value for each curve, in order; None is a gap."""
         row = tuple(np.nan if v is None else float(v) for v in values)
         self._times.append(time_ns)
         self._values.append(row)
@@ -86,7 +86,7 @@ class Series:
 
 
 class States:
-    """A value that changes now and then, by name."""
+    """A named state that changes over time."""
 
     def __init__(self, entity: str) -> None:
         self._entity = entity
@@ -95,7 +95,7 @@ class States:
         self._last: str | None = None
 
     def add(self, time_ns: int, state: str) -> None:
-        """Note the state; kept only where it differs from the last."""
+        """Add the state if it differs from the previous one."""
         if self._last != state:
             self._last = state
             self._times.append(time_ns)
@@ -132,7 +132,7 @@ class TextLines:
 
 
 class Document:
-    """A text that changes now and then, in Markdown."""
+    """A Markdown text that changes over time."""
 
     def __init__(self, entity: str) -> None:
         self._entity = entity
@@ -140,7 +140,7 @@ class Document:
         self._texts: list[str] = []
 
     def add(self, time_ns: int, text: str) -> None:
-        """From this moment it reads so."""
+        """Add the text that is valid from this time on."""
         self._times.append(time_ns)
         self._texts.append(text)
 

@@ -27,23 +27,23 @@ if TYPE_CHECKING:
 
 _SECOND_NS = 1_000_000_000
 _LONGEST_GAP_NS = 86_400 * _SECOND_NS
-"""Longest pause whose every second has a point in the curve, ns: a day."""
+"""Longest pause that is filled with one point a second, ns: a day."""
 _LOG_LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
-"""Of foxglove.Log."""
+"""Severities by the level of ``foxglove.Log``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """What a conversion learnt of its run."""
+    """Result of a conversion."""
 
     reader: LogReader
-    """Knows what was cut off or damaged."""
+    """The log's reader, which reports truncation and damage."""
     plan: FloorPlan | None
     duration_s: float
 
 
 def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
-    """Log a run's file to a recording.
+    """Convert a run's log into a Rerun recording.
 
     Raises:
         LogReadError: the file is missing, cannot be read, or is no MCAP file.
@@ -72,10 +72,10 @@ class _Part(Protocol):
 
 
 class RunConverter:
-    """Collects every topic that is shown, and sends what it has whenever it is told to."""
+    """Collects the messages of every topic that is shown, and sends them on request."""
 
     def __init__(self, model: RobotModel) -> None:
-        self._mm_per_rad = model.wheel_diameter_m / 2
+        self._wheel_radius_m = model.wheel_diameter_m / 2
         self._wheels = WheelAngles(2.0 * math.pi / model.counts_per_turn)
         p = paths
         self._velocity = Series(p.VELOCITY, estimated=p.BLUE)
@@ -126,7 +126,7 @@ class RunConverter:
         self.topics = _AnyOf({*self._handlers, *self._maps})
 
     def take(self, message: LogMessage) -> None:
-        """Collect one message; one that does not decode, or has no possible time, is left out."""
+        """Collect one message; skip it if it cannot be decoded or has no valid time."""
         if message.log_ns > LATEST_NS:
             return
         self._link.count(message)
@@ -203,7 +203,7 @@ class RunConverter:
 
     def _on_encoders(self, time_ns: int, encoders: Any) -> None:  # noqa: ANN401 - decoded
         turned = self._wheels.advance((encoders.left, encoders.right), encoders.t_us)
-        self._wheel_speeds.add(time_ns, *(self._mm_per_rad * rate for rate in turned[2:]))
+        self._wheel_speeds.add(time_ns, *(self._wheel_radius_m * rate for rate in turned[2:]))
 
     def _on_range(self, time_ns: int, ranges: Any) -> None:  # noqa: ANN401 - decoded
         values = [
@@ -224,7 +224,7 @@ class RunConverter:
 
 
 class _AnyOf:
-    """The topics with a handler, and every topic of the link."""
+    """The set of the handled topics and all topics of the link."""
 
     def __init__(self, topics: set[str]) -> None:
         self._topics = topics
@@ -234,7 +234,7 @@ class _AnyOf:
 
 
 class _LinkHealth:
-    """Frames, bytes and losses of the wire, second by second."""
+    """Frames, bytes and lost frames of the link, for each second."""
 
     def __init__(self) -> None:
         self._series = Series(

@@ -1,8 +1,8 @@
-"""Feeds Rerun with a log: one that is being written, or one that is played back.
+"""Feeds Rerun with a log, while it is written or at the speed of the recording.
 
-Runs as a process of its own (``python -m bridge.view.rerun.feeder``) beside a live run. It reads
-the log's file and nothing else, so a viewer that is slow, frozen or gone delays this process only:
-the file is the buffer, and what was not shown in time is shown later.
+During a live run it is a process of its own (``python -m bridge.view.rerun.feeder``). It reads only
+the log's file, so a slow, frozen or closed viewer delays this process and nothing else. The file is
+the buffer: data that could not be shown in time is shown later.
 """
 
 from __future__ import annotations
@@ -38,41 +38,43 @@ if TYPE_CHECKING:
 
 _LOOPBACK = "127.0.0.1"
 _FLUSH_S = 1.0
+"""Time limit of one flush to the viewer, s."""
 _BEGIN_S = 10.0
-"""How long a log may take to be begun."""
+"""Time limit for the log to appear, s."""
 _MEMORY = "1GB"
-"""Of the viewer: the oldest is dropped beyond it."""
+"""Memory limit of the viewer; beyond it the oldest data is dropped."""
 _NICE = 10
+"""Nice value of this process and the viewer: driving has priority over drawing."""
 _BATCH = 5_000
-"""Messages that are converted at a time: after a viewer was frozen there are many."""
+"""Messages converted at a time; a viewer that was frozen leaves many."""
 
 
 @dataclass(frozen=True, slots=True)
 class FeedOptions:
-    """What is shown, and how."""
+    """Options of a feed."""
 
     log: Path
     follow: bool = False
-    """The log is still being written."""
+    """True if the log is still being written."""
     speed: float | None = None
-    """Seconds of the log for each second; None: as fast as it goes, or as it comes."""
+    """Seconds of the log for each second; None: as fast as possible."""
     start_s: float = 0.0
     end_s: float | None = None
     serve: bool = False
-    """To a browser on this machine, in place of a window."""
+    """Serve a browser on this machine instead of opening a window."""
     headless: bool = False
-    """Draw off screen, for tests."""
+    """Render off screen, for tests."""
     address_file: Path | None = None
-    """Where to write the viewer's address once it is started."""
+    """File for the viewer's address, written after the start."""
     report: Callable[[str], None] = lambda _text: None
-    """Told where a browser finds it."""
+    """Called with the address for a browser."""
 
 
 class Viewer:
-    """The viewer's own process, listening on this machine only."""
+    """The viewer's process, which listens on the loopback interface only."""
 
     def __init__(self, *, serve: bool, headless: bool = False) -> None:
-        """Start it.
+        """Start the viewer.
 
         Raises:
             ViewerMissingError: Rerun is not installed, or without its viewer.
@@ -82,7 +84,7 @@ class Viewer:
         self.port = free_tcp_port()
         command = [str(viewer_program()), "--bind", _LOOPBACK, "--port", str(self.port)]
         self.page = ""
-        """What to open in a browser."""
+        """Address for a browser; empty unless the viewer is served."""
         if serve:
             web_port = free_tcp_port()
             command += ["--serve-web", "--web-viewer-port", str(web_port)]
@@ -97,34 +99,34 @@ class Viewer:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C ends the run, not the picture of it
+            start_new_session=True,  # Ctrl-C ends the run, not the viewer
         )
 
     @property
     def address(self) -> str:
-        """Where data go to."""
+        """Address at which the viewer receives data."""
         return f"rerun+http://{_LOOPBACK}:{self.port}/proxy"
 
     @property
     def ended(self) -> bool:
-        """Its window was closed, or it crashed."""
+        """True if the window was closed or the viewer crashed."""
         return self.process.poll() is not None
 
     def close(self) -> None:
-        """End it."""
+        """Terminate the viewer."""
         self.process.terminate()
 
 
 def feed(options: FeedOptions, ended: Callable[[], bool] = lambda: False) -> None:
-    """Show a log until it is over, the viewer is closed, or ``ended`` says so.
+    """Show a log until its end, until the viewer is closed, or until ``ended`` returns True.
 
-    A window stays open afterwards; a server ends with this call, unless its log is over, when
-    it goes on until ``ended``.
+    A window stays open afterwards. A server goes on after the end of the log until ``ended``
+    returns True, and ends with this call.
 
     Raises:
         LogReadError: the log is missing, cannot be read, or is no MCAP file.
         ViewerMissingError: Rerun is not installed.
-        ViewerFailedError: the viewer ended before it was fed.
+        ViewerFailedError: the viewer ended before it received data.
 
     """
     if options.follow:
@@ -145,7 +147,7 @@ def feed(options: FeedOptions, ended: Callable[[], bool] = lambda: False) -> Non
 
 
 class _Feed:
-    """One log on its way into one viewer."""
+    """Feeds one log to one viewer."""
 
     def __init__(self, viewer: Viewer, reader: LogReader, options: FeedOptions) -> None:
         import rerun as rr  # noqa: PLC0415 - slow to load
@@ -162,7 +164,7 @@ class _Feed:
         self._is_live = options.follow or options.speed is not None
 
     def run(self, ended: Callable[[], bool]) -> None:
-        """Send batch after batch."""
+        """Send the log in batches."""
         self._stream.connect_grpc(self._viewer.address)
         for batch in self._batches(ended):
             for begin in range(0, len(batch), _BATCH):
@@ -170,7 +172,7 @@ class _Feed:
                 if not self._delivered(ended):
                     return
         if self._recording is None and self._viewer.ended:
-            raise ViewerFailedError(self._viewer.process.returncode, "it ended by itself")
+            raise ViewerFailedError(self._viewer.process.returncode, "it ended unexpectedly")
 
     def _batches(self, ended: Callable[[], bool]) -> Iterator[list[LogMessage]]:
         options, topics = self._options, self._run.topics
@@ -210,7 +212,7 @@ class _Feed:
         self._run.send(self._recording)
 
     def _delivered(self, ended: Callable[[], bool]) -> bool:
-        """Wait until the viewer has it all; False where it never will."""
+        """Wait until the viewer has received everything; False if it cannot."""
         while not self._viewer.ended:
             with contextlib.suppress(RuntimeError, ValueError, TimeoutError):
                 self._stream.flush(timeout_sec=_FLUSH_S)
@@ -221,14 +223,14 @@ class _Feed:
 
 
 def _write_address(path: Path, viewer: Viewer) -> None:
-    """Both at once, or a reader would see half of it."""
+    """Write the addresses to a temporary file and rename it, so that no reader sees a part."""
     part = path.with_suffix(".part")
     part.write_text(f"{viewer.address}\n{viewer.page}\n{viewer.process.pid}\n", encoding="ascii")
     part.replace(path)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Follow a log until its end; what started this process says so by closing our stdin."""
+    """Follow a log until its end, or until the parent process closes the standard input."""
     parser = argparse.ArgumentParser(prog="python -m bridge.view.rerun.feeder")
     parser.add_argument("log", type=Path)
     parser.add_argument("--serve", action="store_true")
@@ -236,7 +238,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--address-file", type=Path)
     asked = parser.parse_args(arguments)
     with contextlib.suppress(AttributeError, OSError):
-        os.nice(_NICE)  # the viewer, which this process starts, too: drawing is dear, driving first
+        os.nice(_NICE)  # the viewer inherits it
     left = threading.Event()
 
     def watch() -> None:
@@ -254,7 +256,7 @@ def main(arguments: list[str] | None = None) -> int:
         address_file=asked.address_file,
     )
     feed(options, left.is_set)
-    # Rerun's own ending waits for a viewer that may be frozen.
+    # Rerun's exit handler would wait for the viewer, which may be frozen.
     os._exit(0)
 
 

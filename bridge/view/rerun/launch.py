@@ -25,18 +25,18 @@ APPLICATION = "sweepctl"
 _LOOPBACK = "127.0.0.1"
 _INSTEAD = ", --save FILE.rrd writes a Rerun file, --png or --screenshot FILE.png a picture"
 _NO_PROXY_THERE = "http://127.0.0.1:9"
-"""Nothing answers on the discard service's port of this machine."""
+"""Proxy address that never answers: the port of the discard service on this machine."""
 _DIRECT = "127.0.0.1,localhost,::1"
-"""What is reached without a proxy: the data that the viewer is sent."""
+"""Hosts that need no proxy: the viewer receives its data from them."""
 _INTERRUPTED = {-2, 130}
-"""Ended by Ctrl-C, which is how a person ends a viewer that holds the terminal."""
+"""Exit statuses after Ctrl-C, the usual way to end a viewer that runs in the foreground."""
 
 
 def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False) -> LogReader:
-    """Show a run, or save what would be shown; gives the reader, which knows of damage.
+    """Show a run, or save it as a Rerun file. Return the log's reader, which reports damage.
 
-    The viewer reads a Rerun file made beforehand, so that nothing it does can reach back.
-    This returns when its window is closed, or on Ctrl-C.
+    The viewer reads a Rerun file written beforehand, so it cannot affect the log. The function
+    returns when the window is closed, or on Ctrl-C.
 
     Args:
         path: the run's MCAP file.
@@ -81,7 +81,7 @@ def write_rerun_file(path: Path, file: Path) -> LogReader:
         raise LogWriteError(file, "Rerun needs a name in UTF-8")
     stream = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
     try:
-        # Rerun only warns where it cannot write.
+        # Rerun only warns if it cannot write.
         check_target(file)
         file.open("wb").close()
     except OSError as error:
@@ -94,13 +94,13 @@ def write_rerun_file(path: Path, file: Path) -> LogReader:
         finally:
             stream.flush()
             stream.disconnect()
-    except RuntimeError as error:  # of Rerun's writing thread, on a full disk for one
+    except RuntimeError as error:  # raised by Rerun's writing thread, for example on a full disk
         raise LogWriteError(file, str(error)) from None
     return run.reader
 
 
 def viewer_command(file: Path, *, serve_web: bool) -> list[str]:
-    """The command line of a viewer that listens on this machine only.
+    """Return the command line of a viewer that listens on the loopback interface only.
 
     Raises:
         ViewerMissingError: Rerun is not installed, or without its viewer.
@@ -111,7 +111,7 @@ def viewer_command(file: Path, *, serve_web: bool) -> list[str]:
 
 
 def viewer_program() -> Path:
-    """The program itself: started through Python its exit status is lost."""
+    """Return the path of the viewer. Its Python wrapper would hide the exit status."""
     spec = importlib.util.find_spec("rerun_cli")
     if spec is not None and spec.origin is not None:
         folder = Path(spec.origin).parent
@@ -122,11 +122,11 @@ def viewer_program() -> Path:
 
 
 def viewer_environment(log_level: str) -> dict[str, str]:
-    """What a viewer is started with: plain notices, and no request beyond this machine.
+    """Return the viewer's environment: plain log lines, and no request to other machines.
 
-    Rerun reports its use unless the user's own settings forbid it, and those are not ours to
-    change; on a machine that runs tests it does not report, so ``CI`` is set. Its window also asks
-    for Rerun's newest release, which no setting turns off; a proxy that does not exist does.
+    Rerun sends usage reports unless the user's settings or the variable ``CI`` disable them; this
+    sets ``CI`` and leaves the settings alone. The window also looks up the newest release of
+    Rerun. No setting disables that, but a proxy that never answers does.
     """
     environment = {"RUST_LOG": log_level, **os.environ}
     environment |= {"RERUN_APP_ONLY": "true", "NO_COLOR": "1", "CI": "1"}
@@ -140,14 +140,14 @@ def viewer_environment(log_level: str) -> dict[str, str]:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened. Only Linux can tell beforehand."""
+    """Return whether a window can be opened; only Linux shows that beforehand."""
     return sys.platform != "linux" or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     )
 
 
 def _run_viewer(command: Sequence[str]) -> None:
-    # Of its notices only the last lines matter, and only where it fails.
+    # Only the last lines of the viewer's output matter, and only if it fails.
     environment = viewer_environment("warn")
     with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours
         command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace"

@@ -1,4 +1,4 @@
-"""A viewer beside a live run: started, and then left alone."""
+"""The viewer of a live run, started as a process of its own."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _POLL_S = 0.05
 
 
 class LiveViewer:
-    """Rerun on a log that is being written; nothing that it does reaches the run.
+    """Shows a log in Rerun while it is written. The viewer cannot affect the run.
 
-    The run's process starts it, and at the end closes a pipe. It never waits for it.
+    The run's process starts the viewer's process, closes a pipe at the end and never waits for it.
     """
 
     def __init__(self, log: Path, *, serve: bool = False, headless: bool = False) -> None:
-        """Start the process; :meth:`wait_started` says where the viewer is.
+        """Start the process; :meth:`wait_started` waits for the viewer's address.
 
         Raises:
             ViewerMissingError: Rerun is not installed.
@@ -50,17 +50,17 @@ class LiveViewer:
             start_new_session=True,
         )
         self.address = ""
-        """Where Rerun takes data."""
+        """Address at which Rerun receives data."""
         self.page = ""
-        """What to open in a browser, where it is served."""
+        """Address for a browser; empty unless the viewer is served."""
         self.pid = 0
-        """Of the viewer itself."""
+        """Process id of the viewer."""
 
     def wait_started(self) -> None:
-        """Wait until the viewer's process is there.
+        """Wait until the viewer has started.
 
         Raises:
-            ViewerFailedError: it did not come up.
+            ViewerFailedError: it did not start.
 
         """
         for _ in range(round(_START_S / _POLL_S)):
@@ -75,20 +75,20 @@ class LiveViewer:
         raise ViewerFailedError(1, "it did not start")
 
     def close(self) -> None:
-        """Say that the run is over; a window stays, a server ends. Never waits."""
+        """Tell the process that the run has ended. A window stays open, a server ends."""
         if self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
         self._folder.cleanup()
 
     def kill(self) -> None:
-        """End the feeding process at once, for tests."""
+        """Kill the feeding process at once, for tests."""
         self._process.kill()
         self._process.wait()
 
 
 def check(*, serve: bool) -> None:
-    """See beforehand whether a viewer can be started.
+    """Check that a viewer can be started.
 
     Raises:
         ViewerMissingError: Rerun is not installed.

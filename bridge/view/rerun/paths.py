@@ -1,9 +1,9 @@
-"""Entity paths and colours: what the converter writes and the blueprint shows."""
+"""Entity paths and colours that the converter and the blueprint share."""
 
 from __future__ import annotations
 
 TIMELINE = "run_time"
-"""Since the first message; what the views run on."""
+"""Timeline of the views: time since the first message."""
 UNIX_TIMELINE = "unix_time"
 
 WORLD = "world"
@@ -33,7 +33,7 @@ GREEN: Colour = (80, 200, 120)
 RED: Colour = (240, 90, 90)
 VIOLET: Colour = (190, 130, 255)
 FAINT: Colour = (62, 104, 122)
-"""The path of more than a minute ago: seen on the swept floor, and no brighter than it."""
+"""Colour of the path older than a minute: visible on swept floor, but not brighter."""
 MAGENTA: Colour = (200, 110, 190)
 YELLOW: Colour = (240, 200, 60)
 GREY: Colour = (150, 150, 150)

@@ -1,4 +1,4 @@
-"""What the planner thinks, drawn: lanes, shadows behind obstacles, how sure the pose is."""
+"""Draws the planner's lanes and occluded regions, and the uncertainty of the pose."""
 
 from __future__ import annotations
 
@@ -18,21 +18,24 @@ if TYPE_CHECKING:
 
 _Z_LANE, _Z_OCCLUSION, _Z_COVARIANCE = 0.007, 0.005, 0.013
 _SIGMAS = 2.0
+"""Size of the covariance ellipse, standard deviations."""
 _ELLIPSE_PERIOD_NS = 200_000_000
+"""Shortest time between two drawn ellipses, ns."""
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 33)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _SMALLEST_M = 1e-4
+"""Smallest semi-axis of a drawn ellipse, m."""
 _PAPERS = frozenset({"paper"})
-"""Planners whose state has the variables of the paper's Table 1."""
+"""Planners whose state contains the variables of the paper's Table 1."""
 _ALONG = 0.7
-"""Cosine of the angle between a lane and the first one."""
+"""Smallest cosine of the angle between a lane and the first lane; other legs are ignored."""
 
 Pose = tuple[float, float, float]
 Strip = list[list[float]]
 
 
 class Strips:
-    """Line strips that stay from the moment at which each is added."""
+    """Line strips, each visible from its own time on."""
 
     def __init__(self, entity: str, colour: paths.Colour, width: float) -> None:
         self._entity, self._colour, self._width = entity, colour, width
@@ -40,7 +43,7 @@ class Strips:
         self._strips: list[Strip] = []
 
     def add(self, time_ns: int, strip: Strip) -> None:
-        """Draw one from now on."""
+        """Add a strip that is visible from this time on."""
         self._times.append(time_ns)
         self._strips.append(strip)
 
@@ -61,14 +64,14 @@ class Strips:
 
 
 class Lanes:
-    """Straight pieces that were driven as lanes, each as it ends."""
+    """Lanes, each drawn when it ends."""
 
     def __init__(self) -> None:
         self._strips = Strips(paths.LANES, paths.WHITE, 1.0)
         self._begun: Pose | None = None
 
     def state(self, time_ns: int, name: str, pose: Pose | None) -> None:
-        """Follow the planner from state to state."""
+        """Take a change of the planner's state."""
         if self._begun is not None and pose is not None:
             (x0, y0, _), (x1, y1, _) = self._begun, pose
             self._strips.add(time_ns, [[x0, y0, _Z_LANE], [x1, y1, _Z_LANE]])
@@ -80,10 +83,10 @@ class Lanes:
 
 
 class OccludedRegions:
-    """Floor that an obstacle hid: what lies beyond a lane that was cut short.
+    """Occluded regions: the floor beyond a lane that an obstacle ended early.
 
-    A lane is cut short where it ends by more than the robot's diameter before the furthest that
-    any lane went that way, which is the paper's own rule (case 2); its shadow reaches there.
+    A lane ended early if it stops more than the robot's diameter before the furthest end of any
+    lane in that direction (the paper's case 2). The occluded region extends to that end.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -92,10 +95,10 @@ class OccludedRegions:
         self._axis: tuple[float, float] | None = None
         """Direction of the first lane."""
         self._min_m, self._max_m = math.inf, -math.inf
-        """How far lanes went along it, both ways."""
+        """Extent of all lanes along this direction, m."""
 
     def lane(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
-        """Take the planner's note on a lane that has just ended at this pose."""
+        """Take the planner's event for a lane that has ended at this pose."""
         try:
             length_m = float(json.loads(data_json)["distance_m"])
         except MISREAD:
@@ -108,7 +111,7 @@ class OccludedRegions:
         ax, ay = self._axis
         along = math.cos(theta) * ax + math.sin(theta) * ay
         if abs(along) < _ALONG:
-            return  # across: not a lane of this sweep
+            return  # not parallel to the lanes of this sweep
         here_m, sign = x_m * ax + y_m * ay, math.copysign(1.0, along)
         ends = here_m, here_m - sign * length_m
         self._min_m = min(self._min_m, *ends)
@@ -118,7 +121,7 @@ class OccludedRegions:
             self._draw(time_ns, pose, hidden_m)
 
     def report(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
-        """Take a shadow that the planner itself has noted, along the way it was driving."""
+        """Take an occluded region from the planner's own event, along the driving direction."""
         try:
             data = json.loads(data_json)
             x_m, y_m = float(data["x_m"]), float(data["y_m"])
@@ -129,7 +132,7 @@ class OccludedRegions:
             self._draw(time_ns, (x_m, y_m, pose[2]), length_m, near=0.0)
 
     def _draw(self, time_ns: int, pose: Pose, hidden_m: float, near: float | None = None) -> None:
-        # The obstacle's own depth is not known: the shadow is drawn from its face on.
+        # The depth of the obstacle is unknown: the region is drawn from its front face on.
         x_m, y_m, theta = pose
         near, half = self._diameter_m / 2 if near is None else near, self._width_m / 2
         far = near + hidden_m
@@ -147,14 +150,14 @@ class OccludedRegions:
 
 
 class Covariance:
-    """Where the robot may be: the ellipse of two standard deviations around the estimate."""
+    """The covariance ellipse of the position, two standard deviations."""
 
     def __init__(self) -> None:
         self._strips = Strips(paths.COVARIANCE, paths.BLUE, 1.0)
         self._next_ns = 0
 
     def add(self, time_ns: int, estimate: Any) -> None:  # noqa: ANN401 - decoded
-        """Take an estimate; five a second are drawn."""
+        """Take an estimate; at most five ellipses a second are drawn."""
         if time_ns < self._next_ns:
             return
         self._next_ns = time_ns + _ELLIPSE_PERIOD_NS
@@ -175,7 +178,7 @@ class Covariance:
 
 
 def describe(state: Any) -> str:  # noqa: ANN401 - decoded
-    """The planner's state in words, of the paper's own with the paper's letters."""
+    """Return the planner's state as Markdown; for the paper's planner, with its variables."""
     target = "none"
     if state.HasField("target_x_m"):
         target = f"({state.target_x_m:.2f}, {state.target_y_m:.2f}) m"
@@ -184,8 +187,8 @@ def describe(state: Any) -> str:  # noqa: ANN401 - decoded
         lines += [
             f"| T, turns | {state.turn_count} |",
             f"| D, this lane | {state.lane_distance_m:.2f} m |",
-            f"| Prev-D, the lane before | {state.previous_lane_distance_m:.2f} m |",
-            f"| Length, way back | {state.length_m:.2f} m |",
+            f"| Prev-D, previous lane | {state.previous_lane_distance_m:.2f} m |",
+            f"| Length, distance back | {state.length_m:.2f} m |",
             f"| case | {state.case or 'none'} |",
         ]
     lines.append(f"| target | {target} |")

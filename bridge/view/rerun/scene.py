@@ -1,4 +1,4 @@
-"""The room from above: walls, swept floor, paths and the robot."""
+"""Draws the room from above: walls, swept floor, paths and the robot."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from bridge.view.rerun.columns import RerunRecording
 
 _PATH_STEP_M = 0.01
-"""A path is kept every centimetre of way: finer cannot be seen."""
+"""Distance between two points of a path, m: finer detail is not visible."""
 _MAX_MAP_BYTES = 48 * 1024 * 1024
-"""Maps are thinned out in time rather than given more memory than this."""
+"""Memory limit of the maps, bytes; beyond it every second map is discarded."""
 
 # Heights keep what is drawn last on top; the camera looks down from far above.
 _Z_SWEPT, _Z_WHOLE, _Z_WALL, _Z_TRUTH, _Z_PATH, _Z_ROBOT = 0.002, 0.004, 0.006, 0.008, 0.010, 0.014
@@ -29,14 +29,15 @@ _RGBA = 4
 _FLOOR, _BLOCK = (46, 50, 58, 255), (120, 108, 96, 255)
 _SWEPT = (64, 170, 110, 150)
 _OPACITY = 0.999
-"""Of the swept map: below 1, or Rerun draws clear cells black. The room is opaque, since among
-clear maps Rerun draws the one with the nearest centre last."""
+"""Opacity of the swept map: below 1, because Rerun would draw clear cells black. The room is
+opaque, because of several transparent maps Rerun draws the one with the nearest centre last."""
 _OCCUPIED = 50
-"""Of 100, as nav_msgs has it; below is free floor, which in the swept map is swept floor."""
+"""Smallest occupied value of 100 (nav_msgs). Lower values are free floor or, in the swept map,
+swept floor."""
 
 
 def draw_plan(recording: RerunRecording, plan: FloorPlan) -> None:
-    """Everything that the room file has as lines, for the whole run."""
+    """Draw the lines of the room file for the whole run."""
     recording.log_static(
         paths.WALLS,
         rr.LineStrips3D(
@@ -62,7 +63,7 @@ def _label(
     colour: paths.Colour,
     strips: list[list[list[float]]],
 ) -> None:
-    """Lines with their meaning beside the first of them, where there are any."""
+    """Draw lines with a label at the first of them."""
     if strips:
         recording.log_static(
             entity,
@@ -81,7 +82,7 @@ def _closed(polygon: Polygon) -> list[list[float]]:
 
 
 def draw_robot(recording: RerunRecording, model: RobotModel) -> None:
-    """Outline, heading and mouth in the robot's own frame."""
+    """Draw footprint, heading and mouth in the robot's frame."""
     turns = np.linspace(0.0, 2.0 * math.pi, 49)
     radius_m, half_m, mouth_m = model.radius_m, model.cleaning_width_m / 2, model.mouth_offset_m
     footprint = np.stack(
@@ -101,7 +102,7 @@ def draw_robot(recording: RerunRecording, model: RobotModel) -> None:
 
 
 class Track:
-    """A path that grows with time: one short stroke for every stretch of way."""
+    """A path that grows with time, as a sequence of short strokes."""
 
     def __init__(self, entity: str, colour: paths.Colour, z_m: float, width: float) -> None:
         self._entity, self._colour, self._z_m, self._width = entity, colour, z_m, width
@@ -110,7 +111,7 @@ class Track:
         self._last: tuple[float, float, float] | None = None
 
     def add(self, time_ns: int, x_m: float, y_m: float) -> None:
-        """Go on to a point."""
+        """Extend the path to a point."""
         here = (x_m, y_m, self._z_m)
         if self._last is not None:
             if math.hypot(x_m - self._last[0], y_m - self._last[1]) < _PATH_STEP_M:
@@ -135,29 +136,29 @@ class Track:
 
 
 def path_track() -> Track:
-    """The estimated path, of which a view shows the last minute."""
+    """Return the estimated path; the view shows its last minute."""
     return Track(paths.PATH, paths.BLUE, _Z_PATH, 1.2)
 
 
 def whole_track() -> Track:
-    """The estimated path from its beginning on, faint below the newest piece of it."""
+    """Return the whole estimated path, drawn faintly below its last minute."""
     return Track(paths.WHOLE_PATH, paths.FAINT, _Z_WHOLE, 0.6)
 
 
 def truth_track() -> Track:
-    """The simulator's own path."""
+    """Return the true path from the simulator."""
     return Track(paths.TRUTH_PATH, paths.VIOLET, _Z_TRUTH, 2.4)
 
 
 class Motion:
-    """Where the robot's frame is."""
+    """The pose of the robot's frame over time."""
 
     def __init__(self) -> None:
         self._times: list[int] = []
         self._poses: list[tuple[float, float, float]] = []
 
     def add(self, time_ns: int, x_m: float, y_m: float, theta_rad: float) -> None:
-        """Be at a pose."""
+        """Add a pose."""
         self._times.append(time_ns)
         self._poses.append((x_m, y_m, theta_rad))
 
@@ -218,7 +219,7 @@ class Target:
         self._counts: list[int] = []
 
     def add(self, time_ns: int, point: tuple[float, float] | None) -> None:
-        """Drive to this point, or to none."""
+        """Add a target; None if there is none."""
         self._times.append(time_ns)
         self._counts.append(0 if point is None else 1)
         if point is not None:
@@ -239,7 +240,7 @@ class Target:
 
 
 class Maps:
-    """Occupancy grids: the room once, the swept floor as it grows."""
+    """Occupancy grids over time: the map of the room or the swept floor."""
 
     def __init__(self, entity: str, *, swept: bool) -> None:
         self._entity = entity
@@ -250,7 +251,7 @@ class Maps:
         self._stride = self._seen = 1
 
     def add(self, time_ns: int, data: bytes) -> None:
-        """Keep a ``nav_msgs/OccupancyGrid``; every second of them where memory runs short."""
+        """Keep a ``nav_msgs/OccupancyGrid``; beyond the memory limit, every second one."""
         self._latest = parse_occupancy_grid(time_ns, data)
         self._seen += 1
         if self._seen % self._stride:
@@ -263,7 +264,7 @@ class Maps:
             self._stride *= 2
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was kept, and the last one in any case."""
+        """Send the maps that were kept, and always the last one."""
         if self._latest is not None and (not self._grids or self._grids[-1] is not self._latest):
             self._grids.append(self._latest)
         stream = recording.stream
@@ -290,7 +291,7 @@ class Maps:
     def _paint(
         self, cells: np.ndarray[Any, np.dtype[np.int8]]
     ) -> np.ndarray[Any, np.dtype[np.uint8]]:
-        """Colours by cell; what is not known is clear, or as the background."""
+        """Return the colours of the cells; unknown cells are clear, or have the background."""
         image = np.zeros((*cells.shape, _RGBA), dtype=np.uint8)
         if not self._swept:
             image[:] = (*paths.BACKGROUND, 255)

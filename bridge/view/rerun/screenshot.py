@@ -1,4 +1,4 @@
-"""What ``view`` shows, as a picture, without a display: the viewer itself draws off screen."""
+"""A picture of the viewer without a display: Rerun renders off screen."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from bridge.record.reader import LogReader
 
 DRAWING_S = 1.0
-"""Pause after the last data before the picture is taken, s: the viewer draws within one."""
+"""Pause between two pictures, s: the viewer draws new data within a second."""
 TRIES = 40
-"""Software drawing of a whole run takes some seconds on a small machine."""
+"""Limit of the pictures taken: software rendering of a whole run takes several seconds."""
 
 
 def save_screenshot(path: Path, png: Path) -> LogReader:
-    """Draw a log as the viewer shows it; needs a graphics driver, one in software will do.
+    """Draw a log as the viewer shows it. A graphics driver is needed; software rendering works.
 
     Raises:
         ViewerMissingError: Rerun is not installed.
         LogReadError: the log cannot be read.
         LogWriteError: the picture cannot be written.
-        ViewerFailedError: the viewer has nothing to draw with, or never came to rest.
+        ViewerFailedError: the viewer has no graphics driver, or its picture kept changing.
 
     """
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
@@ -57,7 +57,7 @@ def save_screenshot(path: Path, png: Path) -> LogReader:
 
 
 def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
-    """A connection to the viewer, once it answers."""
+    """Connect to the viewer as soon as it answers."""
     from rerun.experimental import ViewerClient  # noqa: PLC0415 - optional, and slow to load
 
     for _ in range(TRIES):
@@ -76,12 +76,12 @@ def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
 
 
 def take_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
-    """Take pictures until two in a row are the same: everything is loaded and drawn then."""
+    """Take pictures until two in a row are equal: then everything is loaded and drawn."""
     last = b""
     for _ in range(TRIES):
         try:
             viewer.save_screenshot(str(shot))
-        except (RuntimeError, ValueError, OSError) as error:  # a slow machine's is a TimeoutError
+        except (RuntimeError, ValueError, OSError) as error:  # OSError includes TimeoutError
             lines = str(error).strip().splitlines()
             raise ViewerFailedError(1, lines[0] if lines else "it drew nothing") from None
         image = shot.read_bytes()
@@ -90,4 +90,4 @@ def take_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
             return
         last = image
         clock.pause(DRAWING_S)
-    raise ViewerFailedError(1, f"its picture did not come to rest in {TRIES} tries")
+    raise ViewerFailedError(1, f"its picture still changed after {TRIES} tries")
