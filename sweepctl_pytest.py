@@ -58,14 +58,13 @@ def sweeper(request: pytest.FixtureRequest) -> SimulatedSweeper:
     """A virtual sweeper with a connected host, in virtual time: run, drive, clean, truth."""
     settings = _settings(request)
     from bridge.errors import BridgeError
-    from bridge.floor_plan.floor_plan import FloorPlanError
     from sim_device.faults.spec import FaultSpecError
     from sim_device.noise import UnknownNoiseLevelError
     from tools.virtual.sweeper import SimulatedSweeper
 
     try:
         return SimulatedSweeper(settings)
-    except (FloorPlanError, FaultSpecError, UnknownNoiseLevelError, BridgeError) as error:
+    except (FaultSpecError, UnknownNoiseLevelError, BridgeError) as error:
         message = f"sweeper: {error}"
     pytest.fail(message, pytrace=False)
 

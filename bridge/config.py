@@ -59,7 +59,7 @@ def load_robot(path: Path | None) -> tuple[RobotModel, str]:
     try:
         return parse_robot(text), text
     except ConfigError as error:
-        raise ConfigError(f"robot file {path}: {error}") from None
+        raise ConfigError(*error.problems, source=f"robot file {path}") from None
 
 
 def robot_cautions(model: RobotModel) -> list[str]:

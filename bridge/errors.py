@@ -44,14 +44,21 @@ class BridgeError(Exception):
 
 
 class ConfigError(BridgeError):
-    """A robot file that cannot be used; names every key that is wrong."""
+    """A file of settings that cannot be used; names every key that is wrong."""
 
     exit_status = 2
 
-    def __init__(self, *problems: str) -> None:
-        """``problems``: one text for each thing that is wrong, the key first."""
+    def __init__(self, *problems: str, source: str = "") -> None:
+        """Keep what is wrong.
+
+        Args:
+            problems: one text for each thing that is wrong, the key first.
+            source: the file, which the line names before them.
+
+        """
         self.problems = problems
-        super().__init__(together(problems))
+        text = together(problems)
+        super().__init__(f"{source}: {text}" if source else text)
 
 
 MAX_PROBLEMS = 12

@@ -11,12 +11,18 @@ _SHOWN = 40
 """Characters of a wrong name that a line shows."""
 
 
-def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that ``name`` resembles most; None: it resembles none."""
+_LONGEST = 200
+"""Characters of a name that are compared; no known name is as long."""
+_CUTOFF = 0.6
+"""Share of equal letters (Ratcliff and Obershelp) from which a name resembles another."""
+
+
+def nearest(name: str, known: Iterable[str], cutoff: float = _CUTOFF) -> str | None:
+    """The known name that ``name`` resembles most; None: it none. Case is ignored."""
     from difflib import get_close_matches  # noqa: PLC0415 - only where something is wrong
 
-    lower = {each.lower(): each for each in known}
-    found = get_close_matches(name[:200].lower(), lower, n=1)
+    lower = {each.lower(): each for each in known if len(each) <= _LONGEST}
+    found = get_close_matches(name[:_LONGEST].lower(), lower, 1, cutoff)
     return lower[found[0]] if found else None
 
 

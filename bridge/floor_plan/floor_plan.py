@@ -29,62 +29,56 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+from bridge.errors import MAX_PROBLEMS, ConfigError
+from bridge.floor_plan.keys import (
+    CARPET_DRAG_N,
+    CARPET_KEYS,
+    CARPET_SLIP,
+    MAX_EXTENT_M,
+    ROOM_KEYS,
+    THRESHOLD_KEYS,
+    RoomKey,
+)
 from bridge.motion.geometry import Pose2
+from bridge.spelling import nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_POINTS = 20_000
-MAX_EXTENT_M = 200.0
 _MIN_CORNERS = 3
 _PLANE = 2
 _POSE = 3
-_KEYS = ("name", "walls", "obstacles", "start", "carpets", "thresholds", "cliffs")
-_CARPET_KEYS = ("polygon", "drag_n", "slip")
-_THRESHOLD_KEYS = ("line", "height_m")
+_KEYS = tuple(key.name for key in ROOM_KEYS)
 _RESEMBLES = 0.75
 """Share of equal letters (Ratcliff and Obershelp) from which a key resembles another: "wall" and
 "walls" have 0.89, "Obstacle" and "obstacles" 0.94, "notes" and "name" 0.44."""
 _RESEMBLES_MISSING = 0.55
 """The same for a key that must be there and is not: "start_pose" and "start" have 0.67."""
-MAX_PROBLEMS = 12
-"""Number of problems, or of keys that resemble another, that are named."""
 MAX_HEADING_RAD = 2.0 * math.pi + 0.01
 """Greatest heading of the start pose: a full turn, rounded to two digits. A greater one is
 probably an angle in degrees."""
 MAX_DEGREES = 10_000.0
 """Angle beyond which a heading is no number of degrees either."""
-DEFAULT_CARPET_DRAG_N = 4.0
-"""A short-pile carpet under a robot of 3 kg: 14 % of its weight."""
-DEFAULT_CARPET_SLIP = 0.02
-MAX_CARPET_DRAG_N = 50.0
-MAX_CARPET_SLIP = 0.5
-MAX_THRESHOLD_M = 0.05
+_POLYGON, _DRAG, _SLIP = CARPET_KEYS
+_LINE, _HEIGHT = THRESHOLD_KEYS
 
 
-class FloorPlanError(ValueError):
+class FloorPlanError(ConfigError, ValueError):
     """A floor plan that cannot be used; the text names every key that is wrong, and its value."""
-
-    def __init__(self, *problems: str) -> None:
-        """``problems``: one text for each thing that is wrong, the key first."""
-        self.problems = problems
-        shown = "; ".join(problems[:MAX_PROBLEMS])
-        left = len(problems) - MAX_PROBLEMS
-        rest = f"; and {left} more" if left > 0 else ""
-        super().__init__(f"{len(problems)} problems: {shown}{rest}" if len(problems) > 1 else shown)
 
 
 class Carpet(NamedTuple):
     """A patch of floor that is harder to roll on."""
 
     polygon: Polygon
-    drag_n: float = DEFAULT_CARPET_DRAG_N
+    drag_n: float = CARPET_DRAG_N
     """Extra resistance with both wheels on it, half by each."""
-    slip: float = DEFAULT_CARPET_SLIP
+    slip: float = CARPET_SLIP
     """Share of a wheel's travel lost on it."""
 
 
@@ -282,8 +276,8 @@ class _Reading:
             name = self._default_name
         walls = self._one(self._walls)
         obstacles = self._each("obstacles", "polygons", _polygon)
-        carpets = self._each("carpets", "objects", _carpet, _CARPET_KEYS)
-        thresholds = self._each("thresholds", "objects", _threshold, _THRESHOLD_KEYS)
+        carpets = self._each("carpets", "objects", _carpet, CARPET_KEYS)
+        thresholds = self._each("thresholds", "objects", _threshold, THRESHOLD_KEYS)
         cliffs = self._each("cliffs", "polygons", _polygon)
         start = self._one(self._start)
         corners = sum(
@@ -324,7 +318,7 @@ class _Reading:
     def _needed(self, key: str) -> object:
         if key not in self._data:
             unknown = [other for other in self._data if other not in _KEYS]
-            near = _resembling(key, unknown, _RESEMBLES_MISSING)
+            near = nearest(key, unknown, _RESEMBLES_MISSING)
             hint = f'; is "{near:.40}" meant to be it?' if near is not None else ""
             raise FloorPlanError(f"{key}: is missing{hint}")
         return self._data[key]
@@ -341,7 +335,7 @@ class _Reading:
         key: str,
         what: str,
         read: Callable[[object, str], _Read],
-        keys: tuple[str, ...] = (),
+        keys: tuple[RoomKey, ...] = (),
     ) -> tuple[_Read, ...]:
         values = self._data.get(key, [])
         if not isinstance(values, list):
@@ -350,7 +344,8 @@ class _Reading:
         found = []
         for i, value in enumerate(values):
             if isinstance(value, dict):
-                self._look_at_keys(value, keys, f"{key}[{i}].")
+                names = tuple(known.name for known in keys)
+                self._look_at_keys(value, names, f"{key}[{i}].")
             made = self._one(partial(read, value, f"{key}[{i}]"))
             if made is not None:
                 found.append(made)
@@ -361,7 +356,7 @@ class _Reading:
         if len(self._cautions) >= MAX_PROBLEMS:
             return
         for key in data:
-            near = None if key in known else _resembling(key, known, _RESEMBLES)
+            near = None if key in known else nearest(key, known, _RESEMBLES)
             if near is not None and near not in data:
                 self._cautions.append(
                     f'"{prefix}{key:.40}" is no key of a room file and is ignored; '
@@ -395,19 +390,6 @@ class _Reading:
                 self._problems += blocked.problems
 
 
-def _resembling(key: str, known: Iterable[str], cutoff: float) -> str | None:
-    """The key that ``key`` resembles most, if any; case does not matter."""
-    from difflib import get_close_matches  # noqa: PLC0415 - only where a key is not known
-
-    lower = {other.lower(): other for other in known if len(other) <= _KEY_LENGTH}
-    found = get_close_matches(key.lower(), lower, 1, cutoff) if len(key) <= _KEY_LENGTH else []
-    return lower[found[0]] if found else None
-
-
-_KEY_LENGTH = 40
-"""Characters of a key beyond which it resembles none."""
-
-
 def _object(value: object, key: str) -> dict[str, object]:
     if not isinstance(value, dict):
         raise FloorPlanError(f"{key}: must be an object, not {value!r:.60}")
@@ -416,24 +398,20 @@ def _object(value: object, key: str) -> dict[str, object]:
 
 def _carpet(value: object, key: str) -> Carpet:
     data = _object(value, key)
-    drag_n = _share(data, "drag_n", key, MAX_CARPET_DRAG_N, DEFAULT_CARPET_DRAG_N)
-    slip = _share(data, "slip", key, MAX_CARPET_SLIP, DEFAULT_CARPET_SLIP)
-    return Carpet(_polygon(_needed(data, "polygon", key), f"{key}.polygon"), drag_n, slip)
+    drag_n, slip = _number(data, _DRAG, key), _number(data, _SLIP, key)
+    return Carpet(_polygon(_needed(data, _POLYGON.name, key), f"{key}.polygon"), drag_n, slip)
 
 
 def _threshold(value: object, key: str) -> Threshold:
     data = _object(value, key)
-    line = _needed(data, "line", key)
+    line = _needed(data, _LINE.name, key)
     if not isinstance(line, list) or len(line) != 2:  # noqa: PLR2004 - two ends
         raise FloorPlanError(f"{key}.line: must be two [x, y] points, not {line!r:.60}")
     ends = [_numbers(p, f"{key}.line[{i}]", _PLANE) for i, p in enumerate(line)]
     (ax, ay), (bx, by) = ends
     if math.hypot(bx - ax, by - ay) < 1e-3:  # noqa: PLR2004 - a millimetre
         raise FloorPlanError(f"{key}.line: its ends must lie apart")
-    height_m = _share(data, "height_m", key, MAX_THRESHOLD_M, None)
-    if height_m == 0.0:
-        raise FloorPlanError(f"{key}.height_m: must be above 0")
-    return Threshold((ax, ay), (bx, by), height_m)
+    return Threshold((ax, ay), (bx, by), _number(data, _HEIGHT, key))
 
 
 def _needed(data: dict[str, object], name: str, key: str) -> object:
@@ -443,15 +421,16 @@ def _needed(data: dict[str, object], name: str, key: str) -> object:
     return data[name]
 
 
-def _share(
-    data: dict[str, object], name: str, key: str, most: float, default: float | None
-) -> float:
-    """A number from 0 to ``most`` in an object; without a default it must be there."""
-    if name not in data and default is not None:
-        return default
-    (number,) = _numbers([_needed(data, name, key)], f"{key}.{name}", 1)
-    if not 0.0 <= number <= most:
-        raise FloorPlanError(f"{key}.{name}: {number:g} must be from 0 to {most:g}")
+def _number(data: dict[str, object], of: RoomKey, key: str) -> float:
+    """A number of an object in its range; its default where it is missing and has one."""
+    if of.name not in data and isinstance(of.default, float):
+        return of.default
+    path = f"{key}.{of.name}"
+    (number,) = _numbers([_needed(data, of.name, key)], path, 1)
+    if of.above_low and number == of.low:
+        raise FloorPlanError(f"{path}: must be above {of.low:g}")
+    if not of.low <= number <= of.high:
+        raise FloorPlanError(f"{path}: {number:g} must be from {of.low:g} to {of.high:g}")
     return number
 
 

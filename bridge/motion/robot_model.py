@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
-def _in(default: float, low: float, high: float) -> Any:  # noqa: ANN401 - a dataclass field
-    """A number with the range that a robot file may give it."""
-    return field(default=default, metadata={"range": (low, high)})
+def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
+    """A number with the range, the unit and the meaning that the reference of robot files gives."""
+    return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
-def _limited(low: float, high: float) -> Any:  # noqa: ANN401 - a dataclass field
+def _limited(low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
     """The same without a default."""
-    return field(metadata={"range": (low, high)})
+    return field(metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +28,18 @@ class RangerMount:
     Mount in the body frame (x forward, y left, from the axle's centre).
     """
 
-    x_m: float = _limited(-1.0, 1.0)
-    y_m: float = _limited(-1.0, 1.0)
-    yaw_rad: float = _limited(-2 * math.pi, 2 * math.pi)
-    min_range_m: float = _limited(0.0, 10.0)
-    max_range_m: float = _limited(0.01, 20.0)
-    cone_rad: float = _in(0.0, 0.0, math.pi)
-    """Full opening angle; 0 for a beam."""
-    scale: float = _in(1.0, 0.5, 2.0)
-    offset_m: float = _in(0.0, -0.2, 0.2)
-    """What the device makes of its raw range: scale · raw + offset, by ``calibrate range``."""
+    x_m: float = _limited(-1.0, 1.0, "m", "position ahead of the axle's centre")
+    y_m: float = _limited(-1.0, 1.0, "m", "position left of the axle's centre")
+    yaw_rad: float = _limited(
+        -2 * math.pi, 2 * math.pi, "rad", "direction of the beam, counter-clockwise from ahead"
+    )
+    min_range_m: float = _limited(0.0, 10.0, "m", "shortest distance that is measured correctly")
+    max_range_m: float = _limited(0.01, 20.0, "m", "longest distance that is measured")
+    cone_rad: float = _in(0.0, 0.0, math.pi, "rad", "full opening angle; 0 for a beam")
+    scale: float = _in(
+        1.0, 0.5, 2.0, "1", "range = `scale` · raw range + `offset_m`; from `calibrate range`"
+    )
+    offset_m: float = _in(0.0, -0.2, 0.2, "m", "see `scale`")
 
     @property
     def center_distance_m(self) -> float:
@@ -71,35 +73,48 @@ def _infrared_right() -> RangerMount:
 class RobotModel:
     """Everything about the robot that the host and the virtual device must agree on."""
 
-    name: str = "sweeper"
-    robot_diameter_m: float = _in(0.32, 0.05, 2.0)
-    """Φ of the paper's Table 1."""
-    cleaning_width_m: float = _in(0.16, 0.02, 2.0)
-    """W of the paper's Table 1."""
-    mouth_offset_m: float = _in(0.0, -1.0, 1.0)
-    """How far ahead of the axle the mouth sits."""
-    cruise_speed_m_s: float = _in(0.20, 0.01, 2.0)
-    max_speed_m_s: float = _in(0.30, 0.01, 2.0)
-    max_accel_m_s2: float = _in(0.40, 0.01, 10.0)
-    max_yaw_rate_rad_s: float = _in(2.0, 0.05, 20.0)
-    max_yaw_accel_rad_s2: float = _in(8.0, 0.05, 100.0)
-    wheel_diameter_m: float = _in(0.065, 0.01, 1.0)
-    """D of eq. 3, which is not the D of the algorithm."""
-    counts_per_turn: int = _in(1560, 4, 1_000_000)
-    """n of eq. 3: encoder counts per wheel turn, after ×4."""
-    wheel_base_m: float = _in(0.23, 0.02, 2.0)
-    """B of eq. 4."""
-    ultrasonic: RangerMount = field(default_factory=_ultrasonic)
-    infrared_left: RangerMount = field(default_factory=_infrared_left)
-    infrared_right: RangerMount = field(default_factory=_infrared_right)
-    battery_v: float = _in(16.0, 3.0, 60.0)
-    battery_ah: float = _in(9.0, 0.1, 200.0)
-    driver_drop_v: float = _in(1.9, 0.0, 5.0)
-    """L298N saturation voltage, both legs together."""
-    wheel_ratio: float = _in(1.0, 0.8, 1.25)
-    """Right wheel's diameter over the left's (Borenstein's E_d); their mean is the diameter."""
-    gyro_bias_rad_s: float = _in(0.0, -0.4, 0.4)
-    """Yaw rate of the gyro at rest by ``calibrate gyro``, rad/s; each run measures it again."""
+    name: str = field(default="sweeper", metadata={"meaning": "name for people"})
+    robot_diameter_m: float = _in(
+        0.32, 0.05, 2.0, "m", "diameter of the footprint: Φ of the paper's Table 1"
+    )
+    cleaning_width_m: float = _in(
+        0.16, 0.02, 2.0, "m", "width of the mouth: W of the paper's Table 1"
+    )
+    mouth_offset_m: float = _in(0.0, -1.0, 1.0, "m", "distance of the mouth ahead of the axle")
+    cruise_speed_m_s: float = _in(0.20, 0.01, 2.0, "m/s", "usual speed on a lane")
+    max_speed_m_s: float = _in(0.30, 0.01, 2.0, "m/s", "highest speed that is commanded")
+    max_accel_m_s2: float = _in(0.40, 0.01, 10.0, "m/s²", "limit of acceleration and braking")
+    max_yaw_rate_rad_s: float = _in(2.0, 0.05, 20.0, "rad/s", "highest yaw rate")
+    max_yaw_accel_rad_s2: float = _in(8.0, 0.05, 100.0, "rad/s²", "limit of the yaw acceleration")
+    wheel_diameter_m: float = _in(
+        0.065, 0.01, 1.0, "m", "mean of both wheels; D of the paper's eq. 3"
+    )
+    counts_per_turn: int = _in(
+        1560, 4, 1_000_000, "count", "encoder counts per wheel turn, after ×4: n of eq. 3"
+    )
+    wheel_base_m: float = _in(
+        0.23, 0.02, 2.0, "m", "distance between the wheels' contact points: B of eq. 4"
+    )
+    ultrasonic: RangerMount = field(
+        default_factory=_ultrasonic, metadata={"meaning": "range sensor that faces forward"}
+    )
+    infrared_left: RangerMount = field(
+        default_factory=_infrared_left, metadata={"meaning": "range sensor that faces left"}
+    )
+    infrared_right: RangerMount = field(
+        default_factory=_infrared_right, metadata={"meaning": "range sensor that faces right"}
+    )
+    battery_v: float = _in(16.0, 3.0, 60.0, "V", "voltage of the full battery")
+    battery_ah: float = _in(9.0, 0.1, 200.0, "Ah", "capacity of the battery")
+    driver_drop_v: float = _in(
+        1.9, 0.0, 5.0, "V", "voltage drop of the motor driver, both legs together (L298N)"
+    )
+    wheel_ratio: float = _in(
+        1.0, 0.8, 1.25, "1", "right wheel's diameter over the left's (Borenstein's E_d)"
+    )
+    gyro_bias_rad_s: float = _in(
+        0.0, -0.4, 0.4, "rad/s", "yaw rate of the gyro at rest, from `calibrate gyro`"
+    )
 
     @property
     def radius_m(self) -> float:

@@ -47,12 +47,19 @@ class Level(enum.IntEnum):
     """A stop is latched, cause ``supervise``."""
 
 
-def _in(default: float, low: float, high: float) -> Any:  # noqa: ANN401 - a dataclass field
-    return field(default=default, metadata={"range": (low, high)})
+def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
+    """A number with the range, the unit and the meaning that the reference of robot files gives."""
+    return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
-def _seconds(default: float) -> Any:  # noqa: ANN401 - a dataclass field
-    return _in(default, 0.0, MAX_SECONDS)
+def _after(default: float) -> Any:  # noqa: ANN401 - a dataclass field
+    meaning = "time for which the condition must hold before `reaction`"
+    return _in(default, 0.0, MAX_SECONDS, "s", meaning)
+
+
+def _then(default: float) -> Any:  # noqa: ANN401 - a dataclass field
+    meaning = "time from the first reaction to `then` while the condition holds"
+    return _in(default, 0.0, MAX_SECONDS, "s", meaning)
 
 
 def _polygon(path: str, value: object) -> tuple[Point, ...]:
@@ -80,11 +87,9 @@ class Rule:
     """Settings that every rule has."""
 
     reaction: Level = Level.STOP
-    after_s: float = _seconds(0.0)
-    """Time for which the condition must hold before ``reaction``, s."""
+    after_s: float = _after(0.0)
     then: Level = Level.STOP
-    then_s: float = _seconds(1.0)
-    """Time from the first reaction to ``then`` while the condition holds, s."""
+    then_s: float = _then(1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +97,15 @@ class StallRule(Rule):
     """A wheel stands still while its motor draws current, or the device reports a stall."""
 
     reaction: Level = Level.PAUSE
-    after_s: float = _seconds(0.6)
-    then_s: float = _seconds(1.0)
-    current_a: float = _in(0.5, 0.05, 50.0)
-    """Motor current, A: above that of a free-running wheel, below the stall current."""
+    after_s: float = _after(0.6)
+    then_s: float = _then(1.0)
+    current_a: float = _in(
+        0.5,
+        0.05,
+        50.0,
+        "A",
+        "motor current: above that of a free-running wheel, below the stall current",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,21 +113,27 @@ class SlipRule(Rule):
     """The motion by the wheels differs from that by gyro or ultrasonic sensor."""
 
     reaction: Level = Level.SLOW
-    after_s: float = _seconds(0.3)
+    after_s: float = _after(0.3)
     then: Level = Level.PAUSE
-    then_s: float = _seconds(3.0)
-    difference_m_s: float = _in(0.015, 0.001, 1.0)
-    """Speed difference between the wheels' rims and the gyro's turn, m/s."""
-    share: float = _in(0.25, 0.02, 1.0)
-    """Share of the wheels' distance by which the range ahead does not decrease."""
+    then_s: float = _then(3.0)
+    difference_m_s: float = _in(
+        0.015, 0.001, 1.0, "m/s", "speed difference between the wheels' rims and the gyro's turn"
+    )
+    share: float = _in(
+        0.25,
+        0.02,
+        1.0,
+        "1",
+        "share of the wheels' distance by which the range ahead does not decrease",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class TiltRule(Rule):
     """The robot tilts."""
 
-    after_s: float = _seconds(0.3)
-    angle_deg: float = _in(12.0, 1.0, 90.0)
+    after_s: float = _after(0.3)
+    angle_deg: float = _in(12.0, 1.0, 90.0, "°", "angle between gravity and the upright axis")
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +147,10 @@ class BumpRule(Rule):
 
     reaction: Level = Level.REPORT
     then: Level = Level.PAUSE
-    then_s: float = _seconds(10.0)
-    count: float = _in(18.0, 1.0, 10_000.0)
-    window_s: float = _seconds(15.0)
-    held_s: float = _seconds(5.0)
+    then_s: float = _then(10.0)
+    count: float = _in(18.0, 1.0, 10_000.0, "1", "number of bumps within `window_s`")
+    window_s: float = _in(15.0, 0.0, MAX_SECONDS, "s", "time in which bumps are counted")
+    held_s: float = _in(5.0, 0.0, MAX_SECONDS, "s", "time for which a switch is closed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +158,10 @@ class CliffRule(Rule):
     """The cliff sensor finds no floor; grave if the robot drives on."""
 
     reaction: Level = Level.REPORT
-    then_s: float = _seconds(3.0)
-    ahead_m: float = _in(0.05, 0.0, 1.0)
-    """Distance driven ahead after the detection that is grave, m."""
+    then_s: float = _then(3.0)
+    ahead_m: float = _in(
+        0.05, 0.0, 1.0, "m", "distance driven ahead after the detection that is grave"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,10 +169,10 @@ class BatteryRule(Rule):
     """The battery is low; grave if it is empty."""
 
     reaction: Level = Level.REPORT
-    after_s: float = _seconds(0.5)
-    then_s: float = _seconds(MAX_SECONDS)
-    low_v: float = _in(12.8, 1.0, 100.0)
-    empty_v: float = _in(12.0, 1.0, 100.0)
+    after_s: float = _after(0.5)
+    then_s: float = _then(MAX_SECONDS)
+    low_v: float = _in(12.8, 1.0, 100.0, "V", "low voltage")
+    empty_v: float = _in(12.0, 1.0, 100.0, "V", "empty voltage, which is grave")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,9 +180,9 @@ class SilenceRule(Rule):
     """The device is silent, or one of its streams has stopped."""
 
     reaction: Level = Level.REPORT
-    then_s: float = _seconds(0.3)
-    silent_s: float = _in(0.4, 0.05, MAX_SECONDS)
-    stream_s: float = _in(1.0, 0.1, MAX_SECONDS)
+    then_s: float = _then(0.3)
+    silent_s: float = _in(0.4, 0.05, MAX_SECONDS, "s", "time without a frame")
+    stream_s: float = _in(1.0, 0.1, MAX_SECONDS, "s", "time without a message of a stream")
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,20 +190,30 @@ class ProgressRule(Rule):
     """The robot drives but stays in one place."""
 
     reaction: Level = Level.PAUSE
-    then_s: float = _seconds(60.0)
-    window_s: float = _in(60.0, 1.0, MAX_SECONDS)
-    min_side_m: float = _in(0.10, 0.001, 10.0)
-    """Side of a square that the robot must leave within the window, m."""
+    then_s: float = _then(60.0)
+    window_s: float = _in(
+        60.0, 1.0, MAX_SECONDS, "s", "time in which the robot must leave the square"
+    )
+    min_side_m: float = _in(
+        0.10, 0.001, 10.0, "m", "side of a square that the robot must leave within the window"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class FenceRule(Rule):
     """The robot is outside its fence. The default has no fence."""
 
-    radius_m: float = _in(0.0, 0.0, 1000.0)
-    """Radius around the pose at the start of the run, m; 0: none."""
-    polygon: tuple[Point, ...] = field(default=(), metadata={"read": _polygon})
-    """Corners in the map frame, m."""
+    radius_m: float = _in(
+        0.0, 0.0, 1000.0, "m", "radius around the pose at the start of the run; 0: none"
+    )
+    polygon: tuple[Point, ...] = field(
+        default=(),
+        metadata={
+            "read": _polygon,
+            "unit": "m",
+            "meaning": f"3 to {MAX_CORNERS} corners `[x, y]` in the map frame",
+        },
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,13 +221,16 @@ class DisagreementRule(Rule):
     """The device's planner reports values that contradict the measured ones."""
 
     reaction: Level = Level.PAUSE
-    then_s: float = _seconds(5.0)
-    distance_m: float = _in(0.03, 0.001, 1.0)
-    """Maximum difference of D and the odometry of the lane, m."""
-    equal_m: float = _in(0.02, 0.0, 1.0)
-    """Difference up to which the device treats D and Prev-D as equal, m."""
-    motion_s: float = _in(1.0, 0.1, 60.0)
-    """Maximum time of a motion that contradicts the reported phase, s."""
+    then_s: float = _then(5.0)
+    distance_m: float = _in(
+        0.03, 0.001, 1.0, "m", "maximum difference of D and the odometry of the lane"
+    )
+    equal_m: float = _in(
+        0.02, 0.0, 1.0, "m", "difference up to which the device treats D and Prev-D as equal"
+    )
+    motion_s: float = _in(
+        1.0, 0.1, 60.0, "s", "maximum time of a motion that contradicts the reported phase"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,12 +263,11 @@ class SuperviseSettings:
     disagreement: DisagreementRule = DisagreementRule()
     sensor: SensorRule = SensorRule()
     reset: ResetRule = ResetRule()
-    slow_factor: float = _in(0.5, 0.05, 1.0)
-    """Factor of all speeds in slow driving."""
-    slow_for_s: float = _in(5.0, 0.1, MAX_SECONDS)
-    """Time of slow driving after its last cause, s."""
-    pause_limit_s: float = _in(60.0, 1.0, MAX_SECONDS)
-    """Maximum time of a pause before it becomes a stop, s."""
+    slow_factor: float = _in(0.5, 0.05, 1.0, "1", "factor of all speeds in slow driving")
+    slow_for_s: float = _in(5.0, 0.1, MAX_SECONDS, "s", "time of slow driving after its last cause")
+    pause_limit_s: float = _in(
+        60.0, 1.0, MAX_SECONDS, "s", "maximum time of a pause before it becomes a stop"
+    )
 
     @property
     def rules(self) -> dict[str, Rule]:

@@ -199,7 +199,6 @@ def _warned(  # noqa: PLR0913, PLR0917 - the library's interface
 
 def _invoke(arguments: list[str]) -> int:
     from bridge.errors import BridgeError
-    from bridge.floor_plan.floor_plan import FloorPlanError
     from tools.cli.remedies import error_line
 
     try:
@@ -211,9 +210,8 @@ def _invoke(arguments: list[str]) -> int:
             error.show()
             return error.exit_code
         return _failed(arguments, text, error.exit_code)
-    except (FloorPlanError, BridgeError) as error:
-        status = error.exit_status if isinstance(error, BridgeError) else 2
-        return _failed(arguments, error_line(error), status)
+    except BridgeError as error:
+        return _failed(arguments, error_line(error), error.exit_status)
     except OSError as error:
         if error.filename is None and error.errno in _UNWRITTEN:
             return _unwritten(error)

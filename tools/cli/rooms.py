@@ -48,5 +48,7 @@ def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
         raise FloorPlanError(f"cannot read room {room!r}: {error}") from None
     try:
         return parse_floorplan(text, default_name=path.stem, radius_m=radius_m)
-    except (ValueError, OverflowError) as error:  # OverflowError: a number of hundreds of digits
+    except FloorPlanError as error:
+        raise FloorPlanError(*error.problems, source=f"room {room}") from None
+    except (ValueError, OverflowError) as error:  # a number of thousands of digits
         raise FloorPlanError(f"room {room}: {error}") from None
