@@ -21,12 +21,14 @@ from bridge.errors import ConfigError
 from bridge.files import open_to_read
 from bridge.motion.robot_model import RangerMount, RobotModel
 from bridge.supervise.settings import PREFIX as SUPERVISE
-from bridge.supervise.settings import SuperviseSettings, settings_from
-from bridge.validation import fill
+from bridge.supervise.settings import Level, SuperviseSettings, settings_from
+from bridge.validation import as_toml, fill
 
 if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
     from pathlib import Path
+
+    from _typeshed import DataclassInstance
 
 MAX_FILE_BYTES = 64 * 1024
 ROUNDING_M = 1e-6
@@ -204,15 +206,58 @@ def to_toml(model: RobotModel) -> str:
         value = getattr(model, field.name)
         if isinstance(value, RangerMount):
             tables.append(f"\n[{field.name}]")
-            tables += [f"{k} = {v!r}" for k, v in dataclasses.asdict(value).items()]
-        elif isinstance(value, str):
-            plain.append(f'{field.name} = "{"".join(_escaped(c) for c in value)}"')
+            tables += [f"{k} = {as_toml(v)}" for k, v in dataclasses.asdict(value).items()]
         else:
-            plain.append(f"{field.name} = {value!r}")
+            plain.append(f"{field.name} = {as_toml(value)}")
     return "\n".join(plain + tables) + "\n"
 
 
-def _escaped(character: str) -> str:
-    if character in '"\\':
-        return "\\" + character
-    return character if character.isprintable() else f"\\U{ord(character):08x}"
+def template() -> str:
+    """A robot file of the default robot in which each key has its unit, range and meaning.
+
+    The rules of supervision are comments: their defaults rarely need a change.
+    """
+    model, rules = RobotModel(), SuperviseSettings()
+    plain = [
+        "# A robot file. `sweepctl robot check FILE` names everything that is wrong in it.",
+        "",
+    ]
+    tables: list[str] = []
+    for field in dataclasses.fields(model):
+        value = getattr(model, field.name)
+        if isinstance(value, RangerMount):
+            tables += ["", f"# {field.metadata['meaning']}", f"[{field.name}]"]
+            tables += _explained(value)
+        else:
+            plain.append(_line(field, value))
+    tables += ["", "# Rules that watch a run; remove the # of what you change, and of its table."]
+    tables.append(f"# [{SUPERVISE}]")
+    tables += [f"# {line}" for line in _explained(rules)]
+    for name, rule in rules.rules.items():
+        tables += ["", f"# {_sentence(rule)}", f"# [{SUPERVISE}.{name}]"]
+        tables += [f"# {line}" for line in _explained(rule)]
+    return "\n".join(plain + tables) + "\n"
+
+
+def _explained(table: DataclassInstance) -> list[str]:
+    values = [(field, getattr(table, field.name)) for field in dataclasses.fields(table)]
+    return [_line(field, value) for field, value in values if not dataclasses.is_dataclass(value)]
+
+
+def _line(field: dataclasses.Field[Any], value: object) -> str:
+    """One key with its value, and what it means as a comment."""
+    text = f"{field.name} = {as_toml(value)}"
+    parts = [field.metadata.get("meaning", "").replace("`", "")]
+    if "range" in field.metadata:
+        low, high = field.metadata["range"]
+        unit = field.metadata["unit"]
+        parts.append(f"{low:.7g} to {high:.7g}" + ("" if unit == "1" else f" {unit}"))
+    elif isinstance(value, Level):
+        parts.append(", ".join(level.name.lower() for level in Level))
+    comment = "; ".join(part for part in parts if part)
+    return f"{text}  # {comment}" if comment else text
+
+
+def _sentence(table: object) -> str:
+    """First line of a table's docstring."""
+    return (type(table).__doc__ or "").splitlines()[0]

@@ -101,3 +101,20 @@ def _member(path: str, kind: type[enum.Enum], value: object) -> enum.Enum:
     if not isinstance(value, str) or value not in members:
         raise ConfigError(f"{path}: {shown(value)} is not one of {', '.join(members)}")
     return members[value]
+
+
+def as_toml(value: object) -> str:
+    """A value as TOML text, which :func:`fill` reads back."""
+    if isinstance(value, enum.Enum):
+        return f'"{value.name.lower()}"'
+    if isinstance(value, str):
+        return f'"{"".join(_escaped(character) for character in value)}"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(as_toml(each) for each in value)}]"
+    return repr(value)
+
+
+def _escaped(character: str) -> str:
+    if character in '"\\':
+        return "\\" + character
+    return character if character.isprintable() else f"\\U{ord(character):08x}"

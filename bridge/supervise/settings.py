@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bridge.errors import ConfigError
-from bridge.validation import fill, number
+from bridge.validation import as_toml, fill, number
 
 MAX_CORNERS = 256
 """Maximum number of corners of a fence."""
@@ -321,19 +321,11 @@ def to_toml(settings: SuperviseSettings) -> str:
     for each in dataclasses.fields(settings):
         value = getattr(settings, each.name)
         if not isinstance(value, Rule):
-            lines.append(f"{each.name} = {value!r}")
+            lines.append(f"{each.name} = {as_toml(value)}")
     for name, rule in settings.rules.items():
         lines.append(f"\n[{PREFIX}.{name}]")
         lines += [
-            f"{each.name} = {_as_toml(getattr(rule, each.name))}"
+            f"{each.name} = {as_toml(getattr(rule, each.name))}"
             for each in dataclasses.fields(rule)
         ]
     return "\n".join(lines) + "\n"
-
-
-def _as_toml(value: object) -> str:
-    if isinstance(value, Level):
-        return f'"{value.name.lower()}"'
-    if isinstance(value, tuple):
-        return f"[{', '.join(f'[{x!r}, {y!r}]' for x, y in value)}]"
-    return repr(value)

@@ -39,6 +39,7 @@ _SECTIONS = {
         "param": "Read and change a device's parameters.",
         "key": "Set or remove the key that authenticates motion commands.",
         "reboot": "Reboot a device and wait until it is back.",
+        "robot": "Make, check and show robot files.",
     },
     "Logs": {
         "info": "Show what a log contains.",
@@ -55,6 +56,7 @@ _SECTIONS = {
         "emulate": "Run a virtual sweeper on a port in real time.",
         "fault": "Switch faults of a running emulator on and off.",
         "experiment": "Reproduce the paper, or compare planners over rooms and seeds.",
+        "room": "Check, show and import rooms.",
     },
     "Firmware and shell": {
         "generate": "Generate C, DBC, Wireshark, protobuf or Markdown from the protocol.",

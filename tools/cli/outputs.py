@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PNG, PAGE, RERUN, LOG = (".png",), (".html", ".htm"), (".rrd",), (".mcap",)
+TOML, JSON = (".toml",), (".json",)
 """Suffixes of the formats that the commands write."""
 _FORMATS = frozenset(
     (

@@ -1,0 +1,1 @@
+"""Pictures of what a run starts from: the robot and the room."""

@@ -1,0 +1,177 @@
+"""``robot`` and ``room``: each problem of a file on a line of its own, and pictures."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.config import load_robot
+from bridge.motion.robot_model import RobotModel
+from support.cli import sweepctl
+from support.root import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PNG = b"\x89PNG"
+WRONG_ROBOT = """
+whel_base_m = 0.2
+wheel_diameter_m = 7
+[infrared_lef]
+x_m = 0.1
+[supervise.stal]
+reaction = "stop"
+"""
+
+
+def test_a_new_robot_file_is_the_default_robot_and_is_valid(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    assert sweepctl("robot", "new", str(path)).status == 0
+    assert load_robot(path)[0] == RobotModel()
+    done = sweepctl("robot", "check", str(path))
+    assert (done.status, done.out) == (0, "")
+    assert "valid, 0 warnings" in done.err
+
+
+def test_every_comment_of_a_new_robot_file_can_be_made_a_key(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    sweepctl("robot", "new", str(path))
+    text = re.sub(r"^# (?=\[|\w+ = )", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    path.write_text(text, encoding="utf-8")
+    assert "[supervise.stall]\n" in text
+    assert sweepctl("robot", "check", str(path)).status == 0
+
+
+def test_a_robot_file_is_not_replaced_unasked(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("name = 'kept'\n")
+    assert sweepctl("robot", "new", str(path)).status == 1
+    assert path.read_text() == "name = 'kept'\n"
+    assert sweepctl("robot", "new", str(path), "--force").status == 0
+    assert "robot_diameter_m" in path.read_text(encoding="utf-8")
+
+
+def test_robot_check_prints_each_problem_on_a_line_with_the_nearest_key(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(WRONG_ROBOT)
+    done = sweepctl("robot", "check", str(path))
+    assert (done.status, done.out) == (2, "")
+    lines = done.err.splitlines()
+    assert len(lines) == 4
+    for printed in (
+        "whel_base_m: no such key; did you mean wheel_base_m?",
+        "wheel_diameter_m: 7 is out of range",
+        "infrared_lef: no such key; did you mean infrared_left?",
+        "supervise.stal: no such key; did you mean supervise.stall?",
+    ):
+        assert sum(printed in line for line in lines) == 1, printed
+    found = json.loads(sweepctl("robot", "check", str(path), "--json").out)
+    assert (found["valid"], found["exit_status"], len(found["problems"])) == (False, 2, 4)
+
+
+def test_robot_check_warns_of_what_will_not_work_well(tmp_path: Path) -> None:
+    path = tmp_path / "near.toml"
+    path.write_text("[infrared_left]\ny_m = 0.14\n")
+    done = sweepctl("robot", "check", str(path))
+    assert done.status == 0
+    assert "warning: infrared_left: a wall that touches the robot is 12 mm" in done.err
+    assert "valid, 1 warning\n" in done.err
+
+
+def test_robot_show_prints_and_draws(tmp_path: Path) -> None:
+    path, png = tmp_path / "mine.toml", tmp_path / "mine.png"
+    path.write_text("name = 'mine'\n")
+    done = sweepctl("robot", "show", str(path), "--png", str(png))
+    assert done.status == 0, done.err
+    assert "footprint" in done.out
+    assert png.read_bytes().startswith(PNG)
+    facts = json.loads(sweepctl("robot", "show", str(path), "--json").out)
+    assert facts["infrared_left"]["hull_m"] == pytest.approx(0.052, abs=1e-3)
+    assert 0.9 < facts["hull_blind_share"] < 1.0
+
+
+ROOM = {"walls": [[0, 0], [4, 0], [4, 3], [0, 3]], "start": [0.5, 0.5, 0.0]}
+DIVIDER = [
+    [[2.9, 0], [3, 0], [3, 1.4], [2.9, 1.4]],
+    [[2.9, 1.65], [3, 1.65], [3, 3], [2.9, 3]],
+]
+"""A wall across the room with a gap of 25 cm, too narrow for the default robot."""
+
+
+def written(path: Path, **keys: object) -> str:
+    path.write_text(json.dumps({**ROOM, **keys}))
+    return str(path)
+
+
+def test_room_check_prints_each_problem_on_a_line(tmp_path: Path) -> None:
+    room = written(tmp_path / "wrong.json", start=[0.5, 0.5, 90], obstacles=[[1]], carpet=[])
+    done = sweepctl("room", "check", room)
+    assert (done.status, done.out) == (2, "")
+    assert len(done.err.splitlines()) == 3
+    for printed in ("heading of 90 rad", "obstacles[0]: must be a list", 'did you mean "carpets"?'):
+        assert printed in done.err
+
+
+def test_room_check_warns_of_crossings_strays_and_floor_that_is_cut_off(tmp_path: Path) -> None:
+    bow = [[1, 1], [1.5, 1.5], [1.5, 1], [1, 1.8]]
+    far = [[8, 8], [9, 8], [9, 9]]
+    room = written(tmp_path / "odd.json", obstacles=[*DIVIDER, bow], cliffs=[far], obstacle=[])
+    done = sweepctl("room", "check", room, "--json")
+    assert done.status == 0
+    warnings = json.loads(done.out)["warnings"]
+    assert len(warnings) == 3
+    for printed in (
+        "obstacles[2]: its outline crosses itself near (1.31, 1.31)",
+        "cliffs[0]: it lies outside the walls",
+        "cannot get there from the start",
+    ):
+        assert any(printed in warning for warning in warnings), printed
+
+
+def test_room_check_depends_on_the_robot(tmp_path: Path) -> None:
+    room = written(tmp_path / "gap.json", obstacles=DIVIDER)
+    small = tmp_path / "small.toml"
+    small.write_text(
+        "robot_diameter_m = 0.2\nwheel_base_m = 0.14\ncleaning_width_m = 0.1\n"
+        "[ultrasonic]\nx_m = 0.06\n[infrared_left]\nx_m = 0.03\ny_m = 0.05\n"
+        "[infrared_right]\nx_m = 0.03\ny_m = -0.05\n"
+    )
+    assert "cut off" in sweepctl("room", "check", room).err
+    assert "cut off" not in sweepctl("room", "check", room, "--robot", str(small)).err
+
+
+def test_room_check_takes_every_shipped_room() -> None:
+    for path in (ROOT / "sim_device" / "rooms").glob("*.json"):
+        done = sweepctl("room", "check", path.stem)
+        assert (done.status, "valid, 0 warnings" in done.err) == (0, True), done.err
+
+
+def test_room_show_draws_and_gives_the_areas(tmp_path: Path) -> None:
+    png = tmp_path / "empty.png"
+    done = sweepctl("room", "show", written(tmp_path / "r.json"), "--png", str(png), "--json")
+    assert done.status == 0, done.err
+    facts = json.loads(done.out)
+    assert facts["free_m2"] == pytest.approx(12.0, abs=0.02)
+    # the corners that a disc of 16 cm leaves: (4 − π) r²
+    assert facts["reachable_m2"] == pytest.approx(12.0 - 0.8584 * 0.16**2, abs=0.02)
+    # the mouth stays 8 cm from the walls: 3.84 × 2.84 less the rounded corners
+    assert facts["sweepable_m2"] == pytest.approx(3.84 * 2.84 - 0.8584 * 0.08**2, abs=0.03)
+    assert png.read_bytes().startswith(PNG)
+
+
+def test_the_rooms_page_can_be_followed(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "rooms.md").read_text(encoding="utf-8")
+    example = re.search(r"^```json\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert example is not None
+    (tmp_path / "study.json").write_text(example[1])
+    commands = re.findall(r"^sweepctl (room (?:check|show) .*)$", page, re.MULTILINE)
+    assert len(commands) == 2
+    for line in commands:
+        words = [str(tmp_path / w) if w.startswith("study.") else w for w in line.split()]
+        done = sweepctl(*words)
+        assert done.status == 0, done.err
+        assert "warning: " not in done.err
+    assert (tmp_path / "study.png").read_bytes().startswith(PNG)
