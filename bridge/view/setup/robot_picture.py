@@ -154,7 +154,12 @@ def _draw_hull(axes: Axes, model: RobotModel) -> None:
         more_rad = 0.5 * max(_VISIBLE_RAD - arc.width_rad, 0.0)
         bearings = np.linspace(arc.begin_rad - more_rad, arc.end_rad + more_rad, _RIM_POINTS)
         left_m, ahead_m = model.radius_m * np.sin(bearings), model.radius_m * np.cos(bearings)
-        how = {"color": colour, "lw": width, "solid_capstyle": "butt", "label": label}
+        how: dict[str, Any] = {
+            "color": colour,
+            "lw": width,
+            "solid_capstyle": "butt",
+            "label": label,
+        }
         axes.plot(left_m, ahead_m, zorder=5, **how)
 
     view = hull_view(model)

@@ -16,6 +16,8 @@ from bridge.supervise.settings import SuperviseSettings
 from tools.dev.file_reference import ROBOT_PAGE, ROOM_PAGE, robot_page, room_page
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from bridge.floor_plan.keys import RoomKey
 
 RENEW = "run `python -m tools.dev.file_reference`"
@@ -30,7 +32,7 @@ def test_the_pages_are_fresh() -> None:
 def test_the_robot_page_has_every_key() -> None:
     page = robot_page()
     model, rules = RobotModel(), SuperviseSettings()
-    tables = [model, rules, *rules.rules.values()]
+    tables: list[DataclassInstance] = [model, rules, *rules.rules.values()]
     keys = {f.name for table in tables for f in dataclasses.fields(table)}
     keys |= {field.name for field in dataclasses.fields(RangerMount)}
     keys -= {*model.rangers, *rules.rules}
@@ -44,7 +46,8 @@ def test_the_robot_page_has_every_key() -> None:
 
 def test_every_number_of_a_robot_file_has_a_unit_and_a_meaning() -> None:
     rules = SuperviseSettings()
-    for table in (RobotModel(), RobotModel().ultrasonic, rules, *rules.rules.values()):
+    tables: list[DataclassInstance] = [RobotModel(), RobotModel().ultrasonic, rules]
+    for table in [*tables, *rules.rules.values()]:
         for field in dataclasses.fields(table):
             if "range" in field.metadata:
                 assert field.metadata["unit"], field.name
@@ -57,8 +60,8 @@ def test_the_rooms_page_has_every_key() -> None:
         assert f"| `{key.name}` | " in page
 
 
-CARPET = {"polygon": [[1, 1], [2, 1], [2, 2]]}
-THRESHOLD = {"line": [[1, 1], [2, 1]], "height_m": 0.01}
+CARPET: dict[str, object] = {"polygon": [[1, 1], [2, 1], [2, 2]]}
+THRESHOLD: dict[str, object] = {"line": [[1, 1], [2, 1]], "height_m": 0.01}
 NUMBERS = [("carpets", CARPET, key) for key in CARPET_KEYS if key.is_number]
 NUMBERS += [("thresholds", THRESHOLD, key) for key in THRESHOLD_KEYS if key.is_number]
 
