@@ -23,8 +23,7 @@ from typing import TYPE_CHECKING
 
 from protocol.errors import LocalError
 from protocol.messages import ALL_MESSAGES
-from protocol.messages.host import Describe, HostHello, Stop, TimeRequest
-from protocol.schema.message import Direction, Message, specify
+from protocol.schema.message import specify
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,14 +36,8 @@ CAN_AUTH_TYPE = 0x01
 _COUNTER = struct.Struct("<I")
 _NONCE = struct.Struct("<III")
 _SPAN, _HALF, _SHORT = 1 << 32, 1 << 31, 1 << 16
-FREE: frozenset[type[Message]] = frozenset({Stop, HostHello, TimeRequest, Describe})
-"""What needs no tag: a stop is obeyed from anyone, and the rest moves and changes nothing."""
-GUARDED_TYPES = frozenset(
-    spec.type_id
-    for spec in map(specify, ALL_MESSAGES)
-    if spec.direction is Direction.HOST and spec.cls not in FREE
-)
-"""What needs one once a key is set: velocities, duties, and every command but stop."""
+GUARDED_TYPES = frozenset(s.type_id for s in map(specify, ALL_MESSAGES) if s.needs_tag)
+"""What needs a tag once a key is set: velocities, duties, and every command but stop."""
 
 
 class BadKeyError(LocalError):

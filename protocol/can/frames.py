@@ -19,17 +19,6 @@ if TYPE_CHECKING:
     from protocol.schema.fields import Field
     from protocol.schema.message import MessageSpec
 
-CAN_PART_TYPES: dict[tuple[int, int], int] = {
-    (0x12, 1): 0x22,  # IMU: rates
-    (0x12, 2): 0x32,  # IMU: temperature
-    (0x17, 1): 0x27,  # planner state: lanes
-}
-"""(message type, part) → the type in the identifier; part 0 has the message's own."""
-CAN_SLOW_PARTS_US: dict[tuple[int, int], int] = {(0x12, 2): 1_000_000}
-"""Parts that go out with the first message and then after this long; receivers keep them."""
-CAN_FULL_STAMP = frozenset({0x10})
-"""Sync: ``t_us u32 | payload`` instead of ``t16 | payload``."""
-
 STAMP_SHIFT = 4
 """A short stamp counts 16 µs."""
 T16 = struct.Struct("<H")
@@ -86,6 +75,8 @@ class Part(NamedTuple):
     """Where its fields stand in the message's payload: first byte and the one after."""
     slow_us: int
     """Not sent again before this; 0: with every message."""
+    full_stamp: bool
+    """``t_us u32 | payload`` instead of ``t16 | payload``."""
 
 
 def parts_of(spec: MessageSpec, shared_fields: int) -> tuple[Part, ...]:
@@ -100,24 +91,15 @@ def parts_of(spec: MessageSpec, shared_fields: int) -> tuple[Part, ...]:
         offset += field.wire.size
     parts = (
         Part(
-            can_type(spec.type_id, number),
+            spec.can_parts[number].can_type,
             number,
             tuple(_joined(spans[number])),
-            CAN_SLOW_PARTS_US.get((spec.type_id, number), 0),
+            spec.can_parts[number].slow_us,
+            spec.full_stamp,
         )
         for number in sorted(spans)
     )
     return tuple(sorted(parts, key=lambda part: not part.slow_us))
-
-
-def can_type(type_id: int, part: int) -> int:
-    """Type in the identifier of a message's part.
-
-    Raises:
-        KeyError: the part has none declared; the lint finds that.
-
-    """
-    return CAN_PART_TYPES[type_id, part] if part else type_id
 
 
 def _joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
@@ -139,7 +121,7 @@ def is_native(spec: MessageSpec) -> bool:
 def pack(part: Part, payload: bytes, t_us: int) -> bytes:
     """Data of one frame, from the message's payload."""
     mine = b"".join(payload[start:end] for start, end in part.spans)
-    if part.can_type in CAN_FULL_STAMP:
+    if part.full_stamp:
         return T32.pack(t_us & 0xFFFF_FFFF) + mine
     return T16.pack(t_us >> STAMP_SHIFT & 0xFFFF) + mine
 

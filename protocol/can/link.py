@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.authentication import CAN_AUTH_TYPE, GUARDED_TYPES
 from protocol.can.authentication import HeldMessages
 from protocol.can.frames import (
-    CAN_FULL_STAMP,
     RECORD,
     T16,
     T32,
     CanFrame,
     Part,
-    can_type,
     from_record,
     is_native,
     join,
@@ -96,10 +94,10 @@ class CanLink(LinkBase):
         self._last: dict[int, tuple[bytes, int]] = {}
         self._partial = b""
         self._native = {
-            can_type(spec.type_id, number): _Native(spec, number)
+            part.can_type: _Native(spec, number)
             for spec in self.codec.catalogue
             if is_native(spec)
-            for number in {field.can_part for field in spec.fields}
+            for number, part in enumerate(spec.can_parts)
         }
         self._parts: dict[tuple[int, int], tuple[Part, ...]] = {}
         self._transfer_ids: dict[int, int] = {}
@@ -205,7 +203,7 @@ class CanLink(LinkBase):
 
     def _take_native(self, frame: CanFrame, native: _Native, now_us: int) -> LinkEvent | None:
         spec, data, sender = native.spec, frame.data, self._sender(frame.node)
-        if frame.can_type in CAN_FULL_STAMP:
+        if spec.full_stamp:
             if len(data) < T32.size:
                 return self._malformed(frame, spec)
             stamp_us: int | None = sender.stamps.whole(T32.unpack_from(data)[0], now_us)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.can.frames import CAN_FULL_STAMP, T16, T32, is_native, nominal_bits, parts_of
+from protocol.can.frames import T16, T32, is_native, nominal_bits, parts_of
 from protocol.can.frames import worst_bits as worst_frame_bits
 from protocol.can.transfers import content, segments
 from protocol.messages.device import LogText, TimeReply
@@ -43,7 +43,7 @@ def loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
             continue
         sizes = []
         for part in parts_of(spec, len(spec.fields)):
-            stamp = T32 if part.can_type in CAN_FULL_STAMP else T16
+            stamp = T32 if part.full_stamp else T16
             length = stamp.size + sum(end - start for start, end in part.spans)
             sizes.append((1e6 / part.slow_us if part.slow_us else spec.default_hz, length))
         found.append(_load(spec.name, sizes))

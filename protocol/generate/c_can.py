@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can.frames import CAN_FULL_STAMP, is_native, parts_of
+from protocol.can.frames import is_native, parts_of
 from protocol.generate.c_messages import guarded
 from protocol.schema.message import Direction
 
@@ -42,7 +42,7 @@ def slow_parts(catalogue: Catalogue) -> dict[int, int]:
 def _spans(spec: MessageSpec, slow: dict[int, int]) -> Iterator[str]:
     for part in parts_of(spec, len(spec.fields)):
         place = list(slow).index(part.can_type) + 1 if part.slow_us else 0
-        full = int(part.can_type in CAN_FULL_STAMP)
+        full = int(part.full_stamp)
         for first, end in part.spans:
             yield (
                 f"    {{0x{part.can_type:02X}u, 0x{spec.type_id:02X}u, {first}u, {end - first}u, "

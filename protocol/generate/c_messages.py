@@ -26,20 +26,6 @@ if TYPE_CHECKING:
     from protocol.schema.fields import Field
     from protocol.schema.message import MessageSpec
 
-MINIMAL = frozenset(
-    {
-        "velocity_setpoint",
-        "clear_stop",
-        "set_mode",
-        "time_request",
-        "status",
-        "imu",
-        "encoders",
-        "time_reply",
-    }
-)
-"""What a driving device needs beside the bootstrap messages, which are always there."""
-
 _WIDTHS = {"u16": "u16", "i16": "u16", "u32": "u32"}
 
 
@@ -110,7 +96,7 @@ def switches(catalogue: Catalogue) -> str:
     for spec in catalogue:
         macro = switch_macro(spec)
         if macro is not None:
-            default = "1" if spec.name in MINIMAL else "SP_WITH_REST"
+            default = "1" if spec.minimal else "SP_WITH_REST"
             out += [f"#ifndef {macro}", f"#define {macro} {default}", "#endif"]
     return lines(out)
 

@@ -12,7 +12,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER
-from protocol.can.frames import CAN_FULL_STAMP, STAMP_SHIFT, T16, T32, is_native, parts_of
+from protocol.can.frames import STAMP_SHIFT, T16, T32, is_native, parts_of
 from protocol.errors import FieldRangeError
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.fields import SI_UNITS
@@ -31,14 +31,6 @@ DEVICE = "device"
 STAMP = "t16"
 FULL_STAMP = "t_us"
 TAG = "auth_tag"
-PART_NAMES = {
-    ("imu", 0): "imu_acceleration",
-    ("imu", 1): "imu_rotation",
-    ("imu", 2): "imu_temperature",
-    ("planner_state", 0): "planner_state_target",
-    ("planner_state", 1): "planner_state_lane",
-}
-"""Names of frames that share a message; others are named by their part's number."""
 _PLAIN_UNITS = {"percent": "%", "us": "us"}
 """Units of unscaled fields that a reader wants to see; the rest only say how to read them."""
 _PLAIN_SIGNS = str.maketrans({'"': "'", "±": "+-", "°": "deg", "×": "x", "–": "-", "’": "'"})
@@ -97,7 +89,7 @@ def frames_of(spec: MessageSpec, node: int) -> Iterator[Frame]:
     for part in parts:
         name, doc = spec.name, spec.doc
         if len(parts) > 1:
-            name = PART_NAMES.get((spec.name, part.number), f"{spec.name}_{part.number}")
+            name = f"{spec.name}_{spec.can_parts[part.number].name}"
             kept = (
                 "; kept until it comes again" if part.slow_us else "; equal stamps belong together"
             )
@@ -123,7 +115,7 @@ def tag_frame(node: int) -> Frame:
 
 def _signals(spec: MessageSpec, part: Part) -> Iterator[Signal]:
     doc = "sender's clock when the content was sampled"
-    if part.can_type in CAN_FULL_STAMP:
+    if part.full_stamp:
         bit = 8 * T32.size
         yield _plain(FULL_STAMP, 0, bit, 1.0, "us", doc)
     else:

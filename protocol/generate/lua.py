@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
-from protocol.can.frames import CAN_FULL_STAMP, is_native, parts_of
+from protocol.can.frames import is_native, parts_of
 from protocol.can.link import DOUBLE_US
 from protocol.can.transfers import MAX_CONTENT, OPEN_US, SEGMENT
 from protocol.generate.template import fill
@@ -97,7 +97,7 @@ def _can_frames(spec: MessageSpec) -> Iterator[str]:
         mine = [(i, f) for i, f in enumerate(spec.fields, 1) if f.can_part == part.number]
         indices = ", ".join(str(i) for i, _ in mine)
         size = sum(f.wire.size for _, f in mine)
-        stamp = ", full_stamp = true" if part.can_type in CAN_FULL_STAMP else ""
+        stamp = ", full_stamp = true" if part.full_stamp else ""
         name = spec.name if len(parts) == 1 else f"{spec.name} part {part.number}"
         yield (
             f"  [0x{part.can_type:02X}] = {{ name = {_quoted(name)}, message = "

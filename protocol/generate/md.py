@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from protocol.authentication import CAN_AUTH_TYPE, FREE, GUARDED_TYPES, TRAILER
+from protocol.authentication import CAN_AUTH_TYPE, TRAILER
 from protocol.can.authentication import TOGETHER_US
 from protocol.can.frames import pack, parts_of
 from protocol.commands import REMEMBERED
@@ -20,6 +20,7 @@ from protocol.messages.host import VelocitySetpoint
 from protocol.messages.values import StopCause, by_gravity, latched_cause
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
 from protocol.uart.framing import encode_frame
 
 if TYPE_CHECKING:
@@ -88,8 +89,10 @@ def _wire(catalogue: Catalogue) -> str:
         causes=", ".join(f"`{c.name.lower()}`" for c in by_gravity()),
         unnamed=latched_cause(StopCause.NONE, StopCause.NONE).name.lower(),
         remembered=REMEMBERED,
-        guarded=", ".join(f"`{s.name}`" for s in catalogue if s.type_id in GUARDED_TYPES),
-        free=", ".join(f"`{s.name}`" for s in catalogue if s.cls in FREE),
+        guarded=", ".join(f"`{s.name}`" for s in catalogue if s.needs_tag),
+        free=", ".join(
+            f"`{s.name}`" for s in catalogue if s.direction is Direction.HOST and not s.needs_tag
+        ),
         auth_type=f"{CAN_AUTH_TYPE:#04x}",
         together_ms=TOGETHER_US // 1000,
         trailer=TRAILER.size,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can.frames import CAN_FULL_STAMP, is_native, nominal_bits, parts_of, worst_bits
+from protocol.can.frames import is_native, nominal_bits, parts_of, worst_bits
 from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
@@ -53,4 +53,4 @@ def _layout(spec: MessageSpec, part: Part) -> list[tuple[str, int]]:
     """Names and sizes in the order of the frame's bytes."""
     fields: list[Field] = [f for f in spec.fields if f.can_part == part.number]
     mine = [(f.name, f.wire.size) for f in fields]
-    return [("t_us", 4) if part.can_type in CAN_FULL_STAMP else ("t16", 2), *mine]
+    return [("t_us", 4) if part.full_stamp else ("t16", 2), *mine]

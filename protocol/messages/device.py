@@ -28,7 +28,7 @@ from protocol.schema.fields import (
     text,
     uid,
 )
-from protocol.schema.message import Direction, Message, RateClass, message
+from protocol.schema.message import CanPart, Direction, Message, RateClass, message
 
 _DEVICE = Direction.DEVICE
 _STREAM, _RARE = RateClass.STREAM, RateClass.RARE
@@ -41,14 +41,14 @@ UNKNOWN_MESSAGE = 0xFF
 """Field count in a describe reply that says: I have no message of this type."""
 
 
-@message(0x10, _DEVICE, _STREAM, default_hz=10)
+@message(0x10, _DEVICE, _STREAM, default_hz=10, full_stamp=True)
 class Sync(Message):
     """Count of all frames sent, to find losses that the 8-bit sequence cannot."""
 
     frame_count: Annotated[int, number(U32, "count", "frames sent since boot, this one included")]
 
 
-@message(0x11, _DEVICE, _STREAM, default_hz=10)
+@message(0x11, _DEVICE, _STREAM, default_hz=10, minimal=True)
 class Status(Message):
     """What the device is doing and why it is not."""
 
@@ -63,7 +63,18 @@ class Status(Message):
     setpoint_left_s = si("setpoint_left")
 
 
-@message(0x12, _DEVICE, _STREAM, default_hz=100)
+@message(
+    0x12,
+    _DEVICE,
+    _STREAM,
+    default_hz=100,
+    minimal=True,
+    can_parts=(
+        CanPart(0x12, "acceleration"),
+        CanPart(0x22, "rotation"),
+        CanPart(0x32, "temperature", slow_us=1_000_000),
+    ),
+)
 class Imu(Message):
     """MPU6050 registers as read: ±2 g, ±250 °/s, in the chip's order."""
 
@@ -88,7 +99,7 @@ class Imu(Message):
     gyro_z_rad_s = si("gyro_z")
 
 
-@message(0x13, _DEVICE, _STREAM, default_hz=50)
+@message(0x13, _DEVICE, _STREAM, default_hz=50, minimal=True)
 class Encoders(Message):
     """Absolute wheel counts after ×4; they wrap at 16 bits."""
 
@@ -143,7 +154,13 @@ class LinkCounters(Message):
     stale: Annotated[int, number(U16, "count", "setpoints refused as old or repeated")]
 
 
-@message(0x17, _DEVICE, _STREAM, default_hz=5)
+@message(
+    0x17,
+    _DEVICE,
+    _STREAM,
+    default_hz=5,
+    can_parts=(CanPart(0x17, "target"), CanPart(0x27, "lane")),
+)
 class PlannerState(Message):
     """The device's own planner: the paper's variables and where it drives to."""
 
@@ -167,7 +184,7 @@ class PlannerState(Message):
     length_m = si("length")
 
 
-@message(0x18, _DEVICE, _RARE)
+@message(0x18, _DEVICE, _RARE, minimal=True)
 class TimeReply(Message):
     """Answer to a time request; the header's stamp is the moment of sending."""
 

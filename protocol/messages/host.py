@@ -29,7 +29,7 @@ _STREAM, _COMMAND, _RARE = RateClass.STREAM, RateClass.COMMAND, RateClass.RARE
 _ID = number(U16, "id", "chosen by the host, counts up; names the command in its reply")
 
 
-@message(0x00, _HOST, _COMMAND, bootstrap=True, to_all=True)
+@message(0x00, _HOST, _COMMAND, bootstrap=True, to_all=True, tagged=False)
 class Stop(Message):
     """Stop and latch; repeated until acknowledged, obeyed from anyone at any time."""
 
@@ -37,7 +37,7 @@ class Stop(Message):
     cause: Annotated[int, number(U8, "enum", "why", enum=StopCause, low=1, high=5)]
 
 
-@message(0x02, _HOST, _STREAM, default_hz=50)
+@message(0x02, _HOST, _STREAM, default_hz=50, minimal=True)
 class VelocitySetpoint(Message):
     """Body velocity to hold until the time to live runs out."""
 
@@ -73,7 +73,7 @@ class WheelDuty(Message):
     time_to_live_s = si("time_to_live")
 
 
-@message(0x04, _HOST, _RARE, bootstrap=True, to_all=True)
+@message(0x04, _HOST, _RARE, bootstrap=True, to_all=True, tagged=False)
 class HostHello(Message):
     """Opens a session; sent again with ``agreed`` set once the catalogues are compared."""
 
@@ -83,7 +83,7 @@ class HostHello(Message):
     name: Annotated[str, text("the host program and its version")]
 
 
-@message(0x05, _HOST, _COMMAND)
+@message(0x05, _HOST, _COMMAND, minimal=True)
 class ClearStop(Message):
     """Release the latch, if its cause is still the one named."""
 
@@ -91,7 +91,7 @@ class ClearStop(Message):
     cause: Annotated[int, number(U8, "enum", "the cause to clear", enum=StopCause, low=1, high=5)]
 
 
-@message(0x06, _HOST, _COMMAND)
+@message(0x06, _HOST, _COMMAND, minimal=True)
 class SetMode(Message):
     """Choose what moves the wheels; refused while a stop is latched."""
 
@@ -99,14 +99,14 @@ class SetMode(Message):
     mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode, high=3)]
 
 
-@message(0x07, _HOST, _RARE, to_all=True)
+@message(0x07, _HOST, _RARE, to_all=True, minimal=True, tagged=False)
 class TimeRequest(Message):
     """Ask for the device's clock; also keeps the session alive."""
 
     ping: Annotated[int, number(U8, "id", "comes back in the reply")]
 
 
-@message(0x08, _HOST, _RARE, bootstrap=True)
+@message(0x08, _HOST, _RARE, bootstrap=True, tagged=False)
 class Describe(Message):
     """Ask how the device declares one message."""
 

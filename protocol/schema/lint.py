@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from protocol.can.frames import CAN_PART_TYPES, CAN_SLOW_PARTS_US
 from protocol.schema.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
 from protocol.schema.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
 from protocol.schema.message import MAX_TYPE, Direction, RateClass
@@ -30,7 +29,9 @@ def findings(specs: Iterable[MessageSpec]) -> list[str]:
     ):
         found += [f"{what} {key} is declared {n} times" for key, n in counts.items() if n > 1]
     own = {s.type_id for s in specs}
-    parts = Counter(CAN_PART_TYPES.values())
+    parts = Counter(
+        p.can_type for s in {s.type_id: s for s in specs}.values() for p in s.can_parts[1:]
+    )
     found += [f"CAN part type {t:#x} is declared {n} times" for t, n in parts.items() if n > 1]
     found += [f"CAN part type {t:#x} is a message's too" for t in parts if t in own]
     found += [f"CAN part type {t:#x} is out of range" for t in parts if not 0 <= t <= MAX_TYPE]
@@ -67,11 +68,14 @@ def _stream(spec: MessageSpec) -> Iterator[str]:
         size = sum(f.wire.size for f in spec.fields if f.can_part == part)
         if size > CAN_PAYLOAD_MAX:
             yield f"CAN part {part} of {size} B exceeds {CAN_PAYLOAD_MAX} B"
-        known = (spec.type_id, part) in CAN_PART_TYPES or not 0 <= spec.type_id <= MAX_TYPE
-        if part and not known:
+        if part >= len(spec.can_parts):
             yield f"CAN part {part} has no type of its own"
-        if spec.direction is Direction.HOST and (spec.type_id, part) in CAN_SLOW_PARTS_US:
-            yield f"CAN part {part} of a host's message is slow: a device joins what comes at once"
+    if spec.direction is Direction.HOST and any(p.slow_us for p in spec.can_parts):
+        yield "a host's message has a slow CAN part: a device joins what comes at once"
+    if MAX_TYPE >= spec.type_id >= 0 and spec.can_parts[0].can_type != spec.type_id:
+        yield f"CAN part 0 has type {spec.can_parts[0].can_type:#x}, not the message's own"
+    if len(spec.can_parts) > 1:
+        yield from (f"CAN part {i} has no name" for i, p in enumerate(spec.can_parts) if not p.name)
 
 
 def _field(spec: MessageSpec, field: Field) -> Iterator[str]:

@@ -97,6 +97,17 @@ class RateClass(Enum):
     """On occasion; may be long."""
 
 
+class CanPart(NamedTuple):
+    """One of the CAN frames that share a periodic message."""
+
+    can_type: int
+    """The type in the frame's identifier; that of part 0 is the message's own."""
+    name: str = ""
+    """Follows the message's name in the DBC."""
+    slow_us: int = 0
+    """Sent with the first message and then after this long; receivers keep it. 0: always."""
+
+
 @dataclass(frozen=True, slots=True)
 class MessageSpec:
     """Everything that is known of one message."""
@@ -111,6 +122,14 @@ class MessageSpec:
     """Needed to agree at all: never changes, and is decoded before agreement."""
     to_all: bool
     """May be addressed to node 0, which is every device."""
+    minimal: bool
+    """In the smallest set that the generated C can be cut to."""
+    needs_tag: bool
+    """A host's message that a device with a key takes only with a tag."""
+    can_parts: tuple[CanPart, ...]
+    """Frames of a periodic message on CAN, by the number of the part."""
+    full_stamp: bool
+    """On CAN it carries ``t_us`` itself, in front, instead of the short stamp."""
     doc: str
     fields: tuple[Field, ...]
     layout: struct.Struct
@@ -132,6 +151,10 @@ class _Declaration(NamedTuple):
     default_hz: float
     bootstrap: bool
     to_all: bool
+    minimal: bool
+    needs_tag: bool
+    can_parts: tuple[CanPart, ...]
+    full_stamp: bool
     fields: tuple[Field, ...]
 
 
@@ -147,8 +170,16 @@ def message(  # noqa: PLR0913 - what is declared of a message
     default_hz: float = 0.0,
     bootstrap: bool = False,
     to_all: bool = False,
+    minimal: bool = False,
+    tagged: bool = True,
+    can_parts: tuple[CanPart, ...] = (),
+    full_stamp: bool = False,
 ) -> Callable[[type[M]], type[M]]:
-    """Declare the ``NamedTuple`` below as a wire message."""
+    """Declare the ``NamedTuple`` below as a message.
+
+    ``tagged`` is False for a host's message that moves and changes nothing, or stops: it is
+    taken without a tag. ``can_parts`` names the frames of a stream that needs several on CAN.
+    """
 
     def register(cls: type[M]) -> type[M]:
         hints = get_type_hints(cls, include_extras=True)
@@ -164,6 +195,10 @@ def message(  # noqa: PLR0913 - what is declared of a message
             default_hz,
             bootstrap,
             to_all,
+            minimal or bootstrap,
+            tagged and direction is Direction.HOST,
+            can_parts or (CanPart(type_id),),
+            full_stamp,
             tuple(_declared_fields(cls, hints)),
         )
         return cast("type[M]", made)
@@ -203,6 +238,10 @@ def specify(cls: type[Message]) -> MessageSpec:
         declaration.default_hz,
         declaration.bootstrap,
         declaration.to_all,
+        declaration.minimal,
+        declaration.needs_tag,
+        declaration.can_parts,
+        declaration.full_stamp,
         (cls.__doc__ or "").strip(),
         fields,
         struct.Struct("<" + "".join(f.wire.code for f in fields)),

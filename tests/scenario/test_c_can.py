@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import pytest
 
-from protocol.can.frames import CAN_PART_TYPES, RECORD, CanFrame, from_record
+from protocol.can.frames import RECORD, CanFrame, from_record
 from protocol.can.link import CanLink
 from protocol.link import Received, Rejected
 from protocol.messages import ALL_MESSAGES
@@ -196,7 +196,10 @@ def test_c_receives_what_python_receives(adapter: Adapter) -> None:
     assert min(s.damaged, s.doubled, s.stale, s.given_up) > 10  # all of it was tried
 
 
-@declared.message(0x02, Direction.HOST, RateClass.STREAM, default_hz=50)
+PARTS = tuple(map(declared.CanPart, (0x02, 0x70, 0x71), ("velocity", "tools", "suction")))
+
+
+@declared.message(0x02, Direction.HOST, RateClass.STREAM, default_hz=50, can_parts=PARTS)
 class VelocitySetpoint(Message):
     """A velocity setpoint with fields of its second frame, one of which stands between others."""
 
@@ -210,12 +213,8 @@ class VelocitySetpoint(Message):
 
 
 @pytest.mark.parametrize("shared", [None, 6, 5, 4, 3])
-def test_a_host_s_message_in_several_frames(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, shared: int | None
-) -> None:
+def test_a_host_s_message_in_several_frames(tmp_path: Path, shared: int | None) -> None:
     """Also from a host that knows fewer of its fields, and so sends fewer frames."""
-    monkeypatch.setitem(CAN_PART_TYPES, (0x02, 1), 0x70)
-    monkeypatch.setitem(CAN_PART_TYPES, (0x02, 2), 0x71)
     plain = CATALOGUE.by_name["velocity_setpoint"].cls
     catalogue = Catalogue([VelocitySetpoint, *(m for m in ALL_MESSAGES if m is not plain)])
     grown = catalogue.spec(VelocitySetpoint)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.authentication import Authenticator
-from protocol.can.frames import CAN_FULL_STAMP, can_type, from_record, is_native
+from protocol.can.frames import from_record, is_native
 from protocol.can.link import CanLink
 from protocol.generate import render
 from protocol.messages.host import VelocitySetpoint
@@ -85,7 +85,7 @@ def check_native(group: list[Seen], spec: MessageSpec, message: Message, t_us: i
     assert len(group) == len(parts)
     in_order = sorted(group, key=lambda s: int(s.get("can.part") or 0))
     for part, seen in zip(parts, in_order, strict=True):
-        if can_type(spec.type_id, part) in CAN_FULL_STAMP:
+        if spec.full_stamp:
             assert (seen.number("t_us"), seen.get("t16")) == (t_us, None)
         else:
             assert seen.number("t16") == t_us >> 4 & 0xFFFF
