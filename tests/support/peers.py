@@ -26,7 +26,15 @@ def variant(original: type[Message], hints: dict[str, Any]) -> type[Message]:
     spec = specify(original)
     cls: type[Message] = type(original.__name__, (Message,), {"__annotations__": hints})
     cls.__doc__ = original.__doc__
-    declare = message(spec.type_id, spec.direction, spec.rate, default_hz=spec.default_hz)
+    declare = message(
+        spec.type_id,
+        spec.direction,
+        spec.rate,
+        default_hz=spec.default_hz,
+        bootstrap=spec.bootstrap,
+        to_all=spec.to_all,
+        can_parts=spec.can_parts,
+    )
     return declare(cls)
 
 

@@ -36,6 +36,7 @@ def variant(cls: type[Message], fields: list[Field], name: str | None = None) ->
         default_hz=spec.default_hz,
         bootstrap=spec.bootstrap,
         to_all=spec.to_all,
+        can_parts=spec.can_parts,
     )
     return declare(made)
 
