@@ -1,5 +1,6 @@
-"""A person at the bench: one device in hand, asked and moved step by step.
+"""Bring-up and calibration: a person checks one device step by step.
 
-``desk`` talks to it, ``wiring`` judges what bring-up saw, ``gyro``, ``umbmark`` and ``ranging``
-work out calibrations, ``values`` brings their results to the robot file and to the device.
+``procedure`` is the bring-up, ``desk`` its session with the device, and ``wiring`` evaluates the
+measurements. ``gyro``, ``umbmark`` and ``ranging`` compute calibrations. ``values`` and
+``applying`` write the results to the robot file and to the device.
 """

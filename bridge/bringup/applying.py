@@ -1,4 +1,4 @@
-"""Bringing a calibration to the robot file and to the device, after it was shown and agreed to."""
+"""Writes a confirmed calibration to the device."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One value that is to be another."""
+    """The change of one value."""
 
     parameter: str
-    """Its name on the device."""
+    """Name of the device's parameter."""
     key: str
-    """Its key in the robot file; of a table with a dot: ``ultrasonic.scale``."""
+    """Key in the robot file; a key of a table has a dot: ``ultrasonic.scale``."""
     unit: str
     old: float
     new: float
 
     @property
     def line(self) -> str:
-        """For people."""
+        """The change as a line for people."""
         share = "" if self.old == 0.0 else f" ({100 * (self.new / self.old - 1):+.3f} %)"
         unit = "" if self.unit == "ratio" else f" {self.unit}"
         return f"{self.parameter}: {self.old:.7g} -> {self.new:.7g}{unit}{share}"
@@ -33,27 +33,27 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """Where the changes went."""
+    """The changes that were written to the device."""
 
     set: tuple[str, ...] = ()
-    """Parameters set and saved."""
+    """Parameters that were set and saved."""
     lacking: tuple[str, ...] = ()
-    """Parameters that this device has not."""
+    """Parameters that this device does not have."""
     reboot: tuple[str, ...] = ()
-    """Of those set, the ones that count from the next boot on."""
+    """Parameters among ``set`` that take effect at the next boot."""
 
 
 def set_on_device(desk: Desk, changes: Sequence[Change]) -> Applied:
-    """Set and save; values that the device has no parameter for are named.
+    """Set and save the parameters; return which were set and which the device lacks.
 
     Raises:
-        BridgeError: a value does not fit, or the device refused or fell silent.
+        BridgeError: a value is out of range, or the device rejected it or was lost.
 
     """
     known = {p.name: p for p in desk.client.list_parameters()}
     ours = [c for c in changes if c.parameter in known]
     for change in ours:
-        known[change.parameter].raw(change.new)  # nothing is changed where one of them cannot be
+        known[change.parameter].raw(change.new)  # if one value is invalid, none is changed
     late = [
         change.parameter
         for change in ours

@@ -1,4 +1,4 @@
-"""What a desk talks over, and how a person ends what it does."""
+"""The port of a desk, and the error for a procedure that a person has ended."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ if TYPE_CHECKING:
 
 
 class Wire(Protocol):
-    """What carries bytes to the device and back, and knows the time."""
+    """A port with a clock: a real port, or the virtual device in virtual time."""
 
     @property
     def link(self) -> type[LinkBase]:
-        """What is spoken over it."""
+        """Type of the link over this port."""
 
     def now(self) -> HostNs:
-        """Monotonic time."""
+        """Return the monotonic time."""
 
     def turn(self, data: bytes, until_ns: HostNs) -> bytes:
-        """Send, and give what comes; returns as soon as something has, or at that time."""
+        """Send ``data``; return the received bytes as soon as there are any, or at ``until_ns``."""
 
     def close(self) -> None:
-        """Give it back."""
+        """Close the port."""
 
 
 class InterruptedByPersonError(StoppedForSafetyError):
-    """A person ended the procedure before it was done; the robot was stopped."""
+    """A person ended the procedure early; the robot was stopped."""
 
     exit_status = 1

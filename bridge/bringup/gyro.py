@@ -1,4 +1,4 @@
-"""The gyro at rest: its bias, how sure that is, and how it wanders. Pure."""
+"""Gyro bias at standstill, its standard error and its drift. Pure."""
 
 from __future__ import annotations
 
@@ -12,56 +12,57 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MIN_SAMPLES = 100
+"""Smallest number of samples for a bias."""
 BLOCK_S = 1.0
+"""Length of the blocks whose means give the standard error, s."""
 REST_RAD_S = math.radians(20.0)
-"""Greatest rate at rest by the data sheet (PS-MPU-6000A-00, section 6.1)."""
-SHAKEN_RAD_S = math.radians(0.5)
-"""Of one reading: ten times the chip's noise at 100 Hz is a robot that is touched."""
+"""Largest rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
+MOVED_RAD_S = math.radians(0.5)
+"""Standard deviation above which the robot was moved, rad/s: ten times the noise at 100 Hz."""
 
 
 class AxisBias(NamedTuple):
-    """One axis at rest; rad/s."""
+    """Bias of one axis."""
 
     name: str
     bias_rad_s: float
-    sure_rad_s: float
-    """Standard error of the bias, from means over a second: noise of neighbours is related."""
-    wander_rad_s: float
-    """Greatest less least of those means."""
+    sigma_rad_s: float
+    """Standard error of the bias, from means over a second: consecutive samples are correlated."""
+    range_rad_s: float
+    """Difference between the largest and the smallest of these means."""
 
 
 def biases(samples: Sequence[tuple[float, tuple[float, float, float]]]) -> tuple[AxisBias, ...]:
-    """x, y and z from readings at rest, each with the device's time (s).
+    """Return the biases of x, y and z from samples at standstill, each with its device time (s).
 
     Raises:
-        BridgeError: too few readings, or the robot did not stand still.
+        BridgeError: there are too few samples, or the robot was moved.
 
     """
     if len(samples) < MIN_SAMPLES:
-        raise BridgeError(f"only {len(samples)} readings of the gyro; {MIN_SAMPLES} are needed")
+        raise BridgeError(f"only {len(samples)} gyro samples; {MIN_SAMPLES} are needed")
     found = []
     for index, name in enumerate("xyz"):
         values = [rates[index] for _, rates in samples]
         bias, sigma = fmean(values), stdev(values)
         means = _blocks(samples, index)
-        wander = max(means) - min(means)
-        if sigma > SHAKEN_RAD_S:
+        if sigma > MOVED_RAD_S:
             shown = math.degrees(sigma)
             raise BridgeError(
-                f"the robot was moved: {name} strays by {shown:.2f} °/s; let it stand"
+                f"the robot was moved: the {name} rate varies by {shown:.2f} °/s; keep it still"
             )
-        sure = stdev(means) / math.sqrt(len(means)) if len(means) > 1 else sigma
-        found.append(AxisBias(name, bias, sure, wander))
+        error = stdev(means) / math.sqrt(len(means)) if len(means) > 1 else sigma
+        found.append(AxisBias(name, bias, error, max(means) - min(means)))
     return tuple(found)
 
 
 def complaint(axis: AxisBias) -> str | None:
-    """What is wrong with a bias, if anything."""
+    """Return why a bias is implausible; None if it is plausible."""
     if abs(axis.bias_rad_s) <= REST_RAD_S:
         return None
     return (
-        f"{axis.name} tells {math.degrees(axis.bias_rad_s):+.1f} °/s at rest; the data sheet "
-        "allows 20: does the robot stand still? else the chip is broken"
+        f"{axis.name} reads {math.degrees(axis.bias_rad_s):+.1f} °/s at standstill, but the data "
+        "sheet allows 20; check that the robot does not move, else replace the chip"
     )
 
 

@@ -1,4 +1,4 @@
-"""The person beside the robot, as a procedure sees one."""
+"""The interface between a procedure and the person beside the robot."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ if TYPE_CHECKING:
 
 
 class Person(Protocol):
-    """Is told things, and asked."""
+    """Shows lines to the person and asks questions."""
 
     def show(self, text: str) -> None:
-        """Read a line."""
+        """Show a line."""
 
     def report(self, finding: Finding) -> None:
-        """Read what one look found."""
+        """Show a finding."""
 
     def confirm(self, text: str) -> bool:
-        """Say yes, before something moves or is written."""
+        """Ask for permission before something moves or is written."""
 
     def choose(self, text: str, answers: Mapping[str, str]) -> str:
-        """Give one of the keys of ``answers``, whose values explain them."""
+        """Ask for one of the keys of ``answers``; the values explain the keys."""
 
     def number(self, text: str) -> float:
-        """Give a number."""
+        """Ask for a number."""

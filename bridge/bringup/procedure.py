@@ -1,7 +1,7 @@
-"""Bring-up, wheels off the floor: one look after the other, each with its finding.
+"""Bring-up with the wheels off the floor: a sequence of checks, each with its findings.
 
-Nothing turns before the person beside the robot has said yes. What a program cannot see - which
-wheel turned, and which way - it asks.
+No wheel turns before the person beside the robot has confirmed it. The procedure asks what a
+program cannot see: which wheel turned, and in which direction.
 """
 
 from __future__ import annotations
@@ -42,18 +42,27 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
-"""In the order in which each needs the one before."""
+"""The checks in their order; each depends on the one before."""
 REST_S = 2.0
+"""Duration of a measurement at standstill, s."""
 REST_TRIES = 5
-"""Rests in which a person may touch the robot, before its axes are left out."""
-KICK_DUTY, KICK_S = 0.3, 0.8
-"""About 6 cm at the rim: seen by eye, and hundreds of counts."""
+"""Attempts to measure a robot that keeps being touched, before the check of the axes is skipped."""
+KICK_DUTY = 0.3
+"""Duty of a kick. With ``KICK_S`` the rim moves about 6 cm, which is visible."""
+KICK_S = 0.8
+"""Duration of a kick, s."""
 HAND_S = 20.0
-"""For a person to do what was asked."""
+"""Time for the person to do what was asked, s."""
 RELEASE_S = 4.0
-TURN_RAD, TILT_M_S2 = math.radians(45.0), 2.5
-"""A quarter turn and 15°, less what hands leave out."""
-STEP_M_S, STEP_S = 0.15, 1.5
+"""Time for the person's hand to leave the previous sensor, s."""
+TURN_RAD = math.radians(45.0)
+"""Smallest turn that counts when a quarter turn was asked for, rad."""
+TILT_M_S2 = 2.5
+"""Smallest change of gravity along an axis that counts as a tilt, m/s²: about 15°."""
+STEP_M_S = 0.15
+"""Speed of the step of the wheel control, m/s."""
+STEP_S = 1.5
+"""Duration of the step, s."""
 _TURNED = {
     "lf": "the LEFT wheel, forwards",
     "lb": "the LEFT wheel, backwards",
@@ -64,12 +73,12 @@ _TURNED = {
 
 
 class BringUp:
-    """The procedure; ``findings`` and ``steps`` hold what it saw."""
+    """The bring-up procedure; its results are ``findings`` and ``steps``."""
 
     def __init__(
         self, desk: Desk, person: Person, model: RobotModel, *, clear_stop: bool = False
     ) -> None:
-        """Do nothing yet."""
+        """Prepare the procedure; nothing moves before :meth:`run`."""
         self._desk, self._person, self._model = desk, person, model
         self._clear_stop = clear_stop
         self._asked_off_floor = False
@@ -77,13 +86,13 @@ class BringUp:
         self.steps: tuple[WheelStep, ...] = ()
 
     def run(self, wanted: tuple[str, ...] = STEPS) -> list[Finding]:
-        """Take the steps wanted, in their order.
+        """Run the requested checks in their order.
 
         Raises:
-            DeviceLostError: the device fell silent.
-            StoppedForSafetyError: it stopped by itself, or holds a stop.
-            CommandRejectedError: it refused.
-            InterruptedByPersonError: the person has enough.
+            DeviceLostError: the device was lost.
+            StoppedForSafetyError: the device stopped by itself, or a stop is latched.
+            CommandRejectedError: the device rejected a command.
+            InterruptedByPersonError: the person interrupted the procedure.
 
         """
         looks: dict[str, Callable[[], Iterator[Finding]]] = {
@@ -102,14 +111,14 @@ class BringUp:
 
     @property
     def well(self) -> bool:
-        """Whether nothing was found wrong."""
+        """True if no check failed."""
         return all(f.ok is not False for f in self.findings)
 
     def _note(self, finding: Finding) -> None:
         self.findings.append(finding)
         self._person.report(finding)
 
-    # ---- what needs no hands --------------------------------------------------------------
+    # ---- checks without help --------------------------------------------------------------
 
     def _supply(self) -> Iterator[Finding]:
         power = self._desk.await_newest(Power)
@@ -124,13 +133,13 @@ class BringUp:
         yield from judge_rest([_sample(message) for _, message in readings])
         moved = {(m.left, m.right) for _, m in counts if isinstance(m, Encoders)}
         if len(moved) > 1:
-            advice = "does a wheel turn? else look at the encoders' supply and shielding"
-            yield wrong("encoders at rest", "they count", advice)
+            advice = "check that no wheel turns; else check the encoders' supply and shielding"
+            yield wrong("encoders at standstill", "the counts change", advice)
         elif moved:
-            yield good("encoders at rest", "they stand")
+            yield good("encoders at standstill", "the counts are constant")
         faults = flag_labels(Fault, self._desk.await_newest(Status).faults & ~int(Fault.LIFTED))
         if faults:
-            yield wrong("device", f"tells of {', '.join(faults)}", "see its log lines above")
+            yield wrong("device", f"reports {', '.join(faults)}", "see its log lines above")
 
     # ---- motors and encoders --------------------------------------------------------------
 
@@ -141,7 +150,7 @@ class BringUp:
 
     def _motors(self) -> Iterator[Finding]:
         if not self._off_floor("Each wheel will now be turned for a moment."):
-            yield left_out("motors", "the wheels are not free")
+            yield left_out("motors", "the wheels are not free to turn")
             return
         self._desk.enable(Mode.BRINGUP, clear_stop=self._clear_stop)
         kicks = [kick for output in (LEFT, RIGHT) if (kick := self._kick(output)) is not None]
@@ -160,17 +169,17 @@ class BringUp:
         desk.run(0.5)
         desk.unwatch(readings)
         left, right = _turned(before, [m for _, m in readings if isinstance(m, Encoders)])
-        said = self._person.choose("Which wheel turned, and which way?", _TURNED)
-        wheel = {"l": LEFT, "r": RIGHT}.get(said[0], "none")
-        return Kick(output, wheel, said.endswith("f"), left, right)
+        answer = self._person.choose("Which wheel turned, and in which direction?", _TURNED)
+        wheel = {"l": LEFT, "r": RIGHT}.get(answer[0], "none")
+        return Kick(output, wheel, answer.endswith("f"), left, right)
 
     # ---- by hand --------------------------------------------------------------------------
 
     def _axes(self) -> Iterator[Finding]:
         rest = self._at_rest()
         if rest is None:
-            advice = "put it down, and touch it only after the question"
-            yield left_out("imu axes", "the robot does not stand still", advice)
+            advice = "put the robot down, and touch it only when asked"
+            yield left_out("imu axes", "the robot is not still", advice)
             return
         yield self._by_hand(
             "imu turn",
@@ -186,7 +195,7 @@ class BringUp:
             yield self._by_hand(step, text, wanted, TILT_M_S2, _Tilt(rest))
 
     def _at_rest(self) -> ImuSample | None:
-        """Mean reading at rest: the gyro's bias, and gravity; None: the robot is moved."""
+        """Return gravity and the gyro's biases at standstill; None if the robot keeps moving."""
         self._person.show("Let the robot stand level and still.")
         for _ in range(REST_TRIES):
             samples = self._rest_readings()
@@ -209,8 +218,8 @@ class BringUp:
     def _by_hand(
         self, step: str, text: str, wanted: str, least: float, motion: _Rotation | _Tilt
     ) -> Finding:
-        if not self._person.confirm(f"{text} Ready (no: leave it out)?"):
-            return left_out(step, "not tried")
+        if not self._person.confirm(f"{text} Ready (no: skip)?"):
+            return left_out(step, "skipped")
         kept = self._desk.watch(Imu)
         taken = 0
 
@@ -243,13 +252,13 @@ class BringUp:
         ):
             yield self._sense(
                 f"bumper {side}",
-                f"Press the {side.upper()} half of the bumper.",
+                f"Press the {side.upper()} bumper switch.",
                 _has(bit),
                 {f"the {RIGHT if side == LEFT else LEFT} one": _has(other)},
             )
         yield self._sense(
             "cliff",
-            "Let the floor sensor see a floor (a sheet of paper under it), then nothing.",
+            "Hold a sheet of paper under the cliff sensor, then take it away.",
             _has(Contact.CLIFF),
             {},
             first=lambda r: not r.contacts & Contact.CLIFF,
@@ -263,16 +272,16 @@ class BringUp:
         others: dict[str, Callable[[Range], bool]],
         first: Callable[[Range], bool] | None = None,
     ) -> Finding:
-        """Wait for a reading; ``others`` are what a swapped plug would give."""
+        """Wait for a reading; ``others`` are the readings that a swapped plug would give."""
         desk = self._desk
-        if first is None and (pressed := self._before_anybody(step, wanted)) is not None:
-            return pressed
+        if first is None and (early := self._early_response(step, wanted)) is not None:
+            return early
         before = desk.await_newest(Range)
         already = {name for name, test in others.items() if test(before)}
-        if not self._person.confirm(f"{text} Ready (no: leave it out)?"):
-            return left_out(step, "not tried")
+        if not self._person.confirm(f"{text} Ready (no: skip)?"):
+            return left_out(step, "skipped")
         if first is not None and not desk.run(HAND_S, lambda: first(desk.await_newest(Range))):
-            return wrong(step, "never sees a floor", "look at its supply, its wire and its level")
+            return wrong(step, "never sees a floor", "check its supply, wire and signal level")
         other = ""
 
         def answered() -> bool:
@@ -284,20 +293,23 @@ class BringUp:
             return bool(other)
 
         if not desk.run(HAND_S, answered):
-            return wrong(step, "does not answer", "look at its supply and its wire")
+            return wrong(step, "does not respond", "check its supply and its wire")
         if other:
-            return wrong(step, f"{other} answers", "left and right are swapped: cross their plugs")
-        return good(step, "answers")
+            return wrong(step, f"{other} responds", "left and right are swapped: cross their plugs")
+        return good(step, "responds")
 
-    def _before_anybody(self, step: str, wanted: Callable[[Range], bool]) -> Finding | None:
-        """What answers already; the hand of the look before may still be there for a while."""
+    def _early_response(self, step: str, wanted: Callable[[Range], bool]) -> Finding | None:
+        """Return a finding for a sensor that responds before it is asked; else None.
+
+        The person's hand may still be near for a while after the previous check.
+        """
         desk = self._desk
         if desk.run(RELEASE_S, lambda: not wanted(desk.await_newest(Range))):
             return None
         if not step.startswith("bumper"):
-            return left_out(step, "something is near already", "move the robot away from it")
-        advice = "free it, or look for a short in its wire; a swapped level reads so too"
-        return wrong(step, "answers before anybody is near", advice)
+            return left_out(step, "an object is already near", "move the robot away from it")
+        advice = "free it, or look for a short circuit or an inverted signal level"
+        return wrong(step, "responds before it is pressed", advice)
 
     # ---- wheel control --------------------------------------------------------------------
 
@@ -307,17 +319,19 @@ class BringUp:
         ]
         if bad:
             yield left_out(
-                "wheel control", "motors or encoders are wired wrongly", "mend them first"
+                "wheel control", "motors or encoders are wired wrongly", "correct the wiring first"
             )
             return
         if not self._off_floor(f"Both wheels will turn at {STEP_M_S:g} m/s for {STEP_S:g} s."):
-            yield left_out("wheel control", "the wheels are not free")
+            yield left_out("wheel control", "the wheels are not free to turn")
             return
         try:
             self._desk.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
         except CommandRejectedError as error:
-            advice = "lifted? cover the floor sensor, so that the device takes itself to stand"
-            yield left_out("wheel control", f"the device refuses to drive ({error.reason})", advice)
+            advice = "if the robot is lifted, cover the cliff sensor, so that it sees a floor"
+            yield left_out(
+                "wheel control", f"the device rejected the command ({error.reason})", advice
+            )
             return
         try:
             self.steps = self._step()
@@ -373,10 +387,10 @@ def _sample(message: Imu) -> ImuSample:
 
 
 class _Rotation:
-    """Angle about each axis (rad), less the gyro's bias as it was at rest.
+    """Integrates the angle about each axis (rad), without the gyro's bias at standstill.
 
-    A bias of 3 °/s that is left in looks like a quarter turn after half a minute. What two seconds
-    of rest leave of it is below 1° in the time that a hand has.
+    An uncorrected bias of 3 °/s would look like a quarter turn after half a minute. After a
+    correction by two seconds of standstill, the error stays below 1° in ``HAND_S``.
     """
 
     def __init__(self, rest: ImuSample) -> None:
@@ -385,7 +399,7 @@ class _Rotation:
         self.values = (0.0, 0.0, 0.0)
 
     def add(self, t_s: float, sample: ImuSample) -> None:
-        """Take the next reading, with the device's time."""
+        """Take the next sample and its device time."""
         step_s = 0.0 if self._last_s is None else t_s - self._last_s
         self._last_s = t_s
         x, y, z = (
@@ -396,27 +410,27 @@ class _Rotation:
 
 
 _TILT_SAMPLES = 30
-"""Readings that a tilt must last, 0.3 s at 100 Hz: a knock is over before."""
+"""Samples that a tilt must last: 0.3 s at 100 Hz, longer than a knock."""
 
 
 class _Tilt:
-    """How far gravity moved from its direction at rest, m/s², along the two level axes."""
+    """Change of gravity along the two horizontal axes since standstill, m/s²."""
 
     def __init__(self, rest: ImuSample) -> None:
         self._rest = rest.accel
         self._newest: deque[ImuSample] = deque(maxlen=_TILT_SAMPLES)
 
     def add(self, _t_s: float, sample: ImuSample) -> None:
-        """Take the next reading."""
+        """Take the next sample."""
         self._newest.append(sample)
 
     @property
     def values(self) -> tuple[float, float, float]:
-        """Of the newest readings; zeros until there are enough."""
+        """Mean change over the newest samples; zeros until there are enough."""
         if len(self._newest) < _TILT_SAMPLES:
             return 0.0, 0.0, 0.0
         now = _mean_accel(self._newest)
-        # Whatever is tilted, the axis that was up loses a little: it is never the one that rises.
+        # A tilt reduces the vertical component a little, so the vertical axis never responds.
         up = max(range(3), key=lambda i: abs(self._rest[i]))
         x, y, z = (0.0 if i == up else now[i] - self._rest[i] for i in range(3))
         return x, y, z
@@ -428,6 +442,7 @@ def _mean_accel(samples: Collection[ImuSample]) -> tuple[float, float, float]:
 
 
 _HAND_M = 0.2
+"""Distance below which a hand is detected, m."""
 
 
 def _near(value: float | None) -> bool:

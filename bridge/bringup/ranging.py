@@ -1,4 +1,4 @@
-"""A range sensor against a tape: scale and offset from readings at known distances. Pure."""
+"""Calibration of a range sensor: scale and offset from readings at measured distances. Pure."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MIN_SPREAD_M = 0.03
-"""Points nearer together than this tell of an offset alone: the sensors' noise is a tenth."""
+"""Smallest spread of the distances for a scale, m: ten times the noise of the sensors. With a
+smaller spread only the offset is fitted."""
 MIN_READINGS = 5
+"""Smallest number of valid readings at one distance."""
 SCALES = (0.8, 1.25)
+"""Range of plausible scales; others mean a wrong distance or another sensor."""
 OFFSET_M = 0.1
-"""What is farther off is no calibration but a wrong distance, or another sensor."""
+"""Largest plausible offset, m."""
 
 
 class Point(NamedTuple):
-    """What was read with a flat wall at a known distance from the sensor's face."""
+    """Readings of a flat wall at a measured distance from the face of the sensor."""
 
     true_m: float
     read_m: float
@@ -29,40 +32,40 @@ class Point(NamedTuple):
 
 
 class RangeFit(NamedTuple):
-    """``true = scale · raw + offset``, and how well it fits."""
+    """The calibration ``true = scale · raw + offset`` and its residuals."""
 
     scale: float
     offset_m: float
     before_m: float
-    """Root mean square of the error with the calibration that there was."""
+    """Root mean square error with the previous calibration."""
     after_m: float
+    """Root mean square error with this calibration."""
 
 
 def point(true_m: float, readings: Sequence[float | None]) -> Point:
-    """One distance's readings in one figure: the mean of those near the median.
+    """Return the mean of the readings near the median.
 
     Raises:
-        BridgeError: the sensor saw too little.
+        BridgeError: too few readings are valid.
 
     """
     seen = [r for r in readings if r is not None]
     if len(seen) < max(MIN_READINGS, len(readings) // 2):
-        raise BridgeError(
-            f"at {true_m:g} m the sensor saw something in {len(seen)} of {len(readings)} readings"
-        )
+        raise BridgeError(f"at {true_m:g} m only {len(seen)} of {len(readings)} readings are valid")
     middle = median(seen)
-    # An echo of somebody else's sound is far off: the mean of what agrees.
+    # Crosstalk from other ultrasonic sensors lies far from the median: leave it out.
     kept = [r for r in seen if abs(r - middle) <= max(0.01, 0.05 * middle)]
     return Point(true_m, fmean(kept), pstdev(kept), len(kept))
 
 
 def fit(points: Sequence[Point], scale: float = 1.0, offset_m: float = 0.0) -> RangeFit:
-    """Least squares through the points; ``scale`` and ``offset_m`` are what the device has now.
+    """Fit a calibration to the points by least squares.
 
-    The device's readings are corrected already: what is given is to be set in their place.
+    The device has already corrected the readings with ``scale`` and ``offset_m``. The result
+    contains this correction and replaces it.
 
     Raises:
-        BridgeError: no points, or what they say cannot be.
+        BridgeError: there are no points, or the result is implausible.
 
     """
     if not points:
@@ -81,8 +84,8 @@ def fit(points: Sequence[Point], scale: float = 1.0, offset_m: float = 0.0) -> R
     total_scale, total_offset = slope * scale, slope * offset_m + shift
     if not SCALES[0] <= total_scale <= SCALES[1] or abs(total_offset) > OFFSET_M:
         raise BridgeError(
-            f"scale {total_scale:.3f} and offset {1000 * total_offset:+.0f} mm cannot be: "
-            "are the distances from the sensor's own face?"
+            f"scale {total_scale:.3f} and offset {1000 * total_offset:+.0f} mm are implausible; "
+            "measure the distances from the face of the sensor"
         )
     return RangeFit(
         total_scale,

@@ -1,4 +1,4 @@
-"""What is done at the bench, on record: bytes, messages, the clock, and what a person was told."""
+"""Records a bring-up or a calibration: bytes, messages, clock and printed lines."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
 
 _CLOCK_NS = 1_000_000_000
-"""The clock's fit is recorded each second, as in a run."""
+"""Period of the records of the clock sync, ns: as in a run."""
 
 
 class BenchRecords:
-    """Puts on record what passes between a desk and its device."""
+    """Records everything that passes between a desk and its device."""
 
     def __init__(self, wire: Wire, sink: Sink, unix_offset_ns: int) -> None:
-        """``unix_offset_ns`` makes Unix time of the wire's."""
+        """``unix_offset_ns`` is Unix time minus the time of ``wire``, ns."""
         self._wire, self._sink = wire, sink
         self._ingest = Ingest(TimeSync(), unix_offset_ns)
         is_bus = issubclass(wire.link, CanLink)
@@ -38,24 +38,24 @@ class BenchRecords:
         self._agreed: SessionReady | None = None
 
     def opened(self, now_ns: HostNs) -> None:
-        """Note that a session begins."""
+        """Record the start of the session."""
         self._records.event(now_ns, Severity.INFO, "session", EventKind.OPENING, "at the bench")
 
     def passed(self, data: bytes, now_ns: HostNs, *, outgoing: bool) -> None:
-        """Note bytes that were sent, or that came."""
+        """Record bytes that were sent or received."""
         self._tap(data, now_ns, outgoing=outgoing)
         self._records.flush(now_ns)
 
     def closed(self) -> None:
-        """Record what was gathered of damaged frames."""
+        """Record the damaged data that is still held back."""
         self._records.flush(self._wire.now(), at_once=True)
 
     def record_line(self, text: str) -> None:
-        """Note a line that a person was told."""
+        """Record a line that was printed."""
         self._records.event(self._wire.now(), Severity.INFO, "bench", EventKind.PRINTED, text)
 
     def heard(self, events: list[SessionEvent], now_ns: HostNs) -> None:
-        """Note what a session had to say, all of one moment."""
+        """Record the events of a session that have the same time."""
         for event in events:
             match event:
                 case Data():

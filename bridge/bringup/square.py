@@ -1,6 +1,6 @@
-"""UMBmark's driving: a straight way and squares, steered by the wheels' odometry alone.
+"""Drives the straight path and the squares of UMBmark, steered by wheel odometry alone.
 
-The gyro has no say here: what the wheels get wrong is what is looked for.
+The gyro is not used, because the error of the wheels is the quantity to measure.
 """
 
 from __future__ import annotations
@@ -37,75 +37,80 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 REST_S = 0.6
+"""Standstill before and after each drive, s."""
 _LEG_S = 120.0
+"""Time limit of one leg, s."""
 _FINE = frozenset({StopReason.DONE, StopReason.DISTANCE})
+"""Normal ends of a leg."""
 _LOWPASS = 0.5
+"""Smoothing factor of the measured speeds."""
 _SCALE_ROUNDS = 3
+"""Iterations over scale and correction, which depend on each other."""
 
 
 class Measure(Protocol):
-    """Tells where the robot really is."""
+    """Measures the true displacement of the robot."""
 
     def begin(self) -> None:
-        """The robot stands on its mark."""
+        """Take the present position as the mark."""
 
     def end(self) -> tuple[float, float]:
-        """Where it stands now from there: ahead and to the left, metres."""
+        """Return the displacement from the mark, forwards and to the left, m."""
 
 
 class ByTape:
-    """A person with a tape."""
+    """Measurement by a person with a tape."""
 
     def __init__(self, person: Person) -> None:
         self._person = person
 
     def begin(self) -> None:
-        """The person has said so."""
+        """Do nothing: the person has confirmed that the robot is on the mark."""
 
     def end(self) -> tuple[float, float]:
-        """Ask for millimetres."""
-        ahead = self._person.number("How far AHEAD of its mark does it stand (mm; behind: -)")
-        left = self._person.number("How far to the LEFT of its mark (mm; to the right: -)")
+        """Ask for the displacement in millimetres."""
+        ahead = self._person.number("Distance AHEAD of the mark in mm (negative: behind)")
+        left = self._person.number("Distance to the LEFT of the mark in mm (negative: right)")
         return 0.001 * ahead, 0.001 * left
 
 
 class Result(NamedTuple):
-    """What came of it."""
+    """Result of the calibration."""
 
     scale: float | None
-    """E_s, where a straight way was measured."""
+    """E_s; None if no straight path was measured."""
     runs: tuple[Run, ...]
     before: Benchmark
     first: Correction
-    """The source's closed form."""
+    """Correction by the source's closed form."""
     correction: Correction
-    """The same refined; what ``model`` holds."""
+    """The refined correction, which ``model`` contains."""
     after: Benchmark
-    """The same runs, read with ``model``."""
+    """Figures of the same runs with ``model``."""
     model: RobotModel
     verified: Benchmark | None = None
-    """New runs, driven and read with ``model``."""
+    """Figures of new runs, driven and evaluated with ``model``."""
     refuted: str | None = None
-    """Why the new runs contradict ``model``; such a result is not to be written."""
+    """Why the new runs contradict ``model``; such a result must not be written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """How the squares are driven."""
+    """Options of the calibration."""
 
     side_m: float = 2.0
     runs: int = 5
-    """In each direction."""
+    """Number of squares in each direction."""
     speed_m_s: float = 0.15
     straight: bool = True
     verify: bool = False
 
 
 class Wheels:
-    """Odometry of one drive, from the encoder readings as they come."""
+    """Wheel odometry of one drive."""
 
     def __init__(self, desk: Desk, model: RobotModel) -> None:
-        """The pose is the origin now."""
+        """Take the present pose as the origin."""
         self._model = model
         self._kept: list[tuple[float, Message]] = desk.watch(Encoders)
         self._last = desk.await_newest(Encoders)
@@ -120,7 +125,7 @@ class Wheels:
         return self._kept
 
     def update(self) -> None:
-        """Take what has come."""
+        """Process the encoder readings received since the last call."""
         model = self._model
         for t_s, message in self._kept:
             if not isinstance(message, Encoders):
@@ -132,18 +137,18 @@ class Wheels:
             self.counts.append(step)
             left = model.left_metres_per_count * step[0]
             right = model.right_metres_per_count * step[1]
-            way, turn = 0.5 * (left + right), (right - left) / model.wheel_base_m
-            self.pose = advance_arc(self.pose, way, turn)
+            distance, turn = 0.5 * (left + right), (right - left) / model.wheel_base_m
+            self.pose = advance_arc(self.pose, distance, turn)
             if self._last_s is not None and t_s > self._last_s:
                 dt_s = t_s - self._last_s
-                self.v_m_s += _LOWPASS * (way / dt_s - self.v_m_s)
+                self.v_m_s += _LOWPASS * (distance / dt_s - self.v_m_s)
                 self.yaw_rate_rad_s += _LOWPASS * (turn / dt_s - self.yaw_rate_rad_s)
             self._last, self._last_s = message, t_s
         self._kept.clear()
 
 
 class Squares:
-    """The procedure."""
+    """The calibration procedure: drives, measures and computes the correction."""
 
     def __init__(
         self,
@@ -154,18 +159,18 @@ class Squares:
         *,
         clear_stop: bool = False,
     ) -> None:
-        """Do nothing yet."""
+        """Prepare the procedure; nothing moves before :meth:`run`."""
         self._desk, self._person, self._measure = desk, person, measure
         self._model = model
         self._clear_stop = clear_stop
 
     def run(self, asked: Asked) -> Result:
-        """Drive and work it out.
+        """Drive the squares and compute the correction.
 
         Raises:
-            BridgeError: the person says no, or a run went wrong.
-            StoppedForSafetyError: something was touched, or the device stopped.
-            DeviceLostError: it fell silent.
+            BridgeError: the person declined, or a run failed.
+            StoppedForSafetyError: the robot touched something, or the device stopped.
+            DeviceLostError: the device was lost.
 
         """
         model, side_m = self._model, asked.side_m
@@ -181,8 +186,8 @@ class Squares:
         first = borenstein(model, runs, side_m)
         scaled, scale, correction = model, 1.0, refine(model, runs, first)
         if straight is not None:
-            # A robot with uneven wheels drives an arc: its chord tells the scale only once the
-            # ratio is known, and the base is known only with the scale.
+            # A robot with unequal wheels drives an arc. Its chord gives the scale only if the
+            # ratio of the wheels is known, and the wheel base depends on the scale: iterate.
             for _ in range(_SCALE_ROUNDS):
                 scale *= straight_scale(correction.applied_to(scaled), *straight)
                 scaled = replace(model, wheel_diameter_m=model.wheel_diameter_m * scale)
@@ -198,7 +203,7 @@ class Squares:
             corrected,
         )
         if asked.verify:
-            self._person.show("The same again with the corrected model.")
+            self._person.show("Next: the same squares with the corrected model.")
             again = self._squares(corrected, asked)
             verified = benchmark(corrected, again)
             scattered = [scatter_m(corrected, each) for each in (runs, again)]
@@ -214,7 +219,7 @@ class Squares:
     def _straight(
         self, model: RobotModel, asked: Asked
     ) -> tuple[tuple[tuple[int, int], ...], float]:
-        """Counts of a straight way, and how far the robot really went, metres."""
+        """Drive straight; return the encoder counts and the measured distance, m."""
         self._agree("STRAIGHT AHEAD next. Put the robot on its mark. Ready?")
         self._measure.begin()
         counts = self._drive(model, asked, (Drive(0.0, asked.side_m, asked.speed_m_s),))
@@ -223,10 +228,11 @@ class Squares:
     def _squares(self, model: RobotModel, asked: Asked) -> tuple[Run, ...]:
         runs = []
         for clockwise in (True, False):
-            way = "to the RIGHT (clockwise)" if clockwise else "to the LEFT"
+            direction = "to the RIGHT (clockwise)" if clockwise else "to the LEFT"
             for number in range(asked.runs):
                 self._agree(
-                    f"Square {number + 1} of {asked.runs} {way}. Put the robot on its mark. Ready?"
+                    f"Square {number + 1} of {asked.runs} {direction}. "
+                    "Put the robot on its mark. Ready?"
                 )
                 self._measure.begin()
                 counts = self._drive(
@@ -238,7 +244,7 @@ class Squares:
     def _drive(
         self, model: RobotModel, asked: Asked, legs: tuple[Leg, ...]
     ) -> tuple[tuple[int, int], ...]:
-        """Drive legs by the wheels alone; what they counted."""
+        """Drive legs by wheel odometry alone; return the encoder counts."""
         desk = self._desk
         desk.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
         tuned = replace(model, cruise_speed_m_s=min(asked.speed_m_s, model.max_speed_m_s))
@@ -266,7 +272,7 @@ class Squares:
 
     def _check(self, leg: Leg, result: LegResult | None) -> None:
         if result is None or result.reason not in _FINE:
-            why = "never ended" if result is None else f"ended: {result.reason.value}"
+            why = "did not end in time" if result is None else f"ended: {result.reason.value}"
             self._desk.stop(StopCause.SUPERVISE)
             raise StoppedForSafetyError(f"a {leg.purpose} of the square {why}")
 
@@ -288,7 +294,7 @@ class Squares:
 
 
 def square(side_m: float, speed_m_s: float, *, clockwise: bool) -> tuple[Leg, ...]:
-    """Four sides and four turns from a pose along x."""
+    """Return the legs of a square: four sides and four turns, starting along x."""
     legs: list[Leg] = []
     heading = 0.0
     for _ in range(4):

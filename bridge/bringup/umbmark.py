@@ -1,13 +1,13 @@
-"""UMBmark: systematic odometry errors, measured on a square driven both ways, and corrected. Pure.
+"""UMBmark: measures and corrects systematic odometry errors by squares in both directions. Pure.
 
 Source: J. Borenstein and L. Feng, "Measurement and Correction of Systematic Odometry Errors in
 Mobile Robots", IEEE Transactions on Robotics and Automation 12(6), 1996 (and the report
 UM-MEAM-94-22). Its symbols: L the square's side, b the wheel base, E_d = D_R/D_L,
 E_b = b_actual/b_nominal, ε = (absolute position - odometry's position) at the end of a run,
-c.g. the centre of gravity of all runs in one direction. Its equations, in the order of its
-derivation, are named here by what they give, for report and paper number them differently:
+c.g. the centre of gravity of all runs in one direction. The report and the paper number the
+equations differently, so they are named here by their result, in the order of the derivation:
 
-- type A (wheel base): each turn is off by the same α: x_cw = x_ccw = -2Lα;
+- type A (wheel base): each turn has the same error α: x_cw = x_ccw = -2Lα;
 - type B (diameters): each side is an arc that turns by β: x_cw = -2Lβ, x_ccw = +2Lβ;
 - both together: α = (x_cw + x_ccw)/(-4L), β = (x_cw - x_ccw)/(-4L), and the same from y:
   α = (y_cw - y_ccw)/(-4L), β = (y_cw + y_ccw)/(-4L); the two are averaged;
@@ -15,11 +15,10 @@ derivation, are named here by what they give, for report and paper number them d
 - E_b = 90°/(90° - α);
 - the correction keeps the mean diameter: c_l = 2/(E_d + 1), c_r = 2/(1/E_d + 1).
 
-These hold to the first order: with errors of one per cent they leave up to some tenths of a
-per cent in E_b (α² against α on the way round). ``refine`` therefore takes them as the start
-and fits E_d and E_b to the same ε by integrating the counts that were recorded, without any
-approximation. The mean diameter itself (the source's E_s) no square shows: it is measured on a
-straight way, ``straight_scale``.
+These equations are of first order: with errors of 1 % they leave an error of a few tenths of a
+per cent in E_b. ``refine`` therefore starts from them and fits E_d and E_b to the same ε by
+integrating the recorded counts, without approximation. Squares do not show the mean diameter (the
+source's E_s); it is measured on a straight path by ``straight_scale``.
 """
 
 from __future__ import annotations
@@ -43,25 +42,26 @@ if TYPE_CHECKING:
     Counts = Sequence[tuple[int, int]] | NDArray[np.int64]
 
 _DONE = 1e-9
-"""Of least squares: far below what a count is worth."""
+"""Relative tolerance of the least squares: far below the effect of one count."""
 MEASURED_M = 0.005
-"""By which a person with a tape may be off."""
+"""Error of a measurement with a tape, m."""
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 
 
 class Run(NamedTuple):
-    """One square: what the wheels counted, and where it really ended."""
+    """One square: the encoder counts, and the measured end position."""
 
     clockwise: bool
     counts: Counts
     """Left and right counts of each interval."""
     end_x_m: float
+    """Measured end in the frame of the start, forwards."""
     end_y_m: float
-    """Measured, in the frame of the start: x ahead, y left."""
+    """Measured end in the frame of the start, to the left."""
 
 
 class Correction(NamedTuple):
-    """What to set the robot to."""
+    """Correction factors of the robot's model."""
 
     wheel_ratio: float
     """E_d."""
@@ -71,7 +71,7 @@ class Correction(NamedTuple):
     beta_rad: float
 
     def applied_to(self, model: RobotModel) -> RobotModel:
-        """The corrected model."""
+        """Return the corrected model."""
         return replace(
             model,
             wheel_ratio=model.wheel_ratio * self.wheel_ratio,
@@ -80,7 +80,7 @@ class Correction(NamedTuple):
 
 
 class Benchmark(NamedTuple):
-    """The source's figures of a set of runs; metres."""
+    """The source's figures of a set of runs, m."""
 
     clockwise: tuple[float, float]
     """Centre of gravity of the return errors ε."""
@@ -88,15 +88,15 @@ class Benchmark(NamedTuple):
 
     @property
     def worst_m(self) -> float:
-        """E_max,syst: the greater of the two centres' distances from the origin."""
+        """E_max,syst: the larger distance of the two centres from the origin, m."""
         return max(math.hypot(*self.clockwise), math.hypot(*self.counter_clockwise))
 
 
 def odometry(model: RobotModel, counts: Counts) -> Pose2:
-    """Where the wheels alone say that a run ended (eq. 4 and 5 of the paper, wheel by wheel)."""
+    """Return the end pose of a run by the encoders alone (eq. 4 and 5 of the paper)."""
     if not len(counts):
         return _ORIGIN
-    # At once for all intervals: the device waits for us meanwhile, and forgets who is silent.
+    # Vectorised over all intervals: the device ends the session if the host is silent too long.
     per_count_m = (model.left_metres_per_count, model.right_metres_per_count)
     left, right = np.transpose(np.asarray(counts) * per_count_m)
     turns = (right - left) / model.wheel_base_m
@@ -108,7 +108,7 @@ def odometry(model: RobotModel, counts: Counts) -> Pose2:
 
 
 def errors(model: RobotModel, runs: Sequence[Run]) -> list[tuple[float, float]]:
-    """Each run's ε: measured less odometry's, metres."""
+    """Return ε of each run: the measured end minus the odometry's, m."""
     found = []
     for run in runs:
         pose = odometry(model, run.counts)
@@ -117,7 +117,7 @@ def errors(model: RobotModel, runs: Sequence[Run]) -> list[tuple[float, float]]:
 
 
 def benchmark(model: RobotModel, runs: Sequence[Run]) -> Benchmark:
-    """The figures of some runs with a model.
+    """Return the figures of a set of runs with a model.
 
     Raises:
         ValueError: one of the directions was not driven.
@@ -134,7 +134,7 @@ def benchmark(model: RobotModel, runs: Sequence[Run]) -> Benchmark:
 
 
 def scatter_m(model: RobotModel, runs: Sequence[Run]) -> float:
-    """Standard deviation of the return errors about their direction's centre; 0: none is known."""
+    """Return the standard deviation of ε about the centre of its direction, m; 0: unknown."""
     square, freedom = 0.0, 0
     for clockwise in (True, False):
         found = errors(model, [r for r in runs if r.clockwise is clockwise])
@@ -148,30 +148,30 @@ def scatter_m(model: RobotModel, runs: Sequence[Run]) -> float:
 def refutation(
     before: Benchmark, after: Benchmark, verified: Benchmark, scatter_of_centre_m: float = 0.0
 ) -> str | None:
-    """Why squares that were driven again contradict a correction; ``None``: they bear it out.
+    """Return why new squares contradict a correction; None if they confirm it.
 
     Args:
-        before: the figures that the correction was made from.
-        after: the same runs, read with it: what it predicts. What is left there is scatter, of
-            which the fit has hidden half (it has two of four degrees of freedom).
-        verified: new runs, driven and read with it.
-        scatter_of_centre_m: standard error of a centre, where each direction was driven again.
+        before: Figures of the runs from which the correction was computed.
+        after: Figures of the same runs with the corrected model: the prediction. The remaining
+            error is scatter, of which the fit hides half (it uses two of four degrees of freedom).
+        verified: Figures of new runs, driven and evaluated with the corrected model.
+        scatter_of_centre_m: Standard error of a centre, m, if each direction was driven again.
 
     """
     limit_m = MEASURED_M + max(2.0 * after.worst_m, after.worst_m + 3.0 * scatter_of_centre_m)
-    found = f"driven again it misses by {1000 * verified.worst_m:.1f} mm"
+    found = f"the error of the new squares is {1000 * verified.worst_m:.1f} mm"
     if verified.worst_m > max(before.worst_m, MEASURED_M):
-        return f"{found}, with the old values by {1000 * before.worst_m:.1f} mm"
+        return f"{found}; with the old values it was {1000 * before.worst_m:.1f} mm"
     if verified.worst_m > limit_m:
         return (
-            f"{found}, where {1000 * after.worst_m:.1f} mm were predicted and "
-            f"{1000 * limit_m:.1f} mm would bear that out"
+            f"{found}; predicted were {1000 * after.worst_m:.1f} mm, "
+            f"at most {1000 * limit_m:.1f} mm would confirm that"
         )
     return None
 
 
 def borenstein(model: RobotModel, runs: Sequence[Run], side_m: float) -> Correction:
-    """The source's closed form, to be applied to ``model``.
+    """Return the correction by the source's closed form, relative to ``model``.
 
     Raises:
         ValueError: one of the directions was not driven.
@@ -195,9 +195,9 @@ def _base(alpha: float) -> float:
 
 
 def refine(model: RobotModel, runs: Sequence[Run], start: Correction) -> Correction:
-    """E_d and E_b for which the recorded counts end where the robot did, in least squares.
+    """Fit E_d and E_b by least squares, so that the recorded counts lead to the measured ends.
 
-    From the closed form on, by scipy's trust region (Levenberg and Marquardt's kind).
+    The fit starts at the closed form and uses scipy's trust region method.
     """
     kept = [run._replace(counts=np.asarray(run.counts)) for run in runs]
 
@@ -212,14 +212,14 @@ def refine(model: RobotModel, runs: Sequence[Run], start: Correction) -> Correct
 
 
 def straight_scale(model: RobotModel, counts: Counts, measured_m: float) -> float:
-    """The source's E_s: a measured straight way over what odometry made of it.
+    """Return the source's E_s: the measured length of a straight path over the odometry's.
 
     Raises:
         ValueError: the robot did not move.
 
     """
     pose = odometry(model, counts)
-    way_m = math.hypot(pose.x_m, pose.y_m)
-    if way_m <= 0.0:
+    distance_m = math.hypot(pose.x_m, pose.y_m)
+    if distance_m <= 0.0:
         raise ValueError("the robot did not move")
-    return measured_m / way_m
+    return measured_m / distance_m

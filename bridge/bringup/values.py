@@ -1,4 +1,4 @@
-"""A robot's values in two places: the robot file, and the device's parameters. Pure."""
+"""Compares and edits a robot's values in the robot file and on the device. Pure."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ _SUFFIX = {
     "ratio": "",
     "": "",
 }
-"""Unit of a parameter → ending of the robot file's key."""
+"""Suffix of the robot file's key for each unit of a parameter."""
 _F32 = struct.Struct("<f")
 
 
 class Difference(NamedTuple):
-    """One value that is not the same in both places; None: only the other has it."""
+    """A value that differs between device and file; None: missing on this side."""
 
     name: str
-    """Of the parameter, or the file's key where no parameter has it."""
+    """Name of the parameter, or key of the file if there is no parameter."""
     unit: str
     device: float | None
     file: float | None
 
 
 def robot_key(parameter: Parameter) -> str:
-    """The robot file's key of a parameter: ``wheel_diameter`` in m is ``wheel_diameter_m``."""
+    """Return the robot file's key of a parameter: ``wheel_diameter_m`` for ``wheel_diameter``."""
     return parameter.name + _SUFFIX.get(parameter.unit, "_" + parameter.unit.replace("/", "_"))
 
 
 def file_values(model: RobotModel) -> dict[str, float]:
-    """The numbers of a robot file, tables flattened: ``ultrasonic_offset_m``."""
+    """Return the numbers of a robot file with flattened tables, as ``ultrasonic_offset_m``."""
     found: dict[str, float] = {}
     for field in dataclasses.fields(model):
         value = getattr(model, field.name)
@@ -62,9 +62,9 @@ def file_values(model: RobotModel) -> dict[str, float]:
 
 
 def differences(parameters: Sequence[Parameter], model: RobotModel) -> list[Difference]:
-    """Values that device and robot file have both, and not the same.
+    """Return the values that exist on the device and in the file but differ.
 
-    A number of the file is rounded to what the parameter can hold before they are compared.
+    The file's number is rounded to the parameter's precision before the comparison.
     """
     values = file_values(model)
     found = []
@@ -83,18 +83,18 @@ def _same(parameter: Parameter, wanted: float) -> bool:
 
 
 def edited(text: str, changes: Mapping[str, float]) -> str:
-    """A robot file's text with some values changed; all else, comments included, as it was.
+    """Return a robot file's text with changed values; everything else, also comments, is kept.
 
-    Keys of a table are written ``ultrasonic.offset_m``. A value that the file lacks is added.
+    A key of a table is written ``ultrasonic.offset_m``. Missing keys are added.
 
     Raises:
-        ConfigError: the text is no TOML, or the result is not a valid robot file.
+        ConfigError: the text is not TOML, or the result is not a valid robot file.
 
     """
     try:
         document = tomlkit.parse(text)
     except TOMLKitError as error:
-        raise ConfigError(f"the robot file is no TOML: {error}") from None
+        raise ConfigError(f"the robot file is not valid TOML: {error}") from None
     for path, value in changes.items():
         table, _, key = path.rpartition(".")
         rounded = float(f"{value:.9g}")

@@ -1,4 +1,4 @@
-"""Step response of the device's own wheel control, seen through the encoders. Pure."""
+"""Step response of the device's wheel control, measured by the encoders. Pure."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 WINDOW_S = 0.04
-"""Speeds are means over this: a count in 10 ms is 13 mm/s."""
+"""Averaging time of a speed, s: one count in 10 ms would be 13 mm/s."""
 STEADY_S = 0.4
-"""The last of the step is taken as steady."""
+"""Time at the end of the step that counts as steady state, s."""
 STEADY_SHARE = 0.06
+"""Largest normal steady-state error, relative to the target."""
 OVERSHOOT_SHARE = 0.30
+"""Largest normal overshoot, relative to the target."""
 SETTLED_S = 0.8
+"""Longest normal settling time, s."""
 BAND_SHARE = 0.12
-"""One count of the window at 0.15 m/s is 2 %; what is kept within is the loop's."""
+"""Half width of the settling band, relative to the target; one count is 2 % at 0.15 m/s."""
 
 
 class WheelStep(NamedTuple):
-    """One wheel's answer to a step of the velocity wanted."""
+    """Response of one wheel to a step of its setpoint."""
 
     wheel: str
     response: StepResponse
@@ -39,24 +42,24 @@ class WheelStep(NamedTuple):
 
     @property
     def rise_s(self) -> float:
-        """From 10 to 90 % of the target; inf: it never got there."""
+        """Rise time from 10 to 90 % of the target, s; inf: 90 % was not reached."""
         return self.response.rise_s
 
     @property
     def overshoot(self) -> float:
-        """Greatest excess over the target, relative to it."""
+        """Overshoot, relative to the target."""
         return self.response.overshoot
 
     @property
     def settled_s(self) -> float:
-        """When it stays within 12 % of the target."""
+        """Settling time to within 12 % of the target, s."""
         return self.response.settled_s(BAND_SHARE * abs(self.response.target))
 
 
 def wheel_speeds(
     samples: Sequence[tuple[float, int, int]], metres_per_count: float
 ) -> list[tuple[float, float, float]]:
-    """Speeds (m/s) of both wheels over the last 40 ms, from device time (s) and raw counts."""
+    """Return device time (s) and both wheels' mean speeds over 40 ms (m/s) for each sample."""
     found = []
     for i, (t_s, left, right) in enumerate(samples):
         j = i
@@ -82,10 +85,10 @@ def wheel_steps(
     target_m_s: float,
     metres_per_count: float,
 ) -> tuple[WheelStep, WheelStep]:
-    """Both wheels' responses to a step at ``step_s`` of device time.
+    """Return both wheels' responses to a step at the device time ``step_s``.
 
     Raises:
-        ValueError: nothing was sampled after the step.
+        ValueError: there are no samples after the step.
 
     """
     speeds = [row for row in wheel_speeds(samples, metres_per_count) if row[0] >= step_s]
@@ -99,33 +102,39 @@ def wheel_steps(
 
 
 def judge_step(step: WheelStep) -> Finding:
-    """Say whether a wheel's control does what it should, and what to turn if not."""
+    """Evaluate a wheel's control, and recommend a change of its gains if needed."""
     name = f"wheel control {step.wheel}"
     target = step.response.target
     error = step.steady_m_s / target - 1.0
     figures = (
-        f"rises in {_seconds(step.rise_s)}, overshoots {100 * step.overshoot:.0f} %, "
-        f"settles in {_seconds(step.settled_s)}, {100 * error:+.1f} % at the end"
+        f"rise time {_seconds(step.rise_s)}, overshoot {100 * step.overshoot:.0f} %, "
+        f"settling time {_seconds(step.settled_s)}, error at the end {100 * error:+.1f} %"
     )
     if abs(step.steady_m_s) < 0.1 * abs(target):
-        return wrong(name, f"does not follow: {figures}", "see motor and encoder above")
-    if error < -1.5:  # noqa: PLR2004 - the other way, and faster than was asked for
-        return wrong(name, f"runs away: {figures}", "motor or encoder is the wrong way round")
+        return wrong(
+            name, f"the wheel does not follow: {figures}", "check motor and encoder as above"
+        )
+    if error < -1.5:  # noqa: PLR2004 - in reverse, and faster than the setpoint
+        return wrong(name, f"the wheel runs away: {figures}", "reverse the motor or the encoder")
     if abs(error) > STEADY_SHARE:
-        return wrong(name, figures, "does not reach its speed: more integral or feed-forward")
+        return wrong(
+            name,
+            figures,
+            "the wheel does not reach its speed; increase the integral or feed-forward gain",
+        )
     if step.overshoot > OVERSHOOT_SHARE:
-        return wrong(name, figures, "overshoots: less proportional or integral gain")
+        return wrong(name, figures, "decrease the proportional or integral gain")
     if step.settled_s > SETTLED_S:
-        return wrong(name, figures, "settles late: see docs on tuning")
+        return wrong(name, figures, "the wheel settles too slowly; see docs/tuning.md")
     return good(name, figures)
 
 
 def _seconds(value: float) -> str:
-    return "no time" if math.isinf(value) else f"{value:.2f} s"
+    return "unknown" if math.isinf(value) else f"{value:.2f} s"
 
 
 def as_text(steps: Sequence[WheelStep], *, width: int = 64, height: int = 12) -> str:
-    """Plot both wheels in characters: l, r, x where they are one, and the target as dashes."""
+    """Plot both wheels in characters: l and r, x where they coincide, dashes for the target."""
     target = steps[0].response.target
     end_s = max(step.response.time_s[-1] for step in steps)
     top = 1.25 * max([abs(target), *(abs(v) for s in steps for v in s.response.value)])

@@ -34,7 +34,7 @@ def test_it_asks_before_it_turns_a_wheel_and_reports_what_it_saw(
         steps = ("--step", "supply", "--step", "motors", "--step", "control")
         declined = bringup(monkeypatch, "n\nn\n", served.port, *steps)
         assert declined.status == 0
-        assert "motors: left out: the wheels are not free" in declined.err
+        assert "motors: skipped: the wheels are not free to turn" in declined.err
         assert plant.wheel_angles_rad == (0.0, 0.0)
         assert declined.out == "0 of 4 checks failed, 2 skipped\n"
 

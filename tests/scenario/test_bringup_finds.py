@@ -33,7 +33,7 @@ ALL_STEPS = (
     "logic supply",
     "imu gravity",
     "imu rates",
-    "encoders at rest",
+    "encoders at standstill",
     "motor left",
     "encoder left",
     "motor right",
@@ -87,15 +87,15 @@ def test_a_robot_wired_as_it_should_be_passes_every_look() -> None:
         ),
         (["left motor inverted"], {("motor left", "turns backwards")}),
         (["right motor inverted"], {("motor right", "turns backwards")}),
-        (["left encoder inverted"], {("encoder left", "counts down forwards")}),
-        (["right encoder inverted"], {("encoder right", "counts down forwards")}),
+        (["left encoder inverted"], {("encoder left", "counts in reverse")}),
+        (["right encoder inverted"], {("encoder right", "counts in reverse")}),
         # both wrong ways round on one side: a closed loop would work, and drive backwards
         (
             ["left motor inverted", "left encoder inverted"],
-            {("motor left", "turns backwards"), ("encoder left", "counts down forwards")},
+            {("motor left", "turns backwards"), ("encoder left", "counts in reverse")},
         ),
         (["left motor dead"], {("motor left", "neither wheel turned")}),
-        (["right encoder dead"], {("encoder right", "counts nothing")}),
+        (["right encoder dead"], {("encoder right", "does not count")}),
     ],
 )
 def test_motors_and_encoders(wrong: list[str], expected: set[tuple[str, str]]) -> None:
@@ -109,12 +109,12 @@ SEEDS = [range(4), pytest.param(range(4, 20), marks=pytest.mark.nightly, id="oth
 IMU_WRONG = {
     "": set[tuple[str, str]](),
     "imu upside down": {
-        ("imu gravity", "the chip's -z is up, not +z"),
-        ("imu turn", "-z answers, not +z"),
-        ("imu side", "-y answers, not +y"),
+        ("imu gravity", "-z of the IMU points up, not +z"),
+        ("imu turn", "-z responds, not +z"),
+        ("imu side", "-y responds, not +y"),
     },
-    "imu turned": {("imu nose", "-y answers, not +x"), ("imu side", "+x answers, not +y")},
-    "gyro inverted": {("imu turn", "-z answers, not +z")},
+    "imu turned": {("imu nose", "-y responds, not +x"), ("imu side", "+x responds, not +y")},
+    "gyro inverted": {("imu turn", "-z responds, not +z")},
 }
 
 
@@ -139,7 +139,7 @@ def test_a_robot_that_nobody_turns_is_not_blamed_for_its_gyro_bias(
         desk, _ = desk_on(device)
         with desk:
             turn, *_ = BringUp(desk, person, RobotModel()).run(("axes",))
-        assert turn.line == "imu turn: left out: no motion was felt", seed
+        assert turn.line == "imu turn: skipped: no motion was measured", seed
 
 
 def test_axes_are_left_out_while_the_robot_is_moved() -> None:
@@ -157,9 +157,9 @@ def test_axes_are_left_out_while_the_robot_is_moved() -> None:
         patch.setattr(stand.device.sensors, "imu", shaking)
         (finding,) = BringUp(desk, person, RobotModel()).run(("axes",))
     assert finding.ok is None
-    assert "does not stand still" in finding.line
+    assert "is not still" in finding.line
     assert person.asked == [], "no motion is asked for"
-    assert sum("the robot was moved: z strays" in text for text in person.reported) > 1
+    assert sum("the robot was moved: the z rate" in text for text in person.reported) > 1
 
 
 def test_a_knock_is_not_taken_for_a_tilt() -> None:
@@ -188,20 +188,20 @@ def test_a_knock_is_not_taken_for_a_tilt() -> None:
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [
-        ("ultrasonic dead", {("ultrasonic", "does not answer")}),
+        ("ultrasonic dead", {("ultrasonic", "does not respond")}),
         (
             "infrared swapped",
             {
-                ("infrared left", "the right one answers"),
-                ("infrared right", "the left one answers"),
+                ("infrared left", "the right one responds"),
+                ("infrared right", "the left one responds"),
             },
         ),
         (
             "bumpers swapped",
-            {("bumper left", "the right one answers"), ("bumper right", "the left one answers")},
+            {("bumper left", "the right one responds"), ("bumper right", "the left one responds")},
         ),
-        ("bumper stuck", {("bumper left", "answers before anybody is near")}),
-        ("cliff dead", {("cliff", "does not answer")}),
+        ("bumper stuck", {("bumper left", "responds before it is pressed")}),
+        ("cliff dead", {("cliff", "does not respond")}),
     ],
 )
 def test_the_sensors(wrong: str, expected: set[tuple[str, str]]) -> None:

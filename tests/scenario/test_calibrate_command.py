@@ -114,7 +114,7 @@ def test_no_square_is_driven_without_a_yes(served: Served, monkeypatch: pytest.M
     assert served.device.truth.path_m == 0.0
 
 
-@pytest.mark.parametrize("refuted", [None, "driven again it misses by 122.8 mm"])
+@pytest.mark.parametrize("refuted", [None, "the error of the new squares is 122.8 mm"])
 def test_a_refuted_result_is_never_written(
     served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuted: str | None
 ) -> None:

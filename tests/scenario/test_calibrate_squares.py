@@ -97,7 +97,7 @@ def test_a_wheel_that_slips_in_the_second_squares_refutes_the_result(
     assert found.verified is not None
     assert found.verified.worst_m > 0.01
     assert found.refuted is not None
-    assert f"misses by {1000 * found.verified.worst_m:.1f} mm" in found.refuted
+    assert f"new squares is {1000 * found.verified.worst_m:.1f} mm" in found.refuted
 
 
 def test_a_good_robot_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,4 +136,4 @@ class Stand:
             return False
         text, at_ms = self._hand
         # Paper is pulled away a moment after the robot was shown it.
-        return "floor sensor" in text and self.device.plant.tick_ms > at_ms + _SOON_MS
+        return "cliff sensor" in text and self.device.plant.tick_ms > at_ms + _SOON_MS

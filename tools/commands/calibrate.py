@@ -92,7 +92,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
         )
         for axis in found:
             bias, sure, wander = (
-                math.degrees(v) for v in (axis.bias_rad_s, axis.sure_rad_s, axis.wander_rad_s)
+                math.degrees(v) for v in (axis.bias_rad_s, axis.sigma_rad_s, axis.range_rad_s)
             )
             person.show(f"{axis.name}: {bias:+.4f} ±{sure:.4f} °/s, drift {wander:.4f} °/s")
         wrong = complaint(found[2])
@@ -102,7 +102,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
             "gyro_bias", "gyro_bias_rad_s", "rad/s", model.gyro_bias_rad_s, found[2].bias_rad_s
         )
         written = write_results(desk, person, [change], robot, text)
-    axes = {a.name: {"bias_rad_s": a.bias_rad_s, "sure_rad_s": a.sure_rad_s} for a in found}
+    axes = {a.name: {"bias_rad_s": a.bias_rad_s, "sigma_rad_s": a.sigma_rad_s} for a in found}
     _report(as_json, {"gyro": axes, "written": written.to_dict()})
     return 0
 

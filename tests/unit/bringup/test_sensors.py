@@ -28,16 +28,16 @@ def test_the_bias_is_the_mean_and_as_sure_as_its_noise_allows() -> None:
     assert [axis.name for axis in (x, y, z)] == ["x", "y", "z"]
     assert z.bias_rad_s == pytest.approx(0.02, abs=4 * 0.0005 / math.sqrt(2000))
     assert y.bias_rad_s == pytest.approx(-0.01, abs=5e-5)
-    assert z.sure_rad_s == pytest.approx(0.0005 / math.sqrt(2000), rel=0.5)
+    assert z.sigma_rad_s == pytest.approx(0.0005 / math.sqrt(2000), rel=0.5)
     assert complaint(z) is None
 
 
 def test_a_robot_that_is_touched_is_not_measured() -> None:
     shaken = at_rest(3.0, 0.0)
     shaken[150] = (1.5, (0.0, 0.0, 1.0))
-    with pytest.raises(BridgeError, match="was moved: z"):
+    with pytest.raises(BridgeError, match="was moved: the z rate"):
         biases(shaken)
-    with pytest.raises(BridgeError, match="only 50 readings"):
+    with pytest.raises(BridgeError, match="only 50 gyro samples"):
         biases(at_rest(0.5, 0.0))
 
 
@@ -74,7 +74,7 @@ def test_one_distance_gives_an_offset_alone() -> None:
 
 
 def test_what_cannot_be_is_rejected() -> None:
-    with pytest.raises(BridgeError, match="own face"):
+    with pytest.raises(BridgeError, match="from the face of the sensor"):
         fit([Point(0.1, 0.2, 0.0, 40), Point(0.2, 0.5, 0.0, 40)])
     with pytest.raises(BridgeError, match="the same at every distance"):
         fit([Point(0.1, 0.2, 0.0, 40), Point(0.3, 0.2, 0.0, 40)])
@@ -87,7 +87,7 @@ def test_a_stray_echo_is_not_counted() -> None:
     found = point(0.5, readings)
     assert found.read_m == pytest.approx(0.5, abs=3e-4)
     assert found.readings == 5
-    with pytest.raises(BridgeError, match="saw something in 2 of 8"):
+    with pytest.raises(BridgeError, match="only 2 of 8 readings are valid"):
         point(0.5, [0.5, 0.5, *[None] * 6])
 
 

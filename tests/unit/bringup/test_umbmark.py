@@ -148,12 +148,12 @@ def missing(worst_mm: float) -> Benchmark:
 @pytest.mark.parametrize(
     ("before", "after", "verified", "scatter", "printed"),
     [
-        (300.0, 39.9, 122.8, 0.0, "misses by 122.8 mm, where 39.9 mm were predicted"),
+        (300.0, 39.9, 122.8, 0.0, "new squares is 122.8 mm; predicted were 39.9 mm"),
         (300.0, 39.9, 84.0, 0.0, None),
         (300.0, 39.9, 122.8, 30.0, None),  # three standard errors are 90 mm
         (300.0, 2.0, 50.0, 15.0, None),
-        (300.0, 2.0, 53.0, 15.0, "52.0 mm would bear that out"),
-        (20.0, 15.0, 26.0, 0.0, "misses by 26.0 mm, with the old values by 20.0 mm"),
+        (300.0, 2.0, 53.0, 15.0, "at most 52.0 mm would confirm that"),
+        (20.0, 15.0, 26.0, 0.0, "new squares is 26.0 mm; with the old values it was 20.0 mm"),
         (3.0, 1.0, 4.5, 0.0, None),  # a tape does not tell these apart
         (0.0, 0.0, 0.0, 0.0, None),
     ],

@@ -99,7 +99,7 @@ def test_every_way_to_write_a_key_is_understood(text: str) -> None:
 
 
 def test_a_file_that_is_no_toml_is_one_clear_error() -> None:
-    with pytest.raises(ConfigError, match="no TOML"):
+    with pytest.raises(ConfigError, match="not valid TOML"):
         edited("wheel_base_m = = 1\n", {"wheel_base_m": 0.2})
 
 
