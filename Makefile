@@ -99,7 +99,7 @@ bench: venv ## speed of wire, round trip, runs, recording, export, decisions; me
 	@PYTHONPATH=tests $(BIN)/python -m bench.decisions
 	@PYTHONPATH=tests $(BIN)/python -m bench.memory
 
-firmware: venv ## the firmware for its chips, in build/firmware: flash, RAM, stack of both boards
+firmware: venv ## the firmware for its chips, in build/firmware: flash, RAM, stack of the boards
 	@$(MAKE) --no-print-directory --silent -C sim_device/firmware -f board.mk programs \
 		BUILD=$(CURDIR)/build/firmware PYTHON=$(CURDIR)/$(BIN)/python
 	@$(BIN)/python -m tools.dev.firmware_report build/firmware

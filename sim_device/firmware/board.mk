@@ -1,5 +1,5 @@
 # The firmware for its chips. Needs Debian's gcc-arm-none-eabi and libnewlib-arm-none-eabi.
-#   make -f board.mk            both boards' programs and their size, in build/
+#   make -f board.mk            the boards' programs and their size, in build/
 #   make -f board.mk build/board_f429.elf build/board_f429.bin
 # BUILD, WIRE (folder of the generated codec) and PYTHON can be given; the project's own Makefile
 # has a target for it: make firmware.
@@ -9,7 +9,9 @@ WIRE ?= $(BUILD)/wire
 PYTHON ?= python3
 CROSS ?= arm-none-eabi-
 CPPCHECK ?= cppcheck
-BOARDS := board_f405_qemu board_f429
+BOARDS := board_f405_qemu board_f429 board_nucleo_f429zi
+CHIP_board_f429 := stm32f429
+CHIP_board_nucleo_f429zi := stm32f429
 HERE := $(dir $(abspath $(lastword $(MAKEFILE_LIST))))
 
 # A board of one device has no use for the parameter `board`.
@@ -25,6 +27,7 @@ INCLUDES := -Iinclude -Icore -Iboard_common -I$(WIRE)
 CORE := $(wildcard core/*.c) board_common/startup.c
 # The codec, with the chip's CRC unit where there is one.
 CONFIG_board_f429 := -DSP_CRC_UNIT
+CONFIG_board_nucleo_f429zi := -DSP_CRC_UNIT
 CONFIG_board_f405_qemu :=
 
 .DELETE_ON_ERROR:
@@ -36,11 +39,11 @@ programs: $(BOARDS:%=$(BUILD)/%.elf) $(BOARDS:%=$(BUILD)/%.bin)
 # What the compiler does not see. board.h prescribes parameters: not every board changes them.
 .PHONY: analyse
 analyse: $(WIRE)/sweepctl_protocol.c
-	@for board in $(BOARDS); do \
+	@for board in board_f405_qemu:board_f405_qemu board_f429:stm32f429 board_nucleo_f429zi:stm32f429; do \
 		$(CPPCHECK) --std=c99 --platform=arm32-wchar_t4 --enable=warning,style,performance,portability \
 			--inline-suppr --error-exitcode=1 --quiet --suppress=missingIncludeSystem \
 			--suppress=constParameterPointer \
-			-USP_CONFIG_FILE $(INCLUDES) -I$$board $$board/*.c board_common/*.c || exit 1; \
+			-USP_CONFIG_FILE $(INCLUDES) -I$${board%:*} -I$${board#*:} $${board#*:}/*.c board_common/*.c || exit 1; \
 	done
 
 $(WIRE)/sweepctl_protocol.c: $(wildcard $(HERE)../../protocol/*.py $(HERE)../../protocol/generate/c*.py)
@@ -51,7 +54,7 @@ $(BUILD)/%.bin: $(BUILD)/%.elf
 
 # One rule set for each board: its objects are its own, as its settings may be.
 define rules_for
-SOURCES_$(1) := $$(CORE) $$(wildcard $(1)/*.c)
+SOURCES_$(1) := $$(CORE) $$(wildcard $(1)/*.c $$(addsuffix /*.c,$$(CHIP_$(1))))
 OBJECTS_$(1) := $$(SOURCES_$(1):%.c=$$(BUILD)/$(1).o/%.o) $$(BUILD)/$(1).o/wire.o
 
 $$(BUILD)/$(1).o/wire.o: $$(WIRE)/sweepctl_protocol.c
@@ -60,7 +63,7 @@ $$(BUILD)/$(1).o/wire.o: $$(WIRE)/sweepctl_protocol.c
 
 $$(BUILD)/$(1).o/%.o: %.c | $$(WIRE)/sweepctl_protocol.c
 	@mkdir -p $$(@D)
-	@$$(CROSS)gcc $$(CFLAGS) $$(CONFIG_$(1)) -I$(1) $$(INCLUDES) -MMD -c $$< -o $$@
+	@$$(CROSS)gcc $$(CFLAGS) $$(CONFIG_$(1)) -I$(1) $$(addprefix -I,$$(CHIP_$(1))) $$(INCLUDES) -MMD -c $$< -o $$@
 
 $$(BUILD)/$(1).elf: $$(OBJECTS_$(1)) $(1)/memory.ld board_common/sections.ld
 	@$$(CROSS)gcc $$(CFLAGS) $$(OBJECTS_$(1)) $$(LDFLAGS) -T $(1)/memory.ld -Wl,-Map=$$(BUILD)/$(1).map -lm -o $$@

@@ -2,7 +2,7 @@
 
     python -m tools.dev.firmware_report BUILD
 
-BUILD is the folder into which ``sim_device/firmware/board.mk`` has built both boards.
+BUILD is the folder into which ``sim_device/firmware/board.mk`` has built the boards.
 """
 
 from __future__ import annotations
@@ -16,9 +16,13 @@ from tools.cli.console import inform, write_line
 from tools.dev.firmware_stack import Calls, UnboundedStackError, bound
 
 KIB = 1024
-_LINE = ("usart1_handler", "dma2_stream2_handler", "dma2_stream7_handler", "can1_rx0_handler")
+_LINK = (
+    *("link_uart_handler", "link_received_handler", "link_sent_handler"),
+    *("can1_rx0_handler", "can1_tx_handler", "can1_sce_handler"),
+)
 _IMU = ("i2c1_event_handler", "i2c1_error_handler", "dma1_stream0_handler", "exti9_5_handler")
 _MILLISECOND = ("systick_handler",)
+_F429 = {2: _LINK, 4: _IMU, 5: ("tim5_handler",), 6: ("flash_handler",), 8: _MILLISECOND}
 
 
 class Board(NamedTuple):
@@ -35,7 +39,13 @@ BOARDS = {
         "STM32F429IGT6",
         512 * KIB,  # the first bank: the second holds the parameters
         192 * KIB,
-        {2: _LINE, 4: _IMU, 5: ("tim5_handler",), 6: ("flash_handler",), 8: _MILLISECOND},
+        _F429,
+    ),
+    "board_nucleo_f429zi": Board(
+        "NUCLEO-F429ZI",
+        1024 * KIB,  # likewise
+        192 * KIB,
+        _F429,
     ),
     "board_f405_qemu": Board(
         "STM32F405 (QEMU)",

@@ -63,6 +63,7 @@ static inline void nvic_enable(unsigned irq, unsigned level) {
     NVIC->iser[irq / 32u] = 1u << (irq % 32u);
 }
 
+#if defined(__arm__)
 static inline uint32_t irq_save(void) {
     uint32_t primask;
     __asm volatile("mrs %0, primask\n\tcpsid i" : "=r"(primask)::"memory");
@@ -76,6 +77,14 @@ static inline void irq_restore(uint32_t primask) {
 static inline void wait_for_interrupt(void) { __asm volatile("wfi" ::: "memory"); }
 
 static inline void barrier(void) { __asm volatile("dsb\n\tisb" ::: "memory"); }
+
+#else
+/* On a computer a test stands in for the processor (tests/c/chip_f429.c). */
+uint32_t irq_save(void);
+void irq_restore(uint32_t primask);
+void wait_for_interrupt(void);
+void barrier(void);
+#endif
 
 /* Does not return. */
 static inline void system_reset(void) {

@@ -23,6 +23,7 @@ typedef struct {
 #define RCC_CR_HSION (1u << 0)
 #define RCC_CR_HSEON (1u << 16)
 #define RCC_CR_HSERDY (1u << 17)
+#define RCC_CR_HSEBYP (1u << 18)
 #define RCC_CR_CSSON (1u << 19)
 #define RCC_CR_PLLON (1u << 24)
 #define RCC_CR_PLLRDY (1u << 25)
@@ -42,6 +43,7 @@ typedef struct {
 #define RCC_APB1_TIM4 (1u << 2)
 #define RCC_APB1_TIM5 (1u << 3)
 #define RCC_APB1_USART2 (1u << 17)
+#define RCC_APB1_USART3 (1u << 18)
 #define RCC_APB1_I2C1 (1u << 21)
 #define RCC_APB1_CAN1 (1u << 25)
 #define RCC_APB1_PWR (1u << 28)
@@ -141,6 +143,12 @@ typedef struct {
 #define DMA_FLAG_HT (1u << 4)
 #define DMA_FLAG_TC (1u << 5)
 #define DMA_FLAGS_ALL 0x3Du
+/* 10.5.3, 10.5.4: where the flags of a stream begin in their half. */
+#define DMA_FLAGS_AT(stream) (6u * ((stream) % 2u) + 16u * ((stream) / 2u % 2u))
+
+static inline void dma_clear_flags(dma_regs_t *dma, unsigned stream) {
+    dma->ifcr[stream / 4u] = DMA_FLAGS_ALL << DMA_FLAGS_AT(stream);
+}
 
 /* 13.13 ADC registers. */
 typedef struct {
@@ -169,6 +177,7 @@ typedef struct {
 #define TIM5 ((tim_regs_t *)0x40000C00u)
 #define TIM_CR1_CEN (1u << 0)
 #define TIM_CR1_ARPE (1u << 7)
+#define TIM_CR1_CKD_4 (2u << 8) /* filters run with a quarter of the timer's clock */
 #define TIM_EGR_UG (1u << 0)
 #define TIM_DIER_CCIE(channel) (1u << (channel)) /* channels count from 1 */
 #define TIM_SR_CCIF(channel) (1u << (channel))
@@ -216,6 +225,7 @@ typedef struct {
 #define I2C_SR1_ADDR (1u << 1)
 #define I2C_SR1_BTF (1u << 2)
 #define I2C_SR1_TXE (1u << 7)
+#define I2C_SR1_BERR (1u << 8)
 #define I2C_SR1_ERRORS 0x0000DF00u
 #define I2C_CCR_FAST (1u << 15)
 
@@ -225,6 +235,7 @@ typedef struct {
 } usart_regs_t;
 #define USART1 ((usart_regs_t *)0x40011000u)
 #define USART2 ((usart_regs_t *)0x40004400u)
+#define USART3 ((usart_regs_t *)0x40004800u)
 #define USART_SR_ERRORS 0x0000000Fu /* parity, framing, noise, overrun */
 #define USART_SR_IDLE (1u << 4)
 #define USART_SR_RXNE (1u << 5)
@@ -268,18 +279,35 @@ typedef struct {
 #define CAN_MCR_AWUM (1u << 5)
 #define CAN_MCR_ABOM (1u << 6)
 #define CAN_MSR_INAK (1u << 0)
-#define CAN_TSR_TME0 (1u << 26)
+#define CAN_MSR_ERRI (1u << 2)
+#define CAN_MAILBOXES 3u
+#define CAN_TSR_TME(mailbox) (1u << (26u + (mailbox)))
 #define CAN_TSR_RQCP(mailbox) (1u << (8u * (mailbox)))
+#define CAN_TSR_ABRQ(mailbox) (1u << (8u * (mailbox) + 7u))
 #define CAN_RFR_FMP_MASK 3u
 #define CAN_RFR_FOVR (1u << 4)
 #define CAN_RFR_RFOM (1u << 5)
 #define CAN_IER_TMEIE (1u << 0)
 #define CAN_IER_FMPIE0 (1u << 1)
+#define CAN_IER_BOFIE (1u << 10)
+#define CAN_IER_ERRIE (1u << 15)
+#define CAN_ESR_EWGF (1u << 0)
+#define CAN_ESR_EPVF (1u << 1)
+#define CAN_ESR_BOFF (1u << 2)
+#define CAN_ESR_TEC(esr) ((esr) >> 16 & 0xFFu)
+#define CAN_ESR_REC(esr) ((esr) >> 24)
 #define CAN_IR_TXRQ 1u
 #define CAN_IR_RTR (1u << 1)
 #define CAN_IR_IDE (1u << 2)
 #define CAN_IR_STID_SHIFT 21
 #define CAN_FMR_FINIT 1u
+
+/* 38.16.4 and 5 Debug MCU freeze registers. */
+#define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008u)
+#define DBGMCU_APB1_FZ_IWDG (1u << 12)
+
+/* 39.2 Flash size, KiB. */
+#define FLASH_KIB (*(const volatile uint16_t *)0x1FFF7A22u)
 
 /* 39.1 Unique device identifier, 96 bits. */
 #define DEVICE_UID ((const volatile uint32_t *)0x1FFF7A10u)
@@ -288,14 +316,18 @@ typedef struct {
 enum {
     IRQ_FLASH = 4,
     IRQ_DMA1_STREAM0 = 11,
+    IRQ_DMA1_STREAM1 = 12,
+    IRQ_DMA1_STREAM3 = 14,
     IRQ_CAN1_TX = 19,
     IRQ_CAN1_RX0 = 20,
+    IRQ_CAN1_SCE = 22,
     IRQ_EXTI9_5 = 23,
     IRQ_TIM2 = 28,
     IRQ_I2C1_EV = 31,
     IRQ_I2C1_ER = 32,
     IRQ_USART1 = 37,
     IRQ_USART2 = 38,
+    IRQ_USART3 = 39,
     IRQ_TIM5 = 50,
     IRQ_DMA2_STREAM2 = 58,
     IRQ_DMA2_STREAM7 = 70,

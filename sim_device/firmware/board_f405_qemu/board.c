@@ -43,9 +43,11 @@ uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 void board_idle(void) {
     while (plant_hang) { /* asked for by a fault: hung, until the watchdog comes */
     }
+    const uint32_t state = irq_save(); /* an interrupt that ends the sleep is no part of it */
     const uint32_t from_us = uptime_us();
     wait_for_interrupt();
     slept_us += uptime_us() - from_us;
+    irq_restore(state);
 }
 
 static void request(uint32_t now_us, uint32_t sample_us) {
@@ -102,6 +104,9 @@ void board_start(firmware_t *firmware) {
     TIM2->egr = TIM_EGR_UG;
     TIM2->cr1 = TIM_CR1_CEN;
     plant_begin();
+    plant_identity.capabilities = SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU |
+                                  SP_CAPABILITY_ULTRASONIC | SP_CAPABILITY_INFRARED |
+                                  SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF;
     plant_identity.name = "firmware on an emulated STM32F405";
     uart_start(USART1, IRQ_USART1);
     uart_start(USART2, IRQ_USART2);
@@ -158,6 +163,10 @@ void board_uart_write(board_t *board, const uint8_t *data, size_t length) {
 uint32_t board_uart_wait_us(board_t *board) { return 0; }
 
 /* QEMU's F405 has no CAN; identity.can is false, so that the core never asks. */
+void board_can_health(board_t *board, board_can_health_t *out) {
+    memset(out, 0, sizeof *out);
+}
+
 bool board_can_write(board_t *board, const sp_can_frame_t *frame) {
     (void)frame;
     return true;

@@ -39,7 +39,9 @@ static uint64_t moved_us;
 static double duty[2], speed_rad_s[2], angle_rad[2];
 static uint8_t pages[BOARD_FLASH_PAGES][PAGE];
 static uint64_t flash_until_us;
-static board_identity_t identity = {.node = 1, .name = "sweeper on a desk"};
+static board_identity_t identity = {.node = 1, 
+    .capabilities = SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU,
+    .name = "sweeper on a desk"};
 
 static uint64_t clock_us(void)
 {
@@ -162,6 +164,11 @@ bool board_can_write(board_t *board, const sp_can_frame_t *frame)
 {
     (void)frame; /* there is no bus on this desk */
     return true;
+}
+
+void board_can_health(board_t *board, board_can_health_t *out)
+{
+    memset(out, 0, sizeof *out);
 }
 
 /* ---- the robot ----------------------------------------------------------------------------- */

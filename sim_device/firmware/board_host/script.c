@@ -116,6 +116,11 @@ bool board_can_write(board_t *board, const sp_can_frame_t *frame)
     return true;
 }
 
+void board_can_health(board_t *board, board_can_health_t *out)
+{
+    memset(out, 0, sizeof *out);
+}
+
 void board_motors(board_t *board, int16_t left, int16_t right)
 {
     lives.left = left;
@@ -233,6 +238,9 @@ static void take_boot(reader_t *reader)
     lives.identity.node = 1;
     lives.identity.can = flags & 1u;
     lives.identity.name = NAME;
+    lives.identity.capabilities = SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU
+        | SP_CAPABILITY_ULTRASONIC | SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER
+        | SP_CAPABILITY_CLIFF;
     if (flags & 2u) {
         memset(lives.pages, 0xFF, sizeof lives.pages);
     }

@@ -12,7 +12,9 @@
 static int clear_stop(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_clear_stop_t clear;
-    (void)sp_clear_stop_decode(&clear, frame->payload, frame->length);
+    if (!sp_clear_stop_decode(&clear, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
     return control_clear(&firmware->control, clear.cause);
 }
 
@@ -25,7 +27,9 @@ static int set_mode(firmware_t *firmware, const sp_frame_t *frame)
         [SP_MODE_ONBOARD] = EVENT_SET_ONBOARD,
     };
     sp_set_mode_t set;
-    (void)sp_set_mode_decode(&set, frame->payload, frame->length);
+    if (!sp_set_mode_decode(&set, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
     if (set.mode >= sizeof events) {
         return SP_NACK_REASON_BAD_VALUE;
     }
@@ -35,7 +39,9 @@ static int set_mode(firmware_t *firmware, const sp_frame_t *frame)
 static int plan(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_planner_command_t command;
-    (void)sp_planner_command_decode(&command, frame->payload, frame->length);
+    if (!sp_planner_command_decode(&command, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
     switch (command.action) {
     case SP_PLANNER_ACTION_START:
         return control_start_planner(&firmware->control, command.planner);
@@ -53,14 +59,18 @@ static int plan(firmware_t *firmware, const sp_frame_t *frame)
 static int get_parameter(const sp_frame_t *frame)
 {
     sp_get_parameter_t get;
-    (void)sp_get_parameter_decode(&get, frame->payload, frame->length);
+    if (!sp_get_parameter_decode(&get, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
     return get.parameter < PARAMETERS ? DONE : SP_NACK_REASON_UNKNOWN_PARAMETER;
 }
 
 static int set_parameter(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_set_parameter_t set;
-    (void)sp_set_parameter_decode(&set, frame->payload, frame->length);
+    if (!sp_set_parameter_decode(&set, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
     const int reason = parameters_set(&firmware->parameters, set.parameter, set.kind, set.value);
     if (reason == DONE) {
         control_apply(&firmware->control, &firmware->parameters);
@@ -75,6 +85,9 @@ static bool idle(const firmware_t *firmware)
 
 static int save_parameters(firmware_t *firmware)
 {
+    if (board_identity(firmware->board)->troubles & BOARD_TROUBLE_FLASH) {
+        return SP_NACK_REASON_UNSUPPORTED;
+    }
     /* While it drives the bus to the flash is not to be shared with the control loop. */
     if (!idle(firmware)) {
         return SP_NACK_REASON_OTHER_MODE;
@@ -87,7 +100,9 @@ static int save_parameters(firmware_t *firmware)
 static int set_stream_rate(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_set_stream_rate_t set;
-    (void)sp_set_stream_rate_decode(&set, frame->payload, frame->length);
+    if (!sp_set_stream_rate_decode(&set, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
     const stream_t stream = schedule_stream(set.stream_type);
     if (stream == STREAMS || set.rate > RATE_MAX
         || (stream == STREAM_SYNC && set.rate < SYNC_RATE_MIN)) {
@@ -100,7 +115,9 @@ static int set_stream_rate(firmware_t *firmware, const sp_frame_t *frame)
 static int reboot(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_reboot_t wanted;
-    (void)sp_reboot_decode(&wanted, frame->payload, frame->length);
+    if (!sp_reboot_decode(&wanted, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
     if (wanted.kind == SP_REBOOT_KIND_BOOTLOADER) {
         return SP_NACK_REASON_UNSUPPORTED;
     }

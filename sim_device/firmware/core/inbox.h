@@ -9,9 +9,16 @@
 
 #include "sweepctl_protocol.h"
 
-#define INBOX_BYTES 1024u  /* 11 ms at 921 600 baud; powers of two */
-#define INBOX_STAMPS 256u  /* a frame has two zeros at most, and 14 B at least */
+/* Powers of two, at most 32 768; a build may set its own (-DINBOX_BYTES=256u). */
+#ifndef INBOX_BYTES
+#define INBOX_BYTES 1024u /* 11 ms at 921 600 baud */
+#endif
+#ifndef INBOX_STAMPS
+#define INBOX_STAMPS 256u /* a frame has two zeros at most, and 14 B at least */
+#endif
+#ifndef INBOX_CAN_FRAMES
 #define INBOX_CAN_FRAMES 32u
+#endif
 
 typedef struct {
     sp_can_frame_t frame;
@@ -23,10 +30,10 @@ typedef struct {
     uint32_t stamps[INBOX_STAMPS];
     inbox_can_t frames[INBOX_CAN_FRAMES];
     /* Free-running places; the writer's are changed by the interrupt alone. */
-    volatile uint16_t bytes_in, bytes_out;
-    volatile uint16_t stamps_in, stamps_out;
-    volatile uint16_t frames_in, frames_out;
-    volatile uint32_t dropped; /* bytes and frames that found no room */
+    uint16_t bytes_in, bytes_out;
+    uint16_t stamps_in, stamps_out;
+    uint16_t frames_in, frames_out;
+    uint32_t dropped; /* bytes and frames that found no room */
 } inbox_t;
 
 /* From the interrupt. */

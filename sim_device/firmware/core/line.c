@@ -163,7 +163,9 @@ void line_limit(line_t *line, uint8_t type, uint8_t length)
 #if SP_CAN_HOST_PARTS > 1
     sp_can_limit(&line->can_receiver, type, length);
 #else
-    (void)line, (void)type, (void)length;
+    (void)line;
+    (void)type;
+    (void)length;
 #endif
 }
 

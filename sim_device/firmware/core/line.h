@@ -11,7 +11,9 @@
 #include "inbox.h"
 #include "sweepctl_protocol.h"
 
+#ifndef LINE_CAN_WAITING
 #define LINE_CAN_WAITING 64u /* frames; the longest message, a log line, has 20 */
+#endif
 /* Streams leave so much of the board's queue to replies. */
 #define LINE_KEPT_BYTES 256u
 #define LINE_KEPT_FRAMES 24u

@@ -8,7 +8,9 @@
 #include "text.h"
 
 #define LOG_PERIOD_US 100000 /* at most ten lines a second ... */
-#define LOG_WAITING 16u      /* ... what waits longer is dropped, oldest first */
+#ifndef LOG_WAITING
+#define LOG_WAITING 16u /* ... what waits longer is dropped, oldest first */
+#endif
 
 typedef struct {
     uint8_t level; /* SP_LOG_LEVEL_* */

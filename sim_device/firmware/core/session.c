@@ -8,10 +8,8 @@
 #define HOST_SILENCE_US 1000000
 #define STRANGE_PERIOD_US 100000
 
-#define CAPABILITIES                                                                        \
-    (SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU | SP_CAPABILITY_ULTRASONIC                  \
-        | SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF               \
-        | SP_CAPABILITY_ONBOARD_PLANNER)
+/* Of the core; the rest is the board's. */
+#define CAPABILITIES SP_CAPABILITY_ONBOARD_PLANNER
 
 void session_hello(firmware_t *firmware, int64_t now_us)
 {
@@ -21,7 +19,7 @@ void session_hello(firmware_t *firmware, int64_t now_us)
         .boot_id = identity->boot_id,
         .session_id = firmware->session_id,
         .reset_cause = identity->reset_cause,
-        .capabilities = CAPABILITIES,
+        .capabilities = identity->capabilities | CAPABILITIES,
         .version_major = FIRMWARE_VERSION_MAJOR,
         .version_minor = FIRMWARE_VERSION_MINOR,
         .version_patch = FIRMWARE_VERSION_PATCH,
@@ -54,6 +52,19 @@ static void forget_host(firmware_t *firmware)
     line_forget_limits(&firmware->line);
 }
 
+static void report_troubles(firmware_t *firmware)
+{
+    const uint8_t troubles = board_identity(firmware->board)->troubles;
+    if (troubles & BOARD_TROUBLE_CLOCK) {
+        log_add(&firmware->control.log, SP_LOG_LEVEL_WARNING,
+            "clock: no crystal; it runs from the chip's own oscillator, CAN is off");
+    }
+    if (troubles & BOARD_TROUBLE_FLASH) {
+        log_add(&firmware->control.log, SP_LOG_LEVEL_WARNING,
+            "flash: one bank only (option bit DB1M): parameters cannot be saved");
+    }
+}
+
 static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
     int64_t now_us)
 {
@@ -74,6 +85,7 @@ static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
         text_t *const line = log_begin(&firmware->control.log, SP_LOG_LEVEL_INFO);
         text_add(line, "session with ");
         text_add_foreign(line, hello->name, hello->name_length);
+        report_troubles(firmware);
     }
     session_hello(firmware, now_us);
 }

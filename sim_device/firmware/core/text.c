@@ -18,15 +18,31 @@ static void add(text_t *text, const char *bytes, size_t length)
  * (Unicode, table 3-7). */
 static size_t character(uint8_t first, uint8_t *low, uint8_t *high)
 {
-    *low = first == 0xE0u ? 0xA0u : first == 0xF0u ? 0x90u : 0x80u;
-    *high = first == 0xEDu ? 0x9Fu : first == 0xF4u ? 0x8Fu : 0xBFu;
+    *low = 0x80u;
+    *high = 0xBFu;
     if (first < 0x80u) {
         return 1;
     }
     if (first < 0xC2u || first > 0xF4u) {
         return 0;
     }
-    return first < 0xE0u ? 2 : first < 0xF0u ? 3 : 4;
+    if (first < 0xE0u) {
+        return 2;
+    }
+    if (first < 0xF0u) {
+        if (first == 0xE0u) {
+            *low = 0xA0u;
+        } else if (first == 0xEDu) {
+            *high = 0x9Fu;
+        }
+        return 3;
+    }
+    if (first == 0xF0u) {
+        *low = 0x90u;
+    } else if (first == 0xF4u) {
+        *high = 0x8Fu;
+    }
+    return 4;
 }
 
 void text_add_foreign(text_t *text, const char *bytes, size_t length)

@@ -6,7 +6,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#ifndef TEXT_MAX
 #define TEXT_MAX 120u /* bytes; what does not fit is left out */
+#endif
 
 typedef struct {
     uint8_t length;

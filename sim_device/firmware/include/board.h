@@ -46,12 +46,19 @@ void board_reboot(board_t *board);
 
 /* ---- who it is, constant from board_start() on --------------------------------------------- */
 
+/* No clock from crystal or outside: the chip runs from its own, good to 1 %, and CAN is off. */
+#define BOARD_TROUBLE_CLOCK 1u
+/* Nothing can be saved. */
+#define BOARD_TROUBLE_FLASH 2u
+
 typedef struct {
     uint8_t uid[12];     /* the chip's 96-bit unique id */
     uint32_t boot_id;    /* random, new at each boot, not 0 */
     uint8_t reset_cause; /* SP_RESET_CAUSE_* */
     uint8_t node;        /* 1..15, by a jumper or a constant */
     bool can;            /* the host is on the CAN bus, not on the UART */
+    uint16_t capabilities; /* SP_CAPABILITY_*: what is connected */
+    uint8_t troubles;      /* BOARD_TROUBLE_*, found at the start */
     const char *name;    /* of board and firmware, as the host shows it; ASCII, at most 60 B */
 } board_identity_t;
 
@@ -77,6 +84,15 @@ uint32_t board_uart_wait_us(board_t *board);
 /* Hand a frame to the controller; false where none of its mailboxes is free (it is offered again).
  * Frames leave in the order in which they were taken (bxCAN: TXFP in MCR). */
 bool board_can_write(board_t *board, const sp_can_frame_t *frame);
+
+/* How the bus is; all 0 where there is none. The board comes back from bus-off by itself. */
+typedef struct {
+    uint8_t send_errors; /* the protocol's error counters: 96 warn, 128 passive, 255 and more bus-off */
+    uint8_t receive_errors;
+    bool off;      /* bus-off now */
+    uint16_t offs; /* times that it was, since boot; wraps */
+} board_can_health_t;
+void board_can_health(board_t *board, board_can_health_t *out);
 
 /* ---- motors -------------------------------------------------------------------------------- */
 

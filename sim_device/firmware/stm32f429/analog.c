@@ -5,6 +5,7 @@
 #include "stm32f4.h"
 
 #define SETS 64u
+#define TURNS 100u
 #define REFERENCE_MV 3300u
 #define FULL_SCALE 4095u
 #define BATTERY_RATIO 6u         /* 1:6: 16 V at 2.7 V */
@@ -12,32 +13,20 @@
 #define CURRENT_MA_PER_MV 1u     /* 0.1 ohm, amplified ten times: 1 V/A */
 
 static volatile uint16_t samples[SETS][ANALOG_COUNT];
-static const uint8_t channels[ANALOG_COUNT] = {11, 12, 13, 14, 15, 8};
+static const struct {
+    uint8_t port, pin, channel;
+} inputs[ANALOG_COUNT] = ANALOG_INPUTS;
+static uint32_t to_come; /* conversions of a round of all sets, a millisecond ago */
+static uint32_t fresh_us; /* when there were new ones last */
 
-void analog_start(void) {
-    for (unsigned pin = 1; pin <= 5u; pin++) {
-        pin_analog(PORT_C, pin);
-    }
-    pin_analog(PORT_B, 0);
-    for (unsigned pin = 0; pin <= 4u; pin++) {
-        pin_input(PORT_F, pin, PULL_UP);
-    }
-    ADC_CCR = ADC_CCR_PRESCALE_4; /* of 84 MHz */
-    ADC1->cr1 = ADC_CR1_SCAN;
-    uint32_t order[3] = {(ANALOG_COUNT - 1u) << 20, 0, 0}; /* SQR1, SQR2, SQR3: 13.13.9 to 11 */
-    for (unsigned i = 0; i < ANALOG_COUNT; i++) {
-        const unsigned channel = channels[i];
-        order[2] |= (uint32_t)channel << (5u * i);
-        if (channel >= 10u) {
-            ADC1->smpr1 |= ADC_SAMPLE_144 << (3u * (channel - 10u));
-        } else {
-            ADC1->smpr2 |= ADC_SAMPLE_144 << (3u * channel);
-        }
-    }
-    for (unsigned i = 0; i < 3u; i++) {
-        ADC1->sqr[i] = order[i];
-    }
+static void go_round(void) {
     dma_stream_t *const stream = &DMA2->stream[0];
+    ADC1->cr2 = 0; /* and the next round begins with the first channel */
+    stream->cr = 0;
+    for (unsigned i = 0; i < TURNS && (stream->cr & DMA_CR_EN) != 0; i++) { /* 10.3.17 */
+    }
+    dma_clear_flags(DMA2, 0);
+    ADC1->sr = 0;
     stream->par = (uint32_t)(uintptr_t)&ADC1->dr;
     stream->m0ar = (uint32_t)(uintptr_t)samples;
     stream->ndtr = SETS * ANALOG_COUNT;
@@ -49,6 +38,46 @@ void analog_start(void) {
     }
     ADC1->cr2 |= ADC_CR2_SWSTART;
 }
+
+void analog_start(void) {
+    for (unsigned i = 0; i < ANALOG_COUNT; i++) {
+        pin_analog(inputs[i].port, inputs[i].pin);
+    }
+    for (unsigned pin = 0; pin <= 4u; pin++) {
+        pin_input(PORT_F, pin, PULL_UP);
+    }
+    ADC_CCR = ADC_CCR_PRESCALE_4; /* of 84 MHz */
+    ADC1->cr1 = ADC_CR1_SCAN;
+    uint32_t order[3] = {(ANALOG_COUNT - 1u) << 20, 0, 0}; /* SQR1, SQR2, SQR3: 13.13.9 to 11 */
+    for (unsigned i = 0; i < ANALOG_COUNT; i++) {
+        const unsigned channel = inputs[i].channel;
+        order[2] |= (uint32_t)channel << (5u * i);
+        if (channel >= 10u) {
+            ADC1->smpr1 |= ADC_SAMPLE_144 << (3u * (channel - 10u));
+        } else {
+            ADC1->smpr2 |= ADC_SAMPLE_144 << (3u * channel);
+        }
+    }
+    for (unsigned i = 0; i < 3u; i++) {
+        ADC1->sqr[i] = order[i];
+    }
+    go_round();
+}
+
+/* 13.8.1: after an overrun the ADC asks for no more DMA until OVR is cleared and the stream set up
+ * again. Looked for once a millisecond: on a busy bus it may come, and must not freeze the readings. */
+void analog_millisecond(void) {
+    const uint32_t left = DMA2->stream[0].ndtr;
+    if ((ADC1->sr & ADC_SR_OVR) != 0) {
+        go_round();
+    } else if (left != to_come) {
+        fresh_us = uptime_us();
+    }
+    to_come = left;
+}
+
+/* The middle of what a mean is taken of: it stands still with an ADC that does. */
+uint32_t analog_sampled_us(void) { return fresh_us - ANALOG_AGE_US; }
 
 uint32_t analog_mv(unsigned channel) {
     uint32_t sum = 0;
@@ -63,5 +92,5 @@ void board_power(board_t *board, board_power_t *out) {
     out->logic_mv = (uint16_t)(analog_mv(ANALOG_LOGIC) * LOGIC_RATIO);
     out->motor_left_ma = (uint16_t)(analog_mv(ANALOG_MOTOR_LEFT) * CURRENT_MA_PER_MV);
     out->motor_right_ma = (uint16_t)(analog_mv(ANALOG_MOTOR_RIGHT) * CURRENT_MA_PER_MV);
-    out->sampled_us = uptime_us() - ANALOG_AGE_US;
+    out->sampled_us = analog_sampled_us();
 }

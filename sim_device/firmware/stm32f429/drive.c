@@ -42,20 +42,22 @@ void board_motors(board_t *board, int16_t left, int16_t right) {
     motor(&TIM1->ccr[2], &TIM1->ccr[3], right);
 }
 
-/* Every edge of both inputs counts (18.3.12); an edge must last for six samples at 42 MHz. */
+/* Every edge of both inputs counts (18.3.12). A level counts after eight samples at 84 MHz / 4 / 32
+ * (18.4.1: CKD, 18.4.7: filter 1111), 12.2 us: the ringing of the bridges' edges, which come 40 000
+ * times a second, is over by then, and at the top speed of 0.30 m/s a level lasts for 870 us. */
 static void encoder(tim_regs_t *timer) {
-    timer->ccmr[0] = 1u << 0 | 4u << 4 | 1u << 8 | 4u << 12; /* inputs TI1, TI2, filter 0100 */
+    timer->ccmr[0] = 1u << 0 | 15u << 4 | 1u << 8 | 15u << 12; /* inputs TI1, TI2 */
     timer->smcr = TIM_SMCR_ENCODER_BOTH;
     timer->arr = 0xFFFFu;
     timer->cnt = 0;
-    timer->cr1 = TIM_CR1_CEN;
+    timer->cr1 = TIM_CR1_CKD_4 | TIM_CR1_CEN;
 }
 
 void encoders_start(void) {
-    pin_alternate(PORT_A, 6, 2, PULL_UP, false);
-    pin_alternate(PORT_A, 7, 2, PULL_UP, false);
-    pin_alternate(PORT_D, 12, 2, PULL_UP, false);
-    pin_alternate(PORT_D, 13, 2, PULL_UP, false);
+    pin_alternate(ENCODER_LEFT_A, 2, PULL_UP, false);
+    pin_alternate(ENCODER_LEFT_B, 2, PULL_UP, false);
+    pin_alternate(ENCODER_RIGHT_A, 2, PULL_UP, false);
+    pin_alternate(ENCODER_RIGHT_B, 2, PULL_UP, false);
     encoder(TIM3);
     encoder(TIM4);
     TIM4->ccer = TIM_CCER_CCP(1); /* the right motor stands the other way round */

@@ -9,18 +9,19 @@
 
 #define ADDRESS 0x68u
 #define REG_DATA 0x3Bu
+#define REG_WHO_AM_I 0x75u
+#define WHO_AM_I 0x68u /* of an MPU6050; its successors have other scales and registers */
+#define WHO_AM_I_BYTES 2u /* 27.3.3: DMA ends a read of one byte too late */
 #define REG_INT_STATUS_CLEARED_BY_ANY_READ 0x10u
 #define BYTES 14u
 #define BUS_HZ 400000u
-#define SCL 6u
-#define SDA 7u
 #define DATA_READY 5u /* PB5 */
 #define PATIENCE_US 2000u
 #define PIN_SILENT_US 15000u /* the pin is not wired: ask every ten milliseconds */
 #define PERIOD_US 10000u
 #define RETRY_US 100000u /* after a failure: a sensor that is not there must cost nothing */
 
-typedef enum { REST, WRITING, VALUE, READING } phase_t;
+typedef enum { REST, WRITING, VALUE, READING, BROKEN } phase_t;
 
 void exti9_5_handler(void);
 void i2c1_event_handler(void);
@@ -29,7 +30,7 @@ void dma1_stream0_handler(void);
 
 static volatile phase_t phase;
 static volatile uint32_t began_us, stamp_us, ready_us;
-static volatile bool failed;
+static volatile bool failed, identified;
 static uint8_t data[BYTES];
 static board_imu_t newest;
 static bool given_up;
@@ -53,21 +54,20 @@ static void bus_start(void) {
 /* A slave that was cut short holds SDA low until it has clocked out its byte: nine clocks by hand
  * (UM10204, 3.1.16). 0.1 ms in all, in the millisecond's interrupt and only after a failure. */
 static void bus_free(void) {
-    pin_write(PORT_B, SCL, true);
-    GPIO(PORT_B)->otyper |= 1u << SCL;
-    pin_output(PORT_B, SCL);
+    pin_write(IMU_SCL, true);
+    pin_open_drain(IMU_SCL);
     for (unsigned i = 0; i < 18u; i++) {
-        pin_write(PORT_B, SCL, i % 2u != 0);
+        pin_write(IMU_SCL, i % 2u != 0);
         const uint32_t from_us = uptime_us();
         while (uptime_us() - from_us < 5u) {
         }
     }
-    pin_alternate(PORT_B, SCL, 4, PULL_UP, true);
+    pin_alternate(IMU_SCL, 4, PULL_UP, true);
 }
 
 void imu_start(void) {
-    pin_alternate(PORT_B, SCL, 4, PULL_UP, true);
-    pin_alternate(PORT_B, SDA, 4, PULL_UP, true);
+    pin_alternate(IMU_SCL, 4, PULL_UP, true);
+    pin_alternate(IMU_SDA, 4, PULL_UP, true);
     pin_input(PORT_B, DATA_READY, PULL_DOWN);
     bus_free();
     bus_start();
@@ -91,10 +91,17 @@ static void begin(uint32_t now_us, phase_t first) {
 void exti9_5_handler(void) {
     EXTI->pr = 1u << DATA_READY;
     ready_us = uptime_us();
-    if (phase == REST && setting == SETTINGS) {
+    if (phase == REST && identified && setting == SETTINGS) {
         stamp_us = ready_us;
         begin(ready_us, WRITING);
     }
+}
+
+static uint8_t next_register(void) {
+    if (!identified) {
+        return REG_WHO_AM_I;
+    }
+    return setting < SETTINGS ? settings[setting][0] : REG_DATA;
 }
 
 /* With the events masked out while DMA reads, each of these comes once. */
@@ -105,13 +112,13 @@ void i2c1_event_handler(void) {
     } else if ((flags & I2C_SR1_ADDR) != 0 && phase == READING) {
         I2C1->cr2 = (I2C1->cr2 & ~I2C_CR2_ITEVTEN) | I2C_CR2_DMAEN | I2C_CR2_LAST;
         DMA1->ifcr[0] = DMA_FLAGS_ALL;
-        DMA1->stream[0].ndtr = BYTES;
+        DMA1->stream[0].ndtr = identified ? BYTES : WHO_AM_I_BYTES;
         DMA1->stream[0].cr = DMA_CR_CHSEL(1) | DMA_CR_MINC | DMA_CR_TCIE | DMA_CR_EN;
         (void)I2C1->sr2; /* clears ADDR: the bytes come */
     } else if ((flags & I2C_SR1_ADDR) != 0) {
         (void)I2C1->sr2;
-        I2C1->dr = setting < SETTINGS ? settings[setting][0] : REG_DATA;
-    } else if ((flags & I2C_SR1_BTF) != 0 && phase == WRITING && setting < SETTINGS) {
+        I2C1->dr = next_register();
+    } else if ((flags & I2C_SR1_BTF) != 0 && phase == WRITING && identified && setting < SETTINGS) {
         phase = VALUE; /* the register's number has left */
         I2C1->dr = settings[setting][1];
     } else if ((flags & I2C_SR1_BTF) != 0 && phase == VALUE) {
@@ -124,8 +131,15 @@ void i2c1_event_handler(void) {
     }
 }
 
+/* ES0206 (errata of the F42x), "Spurious bus error detection in Master mode": a bus error during a
+ * master's transfer means nothing, and the transfer goes on. A bus that really hangs is found by its
+ * being late. */
 void i2c1_error_handler(void) {
-    I2C1->sr1 = ~I2C_SR1_ERRORS;
+    const uint32_t flags = I2C1->sr1 & I2C_SR1_ERRORS;
+    I2C1->sr1 = ~flags;
+    if ((flags & ~I2C_SR1_BERR) == 0) {
+        return;
+    }
     I2C1->cr1 |= I2C_CR1_STOP;
     failed = true;
 }
@@ -136,6 +150,12 @@ void dma1_stream0_handler(void) {
     DMA1->ifcr[0] = DMA_FLAGS_ALL;
     I2C1->cr1 |= I2C_CR1_STOP;
     I2C1->cr2 = (I2C1->cr2 & ~(I2C_CR2_DMAEN | I2C_CR2_LAST)) | I2C_CR2_ITEVTEN;
+    phase = REST;
+    if (!identified) {
+        identified = data[0] == WHO_AM_I;
+        failed = !identified;
+        return;
+    }
     newest.accel_x = at(0);
     newest.accel_y = at(2);
     newest.accel_z = at(4);
@@ -144,33 +164,43 @@ void dma1_stream0_handler(void) {
     newest.gyro_y = at(10);
     newest.gyro_z = at(12);
     newest.sampled_us = stamp_us;
+}
+
+static void start_anew(void) {
+    DMA1->stream[0].cr = 0;
+    bus_free();
+    failed = identified = false;
+    setting = 0;
+    bus_start();
     phase = REST;
 }
 
-/* The watch over all of it, and the next setting: one a millisecond. On a lower level than the
- * handlers above, so what it reads may change under it: interrupts off. */
-void imu_millisecond(uint32_t now_us) {
+/* Looks after all of it, and writes the next setting: once a millisecond. On a lower level than the
+ * handlers above, which can interrupt it anywhere: interrupts are off while it reads the clock,
+ * decides and begins. A clock that was read before could be older than a transfer that a handler
+ * began in between, and the difference of the two would wrap. */
+void imu_millisecond(void) {
     const uint32_t state = irq_save();
+    const uint32_t now_us = uptime_us();
     const bool late = phase != REST && now_us - began_us > PATIENCE_US;
-    irq_restore(state);
-    if (failed || late) {
-        DMA1->stream[0].cr = 0;
-        bus_free();
-        bus_start();
-        failed = false;
-        setting = 0;
-        phase = REST;
+    const bool broken = failed || late;
+    if (broken) {
+        phase = BROKEN; /* no handler begins anything now */
+        I2C1->cr2 &= ~(I2C_CR2_ITERREN | I2C_CR2_ITEVTEN);
         given_up = true;
         began_us = now_us;
-    } else if (given_up && now_us - began_us < RETRY_US) {
-        /* the bus rests */
-    } else if (phase == REST && setting < SETTINGS) {
+    } else if (phase != REST || (given_up && now_us - began_us < RETRY_US)) {
+        /* under way, or the bus rests */
+    } else if (!identified || setting < SETTINGS) {
         given_up = false;
         begin(now_us, WRITING);
-    } else if (phase == REST && now_us - ready_us > PIN_SILENT_US &&
-               now_us - began_us >= PERIOD_US) {
+    } else if (now_us - ready_us > PIN_SILENT_US && now_us - began_us >= PERIOD_US) {
         stamp_us = now_us;
         begin(now_us, WRITING);
+    }
+    irq_restore(state);
+    if (broken) {
+        start_anew();
     }
 }
 

@@ -79,7 +79,7 @@ void board_ranges(board_t *board, board_ranges_t *out) {
     out->ultrasonic_mm = sonar_mm();
     out->infrared_left_dmm = infrared_dmm(analog_mv(ANALOG_INFRARED_LEFT));
     out->infrared_right_dmm = infrared_dmm(analog_mv(ANALOG_INFRARED_RIGHT));
-    out->sampled_us = uptime_us() - ANALOG_AGE_US;
+    out->sampled_us = analog_sampled_us();
 }
 
 uint8_t board_contacts(board_t *board) {

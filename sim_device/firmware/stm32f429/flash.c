@@ -1,12 +1,14 @@
 /* The two pages: sectors 12 and 13, the first of the flash's second bank, so that the program runs
- * on from the first bank while they are erased and written (RM0090 3.4: read while write). A chip
- * of 1 MB has two banks only with the option bit DB1M (3.4, table 7; 3.9.10); without it nothing
- * is erased or written here, the core finds that its image does not stand, and says so. */
+ * on from the first bank while they are erased and written (RM0090 3.4: read while write). The second
+ * bank begins in the middle of the flash, at 1 MB in a chip of 2 MB (table 6). A chip of 1 MB has two
+ * banks only with the option bit DB1M (table 7; 3.9.10). Without it nothing can be saved: to erase a
+ * sector would stop the program, which runs from the same bank, for longer than the watchdog waits. */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
 
-#define FIRST_ADDRESS 0x08080000u
+#define FLASH_ADDRESS 0x08000000u
+#define WHOLE_KIB 2048u
 #define SECTOR_BYTES 0x4000u
 #define FIRST_CODE 16u /* 3.9.8: sector 12 is 10000 */
 
@@ -16,9 +18,13 @@ static volatile bool busy;
 static const uint8_t *volatile next;
 static volatile uint32_t to_address, words_left;
 
-static bool two_banks(void) { return (FLASH->optcr & FLASH_OPTCR_DB1M) != 0; }
+bool flash_can_save(void) {
+    return FLASH_KIB == WHOLE_KIB || (FLASH->optcr & FLASH_OPTCR_DB1M) != 0;
+}
 
-static uint32_t address_of(unsigned page) { return FIRST_ADDRESS + SECTOR_BYTES * page; }
+static uint32_t address_of(unsigned page) {
+    return FLASH_ADDRESS + FLASH_KIB * 1024u / 2u + SECTOR_BYTES * page;
+}
 
 const uint8_t *board_flash_page(board_t *board, unsigned page) {
     return (const uint8_t *)(uintptr_t)address_of(page);
@@ -34,7 +40,7 @@ static void unlock(void) {
 }
 
 void board_flash_erase(board_t *board, unsigned page) {
-    if (!two_banks()) {
+    if (!flash_can_save()) {
         return;
     }
     unlock();
@@ -45,19 +51,21 @@ void board_flash_erase(board_t *board, unsigned page) {
     FLASH->cr |= FLASH_CR_STRT;
 }
 
+/* All that the interrupt reads is set before the store that can bring it about. */
 static void write_word(void) {
     const uint8_t *const from = next;
+    const uint32_t to = to_address;
     const uint32_t word = (uint32_t)from[0] | (uint32_t)from[1] << 8 | (uint32_t)from[2] << 16 |
                           (uint32_t)from[3] << 24;
     next = from + 4;
     words_left--;
-    *(volatile uint32_t *)(uintptr_t)to_address = word;
-    to_address += 4u;
+    to_address = to + 4u;
+    *(volatile uint32_t *)(uintptr_t)to = word;
     barrier();
 }
 
 void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length) {
-    if (!two_banks() || length < 4u) {
+    if (!flash_can_save() || length < 4u) {
         return;
     }
     unlock();

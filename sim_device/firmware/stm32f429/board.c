@@ -1,4 +1,4 @@
-/* Start, sleep and end of the board with an STM32F429. */
+/* Start, sleep and end of a board with an STM32F429. */
 #include "board.h"
 
 #include "cortex_m4.h"
@@ -16,7 +16,10 @@ firmware_t *device;
 static board_identity_t identity;
 static uint32_t slept_us;
 
+/* A program that a debugger has halted is not reset (38.16.4). The motors keep their last duty then:
+ * debug with the wheels off the floor. */
 static void watchdog_start(void) {
+    DBGMCU_APB1_FZ |= DBGMCU_APB1_FZ_IWDG;
     IWDG->kr = IWDG_KEY_START;
     IWDG->kr = IWDG_KEY_WRITE;
     IWDG->pr = 0;
@@ -26,7 +29,7 @@ static void watchdog_start(void) {
 
 void board_start(firmware_t *firmware) {
     device = firmware;
-    clocks_start();
+    const bool precise = clocks_start();
     motors_start(); /* first of all: the bridges' inputs are low */
     identity.reset_cause = reset_cause();
     for (unsigned i = 0; i < sizeof identity.uid; i++) {
@@ -34,13 +37,17 @@ void board_start(firmware_t *firmware) {
     }
     identity.boot_id = boot_id(identity.uid);
     identity.node = BOARD_NODE;
-    identity.name = "firmware on an STM32F429";
-    pin_input(PORT_G, 0, PULL_UP);
+    identity.name = BOARD_NAME;
+    identity.capabilities = BOARD_CAPABILITIES;
+    identity.troubles = (uint8_t)((precise ? 0u : BOARD_TROUBLE_CLOCK) |
+                                  (flash_can_save() ? 0u : BOARD_TROUBLE_FLASH));
+    pin_input(CAN_SELECT, PULL_UP);
     encoders_start();
     imu_start();
     sonar_start();
     analog_start();
-    identity.can = !pin_read(PORT_G, 0);
+    /* A clock that is off by 1 % would disturb the others on the bus: there is none then. */
+    identity.can = precise && !pin_read(CAN_SELECT);
     if (identity.can) {
         can_start(identity.node);
     } else {
@@ -56,7 +63,8 @@ void board_start(firmware_t *firmware) {
 const board_identity_t *board_identity(board_t *board) { return &identity; }
 
 void systick_handler(void) {
-    imu_millisecond(uptime_us());
+    imu_millisecond();
+    analog_millisecond();
     sonar_millisecond();
 }
 
@@ -64,10 +72,14 @@ uint32_t board_now_us(board_t *board) { return uptime_us(); }
 
 uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 
+/* With interrupts masked an interrupt ends the sleep, and runs after it (PM0214 2.5.2): what it takes
+ * is no sleep. */
 void board_idle(void) {
+    const uint32_t state = irq_save();
     const uint32_t from_us = uptime_us();
     wait_for_interrupt();
     slept_us += uptime_us() - from_us;
+    irq_restore(state);
 }
 
 void board_watchdog_feed(board_t *board) { IWDG->kr = IWDG_KEY_FEED; }

@@ -13,18 +13,22 @@ static bool waits_for(const volatile uint32_t *at, uint32_t mask, uint32_t value
     return false;
 }
 
-/* 168 MHz: (crystal / M = 1 MHz) x 336 / 2; buses at 42 and 84 MHz. Without a crystal the PLL runs
- * from the internal 16 MHz, which is good to 1 %: enough for a UART, not for CAN. */
-void clocks_start(void) {
+/* 168 MHz: (crystal / M = 1 MHz) x 336 / 2; buses at 42 and 84 MHz. Where the clock from outside fails
+ * the PLL runs from the internal 16 MHz, which is good to 1 %: enough for a UART, not for CAN (its two
+ * sides may differ by 0.5 % at most: 32.7.7 with a jump of one quantum of 14). */
+bool clocks_start(void) {
     RCC->ahb1enr |= RCC_AHB1_CRC | RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
     for (unsigned port = PORT_A; port <= PORT_G; port++) {
         RCC->ahb1enr |= RCC_AHB1_GPIO(port);
     }
     RCC->ahb2enr |= RCC_AHB2_RNG;
-    RCC->apb1enr |= RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_TIM5 |
+    RCC->apb1enr |= LINK_UART_APB1 | RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_TIM5 |
                     RCC_APB1_I2C1 | RCC_APB1_CAN1 | RCC_APB1_PWR;
-    RCC->apb2enr |= RCC_APB2_TIM1 | RCC_APB2_USART1 | RCC_APB2_ADC1 | RCC_APB2_SYSCFG;
+    RCC->apb2enr |= LINK_UART_APB2 | RCC_APB2_TIM1 | RCC_APB2_ADC1 | RCC_APB2_SYSCFG;
     PWR->cr |= PWR_CR_VOS_SCALE_1; /* 5.4.1: needed above 144 MHz */
+#if BOARD_HSE_BYPASS
+    RCC->cr |= RCC_CR_HSEBYP; /* 6.3.1: while HSEON is off */
+#endif
     RCC->cr |= RCC_CR_HSEON;
     const bool crystal = waits_for(&RCC->cr, RCC_CR_HSERDY, RCC_CR_HSERDY);
     const uint32_t divider = crystal ? BOARD_HSE_MHZ : 16u;
@@ -42,6 +46,7 @@ void clocks_start(void) {
     TIM2->arr = 0xFFFFFFFFu;
     TIM2->egr = TIM_EGR_UG;
     TIM2->cr1 = TIM_CR1_CEN;
+    return crystal;
 }
 
 /* 7.3.21 (F405), 6.3.21 (F42x): PIN is set along with every other cause, BOR along with POR. */
@@ -107,6 +112,11 @@ void pin_alternate(unsigned port, unsigned pin, unsigned function, pull_t pull, 
 }
 
 void pin_analog(unsigned port, unsigned pin) { two_bits(&GPIO(port)->moder, pin, MODE_ANALOG); }
+
+void pin_open_drain(unsigned port, unsigned pin) {
+    GPIO(port)->otyper |= 1u << pin;
+    two_bits(&GPIO(port)->moder, pin, MODE_OUTPUT);
+}
 
 void pin_write(unsigned port, unsigned pin, bool high) {
     GPIO(port)->bsrr = high ? 1u << pin : 1u << (pin + 16u);

@@ -1,0 +1,463 @@
+/* The STM32F429's drivers on this computer: registers are plain memory at the chip's addresses, and
+ * each check plays the hardware. Silent where all holds. */
+#define _GNU_SOURCE
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "cortex_m4.h"
+#include "f429.h"
+#include "firmware.h"
+
+#define CHECK(condition)                                                                    \
+    do {                                                                                    \
+        if (!(condition)) {                                                                 \
+            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #condition);                 \
+            exit(1);                                                                        \
+        }                                                                                   \
+    } while (0)
+
+void exti9_5_handler(void);
+void i2c1_event_handler(void);
+void i2c1_error_handler(void);
+void dma1_stream0_handler(void);
+void can1_tx_handler(void);
+void can1_sce_handler(void);
+void flash_handler(void);
+void link_uart_handler(void);
+void systick_handler(void);
+
+/* ---- the processor, and the core ------------------------------------------------------------ */
+
+static uint32_t clock_us;
+static unsigned masked;
+static void (*before_masking)(void); /* an interrupt that comes just before it is held off */
+static void (*as_unmasked)(void);    /* one that was held off */
+static uint8_t received[64];
+static size_t received_length;
+static uint32_t received_us;
+
+uint32_t uptime_us(void) { return clock_us++; }
+
+uint32_t irq_save(void)
+{
+    void (*const interrupt)(void) = before_masking;
+    before_masking = NULL;
+    if (interrupt != NULL && masked == 0) {
+        interrupt();
+    }
+    return masked++;
+}
+
+void irq_restore(uint32_t before)
+{
+    void (*const interrupt)(void) = as_unmasked;
+    masked = before;
+    if (masked == 0 && interrupt != NULL) {
+        as_unmasked = NULL;
+        interrupt();
+    }
+}
+
+static uint32_t sleep_us;
+void wait_for_interrupt(void) { clock_us += sleep_us; }
+void barrier(void) {}
+
+void firmware_uart_received(
+    firmware_t *firmware, const uint8_t *data, size_t length, uint32_t arrived_us)
+{
+    memcpy(received + received_length, data, length);
+    received_length += length;
+    received_us = arrived_us;
+}
+
+void firmware_can_received(
+    firmware_t *firmware, const sp_can_frame_t *frame, uint32_t arrived_us)
+{
+}
+
+static void map(uintptr_t address, size_t size)
+{
+    void *const at = mmap((void *)address, size, PROT_READ | PROT_WRITE,
+        MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED_NOREPLACE, -1, 0);
+    CHECK(at == (void *)address);
+}
+
+static void chip_begins(uint16_t flash_kib)
+{
+    memset((void *)0x40000000u, 0, 0x30000);
+    *(volatile uint16_t *)0x1FFF7A22u = flash_kib;
+    RCC->cr = RCC_CR_HSERDY | RCC_CR_PLLRDY;
+}
+
+/* ---- start ---------------------------------------------------------------------------------- */
+
+/* Without a clock from outside there is no CAN, whatever the pin says, and the core is told. */
+static void no_crystal_no_bus(void)
+{
+    chip_begins(2048);
+    RCC->cr = RCC_CR_PLLRDY;
+    board_start(NULL); /* the pin that selects CAN reads low */
+    CHECK(!board_identity(NULL)->can);
+    CHECK(board_identity(NULL)->troubles == BOARD_TROUBLE_CLOCK);
+    CHECK((RCC->pllcfgr & (RCC_PLLCFGR_SRC_HSE | 0x3Fu)) == 16u);
+    CHECK(CAN1->btr == 0 && LINK_UART->brr != 0);
+}
+
+static void the_bus_where_the_clock_is_good(void)
+{
+    chip_begins(2048);
+    board_start(NULL);
+    CHECK(board_identity(NULL)->can && board_identity(NULL)->troubles == 0);
+    CHECK((RCC->pllcfgr & (RCC_PLLCFGR_SRC_HSE | 0x3Fu)) == (RCC_PLLCFGR_SRC_HSE | BOARD_HSE_MHZ));
+    CHECK(((RCC->cr & RCC_CR_HSEBYP) != 0) == BOARD_HSE_BYPASS);
+    CHECK((DBGMCU_APB1_FZ & DBGMCU_APB1_FZ_IWDG) != 0);
+}
+
+/* ---- flash ---------------------------------------------------------------------------------- */
+
+static void parameters_lie_in_the_second_bank(void)
+{
+    chip_begins(2048);
+    CHECK(flash_can_save());
+    CHECK(board_flash_page(NULL, 0) == (const uint8_t *)0x08100000u);
+    CHECK(board_flash_page(NULL, 1) == (const uint8_t *)0x08104000u);
+    chip_begins(1024);
+    FLASH->optcr = FLASH_OPTCR_DB1M;
+    CHECK(flash_can_save());
+    CHECK(board_flash_page(NULL, 0) == (const uint8_t *)0x08080000u);
+    board_flash_erase(NULL, 1);
+    CHECK(board_flash_busy(NULL) && (FLASH->cr & FLASH_CR_SNB(31)) == FLASH_CR_SNB(17));
+    FLASH->sr = FLASH_SR_EOP;
+    flash_handler();
+    CHECK(!board_flash_busy(NULL));
+    static const uint8_t words[12] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
+    board_flash_write(NULL, 0, 8, words, sizeof words);
+    for (unsigned i = 0; i < 3; i++) {
+        CHECK(board_flash_busy(NULL));
+        FLASH->sr = FLASH_SR_EOP;
+        flash_handler();
+    }
+    CHECK(!board_flash_busy(NULL) && memcmp((void *)0x08080008u, words, sizeof words) == 0);
+}
+
+/* One bank: nothing is erased under the program's feet, and the core is told. */
+static void one_bank_saves_nothing(void)
+{
+    chip_begins(1024);
+    CHECK(!flash_can_save());
+    FLASH->cr = FLASH_CR_LOCK;
+    board_flash_erase(NULL, 0);
+    CHECK(!board_flash_busy(NULL) && FLASH->cr == FLASH_CR_LOCK);
+    board_start(NULL);
+    CHECK(board_identity(NULL)->troubles == BOARD_TROUBLE_FLASH);
+}
+
+/* ---- IMU ------------------------------------------------------------------------------------ */
+
+static void event(uint32_t flag)
+{
+    I2C1->sr1 = flag;
+    i2c1_event_handler();
+}
+
+static bool started(void)
+{
+    const bool so = (I2C1->cr1 & I2C_CR1_START) != 0;
+    I2C1->cr1 &= ~I2C_CR1_START;
+    return so;
+}
+
+/* The register that a transfer asks for; the transfer is under way. */
+static uint8_t asked_for(void)
+{
+    CHECK(started());
+    I2C1->cr1 &= ~I2C_CR1_STOP; /* the stop before has been sent */
+    event(I2C_SR1_SB);
+    CHECK(I2C1->dr == 0x68u << 1);
+    event(I2C_SR1_ADDR);
+    return (uint8_t)I2C1->dr;
+}
+
+/* The rest of a read: these bytes come. */
+static void answers(const uint8_t *bytes, size_t length)
+{
+    event(I2C_SR1_BTF);
+    CHECK(started());
+    event(I2C_SR1_SB);
+    CHECK(I2C1->dr == (0x68u << 1 | 1u));
+    event(I2C_SR1_ADDR);
+    CHECK(DMA1->stream[0].ndtr == length);
+    memcpy((void *)(uintptr_t)DMA1->stream[0].m0ar, bytes, length);
+    dma1_stream0_handler();
+}
+
+static void millisecond(void)
+{
+    clock_us += 1000;
+    imu_millisecond();
+}
+
+/* A sensor of another kind is never read: its scales are others. */
+static void another_sensor_is_not_taken(void)
+{
+    static const uint8_t other[2] = {0x70, 0};
+    millisecond();
+    for (unsigned i = 0; i < 3; i++) {
+        CHECK(asked_for() == 0x75);
+        answers(other, 2);
+        for (unsigned passed = 0; passed < 98; passed++) {
+            millisecond();
+            CHECK((I2C1->cr1 & I2C_CR1_START) == 0); /* nor is it asked for readings */
+        }
+        for (unsigned passed = 0; passed < 5 && (I2C1->cr1 & I2C_CR1_START) == 0; passed++) {
+            millisecond();
+        }
+    }
+}
+
+static void the_sensor_is_set_up(void)
+{
+    static const uint8_t ours[2] = {0x68, 0};
+    CHECK(asked_for() == 0x75);
+    answers(ours, 2);
+    for (unsigned i = 0; i < 7; i++) {
+        millisecond();
+        (void)asked_for();
+        event(I2C_SR1_BTF);
+        CHECK(!started());
+        event(I2C_SR1_BTF);
+    }
+}
+
+static const uint8_t level[14] = {0, 1, 0, 2, 0x40, 0, 0, 3, 0, 4, 0, 5, 0, 6};
+
+static void a_sample_is_stamped_by_its_pin(void)
+{
+    board_imu_t imu;
+    clock_us = 500000;
+    exti9_5_handler();
+    CHECK(asked_for() == 0x3B);
+    answers(level, sizeof level);
+    board_imu(NULL, &imu);
+    CHECK(imu.sampled_us == 500000 && imu.accel_z == 16384 && imu.gyro_z == 6);
+}
+
+/* The pin's interrupt comes between the tick and what the tick does with interrupts off: its
+ * transfer has just begun and is not late. */
+static void a_sample_that_begins_under_the_tick_goes_on(void)
+{
+    board_imu_t imu;
+    clock_us += 9000;
+    before_masking = exti9_5_handler;
+    const uint32_t from_us = clock_us;
+    imu_millisecond();
+    CHECK(asked_for() == 0x3B);
+    answers(level, sizeof level);
+    board_imu(NULL, &imu);
+    CHECK(imu.sampled_us == from_us);
+}
+
+static void only_a_bus_error_is_spurious(void)
+{
+    board_imu_t imu;
+    clock_us += 9000;
+    exti9_5_handler();
+    CHECK(asked_for() == 0x3B);
+    I2C1->sr1 = I2C_SR1_BERR;
+    i2c1_error_handler();
+    CHECK((I2C1->cr1 & I2C_CR1_STOP) == 0 && I2C1->sr1 == (uint32_t)~I2C_SR1_BERR);
+    answers(level, sizeof level);
+    const uint32_t from_us = clock_us;
+    board_imu(NULL, &imu);
+    CHECK(from_us - imu.sampled_us < 100);
+    clock_us += 9000;
+    exti9_5_handler();
+    CHECK(asked_for() == 0x3B);
+    I2C1->sr1 = 1u << 10; /* no acknowledge: there is no sensor */
+    i2c1_error_handler();
+    millisecond();
+    for (unsigned passed = 0; passed < 105 && !started(); passed++) {
+        millisecond();
+    }
+    I2C1->cr1 |= I2C_CR1_START;
+    CHECK(asked_for() == 0x75); /* it is set up anew */
+}
+
+/* A bus that hangs is given up after two milliseconds. */
+static void a_bus_that_hangs_is_freed(void)
+{
+    clock_us += 3000;
+    imu_millisecond();
+    unsigned passed = 0;
+    while (passed < 200 && !started()) {
+        millisecond();
+        passed++;
+    }
+    CHECK(passed > 90 && passed < 110);
+}
+
+/* ---- ADC ------------------------------------------------------------------------------------ */
+
+static void an_overrun_does_not_freeze_the_readings(void)
+{
+    chip_begins(2048);
+    clock_us = 1000;
+    analog_start();
+    volatile dma_stream_t *const stream = &DMA2->stream[0];
+    const uint32_t whole = stream->ndtr;
+    stream->ndtr = whole - 100;
+    clock_us = 2000;
+    analog_millisecond();
+    CHECK(analog_sampled_us() == 2000 - ANALOG_AGE_US);
+    ADC1->sr = ADC_SR_OVR;
+    ADC1->cr2 = 0;
+    stream->cr = 0;
+    analog_millisecond();
+    CHECK(ADC1->sr == 0 && stream->ndtr == whole && (stream->cr & DMA_CR_EN) != 0);
+    CHECK((ADC1->cr2 & (ADC_CR2_SWSTART | ADC_CR2_DMA | ADC_CR2_ADON))
+        == (ADC_CR2_SWSTART | ADC_CR2_DMA | ADC_CR2_ADON));
+    stream->ndtr = whole - 7;
+    analog_millisecond();
+    const uint32_t stamp_us = analog_sampled_us();
+    clock_us += 50000; /* nothing comes: the stamp says so */
+    analog_millisecond();
+    CHECK(analog_sampled_us() == stamp_us);
+}
+
+/* ---- CAN ------------------------------------------------------------------------------------ */
+
+static bool offer(uint16_t id)
+{
+    const sp_can_frame_t frame = {.id = id, .length = 1, .data = {(uint8_t)id}};
+    const bool taken = board_can_write(NULL, &frame);
+    for (unsigned i = 0; i < CAN_MAILBOXES; i++) {
+        if ((CAN1->tx[i].ir & CAN_IR_TXRQ) != 0) {
+            CAN1->tsr &= ~CAN_TSR_TME(i);
+        }
+    }
+    return taken;
+}
+
+static void sent(unsigned mailbox)
+{
+    CAN1->tx[mailbox].ir &= ~CAN_IR_TXRQ;
+    CAN1->tsr = CAN_TSR_TME(mailbox);
+    can1_tx_handler();
+}
+
+static void mailboxes_are_refilled_by_their_interrupt(void)
+{
+    chip_begins(2048);
+    can_start(3);
+    CHECK((CAN1->ier & CAN_IER_TMEIE) != 0);
+    CAN1->tsr = CAN_TSR_TME(0) | CAN_TSR_TME(1) | CAN_TSR_TME(2);
+    for (uint16_t id = 1; id <= 7; id++) {
+        CHECK(offer(id));
+    }
+    CHECK(!offer(8));
+    for (uint16_t i = 0; i < 4; i++) { /* the main loop is busy */
+        const unsigned mailbox = i % CAN_MAILBOXES;
+        CHECK(CAN1->tx[mailbox].ir >> CAN_IR_STID_SHIFT == i + 1u);
+        sent(mailbox);
+    }
+    CHECK(CAN1->tx[0].ir >> CAN_IR_STID_SHIFT == 7 && CAN1->tx[0].dlr == 7);
+    CHECK(offer(9));
+}
+
+static void bus_off_is_counted_and_drops_what_is_old(void)
+{
+    board_can_health_t health;
+    CAN1->tsr = 0;
+    CHECK(offer(10) && offer(11));
+    CAN1->esr = 0xFFu << 16 | 5u << 24 | CAN_ESR_BOFF;
+    can1_sce_handler();
+    CHECK((CAN1->tsr & CAN_TSR_ABRQ(0)) != 0 && (CAN1->tsr & CAN_TSR_ABRQ(2)) != 0);
+    board_can_health(NULL, &health);
+    CHECK(health.off && health.offs == 1 && health.send_errors == 255);
+    CHECK(health.receive_errors == 5);
+    CAN1->esr = 0;
+    board_can_health(NULL, &health);
+    CHECK(!health.off && health.offs == 1);
+    sent(0);
+    CHECK((CAN1->tx[0].ir & CAN_IR_TXRQ) == 0); /* 10 and 11 are gone */
+    CHECK((CAN1->mcr & CAN_MCR_ABOM) != 0);
+}
+
+/* ---- encoders, serial link, sleep ------------------------------------------------------------ */
+
+/* Longer than the bridges' edges ring, a tenth of a level's time at top speed at most. */
+static void encoders_are_filtered(void)
+{
+    chip_begins(2048);
+    encoders_start();
+    const tim_regs_t *const both[] = {TIM3, TIM4};
+    for (unsigned i = 0; i < 2; i++) {
+        CHECK((both[i]->ccmr[0] & 0xF0F0u) == 0xF0F0u);
+        const uint32_t sampling_hz = TIMER_APB1_HZ / (1u << (both[i]->cr1 >> 8 & 3u)) / 32u;
+        const uint32_t filter_ns = 8u * 1000000u / (sampling_hz / 1000u);
+        CHECK(filter_ns > 5000 && filter_ns < 87000);
+    }
+}
+
+static void bytes_of_the_ring_come_in_order(void)
+{
+    chip_begins(2048);
+    uart_start();
+    dma_stream_t *const in = &LINK_DMA->stream[LINK_RX_STREAM];
+    uint8_t *const ring = (uint8_t *)(uintptr_t)in->m0ar;
+    const uint32_t size = in->ndtr;
+    ring[0] = 7;
+    ring[1] = 8;
+    in->ndtr = size - 2;
+    LINK_UART->sr = USART_SR_IDLE;
+    clock_us = 70000;
+    link_uart_handler();
+    CHECK(received_length == 2 && received[0] == 7 && received[1] == 8);
+    CHECK(70000 - received_us < 20);
+    received_length = 0;
+    LINK_UART->sr = 0;
+    link_uart_handler();
+    CHECK(received_length == 0);
+}
+
+static void an_interrupt(void) { clock_us += 400; }
+
+/* What an interrupt takes is load, also where it ended a sleep. */
+static void interrupts_count_as_load(void)
+{
+    const uint32_t before_us = board_busy_us(NULL);
+    sleep_us = 1000;
+    as_unmasked = an_interrupt;
+    board_idle();
+    const uint32_t busy_us = board_busy_us(NULL) - before_us;
+    CHECK(busy_us >= 400 && busy_us < 410);
+}
+
+int main(void)
+{
+    map(0x40000000u, 0x30000);
+    map(0x50060000u, 0x1000);
+    map(0xE000E000u, 0x1000);
+    map(0xE0042000u, 0x1000);
+    map(0x1FFF7000u, 0x1000);
+    map(0x08000000u, 0x200000);
+    no_crystal_no_bus();
+    the_bus_where_the_clock_is_good();
+    another_sensor_is_not_taken();
+    the_sensor_is_set_up();
+    a_sample_is_stamped_by_its_pin();
+    a_sample_that_begins_under_the_tick_goes_on();
+    only_a_bus_error_is_spurious();
+    a_bus_that_hangs_is_freed();
+    parameters_lie_in_the_second_bank();
+    one_bank_saves_nothing();
+    an_overrun_does_not_freeze_the_readings();
+    mailboxes_are_refilled_by_their_interrupt();
+    bus_off_is_counted_and_drops_what_is_old();
+    encoders_are_filtered();
+    bytes_of_the_ring_come_in_order();
+    interrupts_count_as_load();
+    return 0;
+}

@@ -1,0 +1,50 @@
+"""The STM32F429's drivers on this computer, against registers that a test plays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.c_build import C_TESTS, run, tool
+from support.kit_build import KIT, wire
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.needs("gcc")
+
+CHIP = KIT / "stm32f429"
+BOARDS = ("board_f429", "board_nucleo_f429zi")
+# The registers' addresses are constants, and DMA takes addresses of 32 bits: program and heap lie
+# between the peripherals and the processor's own registers.
+PLACE = ("-no-pie", "-Wl,-Ttext-segment=0x60000000", "-Wno-int-to-pointer-cast")
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_drivers_against_played_hardware(board: str, tmp_path: Path) -> None:
+    folder = wire(tmp_path)
+    program = tmp_path / "chip"
+    includes = [KIT / part for part in ("include", "core", "board_common", board)] + [CHIP, folder]
+    sources = [path for path in sorted(CHIP.glob("*.c")) if path.name != "vectors.c"]
+    flags = (
+        "-std=gnu11",
+        "-g",
+        "-Wall",
+        "-Werror",
+        "-Wno-unused-parameter",
+        "-fsanitize=undefined",
+    )
+    files = (C_TESTS / "chip_f429.c", *sources, folder / "sweepctl_protocol.c")
+    run([tool("gcc"), *flags, *PLACE, *(f"-I{i}" for i in includes), *files, "-o", program])
+    run([program])
+
+
+def test_the_inbox_keeps_its_order_between_threads(tmp_path: Path) -> None:
+    folder = wire(tmp_path)
+    program = tmp_path / "inbox"
+    includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{folder}")
+    files = (C_TESTS / "inbox_threads.c", KIT / "core" / "inbox.c")
+    flags = ("-std=gnu11", "-O2", "-g", "-Wall", "-Werror", "-fsanitize=thread", "-pthread")
+    run([tool("gcc"), *flags, *includes, *files, "-o", program])
+    run([program])
