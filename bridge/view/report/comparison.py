@@ -1,4 +1,4 @@
-"""Two runs beside each other: figures in one table, paths and curves in one picture."""
+"""Comparison of two runs: figures in one table, paths and curves in one picture."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _PERCENT = (
     "coverage.eq8",
     "repeat_ratio",
 )
-_POINTS = "Shares differ by percentage points: from 90 % to 91 % is +1 point."
+_POINTS = "Differences of shares are in percentage points: from 90 % to 91 % is +1 point."
 
 
 def figures_of(data: RunData) -> dict[str, float | None]:
-    """Every figure of a run that can be held against another's."""
+    """Return the figures of a run that are compared."""
     measured = data.coverage
     made: dict[str, float | None] = {
         "duration_s": data.figure("duration_s"),
@@ -69,7 +69,7 @@ def figures_of(data: RunData) -> dict[str, float | None]:
 
 
 def compare(a: RunData, b: RunData) -> dict[str, Any]:
-    """Both runs' figures and what the second has more of, as plain values."""
+    """Return the figures of both runs and their differences, second minus first, as JSON."""
     first, second = figures_of(a), figures_of(b)
     changed = {}
     for key, one in first.items():
@@ -87,13 +87,16 @@ def _named(data: RunData) -> dict[str, Any]:
 
 
 def rows(a: RunData, b: RunData) -> list[tuple[str, ...]]:
-    """The table's lines: figure, first run, second run, difference; what both lack is left out."""
+    """Return the rows of the table: figure, first run, second run, difference.
+
+    Figures that both runs lack are omitted.
+    """
     first, second = figures_of(a), figures_of(b)
     lines: list[tuple[str, ...]] = [
         (
             "outcome",
-            str(a.summary.get("outcome") or "not known"),
-            str(b.summary.get("outcome") or "not known"),
+            str(a.summary.get("outcome") or "unknown"),
+            str(b.summary.get("outcome") or "unknown"),
             "",
         )
     ]
@@ -116,7 +119,7 @@ def _label(key: str) -> str:
 
 def _form(key: str, value: float | None, *, sign: bool = False) -> str:
     if value is None:
-        return "not known"
+        return "unknown"
     plus = "+" if sign else ""
     if key in _PERCENT:
         return f"{100 * value:{plus}.2f} {'points' if sign else '%'}"
@@ -126,12 +129,12 @@ def _form(key: str, value: float | None, *, sign: bool = False) -> str:
 
 
 def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str, Any]:
-    """Write both runs on one page, or as a picture where ``out`` ends with .png.
+    """Write the comparison as a page, or as a picture if ``out`` ends with ``.png``.
 
     Raises:
         LogReadError: a log cannot be read.
         OutputExistsError: the page exists and ``force`` is not set.
-        LogWriteError: it cannot be written.
+        LogWriteError: the file cannot be written.
         PlotMissingError: matplotlib is not installed.
 
     """
@@ -146,11 +149,11 @@ def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str,
 
 
 def render(a: RunData, b: RunData) -> str:
-    """The page as HTML."""
+    """Return the page as HTML."""
     runs = (a, b)
-    parts = [table("Figures", ("", "A", "B", "B less A"), rows(a, b), note=_POINTS)]
+    parts = [table("Figures", ("", "A", "B", "B minus A"), rows(a, b), note=_POINTS)]
     if any(run.track.best for run in runs):
-        note = "Both paths in the room of A. Where the rooms differ, so does what is compared."
+        note = "Both paths are drawn in the room of A, even if B ran in another room."
         parts.append(section("Paths", svg(6.6, 7.0, lambda axes: _paths(axes, a, b)), note))
     if any(run.coverage is not None for run in runs):
         parts.append(
@@ -165,17 +168,17 @@ def render(a: RunData, b: RunData) -> str:
 
 
 def picture(a: RunData, b: RunData) -> bytes:
-    """Paths and curves as a PNG."""
+    """Return paths and curves as a PNG."""
     figure = blank(14.0, 6.6)
     left, right = figure.subplots(1, 2)
     if any(run.track.best for run in (a, b)):
         _paths(left, a, b)
     else:
-        nothing(left, "no pose in either log")
+        nothing(left, "neither log contains poses")
     if any(run.coverage is not None for run in (a, b)):
         _curves(right, a, b)
     else:
-        nothing(right, "the coverage of neither run is known")
+        nothing(right, "the coverage of both runs is unknown")
     titles = f"A: {words.title(a)}      B: {words.title(b)}"
     figure.suptitle(drawn_text(titles), fontsize=10)
     return as_png(figure)

@@ -1,4 +1,4 @@
-"""Figures as matplotlib makes them, for no display: blank sheets, their bytes, a common look."""
+"""Matplotlib figures without a display: creation, output as SVG or PNG, and common style."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_LETTERS = 1000
-"""Longest text in a figure, letters: laying out a hundred thousand takes a minute."""
+"""Longest text in a figure, characters: the layout of 100 000 characters takes a minute."""
 _DPI = 110
 
 
@@ -26,7 +26,7 @@ class PlotMissingError(BridgeError):
 
 
 def blank(width: float, height: float) -> Figure:
-    """A figure of this size in inches.
+    """Return an empty figure of this size in inches.
 
     Raises:
         PlotMissingError: matplotlib is not installed.
@@ -43,14 +43,14 @@ def blank(width: float, height: float) -> Figure:
 
 
 def svg(width: float, height: float, draw: Callable[[Axes], None]) -> str:
-    """One figure as SVG text, the same text for the same data."""
+    """Draw one figure and return it as SVG; equal data gives equal text."""
     figure = blank(width, height)
     draw(figure.add_subplot())
     return as_svg(figure)
 
 
 def as_svg(figure: Figure) -> str:
-    """A figure as SVG text, to stand within a page; the same text for the same data."""
+    """Return a figure as SVG to embed in a page; equal data gives equal text."""
     import matplotlib as mpl  # noqa: PLC0415 - an extra
 
     out = io.StringIO()
@@ -61,33 +61,33 @@ def as_svg(figure: Figure) -> str:
 
 
 def as_png(figure: Figure, dpi: float = _DPI) -> bytes:
-    """A figure as a PNG."""
+    """Return a figure as a PNG."""
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=dpi)
     return out.getvalue()
 
 
 def tidy(axes: Axes) -> None:
-    """A light grid and no frame."""
+    """Apply the common style: a light grid and no frame."""
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def floor_axes(axes: Axes) -> None:
-    """Axes of a room's floor: metres, of the same length both ways."""
+    """Set up axes for a floor plan: metres, with equal scale."""
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
 
 
 def nothing(axes: Axes, why: str) -> None:
-    """Say why there is no figure."""
+    """Write into the axes why there is no figure."""
     axes.text(0.5, 0.5, why, ha="center", transform=axes.transAxes)
     axes.set_axis_off()
 
 
 def drawn_text(text: str) -> str:
-    """Others' words, as a figure takes them: no mathematics between dollars, no half letters."""
+    """Return a text that matplotlib draws literally: no TeX between dollars, valid UTF-8."""
     if len(text) > _MAX_LETTERS:
         text = text[:_MAX_LETTERS] + "…"
     return text.encode("utf-8", "replace").decode().replace("$", r"\$")

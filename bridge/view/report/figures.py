@@ -1,4 +1,4 @@
-"""A report's figures: the room, coverage against time, power, clock and wire."""
+"""The figures of a report: room, coverage against time, power, clock and link."""
 
 from __future__ import annotations
 
@@ -26,12 +26,15 @@ INK, SOFT, BLUE, RED, GREEN, ORANGE = (
 )
 OTHER = "#b03a48"
 _POINTS = 400
-_ROOM_HEIGHTS, _ROOM_REST = (2.6, 9.0), 1.0
-"""Inches: what a page has room for, and what legend and axis take."""
+"""Number of points of the coverage curve."""
+_ROOM_HEIGHTS = (2.6, 9.0)
+"""Smallest and largest height of the figure of the room, inches."""
+_ROOM_REST = 1.0
+"""Height of the legend and the axis labels, inches."""
 
 
 def room_ratio(data: RunData) -> float:
-    """Height of the room over its width; of the path where the room is not known."""
+    """Return height over width of the room or, if it is unknown, of the path."""
     plan = data.track.plan
     points = plan.walls if plan is not None else [(p.x_m, p.y_m) for _, p in data.track.best]
     (x0, y0), (x1, y1) = np.min(points, axis=0), np.max(points, axis=0)
@@ -39,20 +42,20 @@ def room_ratio(data: RunData) -> float:
 
 
 def room_height(data: RunData, width: float) -> float:
-    """How high a figure of this width must be for the room to fill it, in inches."""
+    """Return the height of a figure of this width that the room fills, inches."""
     low, high = _ROOM_HEIGHTS
     return min(max(width * room_ratio(data) + _ROOM_REST, low), high)
 
 
 def draw_room(axes: Axes, data: RunData) -> None:
-    """The room with what was swept and missed, the path, and a legend below."""
+    """Draw the room with swept and unswept floor, the path, and a legend below."""
     meter, report = data.meter, data.coverage
     measured = None if meter is None or report is None else (meter, report)
     draw_floor(axes, data.track, measured)
     draw_path(axes, data.track)
     floor_axes(axes)
     lines, _ = axes.get_legend_handles_labels()
-    # Of the figure: below axes as low as those of a corridor one would lie on their label.
+    # A legend of the figure: below the low axes of a corridor, one of the axes hides their label.
     axes.figure.legend(
         handles=[*lines, *floor_legend(data.track)],
         loc="outside lower center",
@@ -63,7 +66,7 @@ def draw_room(axes: Axes, data: RunData) -> None:
 
 
 def draw_holes(axes: Axes, holes: Sequence[tuple[float, float, float, float]]) -> None:
-    """Numbers at the largest unswept pieces: x, y (m), area (cm²), inradius (m) of each."""
+    """Number the largest unswept pieces; each has x, y (m), area (cm²) and inradius (m)."""
     for number, (x_m, y_m, _, _) in enumerate(holes, 1):
         axes.annotate(
             str(number),
@@ -79,7 +82,7 @@ def draw_holes(axes: Axes, holes: Sequence[tuple[float, float, float, float]]) -
 
 
 def coverage_curve(data: RunData) -> tuple[list[float], list[float]]:
-    """Times from the first pose (s) and the main figure there (%)."""
+    """Return times since the first pose (s) and the main figure at each (%)."""
     report, meter = data.coverage, data.meter
     if report is None or meter is None:
         return [], []
@@ -88,13 +91,13 @@ def coverage_curve(data: RunData) -> tuple[list[float], list[float]]:
 
 
 def draw_coverage(axes: Axes, data: RunData, *, colour: str = BLUE, label: str = "swept") -> None:
-    """The main figure against time."""
+    """Draw the main figure against time."""
     times, shares = coverage_curve(data)
     axes.plot(times, shares, color=colour, lw=1.8, label=label)
 
 
 def draw_bounds(axes: Axes, data: RunData, paper_share: float | None) -> None:
-    """The lower bound of time, the paper's level, and the two marks at 90 and 99 %."""
+    """Draw the lower bound of the time, the paper's coverage, and marks at 90 and 99 %."""
     report = data.coverage
     if report is None:
         return
@@ -105,7 +108,7 @@ def draw_bounds(axes: Axes, data: RunData, paper_share: float | None) -> None:
         color=SOFT,
         lw=1.0,
         ls="--",
-        label=f"lower bound: top speed, no floor twice ({bound:.0f} s)",
+        label=f"lower bound: top speed, no overlap ({bound:.0f} s)",
     )
     for share, time_s, face in ((90, report.t90_s, "white"), (99, report.t99_s, ORANGE)):
         if time_s is not None:
@@ -113,14 +116,14 @@ def draw_bounds(axes: Axes, data: RunData, paper_share: float | None) -> None:
             axes.plot([time_s], [share], "o", ms=6, mec=ORANGE, mfc=face, ls="none", label=text)
     if paper_share is not None:
         axes.axhline(
-            100.0 * paper_share, color=RED, lw=0.8, ls=":", label="the paper (body over floor)"
+            100.0 * paper_share, color=RED, lw=0.8, ls=":", label="the paper (under the footprint)"
         )
 
 
 def finish_coverage(axes: Axes) -> None:
-    """Axes, grid and legend of a coverage plot."""
-    axes.set_xlabel("time since the drive began (s)")
-    axes.set_ylabel("swept of what is reachable, %")
+    """Draw axes, grid and legend of a coverage plot."""
+    axes.set_xlabel("time since the start of the drive (s)")
+    axes.set_ylabel("swept share of the sweepable floor (%)")
     axes.set_ylim(0, 103)
     axes.set_xlim(left=0)
     tidy(axes)
@@ -128,7 +131,7 @@ def finish_coverage(axes: Axes) -> None:
 
 
 def draw_power(data: RunData, axes: Axes) -> None:
-    """Battery voltage, and what the motors draw beside it."""
+    """Draw the battery voltage and the motor current."""
     times, volts, left, right = np.array(data.power).T
     axes.plot(times, volts, color=GREEN, lw=1.2)
     axes.set_ylabel("battery (V)", color=GREEN)
@@ -142,21 +145,21 @@ def draw_power(data: RunData, axes: Axes) -> None:
 
 
 def draw_clock(data: RunData, axes: Axes) -> None:
-    """How well the device's clock is known, and how long an answer takes."""
+    """Draw the error bound of the clock and the round trip."""
     times, bound, trip, _ = np.array(data.clock).T
     axes.plot(times, bound, color=BLUE, lw=1.2, label="error bound")
     axes.plot(times, trip, color=SOFT, lw=0.9, label="round trip")
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("milliseconds")
+    axes.set_ylabel("time (ms)")
     axes.set_xlabel("time in the log (s)")
     tidy(axes)
     axes.legend(frameon=False, fontsize=8)
 
 
 def draw_link(data: RunData, axes: Axes) -> None:
-    """Frames each second, and those that are missing."""
+    """Draw the received and the lost frames of each second."""
     seconds, frames, lost = np.array(data.link).T
-    whole = slice(-1)  # the last second has just begun as the log ends
+    whole = slice(-1)  # the last second is incomplete
     axes.plot(seconds[whole], frames[whole], color=BLUE, lw=1.2, label="frames a second")
     axes.fill_between(seconds, 0, lost, color=RED, lw=0, label="lost", step="mid")
     axes.set_ylim(bottom=0)
@@ -166,11 +169,11 @@ def draw_link(data: RunData, axes: Axes) -> None:
 
 
 def draw_pose_error(data: RunData, axes: Axes) -> None:
-    """Distance of the estimate from the truth."""
+    """Draw the distance between estimate and truth."""
     times, error = np.array(data.pose_error).T
     axes.plot(times, 1000.0 * error, color=OTHER, lw=1.2)
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("estimate off by (mm)")
+    axes.set_ylabel("position error (mm)")
     axes.set_xlabel("time since the first pose (s)")
     tidy(axes)
 
@@ -180,18 +183,18 @@ Panel = tuple[str, str, "Callable[[RunData, Axes], None]"]
 
 
 def panels(data: RunData) -> list[Panel]:
-    """Heading, note and drawing of each plot that the log has data for."""
+    """Return heading, note and drawing of each plot for which the log has data."""
     made: list[Panel] = []
     if len(data.power) > 1:
-        note = "A fresh 16 V pack sags by some tenths of a volt while the motors push."
+        note = "A charged 16 V pack drops by a few tenths of a volt while the motors run."
         made.append(("Power", note, draw_power))
     if len(data.pose_error) > 1:
-        note = "Only a simulated run knows the truth; on a real robot this is not to be had."
-        made.append(("Where it believed to be", note, draw_pose_error))
+        note = "Only a simulation knows the true position."
+        made.append(("Position error of the estimate", note, draw_pose_error))
     if len(data.clock) > 1:
-        note = "The bound is how far a sample's time may be off; below 2 ms is good."
+        note = "The bound is the largest error of a sample's time; below 2 ms is good."
         made.append(("Clock", note, draw_clock))
     if len(data.link) > 2:  # noqa: PLR2004 - two whole seconds make a line
-        note = "A level line is a healthy wire; red is what never came."
-        made.append(("Wire", note, draw_link))
+        note = "A constant rate shows a healthy link; lost frames are red."
+        made.append(("Link", note, draw_link))
     return made

@@ -1,4 +1,4 @@
-"""The frame of a page that needs nothing but itself: style, tiles, tables, figures."""
+"""Self-contained HTML pages: style, tiles, tables and figures."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ footer { color: var(--soft); font-size: .85em; max-width: 66rem; margin: 0 auto 
 """
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?( %)?$|-$|$")
 _LONG = 28
-"""Letters from which a cell may break its line."""
+"""Length of a text from which its cell may wrap, characters."""
 _SEVERITIES = {"debug", "info", "warning", "error"}
 
 
 class Tile(NamedTuple):
-    """One figure that people ask for first."""
+    """One main figure."""
 
     value: str
     meaning: str
@@ -66,7 +66,7 @@ class Tile(NamedTuple):
 
 
 def document(title: str, when: str, lead: str, tiles: Sequence[Tile], parts: Sequence[str]) -> str:
-    """The whole page; ``lead`` and ``parts`` are HTML, all else is text."""
+    """Return the whole page. ``lead`` and ``parts`` are HTML, everything else is plain text."""
     shown = "".join(
         f'<div class="tile {tile.mood}"><b>{escape(tile.value)}</b>'
         f"<span>{escape(tile.meaning)}</span></div>"
@@ -84,14 +84,14 @@ def document(title: str, when: str, lead: str, tiles: Sequence[Tile], parts: Seq
 
 
 def section(heading: str, svg: str, note: str = "") -> str:
-    """A figure with its heading and what to see in it."""
+    """Return a figure with a heading and a note."""
     return (
         f'<section><h2>{escape(heading)}</h2><div class="figure">{svg}</div>{_note(note)}</section>'
     )
 
 
 def gallery(heading: str, svgs: Sequence[str], note: str = "") -> str:
-    """Small figures beside each other."""
+    """Return small figures side by side."""
     pictures = "".join(f"<div>{svg}</div>" for svg in svgs)
     return (
         f"<section><h2>{escape(heading)}</h2>{_note(note)}"
@@ -102,7 +102,7 @@ def gallery(heading: str, svgs: Sequence[str], note: str = "") -> str:
 def table(
     heading: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, note: str = ""
 ) -> str:
-    """A table with its heading; columns of numbers stand to the right."""
+    """Return a table with a heading; columns of numbers are right-aligned."""
     if not rows:
         return f"<section><h2>{escape(heading)}</h2><p>None.</p>{_note(note)}</section>"
     columns = list(zip(*rows, strict=True))

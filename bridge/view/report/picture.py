@@ -1,4 +1,4 @@
-"""A run as a picture: room, path, swept and missed floor."""
+"""The picture of a run: room, path, swept and unswept floor."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CARPET, _THRESHOLD, _CLIFF = "#8455a8", "#c98a00", "#c0392b"
 
 
 def draw_run(log: Path, png: Path) -> Path:
-    """Draw a log's run into a PNG; gives its path.
+    """Draw a run into a PNG; return its track.
 
     Raises:
         LogReadError: the log cannot be read.
@@ -96,7 +96,7 @@ def draw_floor(
 
 
 def draw_plan(axes: Axes, plan: FloorPlan, *, obstacles: str = _OBSTACLE) -> None:
-    """Draw everything that the room file has: walls, obstacles, carpets, thresholds, cliffs."""
+    """Draw the contents of a room file: walls, obstacles, carpets, thresholds and cliffs."""
     from matplotlib.patches import Polygon  # noqa: PLC0415 - an extra
 
     axes.add_patch(Polygon(plan.walls, closed=True, fill=False, edgecolor=_WALL, lw=2.5, zorder=4))
@@ -123,7 +123,7 @@ def _cliff() -> dict[str, Any]:
 
 
 def plan_legend(plan: FloorPlan | None) -> list[Artist]:
-    """What the marks of a room mean; only those that the room has."""
+    """Return the legend of the room's marks."""
     from matplotlib.lines import Line2D  # noqa: PLC0415 - an extra
     from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
 
@@ -140,7 +140,7 @@ def plan_legend(plan: FloorPlan | None) -> list[Artist]:
 
 
 def floor_legend(track: RunTrack) -> list[Artist]:
-    """What the floor's colours and the room's marks mean."""
+    """Return the legend of the floor's colours and the room's marks."""
     from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
 
     if track.plan is None:
@@ -149,17 +149,17 @@ def floor_legend(track: RunTrack) -> list[Artist]:
         Patch(facecolor=colour, label=text)
         for colour, text in (
             (_MOUTH, "swept by the mouth"),
-            (_BODY, "under the body only"),
-            (_MISSED, "reachable, not swept"),
+            (_BODY, "under the footprint only"),
+            (_MISSED, "sweepable, not swept"),
         )
     ] + plan_legend(track.plan)
 
 
 def draw_path(axes: Axes, track: RunTrack) -> None:
-    """Draw where the robot went, and where it believed to go."""
+    """Draw the true and the estimated path."""
     for poses, colour, text, style in (
         (track.truth, _PATH, "path", "-"),
-        (track.estimate, _ESTIMATE, "path as estimated", (0, (4, 3))),
+        (track.estimate, _ESTIMATE, "estimated path", (0, (4, 3))),
     ):
         if not poses:
             continue
@@ -174,7 +174,7 @@ def draw_path(axes: Axes, track: RunTrack) -> None:
 
 
 def _widen(axes: Axes) -> None:
-    """Give a straight path without a room around it some floor on both sides."""
+    """Add floor on both sides of a straight path if the room is unknown."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     min_m = max(MIN_SPAN_M, max(right - left, top - bottom) / 3.0)
     more_x = max(0.0, min_m - (right - left)) / 2.0
@@ -200,7 +200,7 @@ def _title(track: RunTrack) -> str:
     if coverage.get("mouth_sweepable") is not None:
         figures.append(f"mouth {100 * coverage['mouth_sweepable']:.1f} % of sweepable")
     if coverage.get("body_free") is not None:
-        figures.append(f"body {100 * coverage['body_free']:.1f} % of floor")
+        figures.append(f"footprint {100 * coverage['body_free']:.1f} % of floor")
     if summary.get("outcome"):
         figures.append(str(summary["outcome"]))
     lines.append("  ·  ".join(figures))

@@ -1,4 +1,4 @@
-"""A run's report as one picture."""
+"""The report of a run as one picture."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 _WIDTH, _HEIGHT = 14.0, 10.0
 _HEAD = 0.16
-"""Share of the height for title and story."""
+"""Share of the height for the title and the summary."""
 _BAND = 0.55
-"""A room lower than this, over its width, goes across the sheet."""
+"""Height over width of a room below which it is drawn across the whole sheet."""
 _LETTERS = 165
 
 
@@ -50,7 +50,7 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
         marks = [(h.x_m, h.y_m, h.area_cm2, h.inradius_m) for h in found]
         report_figures.draw_holes(room, marks)
     else:
-        nothing(room, "no pose in the log")
+        nothing(room, "the log contains no poses")
     heights = [3, 7] if is_band else [2, 8]
     tiles, plots = right.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     for index, tile in enumerate(words.tiles(data)[:8]):
@@ -77,5 +77,5 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
 
 
 def _shares(count: int, data: RunData) -> list[float]:
-    """The curve of coverage has twice the room of the others."""
+    """Give the coverage curve twice the space of the other plots."""
     return [2.0, *[1.0] * (count - 1)] if data.coverage is not None else [1.0] * count

@@ -1,4 +1,4 @@
-"""One run explained on one page, for somebody who was not there: self-contained HTML, and PNG."""
+"""The report of one run: a self-contained HTML page, and a PNG."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from bridge.view.report.tables import Hole
 
 _WIDE = 6.6
-"""Of the room's figure, inches."""
+"""Width of the figure of the room, inches."""
 
 
 def write_report(
     log: Path, out: Path | None, *, png: Path | None = None, force: bool = False
 ) -> RunData:
-    """Write a run's page, and the same as a picture, where asked for; gives what was read.
+    """Write a run's page, its picture, or both; return the data that was read.
 
     Raises:
         LogReadError: the log cannot be read.
@@ -47,7 +47,7 @@ def write_report(
     data = load_run(log)
     found = rows.holes(data)
     if out is not None:
-        # A name that is no UTF-8 is shown with marks for what cannot be.
+        # Replacement characters stand for parts of a name that are not valid UTF-8.
         write(out, render(data, found).encode(errors="replace"))
     if png is not None:
         write(png, picture(data, found))
@@ -55,7 +55,7 @@ def write_report(
 
 
 def render(data: RunData, found: list[Hole]) -> str:
-    """The page as HTML."""
+    """Return the page as HTML."""
     parts = []
     if data.track.best:
         parts.append(
@@ -68,29 +68,29 @@ def render(data: RunData, found: list[Hole]) -> str:
     if data.coverage is not None:
         drawn = svg(7.6, 3.8, _coverage(data))
         parts.append(section("Coverage against time", drawn, _CURVE_NOTE))
-        heading = "Against the paper, the bounds and the reference"
+        heading = "Comparison with the paper, the bounds and the reference"
         parts.append(table(heading, *rows.comparison(data)))
-        parts.append(table("What was missed", *rows.hole_rows(found), note=_HOLE_NOTE))
+        parts.append(table("Unswept floor", *rows.hole_rows(found), note=_HOLE_NOTE))
     for heading, note, draw in figures.panels(data):
         parts.append(section(heading, svg(7.6, 2.8, partial(draw, data)), note))
     parts.append(table("Messages of the device", *rows.stream_rows(data), note=_STREAM_NOTE))
     parts.append(table("Faults and events", *rows.event_rows(data), note=rows.event_note(data)))
-    parts.append(table("What was run", ("", ""), rows.settings(data)))
+    parts.append(table("Settings", ("", ""), rows.settings(data)))
     lead = "".join(f"<p>{escape(line)}</p>" for line in story(data))
     return document(title(data), when(data), lead, tiles(data), parts)
 
 
 _CURVE_NOTE = (
-    "Time counts from the moment that the robot was to drive. The dashed line is the lower bound: "
-    "this robot at its top speed all the time, with no floor swept twice. No run can be left of it."
+    "Time starts with the first command to drive. The dashed line is the lower bound: always at "
+    "top speed, and no floor swept twice. No run can be to the left of it."
 )
 _HOLE_NOTE = (
-    "Floor that the mouth could have reached. The radius is of the largest disc that fits in the "
-    "piece: slivers along a wall are long but thin."
+    "Unswept floor that the mouth could have reached. The radius is that of the largest disc that "
+    "fits in the piece: slivers along a wall are long but thin."
 )
 _STREAM_NOTE = (
-    "A gap is a pause of more than three periods of the rate that the device has by itself. "
-    "Messages without such a rate come when there is something to tell."
+    "A gap is a pause of more than three periods of the default rate. Messages without a default "
+    "rate are sent on occasion."
 )
 
 
@@ -113,12 +113,15 @@ def _coverage(data: RunData) -> Any:  # noqa: ANN401 - a drawing
 
 
 def _room_note(data: RunData) -> str:
-    basis = "the simulator's truth" if data.track.truth else "the robot's own estimate"
+    basis = "the true path" if data.track.truth else "the estimated path"
     if data.coverage is None:
-        return f"The path by {basis}."
-    return f"Swept floor by {basis}. Numbers mark the pieces of the table below, largest first."
+        return f"The figure shows {basis}."
+    return (
+        f"The swept floor follows {basis}. The numbers are those of the unswept pieces in the "
+        "table below, largest first."
+    )
 
 
 def default_path(log: Path) -> Path:
-    """Beside the log, with another ending."""
+    """Return the name of the log with the suffix ``.html``."""
     return log.with_suffix(os.extsep + "html")

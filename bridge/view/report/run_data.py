@@ -1,4 +1,4 @@
-"""All that a report of a run is made of, read from its log in one go."""
+"""Reads everything that a report of a run needs from its log."""
 
 from __future__ import annotations
 
@@ -29,25 +29,26 @@ if TYPE_CHECKING:
 
 _NS = 1e9
 _GAP_PERIODS = 3.0
-"""Three misses, not one: one lost frame is normal on a real line."""
+"""Shortest gap in periods. Three, not one: one lost frame is normal on a real link."""
 _RESOLUTION_M = 0.005
+"""Cell size of the coverage, m."""
 _LARGEST = 1e15
-"""Bound of a value that is drawn: axes cannot be marked for larger ones. NaN is not below it."""
+"""Limit of a value that is drawn: axes cannot show larger ones. The comparison also rejects NaN."""
 _MAX_FRAMES = 1 << 32
-"""Most damaged frames that one event is believed to tell of: an hour's at 3 Mbaud are fewer."""
+"""Limit of the damaged frames in one event: more than an hour's at 3 Mbaud."""
 _MAX_SECONDS = 1_000_000
-"""Longest log whose every second has a row, s: eleven days."""
+"""Longest log with one row for each second, s: eleven days."""
 _LEVELS = {3: "warning", 4: "error", 5: "error"}
-"""Of foxglove.Log; what is below is no event."""
+"""Severities of the log lines that are shown as events, by the level of ``foxglove.Log``."""
 
 
 @dataclass(slots=True)
 class MessageStream:
-    """One kind of the device's messages, as they came."""
+    """Statistics of one message type of the device."""
 
     name: str
     asked_hz: float
-    """Default rate of the catalogue."""
+    """Default rate from the catalogue."""
     count: int = 0
     first_ns: int = 0
     last_ns: int = 0
@@ -57,12 +58,12 @@ class MessageStream:
 
     @property
     def rate_hz(self) -> float | None:
-        """Mean rate between the first and the last."""
+        """Mean rate between the first and the last message."""
         span_s = (self.last_ns - self.first_ns) / _NS
         return (self.count - 1) / span_s if self.count > 1 and span_s > 0 else None
 
     def add(self, log_ns: int) -> None:
-        """Take one more."""
+        """Take one message."""
         if self.count:
             pause_s = (log_ns - self.last_ns) / _NS
             self.longest_s = max(self.longest_s, pause_s)
@@ -76,7 +77,7 @@ class MessageStream:
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """Something that the log tells of."""
+    """One event in the log."""
 
     time_s: float
     severity: str
@@ -87,13 +88,13 @@ class Happening:
 
 @dataclass(slots=True)
 class RunData:
-    """One run. Times are seconds since the log's first message of all those that are read."""
+    """The data of one run. Times are seconds since the first message that is read."""
 
     path: Path
     track: RunTrack
     meter: CoverageMeter | None
     coverage: CoverageReport | None
-    """Of the truth where it is known, else of the estimate; None without a room or a path."""
+    """Coverage by the true path if known, else by the estimate; None without a room or a path."""
     metadata: dict[str, str]
     whole: bool
     problems: list[str]
@@ -106,38 +107,38 @@ class RunData:
     clock: list[tuple[float, float, float, float]] = field(default_factory=list)
     """Time, bound (ms), round trip (ms), drift (ppm)."""
     link: list[tuple[float, int, int]] = field(default_factory=list)
-    """Second, frames and lost frames in it."""
+    """Second, received frames and lost frames in it."""
     pose_error: list[tuple[float, float]] = field(default_factory=list)
-    """Time, distance of estimate and truth (m)."""
+    """Time, distance between estimate and truth (m)."""
     happenings: list[Happening] = field(default_factory=list)
     damaged: int = 0
-    """Stretches of bytes that were no frame."""
+    """Number of damaged frames."""
 
     @property
     def summary(self) -> dict[str, Any]:
-        """As the run ended; empty where it came to no end."""
+        """The run's summary; empty if the run did not end normally."""
         return self.track.summary
 
     @property
     def duration_s(self) -> float:
-        """Of the log."""
+        """Duration of the log, s."""
         return (self.end_ns - self.start_ns) / _NS
 
     @property
     def lost(self) -> int:
-        """Frames of the device that are missing by their sequence numbers."""
+        """Lost frames of the device, by the sequence numbers."""
         return sum(lost for _, _, lost in self.link)
 
     @property
     def motor_wh(self) -> float | None:
-        """Energy into the motor drivers: battery voltage times motor currents, summed up."""
+        """Energy into the motor drivers, Wh: battery voltage times motor current, integrated."""
         joules = 0.0
         for (t0, *_), (t1, volts, left, right) in zip(self.power, self.power[1:], strict=False):
             joules += (t1 - t0) * volts * (left + right)
         return joules / 3600.0 if len(self.power) > 1 else None
 
     def figure(self, *keys: str) -> float | None:
-        """A number of the summary, None where it has none."""
+        """Return a number from the summary; None if it is missing."""
         value: Any = self.summary
         for key in keys:
             value = value.get(key) if isinstance(value, dict) else None
@@ -145,10 +146,10 @@ class RunData:
 
 
 def load_run(path: Path) -> RunData:
-    """Read a log.
+    """Read the data of a run from its log.
 
     Raises:
-        LogReadError: it is missing, cannot be read, or is no MCAP file.
+        LogReadError: the log is missing, cannot be read, or is no MCAP file.
 
     """
     reader = LogReader(path)
@@ -177,7 +178,7 @@ def load_run(path: Path) -> RunData:
 
 
 def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
-    """When the drive began and ended, on the track's clock; all of it where that is not told."""
+    """Return start and end of the drive on the track's clock; infinite if not recorded."""
     begin_s, end_s = -math.inf, math.inf
     for message in reader.messages({"/events"}):
         try:
@@ -194,10 +195,10 @@ def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
 
 
 def _phase(event: Any) -> object:  # noqa: ANN401 - decoded
-    """The phase that a run's event names; logs of version 0.1 have it as their text's last word.
+    """Return the phase in a run's event; in logs of version 0.1 it is the last word of the text.
 
     Raises:
-        ValueError: its data are no JSON: another program's event.
+        ValueError: the data is not JSON; the event comes from another program.
 
     """
     data = json.loads(event.data_json or "{}")
@@ -206,10 +207,10 @@ def _phase(event: Any) -> object:  # noqa: ANN401 - decoded
 
 
 def frames_of(data_json: str) -> int:
-    """How many frames an event about damaged frames is of; in older logs each has its own.
+    """Return the number of damaged frames in an event; older logs have one event for each frame.
 
     Raises:
-        ValueError: its data are no JSON: another program's event.
+        ValueError: the data is not JSON; the event comes from another program.
 
     """
     data = json.loads(data_json or "{}")
@@ -218,7 +219,7 @@ def frames_of(data_json: str) -> int:
 
 
 class _Gatherer:
-    """Takes messages; keeps what a report needs of them."""
+    """Collects the data of a report from the messages of a log."""
 
     def __init__(self, data: RunData) -> None:
         self._data = data
@@ -233,7 +234,7 @@ class _Gatherer:
         self.topics = _Wanted()
 
     def take(self, message: LogMessage) -> None:
-        """Take one message; one that does not decode is left out."""
+        """Take one message; skip it if it cannot be decoded."""
         data, topic, log_ns = self._data, message.channel.topic, message.log_ns
         if log_ns > LATEST_NS:
             return
@@ -297,7 +298,7 @@ class _Gatherer:
         self._data.happenings.append(Happening(time_s, severity, "device", kind, text))
 
     def finish(self) -> None:
-        """Put the seconds in a row, and leave out what the host has told already."""
+        """Compute the row of each second, and remove events that the host has recorded as well."""
         data = self._data
         self._lost[self._second] += self._losses.update()
         seen = {(happening.source, happening.kind) for happening in data.happenings}
@@ -306,16 +307,16 @@ class _Gatherer:
             double = {("device", "stop"), ("device", "new fault")}
         data.happenings = [h for h in data.happenings if (h.source, h.kind) not in double]
         last = max(self._seconds, default=-1)
-        # A stamp that nobody meant is years away: then only the seconds that have a frame count.
+        # A damaged stamp may be years away: then only seconds with frames get a row.
         seconds = range(last + 1) if last < _MAX_SECONDS else sorted(self._seconds)
         self._data.link = [(float(s), self._seconds[s], self._lost[s]) for s in seconds]
 
 
 def _number(value: Any) -> float:  # noqa: ANN401 - of a decoded message
-    """A value that a curve can show.
+    """Return a value that a curve can show.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the value is too large or NaN.
 
     """
     number = float(value)

@@ -1,4 +1,4 @@
-"""What a picture of a run needs from its log: room, robot, poses and summary."""
+"""Reads the track of a run from its log: room, robot, poses and summary."""
 
 from __future__ import annotations
 
@@ -22,34 +22,33 @@ if TYPE_CHECKING:
 
 TRUTH_TOPIC, POSE_TOPIC = "/truth/pose", "/pose"
 _FARTHEST_M = 1e5
-"""Bound of a pose that is believed, m from the origin: a hundred kilometres are not driven, and no
-picture holds more. A comparison with NaN is false."""
+"""Largest valid distance of a pose from the origin, m. The comparison also rejects NaN."""
 _MOVED_M, _MOVED_RAD = 1e-4, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class RunTrack:
-    """A run's geometry."""
+    """Room, robot and poses of a run."""
 
     name: str
     plan: FloorPlan | None
     model: RobotModel
     truth: list[tuple[float, Pose2]]
-    """Seconds since the log's first pose, and where the robot really was; may be empty."""
+    """Time since the log's first pose (s) and true pose; may be empty."""
     estimate: list[tuple[float, Pose2]]
-    """Seconds since the log's first pose, and where it believed to be."""
+    """Time since the log's first pose (s) and estimated pose."""
     summary: dict[str, Any]
     start_ns: int = 0
-    """Unix time of the log's first pose; 0 where there is none."""
+    """Unix time of the log's first pose, ns; 0 if there is none."""
 
     @property
     def best(self) -> list[tuple[float, Pose2]]:
-        """The truth where known, else the estimate."""
+        """The true poses if known, else the estimated ones."""
         return self.truth or self.estimate
 
     @property
     def length_m(self) -> float:
-        """Of the path, pose by pose; what a jump of the estimate moved counts too."""
+        """Length of the path, m; jumps of the estimate are included."""
         steps = pairwise(pose for _, pose in self.best)
         return sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in steps)
 
@@ -77,7 +76,7 @@ def load_track(path: Path) -> RunTrack:
 def _poses(
     messages: Iterable[LogMessage],
 ) -> tuple[int, list[tuple[float, Pose2]], list[tuple[float, Pose2]]]:
-    """Both tracks on one clock that starts with the first pose of either; and when that was."""
+    """Return both tracks with times since the first pose of either, and that pose's Unix time."""
     raw: dict[str, list[tuple[int, Pose2]]] = {TRUTH_TOPIC: [], POSE_TOPIC: []}
     for message in messages:
         try:

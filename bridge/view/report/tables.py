@@ -1,4 +1,4 @@
-"""What stands in a report's tables, and the unswept pieces of floor."""
+"""The rows of a report's tables, and the unswept pieces of floor."""
 
 from __future__ import annotations
 
@@ -13,23 +13,27 @@ if TYPE_CHECKING:
 
 Row = tuple[str, ...]
 Rows = tuple[Row, list[Row]]
-"""Heads of the columns, and the lines."""
+"""Column headings and rows."""
 
 PAPER_SHARES = {
     "case-1": (0.9466, "Table 2, mean of five tests by division"),
     "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
     "comprehensive": (0.9461, "section 5.3"),
 }
-"""The paper's coverage by its eq. 9, which we read as the body's footprint over the floor."""
+"""The paper's coverage and its source. Eq. 9 is taken as the area under the footprint over the free
+floor."""
 _HOLES = 8
+"""Number of unswept pieces in the table."""
 _MIN_HOLE_CM2 = 1.0
+"""Smallest unswept piece in the table, cm²."""
 _MAX_EVENTS = 200
+"""Number of events in the table."""
 _KEYS = ("version", "port", "noise", "firmware", "uid", "boot_id", "reset_cause")
 
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """A piece of floor that the mouth could have reached and did not."""
+    """An unswept piece of sweepable floor."""
 
     x_m: float
     y_m: float
@@ -38,7 +42,7 @@ class Hole:
 
 
 def holes(data: RunData) -> list[Hole]:
-    """The largest unswept pieces, largest first."""
+    """Return the largest unswept pieces, largest first."""
     report, meter = data.coverage, data.meter
     if report is None or meter is None:
         return []
@@ -70,44 +74,44 @@ def holes(data: RunData) -> list[Hole]:
 
 
 def paper_share(data: RunData) -> tuple[float, str] | None:
-    """The paper's figure for this room, and where it stands."""
+    """Return the paper's coverage for this room and its source; None: not in the paper."""
     return PAPER_SHARES.get(str(data.summary.get("room")))
 
 
 def comparison(data: RunData) -> Rows:
-    """The run beside the paper, the bounds that no run can beat, and the reference lanes."""
+    """Compare the run with the paper, the lower bounds and the reference."""
     report = data.coverage
     assert report is not None  # noqa: S101 - asked by the caller
     share = paper_share(data)
     eq8 = data.figure("coverage", "eq8")
     rows: list[Row] = [
         (
-            "body over floor (eq. 9)",
+            "floor under the footprint (eq. 9)",
             f"{100 * report.coverage.body_free:.2f} %",
             f"{100 * share[0]:.2f} % ({share[1]})" if share else "not in the paper",
             "100 %",
         ),
         (
-            "mouth over what it can reach",
+            "swept, of the sweepable floor",
             f"{100 * report.coverage.mouth_sweepable:.2f} %",
             "not given",
             "100 %",
         ),
         (
-            "mouth over what it reaches in passing",
+            "swept, of the floor reached in passing",
             f"{100 * report.coverage.mouth_passing:.2f} %",
             "not given",
             "100 %",
         ),
         (
-            "mouth over the whole floor",
+            "swept, of the whole floor",
             f"{100 * report.coverage.mouth_free:.2f} %",
             "not given",
-            f"{100 * report.sweepable_m2 / report.free_m2:.1f} % (corners stay out of reach)",
+            f"{100 * report.sweepable_m2 / report.free_m2:.1f} % (corners are out of reach)",
         ),
         (
             "lane lengths (eq. 8)",
-            "not known" if eq8 is None else f"{100 * eq8:.2f} %",
+            "unknown" if eq8 is None else f"{100 * eq8:.2f} %",
             "not given",
             "100 %",
         ),
@@ -121,13 +125,13 @@ def comparison(data: RunData) -> Rows:
             ),
         ),
         (
-            "way",
+            "path",
             f"{report.path_m:.1f} m",
             "not given",
             (
                 f"reference {report.path_m / report.path_ratio:.1f} m"
                 if report.path_ratio
-                else "not known"
+                else "unknown"
             ),
         ),
         (
@@ -145,16 +149,16 @@ def _time(seconds: float | None) -> str:
 
 
 def hole_rows(found: list[Hole]) -> Rows:
-    """The pieces that were missed."""
+    """Return the rows of the unswept pieces."""
     rows: list[Row] = [
         (str(n), f"{h.area_cm2:.0f}", f"{1000 * h.inradius_m:.0f}", f"{h.x_m:.2f}, {h.y_m:.2f}")
         for n, h in enumerate(found, 1)
     ]
-    return ("piece", "area, cm²", "fits a disc of radius, mm", "at x, y (m)"), rows
+    return ("piece", "area, cm²", "inradius, mm", "position x, y (m)"), rows
 
 
 def stream_rows(data: RunData) -> Rows:
-    """How each kind of message came."""
+    """Return the statistics of each message type."""
     rows: list[Row] = []
     for name, stream in sorted(data.streams.items()):
         rate = "" if stream.rate_hz is None else f"{stream.rate_hz:.1f}"
@@ -168,18 +172,18 @@ def stream_rows(data: RunData) -> Rows:
         )
         asked = f"{stream.asked_hz:g}" if stream.asked_hz else ""
         rows.append((name, str(stream.count), rate if asked else "", asked, gaps, longest))
-    return ("message", "count", "rate, Hz", "by itself, Hz", "gaps", "longest pause, ms"), rows
+    return ("message", "count", "rate, Hz", "default, Hz", "gaps", "longest pause, ms"), rows
 
 
 def event_rows(data: RunData) -> Rows:
-    """What happened, in order."""
+    """Return the events in order."""
     shown = _shown(data)
     rows: list[Row] = [(f"{h.time_s:.2f}", h.severity, h.source, h.kind, h.text) for h in shown]
-    return ("at, s", "", "from", "what", "in words"), rows
+    return ("time, s", "", "source", "kind", "text"), rows
 
 
 def _shown(data: RunData) -> list[Happening]:
-    """All of them, or where they are too many, those that matter most."""
+    """Return all events or, if there are too many, the most severe ones."""
     happenings = data.happenings
     if len(happenings) <= _MAX_EVENTS:
         return happenings
@@ -189,20 +193,20 @@ def _shown(data: RunData) -> list[Happening]:
 
 
 def event_note(data: RunData) -> str:
-    """What was asked for, and what is left out."""
+    """Return the injected faults, and the number of omitted events."""
     faults = data.metadata.get("faults")
-    note = f"Faults that were asked for: {faults}. " if faults else ""
+    note = f"Injected faults: {faults}. " if faults else ""
     if len(data.happenings) > _MAX_EVENTS:
-        note += f"The {_MAX_EVENTS} that matter most of {len(data.happenings)}."
+        note += f"The table shows the {_MAX_EVENTS} most severe of {len(data.happenings)} events."
     return note
 
 
 def settings(data: RunData) -> list[Row]:
-    """What was run, with which robot, in which file."""
+    """Return the settings of the run, its robot and its file."""
     model = data.track.model
     rows: list[Row] = [
         ("log", f"{data.path} ({data.file_bytes / 1e6:.1f} MB, {data.duration_s:.1f} s)"),
-        ("closed in order", "yes" if data.whole else "no: its end is missing"),
+        ("complete file", "yes" if data.whole else "no, its end is missing"),
         *(("damage in the file", problem) for problem in data.problems),
     ]
     rows += [(key.replace("_", " "), data.metadata[key]) for key in _KEYS if data.metadata.get(key)]
@@ -210,13 +214,11 @@ def settings(data: RunData) -> list[Row]:
     rows.append(("robot", f"{size}, cruise {model.cruise_speed_m_s:.2f} m/s"))
     if data.coverage is not None:
         c = data.coverage
-        rows.append(
-            ("floor", f"{c.free_m2:.2f} m² free, {c.sweepable_m2:.2f} m² within the mouth's reach")
-        )
+        rows.append(("floor", f"{c.free_m2:.2f} m² free, {c.sweepable_m2:.2f} m² sweepable"))
     if data.clock:
         bounds = sorted(bound for _, bound, _, _ in data.clock)
         at = bounds[min(len(bounds) - 1, int(0.95 * len(bounds)))]
         rows.append(
-            ("clock", f"95 % of fits within {at:.3f} ms, drift {data.clock[-1][3]:+.1f} ppm")
+            ("clock", f"error bound at p95 {at:.3f} ms, drift {data.clock[-1][3]:+.1f} ppm")
         )
     return rows

@@ -1,4 +1,4 @@
-"""A run in words: its title, what happened, and the figures that people ask for first."""
+"""The text of a report: title, summary in sentences, and the main figures."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 _GOOD, _FAIR = 0.98, 0.90
 _VIRTUAL = "virtual"
-"""The port that ``simulate`` writes into its logs."""
+"""Port name in the logs of ``simulate``."""
 _ENDINGS = {
-    "complete": "finished by itself",
-    "stopped": "was ended in order before it was finished",
-    "timeout": "did not finish in the time that it was given",
+    "complete": "was completed",
+    "stopped": "was stopped before it was complete",
+    "timeout": "reached its time limit",
     "fault": "ended with a fault",
 }
 
 
 def title(data: RunData) -> str:
-    """What was run, in a line."""
+    """Return room, planner and seed in one line."""
     summary, metadata = data.summary, data.metadata
     room = summary.get("room") or (data.track.plan.name if data.track.plan else None)
     planner = summary.get("planner") or metadata.get("planner")
@@ -36,17 +36,17 @@ def title(data: RunData) -> str:
 
 
 def when(data: RunData) -> str:
-    """Date and time of the beginning, UTC; a simulation's is made up."""
+    """Return date and time of the start, UTC; in a simulation they have no meaning."""
     if not data.start_ns:
         return "an empty log"
     if data.metadata.get("port") == _VIRTUAL:
-        return "Simulated in virtual time; its clock begins at the same date in every run"
+        return "Simulated in virtual time; the clock starts at the same date in every run"
     moment = datetime.fromtimestamp(data.start_ns / 1e9, tz=UTC)
     return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
 
 
 def story(data: RunData) -> list[str]:
-    """What happened, in sentences."""
+    """Return the summary of the run in sentences."""
     summary, report = data.summary, data.coverage
     lines = []
     outcome, reason = summary.get("outcome"), summary.get("reason")
@@ -56,34 +56,35 @@ def story(data: RunData) -> list[str]:
         lines.append(f"{line}: {reason}." if reason else f"{line}.")
     elif not data.whole:
         lines.append(
-            "The log has no end: its writer was killed or lost power. What is there was read."
+            "The end of the log is missing, because its writer was killed or lost power. "
+            "The rest was read."
         )
     else:
-        lines.append("The log does not say how the run ended.")
+        lines.append("The log does not contain the outcome of the run.")
     duration_s, path_m = data.figure("duration_s"), data.figure("path_m")
     if duration_s is not None and path_m is not None:
-        lines.append(f"It took {_minutes(duration_s)} and drove {path_m:.1f} m.")
+        lines.append(f"It took {_minutes(duration_s)}; the path is {path_m:.1f} m long.")
     if report is not None:
         share = report.coverage.mouth_sweepable
-        basis = "as it really was" if data.track.truth else "by its own estimate"
+        basis = "by the true path" if data.track.truth else "by the estimated path"
         lines.append(
-            f"Of the {report.sweepable_m2:.2f} m² that its mouth can reach it swept "
-            f"{100 * share:.1f} %, {basis}; the largest piece that it missed has "
+            f"The robot swept {100 * share:.1f} % of the {report.sweepable_m2:.2f} m² that its "
+            f"mouth can reach, {basis}. The largest unswept piece has "
             f"{report.largest_hole_cm2:.0f} cm²."
         )
         lines.append(
-            "No run of this robot can sweep that floor in less than "
-            f"{_minutes(report.min_time_s)}: that is its top speed of "
-            f"{data.track.model.max_speed_m_s:.2f} m/s, with no floor swept twice."
+            f"This robot needs at least {_minutes(report.min_time_s)} to sweep that floor: "
+            f"always at its top speed of {data.track.model.max_speed_m_s:.2f} m/s, and without "
+            "sweeping any floor twice."
         )
         if share >= _FAIR:  # a run that was cut short has a small ratio for another reason
             lines.append(
-                f"Lanes that sweep no floor twice, at the cruise speed and without turns, take "
-                f"{_minutes(report.reference_time_s)}; this run took {report.time_ratio:.2f} times "
+                f"The reference time, lanes at cruise speed without turns or overlap, is "
+                f"{_minutes(report.reference_time_s)}. The run took {report.time_ratio:.2f} times "
                 f"as long, and its path was {report.path_ratio:.2f} times as long."
             )
     elif data.track.plan is None:
-        lines.append("The room is not known, so nothing can be said of what it swept.")
+        lines.append("The room is unknown, so the coverage is unknown as well.")
     lines.append(_wire_words(data))
     return lines
 
@@ -91,41 +92,41 @@ def story(data: RunData) -> list[str]:
 def _wire_words(data: RunData) -> str:
     frames, lost = sum(count for _, count, _ in data.link), data.lost
     if not frames:
-        return "The log holds no messages of the device."
+        return "The log contains no messages of the device."
     words = f"The device sent {frames + lost} frames; "
     words += (
         "none was lost" if not lost else f"{lost} were lost ({100 * lost / (frames + lost):.2f} %)"
     )
     bad = data.figure("wire", "crc_errors")
     damaged = data.damaged if bad is None else int(bad)
-    return f"{words}, and {damaged or 'no'} stretches of bytes came damaged."
+    return f"{words}, and {damaged or 'none'} arrived damaged."
 
 
 def _minutes(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} minutes"  # noqa: PLR2004 - as one says it
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} minutes"  # noqa: PLR2004 - two minutes
 
 
 def tiles(data: RunData) -> list[Tile]:
-    """The figures that people ask for first."""
+    """Return the main figures of the run."""
     report, made = data.coverage, []
     if report is not None:
         share = report.coverage.mouth_sweepable
         mood = "good" if share >= _GOOD else "fair" if share >= _FAIR else "bad"
-        made.append(Tile(f"{100 * share:.1f} %", "swept of what the mouth can reach", mood))
+        made.append(Tile(f"{100 * share:.1f} %", "of the sweepable floor swept", mood))
         body = f"{100 * report.coverage.body_free:.1f} %"
-        made.append(Tile(body, "under the body, of the floor (the paper's figure)"))
+        made.append(Tile(body, "of the floor under the footprint (the paper's figure)"))
     duration_s, path_m = data.figure("duration_s"), data.figure("path_m")
     if duration_s is not None:
         made.append(Tile(f"{duration_s:.0f} s", "driving"))
     elif data.duration_s:
-        made.append(Tile(f"{data.duration_s:.1f} s", "in the log"))
+        made.append(Tile(f"{data.duration_s:.1f} s", "recorded"))
     if path_m is None and data.track.best:
-        made.append(Tile(f"{data.track.length_m:.1f} m", "path, by the poses in the log"))
+        made.append(Tile(f"{data.track.length_m:.1f} m", "path, from the recorded poses"))
     elif path_m is not None:
         turns = data.figure("turns")
         made.append(Tile(f"{path_m:.1f} m", f"path, {turns:.0f} turns" if turns else "path"))
     if report is not None:
-        made.append(Tile(f"{report.largest_hole_cm2:.0f} cm²", "largest piece missed"))
+        made.append(Tile(f"{report.largest_hole_cm2:.0f} cm²", "largest unswept piece"))
     energy = data.figure("energy_wh")
     energy, note = (
         (energy, "energy from the battery")

@@ -48,7 +48,7 @@ def test_pages_and_pictures(tmp_path: Path, tmp_path_factory: pytest.TempPathFac
     assert sweepctl("diff", first.log, other.log, "--out", html).status == 0
     page = html.read_text()
     assert page.count("<svg") == 2
-    assert "B less A" in page
+    assert "B minus A" in page
     assert "src=" not in page
     assert sweepctl("diff", first.log, other.log, "--out", png, "--json").json["out"] == str(png)
     assert png.read_bytes().startswith(b"\x89PNG")
