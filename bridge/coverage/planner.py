@@ -95,6 +95,10 @@ class PlannerError(TypeError):
     """An object that is no planner, or a leg that is none; the text names what is wrong."""
 
 
+ORIGINS: dict[type, str] = {}
+"""By the class of a planner from outside the project: where it comes from, for messages."""
+
+
 def check_planner(planner: object) -> None:
     """Check that an object has everything that a run asks of a planner.
 

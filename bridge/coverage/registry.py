@@ -1,14 +1,17 @@
-"""The planners by name."""
+"""The planners by name: those of the project, those of plug-ins, and ``module:callable``."""
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING
 
+import sweepctl_plugins
 from bridge.coverage.baselines.lanes import LaneOptions
 from bridge.coverage.baselines.paper import PaperOptions, PaperPlanner
 from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner, RandomSource
 from bridge.coverage.baselines.u_shape import UShapePlanner
-from bridge.coverage.planner_options import NoOptions, parse_options
+from bridge.coverage.planner import ORIGINS, PlannerError, check_planner
+from bridge.coverage.planner_options import NoOptions, PlannerOptionError, parse_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -52,7 +55,27 @@ class UnknownPlannerError(ValueError):
     def __init__(self, name: str) -> None:
         """``name`` is what was asked for."""
         self.name = name
-        super().__init__(f"unknown planner '{name}'; there are: {', '.join(PLANNERS)}")
+        super().__init__(f"unknown planner '{name}'; there are: {', '.join(planner_names())}")
+
+
+class PlannerMakingError(PlannerError):
+    """A planner from outside the project that cannot be imported or made; the text names it."""
+
+
+def planner_names() -> list[str]:
+    """Names of the project's planners, then those of plug-ins; none of them is imported."""
+    return [
+        *PLANNERS,
+        *(name for name in sweepctl_plugins.found("planners") if name not in PLANNERS),
+    ]
+
+
+def is_planner_path(name: str) -> bool:
+    """Whether a name is ``module:callable``."""
+    module, colon, attribute = name.partition(":")
+    return bool(colon) and all(
+        part.isidentifier() for text in (module, attribute) for part in text.split(".")
+    )
 
 
 def make_planner(
@@ -61,18 +84,64 @@ def make_planner(
     """Make a planner from its name.
 
     Args:
-        name: one of :data:`PLANNERS`.
+        name: one of :func:`planner_names`, or ``module:callable``.
         model: the robot.
-        rng: source of random numbers; only ``random`` uses it.
+        rng: source of random numbers; of the project's planners only ``random`` uses it.
         options: ``name=value`` each.
 
     Raises:
         UnknownPlannerError: no planner has this name.
         PlannerOptionError: the planner has no such option, or it cannot be that.
+        PlannerError: a plug-in or ``module:callable`` cannot be loaded or raises, or what it makes
+            lacks a method; the text names it.
 
     """
+    if name in _FACTORIES:
+        return _FACTORIES[name](model, rng, options)
+    origin, factory = _outside(name)
     try:
-        factory = _FACTORIES[name]
-    except KeyError:
-        raise UnknownPlannerError(name) from None
-    return factory(model, rng, options)
+        planner = factory(model, rng, options)
+    except PlannerOptionError:
+        raise
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise PlannerMakingError(f"{origin} cannot be made: {what}") from error
+    try:
+        check_planner(planner)
+    except PlannerError as error:
+        raise PlannerMakingError(f"{origin}: {error}") from None
+    ORIGINS[type(planner)] = origin
+    return planner
+
+
+def _outside(name: str) -> tuple[str, Factory]:
+    """Find a planner outside the project: what it is, for messages, and what makes it."""
+    plugin = sweepctl_plugins.found("planners").get(name)
+    clash = sweepctl_plugins.clashes("planners").get(name)
+    if clash is not None:
+        raise PlannerMakingError(clash)
+    if plugin is not None:
+        origin = str(plugin)
+        try:
+            factory = sweepctl_plugins.load(plugin)
+        except sweepctl_plugins.PluginError as error:
+            raise PlannerMakingError(str(error)) from error
+    elif is_planner_path(name):
+        origin, factory = f"planner {name}", _imported(name)
+    else:
+        raise UnknownPlannerError(name)
+    if not callable(factory):
+        raise PlannerMakingError(f"{origin} is not callable: it must take (model, rng, options)")
+    return origin, factory
+
+
+def _imported(name: str) -> Factory:
+    module_name, _, attribute = name.partition(":")
+    try:
+        found = importlib.import_module(module_name)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise PlannerMakingError(f"planner {name} cannot be loaded: {what}") from error
+    return found  # type: ignore[return-value]  # whatever it is, it is checked by its result

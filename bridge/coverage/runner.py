@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import (
+    ORIGINS,
     Finish,
     ObservingPlanner,
     Planner,
@@ -129,9 +130,7 @@ class PlanRunner:
         if self._paused or self._finish is not None:
             return executor.brake(obs)
         if self._observing is not None:
-            if self._observing.observe(obs):
-                executor.cancel(obs)
-            executor.speed_limit_m_s = self._observing.speed_limit_m_s
+            self._observe(self._observing, obs)
         if self._started and not self._rest.held:
             command = executor.step(obs)
             if executor.result is None:
@@ -159,15 +158,35 @@ class PlanRunner:
             )
         return self._rest.held
 
+    def _observe(self, observing: ObservingPlanner, obs: Observation) -> None:
+        """Give an observation to a planner that takes each of them."""
+        try:
+            if observing.observe(obs):
+                self._executor.cancel(obs)
+            self._executor.speed_limit_m_s = observing.speed_limit_m_s
+        except Exception as error:
+            self._blame(error)
+            raise
+
+    def _blame(self, error: Exception) -> None:
+        """Name a planner from outside the project in what it raised."""
+        origin = ORIGINS.get(type(self._planner))
+        if origin is not None:
+            error.add_note(f"raised by {origin}")
+
     def _decide(self, obs: Observation) -> None:
         result = self._executor.result
-        if not self._started or result is None:
-            self._started = True
-            leg = self._planner.start(obs)
-        else:
-            if isinstance(result.leg, Drive) and result.leg.purpose == "lane":
-                self._lane_length_m += abs(result.distance_m)
-            leg = self._planner.next(result, obs)
+        try:
+            if not self._started or result is None:
+                self._started = True
+                leg = self._planner.start(obs)
+            else:
+                if isinstance(result.leg, Drive) and result.leg.purpose == "lane":
+                    self._lane_length_m += abs(result.distance_m)
+                leg = self._planner.next(result, obs)
+        except Exception as error:
+            self._blame(error)
+            raise
         if isinstance(leg, Finish):
             self._finish = leg
             return

@@ -73,10 +73,11 @@ def crash_ending(error: BaseException, cause: StopCause, confirmed: StopCause | 
 
 
 def described(error: BaseException) -> str:
-    """Return an exception as one line: its class and the first line of its text."""
+    """Return an exception as one line: its class, the first line of its text, and its notes."""
     lines = str(error).splitlines()
     text = f": {lines[0][:200]}" if lines else ""
-    return f"{type(error).__name__}{text}"
+    notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+    return f"{type(error).__name__}{text}{notes}"
 
 
 def traced(error: BaseException) -> str:

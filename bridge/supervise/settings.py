@@ -17,13 +17,18 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import math
 import tomllib
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
+import sweepctl_plugins
 from bridge.errors import ConfigError
 from bridge.validation import as_toml, fill, number
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
 
 MAX_CORNERS = 256
 """Maximum number of corners of a fence."""
@@ -279,6 +284,64 @@ class SuperviseSettings:
 PREFIX = "supervise"
 
 
+class PluggedRule(Rule):
+    """Base of a rule of a plug-in: a frozen dataclass whose keys are those of its table.
+
+    The entry point of the group ``sweepctl.rules`` is the class; its name is the rule's. Numbers
+    are declared with :func:`limited`.
+    """
+
+    __slots__ = ()
+
+    def condition(self, model: RobotModel) -> object:
+        """Return a :class:`bridge.supervise.rules.conditions.Condition` for this robot."""
+        raise NotImplementedError
+
+
+limited = _in
+"""Declares a number of a rule: default, lowest, highest, unit and meaning."""
+
+
+@functools.cache
+def default_settings() -> SuperviseSettings:
+    """Return the defaults of every rule: the project's own, and those of plug-ins."""
+    own = {field.name for field in dataclasses.fields(SuperviseSettings)}
+    made: list[tuple[str, type, Any]] = []
+    for plugin, kind in sweepctl_plugins.usable("rules"):
+        wrong, rule = _plugged(plugin.name, kind, own)
+        if rule is None:
+            sweepctl_plugins.disable(f"{plugin} {wrong}")
+        else:
+            made.append((plugin.name, kind, field(default=rule)))
+            RULE_PLUGINS[plugin.name] = str(plugin)
+    if not made:
+        return SuperviseSettings()
+    extended = dataclasses.make_dataclass(
+        "SuperviseSettings", made, bases=(SuperviseSettings,), frozen=True, slots=True
+    )
+    return cast("SuperviseSettings", extended())
+
+
+RULE_PLUGINS: dict[str, str] = {}
+"""By the name of a rule of a plug-in: the plug-in, for messages."""
+
+
+def _plugged(name: str, kind: object, own: set[str]) -> tuple[str, PluggedRule | None]:
+    """Return why a plug-in is no rule, and its defaults if it is one."""
+    if not name.isidentifier():
+        return "needs a name of letters, digits and underscores", None
+    if name in own:
+        return "has a name that is taken", None
+    if not isinstance(kind, type) or not issubclass(kind, PluggedRule):
+        return "is no subclass of PluggedRule", None
+    if kind.condition is PluggedRule.condition:
+        return "lacks condition()", None
+    try:
+        return "", kind()
+    except Exception as error:  # noqa: BLE001 - a plug-in may raise anything
+        return f"raised {type(error).__name__}: {error}", None
+
+
 def settings_from(table: object, base: SuperviseSettings | None = None) -> SuperviseSettings:
     """Read the table ``[supervise]`` of a robot file over ``base`` (None: the defaults).
 
@@ -289,7 +352,7 @@ def settings_from(table: object, base: SuperviseSettings | None = None) -> Super
     if not isinstance(table, dict):
         raise ConfigError(f"{PREFIX}: must be a table")
     problems: list[str] = []
-    settings = fill(base or SuperviseSettings(), table, f"{PREFIX}.", problems)
+    settings = fill(base or default_settings(), table, f"{PREFIX}.", problems)
     if problems:
         raise ConfigError(*problems)
     return settings

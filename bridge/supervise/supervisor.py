@@ -10,14 +10,15 @@ from bridge.supervise.measured import GAP_S, Measured
 from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
 from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
 from bridge.supervise.rules.planner_check import PlannerCheck
+from bridge.supervise.rules.plugged import PluggedCondition
 from bridge.supervise.rules.slip import Slip
-from bridge.supervise.settings import Level, SuperviseSettings
+from bridge.supervise.settings import Level, PluggedRule, default_settings
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.supervise.inputs import RuleInputs
     from bridge.supervise.rules.conditions import Condition
-    from bridge.supervise.settings import Rule
+    from bridge.supervise.settings import Rule, SuperviseSettings
 
 CALM_S = 1.0
 """Time without the condition after which a new occurrence starts, s."""
@@ -76,7 +77,7 @@ class Supervisor:
 
     def __init__(self, model: RobotModel, settings: SuperviseSettings | None = None) -> None:
         """Create the rules of ``settings``; None: the defaults."""
-        self.settings = settings = settings or SuperviseSettings()
+        self.settings = settings = settings or default_settings()
         self.holding = False
         """True from a ``PAUSE`` until :meth:`resume`: no motion is allowed."""
         self._measured = Measured(model)
@@ -97,6 +98,12 @@ class Supervisor:
             "sensor": Sensor(),
             "reset": Reset(),
         }
+        self._plugged = {
+            kind: PluggedCondition(kind, rule, model)
+            for kind, rule in settings.rules.items()
+            if isinstance(rule, PluggedRule)
+        }
+        made |= self._plugged
         self._graded = [
             _Graded(kind, rule, made[kind])
             for kind, rule in settings.rules.items()
@@ -147,5 +154,9 @@ class Supervisor:
             self.holding = False
             text = f"paused for {self.settings.pause_limit_s:g} s without a resume by the operator"
             reactions.append(Reaction("pause", Level.STOP, text, {}))
+        for kind, condition in self._plugged.items():
+            report = condition.take_report()
+            if report is not None:
+                reactions.append(Reaction(kind, Level.REPORT, report, {}))
         reactions.sort(key=lambda reaction: reaction.level)
         return reactions

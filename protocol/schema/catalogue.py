@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.errors import UnknownMessageError
 from protocol.messages import ALL_MESSAGES
 from protocol.schema.message import Message, MessageSpec, specify
+from protocol.schema.plugged import plugged_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -15,11 +16,6 @@ if TYPE_CHECKING:
 
 PROTOCOL_VERSION = 2
 """Of framing and bootstrap messages; everything else is negotiated message by message."""
-
-STREAM_PAYLOAD_MAX = 25
-"""With header and CRC a codeword of 37 B, within which the CRC finds every 5-bit error."""
-CAN_PAYLOAD_MAX = 6
-"""Of one native CAN frame, beside its 16-bit stamp."""
 
 
 class EnumSpec(NamedTuple):
@@ -91,5 +87,5 @@ def _chain(texts: Iterable[str]) -> tuple[int, ...]:
     return tuple(values[1:])
 
 
-CATALOGUE = Catalogue(ALL_MESSAGES)
-"""Everything that this version of the project speaks."""
+CATALOGUE = Catalogue((*ALL_MESSAGES, *plugged_messages(ALL_MESSAGES)))
+"""Everything that this version of the project speaks, and the messages of plug-ins."""

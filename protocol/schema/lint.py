@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from protocol.schema.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
 from protocol.schema.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
 from protocol.schema.message import MAX_TYPE, Direction, RateClass
 
@@ -15,6 +14,10 @@ if TYPE_CHECKING:
     from protocol.schema.fields import Field
     from protocol.schema.message import MessageSpec
 
+STREAM_PAYLOAD_MAX = 25
+"""With header and CRC a codeword of 37 B, within which the CRC finds every 5-bit error."""
+CAN_PAYLOAD_MAX = 6
+"""Of one native CAN frame, beside its 16-bit stamp."""
 MAX_PAYLOAD = 241
 """A decoded frame of 253 B less header and CRC."""
 

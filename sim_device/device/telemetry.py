@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING
 
+import sweepctl_plugins
 from protocol.messages.device import Encoders, Imu, LinkCounters, Status, Sync
 from protocol.schema.catalogue import CATALOGUE
 from sim_device.device.streams import TICK_HZ, is_device_stream, power_message, range_message
@@ -69,7 +70,11 @@ class Telemetry:
             "planner_state": lambda _now_us: control.planner_state(),
         }
         # A stream of another version of the project: zeros.
-        return readers.get(spec.name) or functools.partial(_blank, spec)
+        blank_one = functools.partial(_blank, spec)
+        simulated = getattr(spec.cls, "simulated", None)
+        if simulated is not None:
+            return _Simulated(spec, simulated, blank_one)
+        return readers.get(spec.name) or blank_one
 
     def measure_load(self) -> None:
         """Work out the busy share of the last ten periods."""
@@ -100,3 +105,30 @@ class Telemetry:
 
 def _blank(spec: MessageSpec, _now_us: int) -> Message:
     return blank(spec)
+
+
+class _Simulated:
+    """Values of a plug-in's message by its ``simulated(now_us)``; zeros once it has raised."""
+
+    def __init__(
+        self,
+        spec: MessageSpec,
+        simulated: Callable[[int], Message],
+        blank_one: Callable[[int], Message],
+    ) -> None:
+        self._spec, self._simulated, self._blank = spec, simulated, blank_one
+        self._broken = False
+
+    def __call__(self, now_us: int) -> Message:
+        """Return the message at a moment of uptime, µs."""
+        if self._broken:
+            return self._blank(now_us)
+        try:
+            made = self._simulated(now_us)
+            self._spec.layout.pack(*made)
+        except Exception as error:  # noqa: BLE001 - a plug-in may raise anything
+            self._broken = True
+            where = f"{self._spec.cls.__module__}.{self._spec.cls.__name__}.simulated"
+            sweepctl_plugins.disable(f"{where} raised {type(error).__name__}: {error}")
+            return self._blank(now_us)
+        return made

@@ -1,22 +1,74 @@
-"""All kinds of faults by name: the one list that parsing, help and docs come from."""
+"""All kinds of faults by name: the one list that parsing, help and docs come from.
+
+Plug-ins add kinds as entry points of the group ``sweepctl.faults``, each a :class:`FaultKind`.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import sweepctl_plugins
 from sim_device.faults.body_kinds import BODY_KINDS
-from sim_device.faults.spec import FaultSpec, Number, parse_spec
+from sim_device.faults.spec import FaultKind, FaultSpec, FaultSpecError, Number, parse_spec
 from sim_device.faults.wire_kinds import WIRE_KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sim_device.faults.spec import FaultKind
+    from sim_device.faults.knobs import Knobs
+    from sim_device.faults.spec import Value
 
-KINDS: Mapping[str, FaultKind] = MappingProxyType(
+OWN_KINDS: Mapping[str, FaultKind] = MappingProxyType(
     {kind.name: kind for kind in (*WIRE_KINDS, *BODY_KINDS)}
 )
+"""Kinds of the project itself, which the documentation lists."""
+
+
+def _plugged() -> dict[str, FaultKind]:
+    """Return the kinds of plug-ins; one that is no kind of fault is disabled."""
+    found: dict[str, FaultKind] = {}
+    for plugin, kind in sweepctl_plugins.usable("faults"):
+        wrong = _wrong(kind, {**OWN_KINDS, **found})
+        if wrong:
+            sweepctl_plugins.disable(f"{plugin} {wrong}")
+        else:
+            found[kind.name] = replace(kind, turn=partial(_guarded, str(plugin), kind))
+    return found
+
+
+def _wrong(kind: object, taken: Mapping[str, FaultKind]) -> str:
+    """Return why an object cannot be a kind of fault; empty: it can."""
+    if not isinstance(kind, FaultKind):
+        return "is no FaultKind"
+    if kind.name in taken:
+        return f"has the name {kind.name!r}, which is taken"
+    if kind.turn is None:
+        return "needs a function turn"
+    try:
+        parse_spec(kind.example, {kind.name: kind})
+    except FaultSpecError as error:
+        return f"has a wrong example: {error.reason}"
+    return ""
+
+
+def _guarded(plugin: str, kind: FaultKind, knobs: Knobs, values: Mapping[str, Value]) -> None:
+    """Turn the knobs of a plug-in's fault; one that raises has no effect from then on."""
+    if kind.turn is None or kind.name in _BROKEN:
+        return
+    try:
+        kind.turn(knobs, values)
+    except Exception as error:  # noqa: BLE001 - a plug-in may raise anything
+        _BROKEN.add(kind.name)
+        sweepctl_plugins.disable(f"{plugin} raised {type(error).__name__}: {error}")
+
+
+_BROKEN: set[str] = set()
+"""Kinds of plug-ins that have raised."""
+KINDS: Mapping[str, FaultKind] = MappingProxyType({**OWN_KINDS, **_plugged()})
+"""Every kind: the project's own, and those of plug-ins."""
 
 
 def parse_fault(text: str) -> FaultSpec:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
 pytestmark = [pytest.mark.nightly, pytest.mark.realtime, pytest.mark.timeout(900)]
 
 PACKAGES = ("protocol", "bridge", "sim_device", "tools")
-SOURCES = (*PACKAGES, "sweepctl_pytest.py", "setup.py", "pyproject.toml", "README.md", "LICENSE")
+MODULES = ("sweepctl_plugins.py", "sweepctl_pytest.py")
+SOURCES = (*PACKAGES, *MODULES, "setup.py", "pyproject.toml", "README.md", "LICENSE")
 BUILT = shutil.ignore_patterns("__pycache__", "build", "*.so", "*.pyd")
 NOT_WANTED = ("cython", "pyximport", "sweepctl", "__editable__", "ziglang", "setuptools")
 """Beginnings of what a user's venv lacks of ours, in lower case."""
@@ -49,9 +52,13 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copytree(ROOT / name, folder / name, ignore=BUILT)
         else:
             shutil.copy(ROOT / name, folder / name)
-    out = tmp_path_factory.mktemp("wheel")
+    return built(folder, tmp_path_factory.mktemp("wheel"))
+
+
+def built(source: Path, out: Path) -> Path:
+    """Build the wheel of a source folder."""
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*command, "--wheel-dir", str(out), "."], cwd=folder, check=True)
+    subprocess.run([*command, "--wheel-dir", str(out), "."], cwd=source, check=True)
     (path,) = out.glob("*.whl")
     return path
 
@@ -65,9 +72,13 @@ def venv(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for entry in Path(sysconfig.get_path("purelib")).iterdir():
         if not entry.name.lower().startswith(NOT_WANTED) and entry.suffix != ".pth":
             (site / entry.name).symlink_to(entry)
-    command = [sys.executable, "-m", "pip", "--python", str(folder / "bin" / "python"), "install"]
-    subprocess.run([*command, "--quiet", "--no-deps", "--no-index", str(wheel)], check=True)
+    install(folder, wheel)
     return folder
+
+
+def install(venv: Path, wheel: Path) -> None:
+    command = [sys.executable, "-m", "pip", "--python", str(venv / "bin" / "python"), "install"]
+    subprocess.run([*command, "--quiet", "--no-deps", "--no-index", str(wheel)], check=True)
 
 
 def run(venv: Path, *command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -104,7 +115,7 @@ def test_it_holds_every_file_of_the_packages_and_the_compiled_kernels(wheel: Pat
     made = [*kernels.sources(), ROOT / kernels.SHARED]
     compiled = {str(kernels.compiled(path).relative_to(ROOT)) for path in made}
     with zipfile.ZipFile(wheel) as archive:
-        assert files(archive.namelist()) == source | compiled | {"sweepctl_pytest.py"}
+        assert files(archive.namelist()) == source | compiled | set(MODULES)
 
 
 def test_its_kernels_are_compiled_and_nothing_is_there_to_compile_them(
@@ -158,3 +169,32 @@ def test_the_pytest_plugin_is_found(venv: Path, tmp_path: Path) -> None:
     done = run(venv, "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 passed" in done.stdout
+
+
+def test_the_plug_ins_of_an_installed_package_are_used(venv: Path, tmp_path: Path) -> None:
+    """As docs/plugins.md says: a wheel beside ours, and nothing else."""
+    shutil.copytree(ROOT / "examples" / "plugin", tmp_path / "plugin", ignore=BUILT)
+    install(venv, built(tmp_path / "plugin", tmp_path))
+    lines = re.findall(
+        r"^sweepctl .*$", (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    for line in lines[:2]:
+        done = run(venv, *shlex.split(line), cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"\d+ particles in \d+ messages\n", done.stdout)
+    asked = ("simulate", "empty", "--planner", "u-shape", "--max-time", "12", "--out", "run.mcap")
+    done = run(
+        venv,
+        "sweepctl",
+        *asked,
+        "--fault",
+        "clumsy-gyro@1",
+        "--supervise-rule",
+        "too_far.reaction=off",
+        cwd=tmp_path,
+    )
+    assert "clumsy-gyro" not in done.stderr
+    assert done.returncode == 1, "out of time, and nothing else"
+    done = run(venv, "sweepctl", "generate", "c", "--out", "firmware", cwd=tmp_path)
+    header = (tmp_path / "firmware" / "sweepctl_protocol.h").read_text(encoding="utf-8")
+    assert "sp_dust_t" in header, done.stderr

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sim_device.faults.kinds import KINDS, as_dict
+from sim_device.faults.kinds import KINDS, OWN_KINDS, as_dict
 from sim_device.faults.spec import Number
 from tools.cli.console import write_json, write_lines
 
@@ -53,7 +53,7 @@ def _lasts(kind: FaultKind) -> str:
 def faults_page() -> str:
     """Return the page ``docs/faults.md``."""
     rows = []
-    for kind in KINDS.values():
+    for kind in OWN_KINDS.values():
         arguments = "<br>".join(_cell(a) for a in kind.arguments)
         lasts = "lasts" if kind.lasting else "at once"
         rows.append(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+import sweepctl_plugins
 from tools.cli.console import complain, flush, inform, write_json
 from tools.cli.interrupt import interrupted, is_done, set_done
 from tools.cli.output_queue import QueuedOutput
@@ -74,7 +75,7 @@ class LazyGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's interface
         """Return the names of the commands in the order of the help."""
-        return list(_COMMANDS)
+        return [*_COMMANDS, *_plugged()]
 
     def get_command(
         self,
@@ -83,7 +84,7 @@ class LazyGroup(click.Group):
     ) -> click.Command | None:
         """Import and return the command of this name; None if there is none."""
         if cmd_name not in _COMMANDS:
-            return None
+            return _plugged_command(cmd_name)
         command = importlib.import_module(f"tools.commands.{cmd_name}").command
         assert isinstance(command, click.Command)  # noqa: S101 - every module has one
         return command
@@ -99,6 +100,40 @@ class LazyGroup(click.Group):
             with formatter.section(title):
                 rows = [(name.ljust(width), text) for name, text in commands.items()]
                 formatter.write_dl(rows)
+        plugged = _plugged()
+        if plugged:
+            with formatter.section("Plug-ins"):
+                formatter.write_dl(
+                    [(name.ljust(width), f"Of package {p.package}.") for name, p in plugged.items()]
+                )
+
+
+def _plugged() -> dict[str, sweepctl_plugins.Plugin]:
+    """Return the commands of plug-ins by name, by metadata alone."""
+    found = sweepctl_plugins.found("commands")
+    return {name: plugin for name, plugin in found.items() if name not in _COMMANDS}
+
+
+def _plugged_command(name: str) -> click.Command | None:
+    """Import and return a plug-in's command; None if there is none.
+
+    Raises:
+        click.ClickException: it cannot be imported or is no command, or two packages offer it.
+
+    """
+    clash = sweepctl_plugins.clashes("commands").get(name)
+    if clash is not None:
+        raise click.ClickException(clash)
+    plugin = _plugged().get(name)
+    if plugin is None:
+        return None
+    try:
+        command = sweepctl_plugins.load(plugin)
+    except sweepctl_plugins.PluginError as error:
+        raise click.ClickException(str(error)) from error
+    if not isinstance(command, click.Command):
+        raise click.ClickException(f"{plugin} is no click.Command")
+    return command
 
 
 @click.command(
@@ -170,6 +205,12 @@ def _run(arguments: list[str]) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _warned
             return _invoke(arguments)
+    except Exception as error:
+        plugin = _plugged().get(_command_of(arguments) or "")
+        if plugin is None:
+            raise
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        return _failed(arguments, f"{plugin} raised {what}", 1)
     except (click.Abort, KeyboardInterrupt) as error:
         command = _command_of(arguments)
         if command in _UNTIL_ENDED or command is None or is_done():

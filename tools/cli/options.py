@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 NOISE_LEVELS = ("none", "paper", "typical", "harsh")
-PLANNERS = ("recovery", "paper", "u-shape", "random")
-DEFAULT_PLANNER = "recovery"
 
 
 class Number(click.FloatRange):

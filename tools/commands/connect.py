@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from tools.cli import options
+from tools.cli import options, planners
 from tools.cli.adapter_delay import adapter_delay_option
 from tools.cli.completion import complete_room
 from tools.cli.console import complain, print_summary
@@ -25,7 +25,7 @@ from tools.cli.supervising import rule_option
 @click.option(
     "--plan",
     "planner",
-    type=click.Choice(options.PLANNERS),
+    type=planners.PlannerName(),
     help="Run this planner on the host: the robot moves.",
 )
 @click.option(
@@ -35,8 +35,8 @@ from tools.cli.supervising import rule_option
 )
 @click.option(
     "--onboard",
-    type=click.Choice(options.PLANNERS),
-    default=options.DEFAULT_PLANNER,
+    type=click.Choice(planners.PLANNERS),
+    default=planners.DEFAULT_PLANNER,
     show_default=True,
     help="With --supervise: planner that the device runs.",
 )
@@ -103,6 +103,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     PORT is a device path, socket://HOST:PORT, rfc2217://HOST:PORT, or can:INTERFACE:CHANNEL for a
     CAN bus (can:slcan:/dev/ttyACM0, can:socketcan:can0, can:udp_multicast:239.74.163.2).
     """
+    import random
+
     from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
@@ -125,6 +127,8 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError("--resume needs --plan")
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m) if room else None
+    if planner is not None:  # its interface is checked before the port is opened
+        planners.make(planner, model, random.Random(0), option="--plan")
     if resume is None:
         resume = "ask" if sys.stdin.isatty() else "never"
     recording = take_record_options(opening)

@@ -11,6 +11,7 @@ from click.core import ParameterSource
 
 from tools.cli import options
 from tools.cli.console import complain, inform
+from tools.cli.planners import PLANNERS, PlannerList
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-rooms,studio-flat"
 _DEFAULT = "recovery"
-_PLANNERS = tuple(dict.fromkeys((_DEFAULT, *options.PLANNERS)))
+_PLANNERS = tuple(dict.fromkeys((_DEFAULT, *PLANNERS)))
 _GRID = ("rooms", "generated", "planners", "levels", "seeds", "robots")
 """Parameters of ``compare`` and ``limits``; the paper's experiments have fixed ones."""
 _TITLES = {
@@ -64,8 +65,8 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
 )
 @click.option(
     "--planners",
-    callback=_listed(_PLANNERS),
-    help="Planners, separated by commas.  [default: all; for limits: recovery]",
+    type=PlannerList(),
+    help="Planners, separated by commas.  [default: those of sweepctl; for limits: recovery]",
 )
 @click.option(
     "--noise",
@@ -171,7 +172,8 @@ def command(  # noqa: PLR0913 - one parameter per option
         trials = with_robots(trials, robots) if robots else trials
     for trial in {(trial.room, trial.robot): trial for trial in trials}.values():
         _ = trial.plan  # so that a wrong name is reported now, not after an hour
-    store = Store(out, code_version(), force=force)
+    _check_planners(trials)
+    store = Store(out, code_version([trial.planner for trial in trials]), force=force)
     with leaving_at_once(
         f"interrupted before the report; completed runs are kept in {out}\n"
         "the same command continues from there"
@@ -187,6 +189,23 @@ def command(  # noqa: PLR0913 - one parameter per option
             else:
                 output.print_tables(made, out)
     return _close(outcome, f"{len(rows)} of {len(trials)} runs done", out)
+
+
+def _check_planners(trials: Sequence[Trial]) -> None:
+    """Make each planner from outside the project once, so that a broken one is reported now.
+
+    Raises:
+        click.BadParameter: a planner cannot be made.
+
+    """
+    import random
+
+    from tools.cli.planners import make, planner_names
+
+    outside = {trial.planner: trial for trial in trials if trial.planner not in PLANNERS}
+    for name, trial in outside.items():
+        if name in planner_names() or ":" in name:  # not one of zimablue
+            make(name, trial.model, random.Random(0), option="--planners")
 
 
 def _reject_grid(ctx: click.Context) -> None:

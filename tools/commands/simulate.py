@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools.cli import options
+from tools.cli import options, planners
 from tools.cli.completion import complete_room
 from tools.cli.console import complain, err, inform, print_summary
 from tools.cli.supervising import rule_option
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 @click.argument("room", shell_complete=complete_room)
 @click.option(
     "--planner",
-    type=click.Choice(options.PLANNERS),
-    default=options.DEFAULT_PLANNER,
+    type=planners.PlannerName(),
+    default=planners.DEFAULT_PLANNER,
     show_default=True,
-    help="Planner to run.",
+    help="Planner to run: one of sweepctl, one of a plug-in, or a file of your own.",
 )
 @click.option(
     "--planner-option",
@@ -198,14 +198,9 @@ def _runner(
     """Make the runner of a planner on the host."""
     import random
 
-    from bridge.coverage.planner_options import PlannerOptionError
-    from bridge.coverage.registry import make_planner
     from bridge.coverage.runner import PlanRunner
 
-    try:
-        made = make_planner(planner, model, random.Random(seed), planner_options)
-    except PlannerOptionError as error:
-        raise click.BadParameter(f"{planner}: {error}", param_hint="'--planner-option'") from None
+    made = planners.make(planner, model, random.Random(seed), planner_options)
     return PlanRunner(made, model)
 
 

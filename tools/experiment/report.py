@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from bridge.view.report.page import Tile, document, gallery, section, table
-from tools.cli.options import DEFAULT_PLANNER
+from tools.cli.planners import DEFAULT_PLANNER
 from tools.experiment import compare_tables, figures, layout_tables, paper_tables, tables
 from tools.experiment.paired import paired_table
 from tools.experiment.trials import Kind

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import importlib.util
 import json
 from dataclasses import asdict
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import sweepctl_plugins
 from bridge.errors import BridgeError
+from tools.cli.planners import PLANNERS
 from tools.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from importlib.resources.abc import Traversable
-    from pathlib import Path
 
     from tools.experiment.trials import Trial
 
@@ -33,15 +36,35 @@ class ExperimentFolderError(BridgeError):
     exit_status = 1
 
 
-def code_version() -> str:
-    """Return release and hash of the code, so that results of different code are not mixed."""
+def code_version(planners: Iterable[str] = ()) -> str:
+    """Return release and hash of the code, so that results of different code are not mixed.
+
+    Args:
+        planners: names of planners; the module of one from outside the project counts too.
+
+    """
     digest = hashlib.sha256()
+    for name, source in sorted(_outside(set(planners)).items()):
+        digest.update(f"{name}\0".encode())
+        digest.update(source)
     for package in ("protocol", "bridge", "sim_device", "tools"):
         root = resources.files(package)
         for name, data in sorted(_sources(root)):
             digest.update(f"{package}/{name}\0".encode())
             digest.update(data)
     return f"{VERSION}-{digest.hexdigest()[:8]}"
+
+
+def _outside(planners: set[str]) -> dict[str, bytes]:
+    """Return the source of the module of each planner that is a plug-in or ``module:callable``."""
+    plugins = sweepctl_plugins.found("planners")
+    found: dict[str, bytes] = {}
+    for name in planners - set(PLANNERS):
+        path = plugins[name].entry.value if name in plugins else name
+        spec = importlib.util.find_spec(path.partition(":")[0]) if ":" in path else None
+        if spec is not None and spec.origin is not None and spec.has_location:
+            found[name] = Path(spec.origin).read_bytes()
+    return found
 
 
 def _sources(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, bytes]]:

@@ -40,7 +40,7 @@ from bridge.supervise import Supervisor
 from tools.cli.cautions import cautions
 from tools.cli.console import inform, is_drawable
 from tools.cli.lan_risk import bus_risk
-from tools.cli.options import DEFAULT_PLANNER
+from tools.cli.planners import DEFAULT_PLANNER
 from tools.cli.recording import check_view, live_view
 from tools.cli.remedies import with_remedy
 from tools.cli.replaced_log import ReplacedLog

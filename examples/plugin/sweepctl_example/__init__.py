@@ -1,0 +1,1 @@
+"""Plug-ins for sweepctl: a planner, a message, a fault, a rule and a command."""

@@ -1,0 +1,21 @@
+"""A command: what a log's dust sensor counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bridge.record.reader import LogReader
+
+
+@click.command("dust", epilog="Example:  sweepctl dust clean.mcap")
+@click.argument("file", type=click.Path(path_type=Path))
+def command(*, file: Path) -> int:
+    """Print how many particles the dust sensor of the run in FILE counted."""
+    counts = [m.decoded.particles for m in LogReader(file).messages({"/device/dust"})]
+    if not counts:
+        click.echo("no dust message", err=True)
+        return 1
+    click.echo(f"{max(counts) - min(counts)} particles in {len(counts)} messages")
+    return 0
