@@ -147,7 +147,7 @@ def test_a_planner_that_raises_stops_the_robot_and_names_its_package(site: Path)
     assert "Traceback" not in done.err
 
 
-def test_two_packages_that_claim_one_type_are_refused_by_name(site: Path) -> None:
+def test_two_packages_that_claim_one_type_are_rejected_by_name(site: Path) -> None:
     for package, name in (("fog", "Fog"), ("smoke", "Smoke")):
         source = {package: MESSAGE.format(type_id="0x51", name=name)}
         install(site, package, {"messages": {package: f"{package}:{name}"}}, source)
@@ -202,7 +202,7 @@ def test_a_command_that_raises_is_one_line(site: Path) -> None:
     assert done.err == "sweepctl: command 'boom' of package boom 1.0 raised KeyError: 'x'\n"
 
 
-def test_two_packages_with_one_name_are_refused(site: Path) -> None:
+def test_two_packages_with_one_name_are_rejected(site: Path) -> None:
     for package in ("one", "two"):
         points = {"planners": {"same": f"{package}:make"}, "commands": {"same": f"{package}:run"}}
         install(site, package, points)
