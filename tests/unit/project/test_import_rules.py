@@ -16,9 +16,16 @@ from bridge.api.robot import Robot
 from support.root import ROOT
 
 ALLOWED = {
-    "protocol": {"protocol", "numpy", "cobs"},
+    "protocol": {"protocol", "numpy", "cobs", "sweepctl_plugins"},
     "bridge/motion": {"bridge.motion", "numpy", "scipy"},
-    "bridge/coverage": {"bridge.coverage", "bridge.motion", "cython", "numpy", "scipy"},
+    "bridge/coverage": {
+        "bridge.coverage",
+        "bridge.motion",
+        "cython",
+        "numpy",
+        "scipy",
+        "sweepctl_plugins",
+    },
 }
 # The standard library's doors to clocks, ports, processes, hidden randomness and logs.
 IMPURE = {
@@ -73,6 +80,11 @@ def test_pure_package_imports_only_what_is_allowed(package: str) -> None:
         if strange:
             found[str(file.relative_to(ROOT))] = strange
     assert found == {}
+
+
+def test_the_module_that_finds_plug_ins_is_pure_standard_library() -> None:
+    source = (ROOT / "sweepctl_plugins.py").read_text(encoding="utf-8")
+    assert strangers(source, set()) == set()
 
 
 @pytest.mark.parametrize(
