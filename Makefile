@@ -9,7 +9,8 @@ INSTALLED := $(VENV)/.installed
 LOCKS := requirements-build.lock requirements.lock
 # What is compiled when the package is installed, and what it is made with.
 KERNELS := $(shell sed -n '/^\[tool.sweepctl.kernels\]/,/^\[/s/.*"\(.*\.py\)".*/\1/p' pyproject.toml)
-MADE_WITH := setup.py requirements-build.lock bridge/motion/arrays.pxd tools/dev/kernels.py
+MADE_WITH := setup.py requirements-build.lock tools/dev/kernels.py \
+	$(shell find protocol bridge sim_device -name '*.pxd')
 # The C compiler that this Python was built with; where that is missing another one, else that of the
 # lock, which is told to compile for any CPU of this kind and not for the one that it runs on.
 OWN_CC := $(shell command -v $$($(PYTHON) -c 'import sysconfig; print((sysconfig.get_config_var("CC") or "cc").split()[0])' 2>/dev/null))
@@ -85,7 +86,7 @@ else
 endif
 
 coverage: venv ## the tests with branch coverage, which takes them half as long again
-	@$(BIN)/python -m pytest -q --cov --cov-report=term $(ARGS)
+	@PYTHONPATH=tests $(BIN)/python -m pytest -q -p support.sources --cov --cov-report=term $(ARGS)
 
 covered: venv ## branch coverage of the safety code, which must reach its gate
 	@PYTHONPATH=tests $(BIN)/python -m mutation.covered

@@ -14,7 +14,7 @@ from tools.dev import kernels
 BUILD = Path("build/kernels")
 FLAGS = ["/O2", "/fp:precise"] if sys.platform == "win32" else ["-O2", "-ffp-contract=off", "-g0"]
 """Without fast-math and for any CPU of its kind: equal input gives equal floats on each."""
-DIRECTIVES = {
+LOOPS = {
     "language_level": 3,
     "boundscheck": False,
     "cdivision": True,
@@ -22,6 +22,9 @@ DIRECTIVES = {
     "initializedcheck": False,
     "wraparound": False,
 }
+"""How kernels are compiled."""
+ORDINARY = {"language_level": 3, "annotation_typing": False}
+"""How modules are compiled whose types stand in a .pxd: as Python would run them."""
 
 
 def wanted() -> list[Path]:
@@ -59,14 +62,17 @@ def extensions(sources: list[Path]) -> list[Extension]:
     shared = kernels.module_name(kernels.ROOT / kernels.SHARED)
     if set(sources) >= set(kernels.sources()):
         made.append(Extension(shared, [], extra_compile_args=FLAGS))
-    compiled: list[Extension] = cythonize(
-        made,
-        build_dir=str(BUILD),
-        compiler_directives=DIRECTIVES,
-        force=True,
-        quiet=True,
-        shared_utility_qualified_name=shared,
-    )
+    typed = {kernels.module_name(source) for source in sources if kernels.types(source).exists()}
+    compiled: list[Extension] = []
+    for directives in (LOOPS, ORDINARY):
+        compiled += cythonize(
+            [one for one in made if (one.name in typed) == (directives is ORDINARY)],
+            build_dir=str(BUILD),
+            compiler_directives=directives,
+            force=True,
+            quiet=True,
+            shared_utility_qualified_name=shared,
+        )
     return compiled
 
 

@@ -17,7 +17,6 @@ from protocol.link import Received, addresses
 from protocol.messages.device import (
     Ack,
     Challenge,
-    DescribeEnumReply,
     DescribeReply,
     Encoders,
     Hello,
@@ -29,7 +28,7 @@ from protocol.messages.device import (
     Status,
     TimeReply,
 )
-from protocol.messages.host import ClearStop, Describe, DescribeEnum, HostHello, Stop, TimeRequest
+from protocol.messages.host import ClearStop, Describe, HostHello, Stop, TimeRequest
 from protocol.messages.values import NackReason
 from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE
@@ -43,16 +42,7 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
     from protocol.schema.message import Message
 
-_CONVERSATION = (
-    Hello,
-    DescribeReply,
-    DescribeEnumReply,
-    Ack,
-    Nack,
-    TimeReply,
-    ParameterValue,
-    Challenge,
-)
+_CONVERSATION = (Hello, DescribeReply, Ack, Nack, TimeReply, ParameterValue, Challenge)
 _NOBODY = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
 """Hello for a recording that contains none."""
 _STANDING = (Status, Encoders, Imu, Range, Power)
@@ -254,7 +244,7 @@ class ReplayDevice:
                     self._begun_ns = now_ns
             case TimeRequest():
                 self._send(TimeReply(message.ping, self._device_us(now_ns)), now_ns)
-            case Describe() | DescribeEnum():
+            case Describe():
                 self._send(describe(CATALOGUE, message), now_ns)
             case Stop() | ClearStop():
                 type_id = CATALOGUE.spec(type(message)).type_id

@@ -10,6 +10,7 @@ from protocol.commands import CommandSender
 from protocol.errors import ProtocolError
 from protocol.link import NODE_ALL
 from protocol.messages.host import TimeRequest, VelocitySetpoint, WheelDuty
+from protocol.uart.framing import FLAG_RETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,7 +124,7 @@ class Outbox:
         """Send the due commands; return the outcomes of the commands that got no answer."""
         messages, outcomes = self.commands.due(now_ns // 1000)
         for message, retry in messages:
-            self.send(message, now_ns)
+            self.send(message, now_ns, flags=FLAG_RETRY if retry else 0)
             self.counts.retried += retry
         self.counts.unanswered += len(outcomes)
         return outcomes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Any
 
+from protocol import primitives
 from protocol.errors import FieldRangeError, PayloadError
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
 
     from protocol.schema.fields import WireType
     from protocol.schema.message import Message, MessageSpec
-
-_make = tuple.__new__
 
 
 class Codec:
@@ -60,7 +59,7 @@ class Codec:
         """
         layout = spec.layout
         if len(payload) == layout.size and spec.text_field is None:
-            return _make(spec.cls, layout.unpack(payload))  # type: ignore[type-var]  # a tuple
+            return primitives.make(spec.cls, layout.unpack(payload))
         return self._decode_other(spec, payload)
 
     def _decode_other(self, spec: MessageSpec, payload: bytes) -> Message:
@@ -72,12 +71,12 @@ class Codec:
         values: tuple[Any, ...] = layout.unpack_from(payload)
         tail = payload[layout.size :]
         if shared == count and spec.text_field is not None:
-            return _make(spec.cls, (*values, tail.decode("utf-8", "replace")))  # type: ignore[type-var]
+            return primitives.make(spec.cls, (*values, tail.decode("utf-8", "replace")))
         if tail:
             if spec.type_id not in self._shared and not spec.bootstrap:
                 raise PayloadError(spec.name, len(payload), layout.size)
             self.extra_bytes += len(tail)
-        return _make(spec.cls, values + (None,) * (count - len(values)))  # type: ignore[type-var]
+        return primitives.make(spec.cls, values + (None,) * (count - len(values)))
 
     def encode(self, message: Message) -> tuple[int, bytes]:
         """Encode a message: its type and its payload.
@@ -88,8 +87,8 @@ class Codec:
 
         """
         try:
-            type_id, pack = self._whole[message.__class__]
-            return type_id, pack(*message)
+            type_id, pack = self._whole[type(message)]
+            return type_id, pack(*primitives.values_of(message))
         except (KeyError, struct.error):
             pass  # the slow way knows the others, and which field it was
         spec = self.catalogue.spec(type(message))

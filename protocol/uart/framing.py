@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import struct
 from enum import Enum
-from typing import Any, NamedTuple
-from zlib import crc32
+from typing import NamedTuple
 
-from cobs import cobs
-
+from protocol import primitives
 from protocol.errors import FieldRangeError, LocalError
 from protocol.schema.catalogue import PROTOCOL_VERSION
 from protocol.schema.message import MAX_TYPE
@@ -25,21 +23,30 @@ MAX_ENCODED = MAX_DECODED + 1
 MIN_DECODED = HEADER.size + CRC.size
 MAX_PAYLOAD = MAX_DECODED - MIN_DECODED
 FLAG_AUTHENTICATED = 1
+FLAG_RETRY = 2
 MAX_FLAGS = 15
 MAX_NODE = 15
-_DELIMITER = b"\0"
-UNPACK_BODY = {
-    MIN_DECODED + size: struct.Struct(f"<BBBBI{size}s4x").unpack for size in range(MAX_PAYLOAD + 1)
-}
-"""By the length of a decoded frame: header and payload in one call, the CRC passed over."""
-RESIDUE = 0x2144DF1C
-"""zlib.crc32(m + crc32(m) little-endian) for every m: a body is intact where it gives this."""
-PACK_BODY = [struct.Struct(f"<BBBBI{size}s").pack for size in range(MAX_PAYLOAD + 1)]
-"""By the length of a payload: header and payload in one call."""
 OWN_VERSION = PROTOCOL_VERSION << 4
 """The first byte of a frame without flags."""
-pack_crc = CRC.pack
-_new = tuple.__new__
+RESIDUE = 0xDEBB20E3
+"""The CRC register after every intact frame, its CRC included."""
+
+
+def _crc_table() -> list[int]:
+    """What one byte does to the CRC register."""
+    table = []
+    for byte in range(256):
+        register = byte
+        for _ in range(8):
+            register = register >> 1 ^ (0xEDB88320 if register & 1 else 0)  # 0x04C11DB7 reversed
+        table.append(register)
+    return table
+
+
+_CRC_TABLE = _crc_table()
+_MAX_ENCODED, _MAX_PAYLOAD, _MIN_DECODED = MAX_ENCODED, MAX_PAYLOAD, MIN_DECODED
+_RESIDUE = RESIDUE
+# Compiled, they are C integers, and the names above are still Python's.
 
 
 class Frame(NamedTuple):
@@ -105,10 +112,8 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
     """
     check_frame(node, type_id, payload, flags)
-    pack = PACK_BODY[len(payload)]
-    body = pack(OWN_VERSION | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF, payload)
-    encoded: bytes = cobs.encode(body + pack_crc(crc32(body)))
-    return encoded + _DELIMITER
+    head = OWN_VERSION | flags, node, type_id, seq & 0xFF
+    return UartEncoder().frame(*head, t_us & 0xFFFF_FFFF, payload)
 
 
 def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
@@ -123,84 +128,151 @@ def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
         raise FieldRangeError("frame", "flags", flags)
 
 
+class UartEncoder:
+    """Makes the bytes of one frame after the other."""
+
+    def __init__(self) -> None:
+        self._body = bytearray(MAX_DECODED)
+        self._encoded = bytearray(MAX_ENCODED + 1)
+
+    def frame(  # noqa: PLR0913, PLR0917 - the header's fields
+        self, version_flags: int, node: int, type_id: int, seq: int, t_us: int, payload: bytes
+    ) -> bytes:
+        """Encode one frame, its closing delimiter included, the leading one not.
+
+        Raises:
+            FrameSizeError: the payload is longer than a frame can hold.
+
+        """
+        body, encoded, content = self._body, self._encoded, payload
+        size = len(payload)
+        if size > _MAX_PAYLOAD:
+            raise FrameSizeError(size)
+        body[0], body[1], body[2], body[3] = version_flags, node, type_id, seq
+        body[4], body[5] = t_us & 0xFF, t_us >> 8 & 0xFF
+        body[6], body[7] = t_us >> 16 & 0xFF, t_us >> 24
+        for place in range(size):
+            body[8 + place] = content[place]
+        size += 8
+        crc = 0xFFFF_FFFF
+        for place in range(size):
+            crc = _CRC_TABLE[(crc ^ body[place]) & 0xFF] ^ crc >> 8
+        crc ^= 0xFFFF_FFFF
+        body[size], body[size + 1] = crc & 0xFF, crc >> 8 & 0xFF
+        body[size + 2], body[size + 3] = crc >> 16 & 0xFF, crc >> 24
+        size += 4
+        # COBS: each zero becomes the distance to the next; the first distance stands in front.
+        zero = 0
+        for place in range(size):
+            byte = body[place]
+            if byte:
+                encoded[place + 1] = byte
+            else:
+                encoded[zero] = place + 1 - zero
+                zero = place + 1
+        encoded[zero] = size + 1 - zero
+        encoded[size + 1] = 0
+        return primitives.cut(encoded, 0, size + 2)
+
+
 class UartParser:
     """Finds frames in a byte stream, however it is cut; keeps at most one frame's bytes.
 
-    :meth:`split` and :meth:`locate` are its halves, for a loop that does more with each
-    intact body in the same breath.
+    :meth:`feed` gives all that some bytes complete. :meth:`take` and :meth:`next_event` give the
+    same one by one, with the header's fields as attributes: for a loop that looks at each.
     """
 
     def __init__(self) -> None:
         self.bytes_seen = 0
+        """Up to the place that the parser has reached."""
         self.frames = 0
         self.damaged = 0
-        self._partial = b""
-        self._overlong = 0
-        """Bytes dropped of a stretch that is already longer than any frame."""
-        self._ended_overlong = 0
-        """The same, of the stretch that the last bytes ended."""
+        self.version_flags = self.node = self.type_id = self.seq = 0
+        """Of the newest frame."""
+        self.payload = b""
+        """Of the newest frame."""
+        self._data = b""
+        self._place = 0
+        """Of the next byte in the data."""
+        self._stretch = bytearray(MAX_ENCODED)
+        """The first bytes after the last delimiter."""
+        self._length = 0
+        """Bytes after the last delimiter, kept or not."""
+        self._body = bytearray(MAX_DECODED)
 
     def feed(self, data: bytes) -> list[Frame | DamagedFrame]:
         """Take the next bytes; give what they complete, in order."""
-        found: list[Any] = []
-        pieces = self.split(data)
-        damaged = False
-        for piece in filter(None, pieces):  # every frame passes here: no call without need
-            try:
-                body = cobs.decode(piece)
-                unpack = UNPACK_BODY[len(body)]
-            except cobs.DecodeError:
-                found.append(Damage.COBS)
-                damaged = True
-            except KeyError:
-                found.append(Damage.LENGTH)
-                damaged = True
-            else:
-                if crc32(body) == RESIDUE:
-                    found.append(_new(Frame, unpack(body)))
-                else:
-                    found.append(Damage.CRC)
-                    damaged = True
-        self.frames += len(found)
-        if damaged:
-            self.locate(found, pieces)
+        found: list[Frame | DamagedFrame] = []
+        self.take(data)
+        event = self.next_event()
+        while event is not None:
+            found.append(event)
+            event = self.next_event()
         return found
 
-    def split(self, data: bytes) -> list[bytes]:
-        """Take the next bytes; give the stretches that they end, empty ones included."""
-        pieces = (self._partial + data).split(_DELIMITER)
-        self._partial = partial = pieces.pop()
-        self.bytes_seen += len(data)
-        if pieces:
-            self._ended_overlong, self._overlong = self._overlong, 0
-        if len(partial) > MAX_ENCODED:
-            # One byte more than any frame has: it stays too long, whatever follows.
-            self._overlong += len(partial) - MAX_ENCODED - 1
-            self._partial = partial[: MAX_ENCODED + 1]
-        return pieces
+    def take(self, data: bytes) -> None:
+        """Take the next bytes, once :meth:`next_event` has given None for those before."""
+        self._data = data
+        self._place = 0
 
-    def locate(self, found: list[Any], pieces: list[bytes]) -> None:
-        """Replace each :class:`Damage` in ``found`` by what it befell, and count it.
+    def next_event(self) -> Frame | DamagedFrame | None:
+        """The next frame or damage in the bytes taken; None when there is no more."""
+        view, stretch = self._data, self._stretch
+        begin, length = self._place, self._length
+        for place in range(begin, len(self._data)):
+            byte = view[place]
+            if byte:
+                if length < _MAX_ENCODED:
+                    stretch[length] = byte
+                length += 1
+            elif length:
+                self._place = place + 1
+                self._length = 0
+                self.bytes_seen += place + 1 - begin
+                return self._judged(length)
+        self._length = length
+        self.bytes_seen += len(self._data) - begin
+        self._data = b""
+        self._place = 0
+        return None
 
-        ``found`` has one item for each of ``pieces`` that is not empty; all of them were
-        counted as frames.
-        """
-        dropped = self._ended_overlong
-        # Counted back from the end: what is kept of the next stretch, then all that was ended.
-        offset = self.bytes_seen - self._overlong - len(self._partial)
-        offset -= sum(map(len, pieces)) + len(pieces) + dropped
-        index = 0
-        for piece in pieces:
-            length = len(piece) + dropped
-            if piece:
-                damage = found[index]
-                if damage.__class__ is Damage:
-                    if length > MAX_ENCODED:
-                        damage = Damage.LENGTH  # whatever else: as where it came in many reads
-                    what = (damage, offset, length, piece[:MAX_ENCODED])
-                    found[index] = _new(DamagedFrame, what)
-                    self.damaged += 1
-                    self.frames -= 1
-                index += 1
-            offset += length + 1
-            dropped = 0
+    def _judged(self, length: int) -> Frame | DamagedFrame:
+        """The frame, or the damage, that the last ``length`` bytes before a delimiter are."""
+        stretch, body = self._stretch, self._body
+        damage = _LENGTH
+        if length <= _MAX_ENCODED:
+            # COBS and CRC in one pass: a distance leads to each zero, and the last to the end.
+            left = stretch[0]
+            crc = 0xFFFF_FFFF
+            for place in range(1, length):
+                byte = stretch[place]
+                left -= 1
+                if left == 0:
+                    left = byte
+                    byte = 0
+                body[place - 1] = byte
+                crc = _CRC_TABLE[(crc ^ byte) & 0xFF] ^ crc >> 8
+            if left != 1:
+                damage = _COBS
+            elif length > _MIN_DECODED:
+                if crc == _RESIDUE:
+                    return self._frame(length - 5)
+                damage = _CRC
+        self.damaged += 1
+        offset = self.bytes_seen - 1 - length
+        data = primitives.cut(stretch, 0, min(length, _MAX_ENCODED))
+        return primitives.make(_DamagedFrame, (damage, offset, length, data))
+
+    def _frame(self, end: int) -> Frame:
+        """The frame whose header and payload are the first ``end`` bytes of the body."""
+        body = self._body
+        self.frames += 1
+        self.version_flags, self.node, self.type_id, self.seq = body[0], body[1], body[2], body[3]
+        t_us = body[4] | body[5] << 8 | body[6] << 16 | body[7] << 24
+        self.payload = payload = primitives.cut(body, 8, end)
+        values = (self.version_flags, self.node, self.type_id, self.seq, t_us, payload)
+        return primitives.make(_Frame, values)
+
+
+_Frame, _DamagedFrame = Frame, DamagedFrame
+_COBS, _LENGTH, _CRC = Damage.COBS, Damage.LENGTH, Damage.CRC

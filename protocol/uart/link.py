@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-from zlib import crc32
+from typing import TYPE_CHECKING
 
-from cobs import cobs
-
+from protocol import primitives
 from protocol.authentication import TRAILER
 from protocol.errors import PayloadError
 from protocol.link import LinkBase, Medium, Received
@@ -14,29 +12,42 @@ from protocol.schema.catalogue import PROTOCOL_VERSION
 from protocol.schema.message import Direction
 from protocol.uart.framing import (
     FLAG_AUTHENTICATED,
+    HEADER,
     OWN_VERSION,
-    PACK_BODY,
-    RESIDUE,
-    UNPACK_BODY,
-    Damage,
+    DamagedFrame,
     Frame,
+    UartEncoder,
     UartParser,
-    pack_crc,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
     from protocol.link import LinkEvent
     from protocol.schema.codec import Codec
-    from protocol.schema.message import MessageSpec
+    from protocol.schema.message import Message, MessageSpec
 
 _HALF_SEQ = 128
 _STOP = "stop"
 """Name of the message that needs no tag, and is not refused for a wrong one."""
 _HELLO = "hello"
 """Name of the message that says which boot a device's sequence numbers are of."""
-_PLAIN = 0xF0 | FLAG_AUTHENTICATED
+_PLAIN_MASK = 0xF0 | FLAG_AUTHENTICATED
 """Version and this flag: a frame that claims to be authenticated never goes the short way."""
-_new = tuple.__new__
+_OWN_VERSION = OWN_VERSION
+_UNKNOWN = -1
+"""No sequence number: the next one of this sender may be any."""
+
+
+class _Ordinary:
+    """How a message is read whose type and length alone say it."""
+
+    def __init__(self, spec: MessageSpec) -> None:
+        self.spec = spec
+        self.cls: type[Message] = spec.cls
+        self.size = spec.layout.size
+        self.unpack: Callable[[bytes], tuple[Any, ...]] = spec.layout.unpack
 
 
 class Link(LinkBase):
@@ -47,72 +58,58 @@ class Link(LinkBase):
     def __init__(self, sends: Direction, *, codec: Codec | None = None) -> None:
         super().__init__(sends, codec=codec)
         self._parser = UartParser()
+        self._encoder = UartEncoder()
         self._seq = 0
-        self._expected_seq: dict[int, int] = {}
+        self._expected_seq = [_UNKNOWN] * 256
+        """By sender; compared with every frame's."""
         self._boots: dict[int, int] = {}
         """The boot that each device's newest hello names."""
         # A device's frames name it; a host counts all its own together, whatever node they name.
         self._sender_mask = 0xFF if sends is Direction.HOST else 0
-        self._plain = {
-            spec.type_id << 8 | spec.layout.size: (spec, spec.cls, spec.layout.unpack)
-            for spec in self.codec.catalogue
-            if spec.direction is not sends and spec.text_field is None
-        }
-        """What can come in by type and length of payload, where that alone says how to read it."""
+        self._ordinary: list[_Ordinary | None] = [None] * 256
+        """By type; None where it takes more to read the message, or it does not come in."""
+        for spec in self.codec.catalogue:
+            if spec.direction is not sends and spec.text_field is None:
+                self._ordinary[spec.type_id] = _Ordinary(spec)
 
     # ---- receiving ------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_us: int = 0) -> list[LinkEvent]:  # noqa: ARG002 - stamps are whole
         """Take bytes from the port; give what they complete, in order."""
-        # The parser's own loop, and what follows for an ordinary frame in the same breath: at
-        # a full line a call for each frame would be a tenth of the time.
         parser, statistics = self._parser, self.statistics
+        by_type, expected = statistics.by_type, self._expected_seq
+        found: list[LinkEvent] = []
+        frames = parser.frames
+        damaged = parser.damaged
+        rare = 0
+        parser.take(data)
+        while True:
+            event = parser.next_event()
+            if event is None:
+                break
+            if isinstance(event, _DamagedFrame):
+                found.append(event)
+                continue
+            type_id = parser.type_id
+            sender = parser.node & self._sender_mask
+            ordinary = self._ordinary[type_id]
+            if (
+                ordinary is not None
+                and parser.seq == expected[sender]
+                and len(parser.payload) == ordinary.size
+                and parser.version_flags & _PLAIN_MASK == _OWN_VERSION
+                and not (self.disabled and type_id in self.disabled)
+            ):
+                by_type[type_id] = by_type.get(type_id, 0) + 1
+                expected[sender] = (parser.seq + 1) & 0xFF
+                message = primitives.make(ordinary.cls, ordinary.unpack(parser.payload))
+                found.append(primitives.make(_Received, (message, event, ordinary.spec)))
+            else:
+                rare += 1
+                found.append(self._interpret(event))
         statistics.bytes_in += len(data)
-        pieces = parser.split(data)
-        found: list[Any] = []
-        plain, expected, disabled = self._plain, self._expected_seq, self.disabled
-        by_type, sender_mask = statistics.by_type, self._sender_mask
-        ordinary = damaged = 0
-        for piece in filter(None, pieces):
-            try:
-                body = cobs.decode(piece)
-                unpack = UNPACK_BODY[len(body)]
-            except cobs.DecodeError:
-                found.append(Damage.COBS)
-                damaged += 1
-                continue
-            except KeyError:
-                found.append(Damage.LENGTH)
-                damaged += 1
-                continue
-            if crc32(body) != RESIDUE:
-                found.append(Damage.CRC)
-                damaged += 1
-                continue
-            header = unpack(body)
-            version_flags, node, type_id, seq, _, payload = header
-            sender = node & sender_mask
-            try:
-                spec, cls, unpack = plain[type_id << 8 | len(payload)]
-                if (
-                    expected[sender] == seq
-                    and version_flags & _PLAIN == OWN_VERSION
-                    and type_id not in disabled
-                ):
-                    by_type[type_id] += 1
-                    expected[sender] = (seq + 1) & 0xFF
-                    ordinary += 1
-                    message = _new(cls, unpack(payload))  # type: ignore[type-var]  # a tuple
-                    found.append(_new(Received, (message, _new(Frame, header), spec)))
-                    continue
-            except KeyError:
-                pass  # the first of its sender or type, or one with a text
-            found.append(self._interpret(_new(Frame, header)))
-        statistics.frames_in += ordinary
-        parser.frames += len(found)
-        if damaged:
-            statistics.damaged += damaged
-            parser.locate(found, pieces)
+        statistics.frames_in += parser.frames - frames - rare
+        statistics.damaged += parser.damaged - damaged
         return found
 
     def _interpret(self, frame: Frame) -> LinkEvent:
@@ -125,13 +122,10 @@ class Link(LinkBase):
             return self._reject(frame, "direction")
         statistics = self.statistics
         statistics.frames_in += 1
-        try:
-            statistics.by_type[type_id] += 1
-        except KeyError:
-            statistics.by_type[type_id] = 1
+        statistics.by_type[type_id] = statistics.by_type.get(type_id, 0) + 1
         sender = node & self._sender_mask
         booted = spec is not None and spec.name == _HELLO and self._booted(sender, spec, frame)
-        if booted or seq == self._expected_seq.get(sender, seq):
+        if booted or self._expected_seq[sender] in {seq, _UNKNOWN}:
             self._expected_seq[sender] = (seq + 1) & 0xFF
         else:
             self._out_of_sequence(sender, seq)
@@ -146,7 +140,7 @@ class Link(LinkBase):
         if not genuine or type_id in self.disabled:
             return self._reject(frame, "disabled" if genuine else "key")
         try:
-            return _new(Received, (codec.decode(spec, frame.payload), frame, spec))
+            return Received(codec.decode(spec, frame.payload), frame, spec)
         except PayloadError:
             return self._reject(frame, "payload")
 
@@ -154,7 +148,7 @@ class Link(LinkBase):
         """A frame that says it is authenticated without its trailer, and whether it is."""
         payload, trailer = frame.payload[: -TRAILER.size], frame.payload[-TRAILER.size :]
         frame = frame._replace(payload=payload)
-        covered = PACK_BODY[len(payload)](*frame)
+        covered = HEADER.pack(*frame[:-1]) + payload
         return frame, self.key is not None and self.key.check(covered, trailer)
 
     def _booted(self, sender: int, spec: MessageSpec, frame: Frame) -> bool:
@@ -178,7 +172,7 @@ class Link(LinkBase):
 
     def forget_sequence(self) -> None:
         """Expect any sequence number next: the peer has booted anew."""
-        self._expected_seq.clear()
+        self._expected_seq = [_UNKNOWN] * 256
 
     # ---- sending --------------------------------------------------------------------------
 
@@ -188,16 +182,17 @@ class Link(LinkBase):
             return b""
         # With a leading delimiter on an idle line, a damaged tail costs no intact neighbour.
         data = b"\0"
-        seq = self._seq
         for node, type_id, t_us, payload, flags in self._queue:  # hardly ever more than one
-            # As encode_frame does it, in the same breath.
-            pack = PACK_BODY[len(payload)]
-            body = pack(OWN_VERSION | flags, node, type_id, seq, t_us & 0xFFFF_FFFF, payload)
+            version_flags, stamp_us = OWN_VERSION | flags, t_us & 0xFFFF_FFFF
+            content = payload
             if flags & FLAG_AUTHENTICATED and self.key is not None:
-                body += self.key.sign(body)
-            data += cobs.encode(body + pack_crc(crc32(body))) + b"\0"
-            seq = (seq + 1) & 0xFF
-        self._seq = seq
+                head = HEADER.pack(version_flags, node, type_id, self._seq, stamp_us)
+                content += self.key.sign(head + payload)
+            data += self._encoder.frame(version_flags, node, type_id, self._seq, stamp_us, content)
+            self._seq = (self._seq + 1) & 0xFF
         self._queue.clear()
         self.statistics.bytes_out += len(data)
         return data
+
+
+_DamagedFrame, _Received = DamagedFrame, Received

@@ -13,7 +13,6 @@ from protocol.link import LinkBase, Received, addresses
 from protocol.messages.device import Ack, Nack, TimeReply
 from protocol.messages.host import (
     Describe,
-    DescribeEnum,
     GetParameter,
     HostHello,
     SaveParameters,
@@ -127,7 +126,6 @@ class Firmware:
             WheelDuty: self._duty,
             TimeRequest: self._time,
             Describe: self._describe,
-            DescribeEnum: self._describe_enum,
         }
         self.telemetry = Telemetry(self.link, self._sampler, self.control)
 
@@ -247,9 +245,6 @@ class Firmware:
             # What is needed to agree never changes: without its fields nobody could agree again.
             fewer = question.field_count < len(spec.fields)
             codec.limit(spec.type_id, question.field_count if fewer else None)
-
-    def _describe_enum(self, question: DescribeEnum, _extra_us: float, now_us: int) -> None:
-        self._send(describe(self.link.codec.catalogue, question), now_us)
 
     # ---- session --------------------------------------------------------------------------
 

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import atheris
 
+import support.sources  # noqa: F401 - what is instrumented is bytecode
 from support.root import ROOT
 
 with atheris.instrument_imports(include=["protocol"]):

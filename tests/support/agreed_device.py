@@ -33,7 +33,12 @@ if TYPE_CHECKING:
 
     from protocol.schema.message import Message
 
-F32, U32 = ParameterKind.F32, ParameterKind.U32
+F32, U32, I32, BOOL = (
+    ParameterKind.F32,
+    ParameterKind.U32,
+    ParameterKind.I32,
+    ParameterKind.BOOL,
+)
 NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 
 

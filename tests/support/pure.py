@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -12,9 +13,12 @@ if TYPE_CHECKING:
 
 def load_pure(source: Path) -> ModuleType:
     """Load a module from its source, whether it is compiled or not; under a name of its own."""
-    spec = importlib.util.spec_from_file_location(f"{source.stem}_pure", source)
+    spec = importlib.util.spec_from_file_location(
+        f"{source.parent.name}_{source.stem}_pure", source
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look there
     spec.loader.exec_module(module)
     return module

@@ -23,6 +23,10 @@ All kernels use it; without it each would contain that code, and take twice as l
 _MADE_WITH = ("setup.py", "requirements-build.lock")
 """What else a compiled module depends on; the lock names the version of Cython."""
 
+_ARRAYS = "bridge/motion/arrays.pxd"
+"""What a kernel that declares its types itself uses of other files."""
+_PACKAGES = ("protocol", "bridge", "sim_device")
+
 
 def sources(*, tests: bool = False) -> list[Path]:
     """The sources of all kernels; also of those that only tests use."""
@@ -36,10 +40,16 @@ def module_name(source: Path) -> str:
     return ".".join(source.relative_to(ROOT).with_suffix("").parts)
 
 
+def types(source: Path) -> Path:
+    """Where the C types of a source stand, if it does not contain them itself."""
+    return source.with_suffix(".pxd")
+
+
 def stamp(source: Path) -> str:
     """The text in the module that is made of this source, as it is now."""
     tools = [path for path in map(ROOT.joinpath, _MADE_WITH) if path.exists()]
-    made_of = [source, *sorted(ROOT.glob("bridge/**/*.pxd")), *tools]
+    typed = [path for package in _PACKAGES for path in sorted(ROOT.glob(f"{package}/**/*.pxd"))]
+    made_of = [source, *(typed if types(source).exists() else [ROOT / _ARRAYS]), *tools]
     digest = hashlib.sha256(b"\0".join(path.read_bytes() for path in made_of)).hexdigest()
     return f"sweepctl-kernel:{module_name(source)}:{digest}"
 

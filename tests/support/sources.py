@@ -1,0 +1,39 @@
+"""Ordinary modules that are compiled run from their sources: for coverage and for fuzzing.
+
+    python -m pytest -p support.sources --cov
+
+To import this module is enough. Kernels stay compiled, since they are too slow otherwise.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib.abc import MetaPathFinder
+from importlib.util import spec_from_file_location
+from typing import TYPE_CHECKING
+
+from tools.dev import kernels
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+
+
+class SourceFinder(MetaPathFinder):
+    """Finds the source of each module whose types stand in a .pxd."""
+
+    def __init__(self) -> None:
+        typed = (source for source in kernels.sources() if kernels.types(source).exists())
+        self._paths = {kernels.module_name(source): source for source in typed}
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """As :meth:`importlib.abc.MetaPathFinder.find_spec`."""
+        del path, target
+        source = self._paths.get(fullname)
+        return spec_from_file_location(fullname, source) if source else None
+
+
+sys.meta_path.insert(0, SourceFinder())
