@@ -97,6 +97,7 @@ bench: venv ## speed of wire, round trip, runs, recording, export, decisions; me
 	@PYTHONPATH=tests $(BIN)/python -m bench.simulate
 	@PYTHONPATH=tests $(BIN)/python -m bench.record
 	@PYTHONPATH=tests $(BIN)/python -m bench.export
+	@PYTHONPATH=tests $(BIN)/python -m bench.library
 	@PYTHONPATH=tests $(BIN)/python -m bench.decisions
 	@PYTHONPATH=tests $(BIN)/python -m bench.memory
 

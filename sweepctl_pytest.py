@@ -8,7 +8,11 @@ fixture is asked for. A module of its own, beside the packages: a project that h
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import sys
+import tempfile
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +30,12 @@ LINKS = ("pty", "tcp", "slcan", "udpcan")
 READY_S = 60.0
 """From starting the emulator's process to its ``ready``; a machine that is very busy takes long."""
 END_S = 20.0
+_RECORD = "record"
+"""Key of the marker that keeps the log of a failed test."""
+_KEPT = "runs"
+"""Folder of kept logs, below pytest's root folder: the one that ``sweepctl runs`` lists."""
+_NAME_LETTERS = 150
+"""Longest name of a kept log, without its suffix; file systems allow 255 bytes."""
 _KEYS: dict[str, type] = {
     "room": str,
     "noise": str,
@@ -48,13 +58,14 @@ def pytest_configure(config: pytest.Config) -> None:
     """Declare the marker."""
     config.addinivalue_line(
         "markers",
-        f"{MARKER}(room='case-1', noise='typical', seed=0, faults=[...], node=1, link='pty'): "
-        "what the fixtures sweeper and sweeper_port are made with",
+        f"{MARKER}(room='case-1', noise='typical', seed=0, faults=[...], node=1, link='pty', "
+        "record=False): what the fixtures sweeper and sweeper_port are made with; with record=True "
+        f"the log of a failed test is kept in {_KEPT}/",
     )
 
 
 @pytest.fixture
-def sweeper(request: pytest.FixtureRequest) -> SimulatedSweeper:
+def sweeper(request: pytest.FixtureRequest) -> Iterator[SimulatedSweeper]:
     """A virtual sweeper with a connected host, in virtual time: run, drive, clean, truth."""
     settings = _settings(request)
     from bridge.errors import BridgeError
@@ -63,9 +74,16 @@ def sweeper(request: pytest.FixtureRequest) -> SimulatedSweeper:
     from tools.virtual.sweeper import SimulatedSweeper
 
     try:
-        return SimulatedSweeper(settings)
+        made = SimulatedSweeper(settings)
     except (FaultSpecError, UnknownNoiseLevelError, BridgeError) as error:
         message = f"sweeper: {error}"
+    else:
+        with _log_of(request) as log:
+            if log is not None:
+                made.record(log)
+            yield made
+            made.close()
+        return
     pytest.fail(message, pytrace=False)
 
 
@@ -75,19 +93,59 @@ def sweeper_port(request: pytest.FixtureRequest) -> Iterator[str]:
     settings = _settings(request)
     from tools.virtual.emulator_process import EmulatorError, EmulatorProcess
 
-    try:
-        emulator = EmulatorProcess(settings, ready_s=READY_S)
-    except EmulatorError as error:
-        message = f"sweeper_port: {error}"
-    else:
+    with _log_of(request) as log:
         try:
-            yield emulator.port
-        finally:
-            complaint = emulator.end(END_S)
-        if complaint is None:
-            return
-        message = f"sweeper_port: {complaint}"
+            emulator = EmulatorProcess(settings, ready_s=READY_S, truth=log)
+        except EmulatorError as error:
+            message = f"sweeper_port: {error}"
+        else:
+            try:
+                yield emulator.port
+            finally:
+                complaint = emulator.end(END_S)
+            if complaint is None:
+                return
+            message = f"sweeper_port: {complaint}"
     pytest.fail(message, pytrace=False)
+
+
+# ---- logs of failed tests ---------------------------------------------------------------
+
+_kept_log = pytest.StashKey[Path]()
+"""Where the log of a test is kept if the test fails."""
+_failed = pytest.StashKey[bool]()
+
+
+@contextmanager
+def _log_of(request: pytest.FixtureRequest) -> Iterator[Path | None]:
+    """Yield where to record the test; None: it is not recorded. Keep the log if the test fails."""
+    if not _marked(request).get(_RECORD, False):
+        yield None
+        return
+    node = request.node
+    name = re.sub(r"[^\w.=+-]+", "-", node.nodeid).strip("-.")[-_NAME_LETTERS:]
+    kept = request.config.rootpath / _KEPT / f"{name}.mcap"
+    node.stash[_kept_log] = kept
+    with tempfile.TemporaryDirectory(prefix="sweepctl-test-") as folder:
+        log = Path(folder) / kept.name
+        yield log
+        if node.stash.get(_failed, False) and log.exists():
+            kept.parent.mkdir(exist_ok=True)
+            shutil.move(log, kept)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Name the kept log in the report of a failed test."""
+    report = yield
+    kept = item.stash.get(_kept_log, None)
+    if kept is not None and report.failed and call.when != "teardown":
+        item.stash[_failed] = True
+        text = f"{kept}\nexplain it:  sweepctl report {kept}"
+        report.sections.append(("log of the sweeper", text))
+    return report
 
 
 def _check_names() -> None:
@@ -104,19 +162,29 @@ def _check_names() -> None:
             pytest.fail(text, pytrace=False)
 
 
+def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """Return what the markers of a test say; the nearest has the last word."""
+    values: dict[str, Any] = {}
+    for mark in reversed(list(request.node.iter_markers(MARKER))):
+        if mark.args:
+            pytest.fail(f"@pytest.mark.{MARKER}: write name=value", pytrace=False)
+        values |= mark.kwargs
+    return values
+
+
 def _settings(request: pytest.FixtureRequest) -> Settings:
     _check_names()
     from tools.virtual.settings import Settings
 
-    values: dict[str, Any] = {}
-    for mark in reversed(list(request.node.iter_markers(MARKER))):  # the nearest has the last word
-        if mark.args:
-            pytest.fail(f"@pytest.mark.{MARKER}: write name=value", pytrace=False)
-        values |= mark.kwargs
+    values = _marked(request)
+    if not isinstance(values.setdefault(_RECORD, False), bool):
+        text = f"@pytest.mark.{MARKER}: {_RECORD}={values[_RECORD]!r} is neither True nor False"
+        pytest.fail(text, pytrace=False)
+    del values[_RECORD]
     for name, value in values.items():
         kind = _KEYS.get(name)
         if kind is None:
-            known = ", ".join(_KEYS)
+            known = ", ".join((*_KEYS, _RECORD))
             pytest.fail(f"@pytest.mark.{MARKER}: no {name!r}; there are {known}", pytrace=False)
         other = {"room": Path, "faults": tuple}.get(name, kind)
         if not isinstance(value, kind | other) or isinstance(value, bool):

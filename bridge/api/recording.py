@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Self
 
-from bridge.record.policy import RecordOptions, open_log
-from bridge.record.recorder import ThreadedRecorder
 from bridge.session.records import RoomRecord
 
 if TYPE_CHECKING:
@@ -14,7 +12,8 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from bridge.api.robot_parts import EventTap
-    from bridge.session.records import RunInfo
+    from bridge.record.recorder import DirectRecorder, ThreadedRecorder
+    from bridge.session.records import Record, RunInfo
 
 
 class Recording:
@@ -24,16 +23,18 @@ class Recording:
         self,
         path: Path,
         info: RunInfo,
+        recorder: ThreadedRecorder | DirectRecorder,
         tap: EventTap,
         summarise: Callable[[str | None, str], dict[str, Any]],
-        *,
-        force: bool,
     ) -> None:
-        """Create the file and record from now on.
+        """Record from now on.
 
-        Raises:
-            LogExistsError: the file exists, and ``force`` is False.
-            LogWriteError: the file cannot be opened or written.
+        Args:
+            path: The log.
+            info: Header data of the log.
+            recorder: Writes the log.
+            tap: Passes on the records of the session.
+            summarise: Returns the summary for the name of the room and of the log.
 
         """
         self.path = path
@@ -41,7 +42,7 @@ class Recording:
         self._plan = info.plan
         self._summarise = summarise
         self._tap = tap
-        self._recorder = ThreadedRecorder(open_log(path, info, RecordOptions(), force=force))
+        self._recorder = recorder
         self.closed = False
         """True if the log is closed."""
         if info.plan is not None:
@@ -60,6 +61,11 @@ class Recording:
     def error(self) -> Exception | None:
         """Error of the file, None if it is writable. The robot continues without it."""
         return self._recorder.error
+
+    def write(self, record: Record) -> None:
+        """Write one more record, for example the true pose of a virtual robot."""
+        if not self.closed:
+            self._recorder.write(record)
 
     def close(self) -> None:
         """Write the queued records and the summary, and close the file. It may be called again.

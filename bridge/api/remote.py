@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 from bridge.api import arguments
 from bridge.errors import OwnerRejectedError
 from bridge.io.owner_client import ask, has_owner
+from bridge.io.ports import DEFAULT_BAUD
 from bridge.run.client import noted
 from bridge.session.parameters import Parameter
 
@@ -58,12 +59,20 @@ class Reached(Protocol):
     ) -> None: ...
 
 
-def reach(port: str, **options: Any) -> Reached:  # noqa: ANN401 - options of Robot
+def reach(  # noqa: PLR0913 - the options of a port
+    port: str,
+    *,
+    node: int | None = None,
+    baud: int = DEFAULT_BAUD,
+    dtr: bool = False,
+    rts: bool = False,
+    bitrate: int | None = None,
+    lan: bool = False,
+    key: bytes | None = None,
+) -> Reached:
     """Connect to the robot on a port: through its owner, or by opening the port.
 
-    Args:
-        port: Name of the port.
-        **options: Options of :class:`bridge.api.robot.Robot`, for a port without an owner.
+    The options are those of :func:`bridge.open`, for a port without an owner.
 
     Raises:
         PortError: the port cannot be opened, for example because another user's process has it.
@@ -74,7 +83,7 @@ def reach(port: str, **options: Any) -> Reached:  # noqa: ANN401 - options of Ro
         return RemoteRobot(port)
     from bridge.api.robot import Robot  # noqa: PLC0415 - not needed for an owner's socket
 
-    return Robot(port, **options)
+    return Robot(port, node=node, baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan, key=key)
 
 
 class RemoteRobot:

@@ -45,6 +45,8 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.observation import VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogError
+from bridge.record.policy import RecordOptions, open_log
+from bridge.record.recorder import ThreadedRecorder
 from bridge.record.sink import NullSink
 from bridge.run.build import build_run
 from bridge.run.client import DeviceClient
@@ -345,7 +347,9 @@ class Robot:
                     summed()
             return found
 
-        recording = Recording(Path(path), info, self._events, summarise, force=force)
+        path = Path(path)
+        recorder = ThreadedRecorder(open_log(path, info, RecordOptions(), force=force))
+        recording = Recording(path, info, recorder, self._events, summarise)
         self._recordings.append(recording)
         return recording
 
@@ -377,7 +381,7 @@ class Robot:
         self._until(lambda: self._pump.snapshot.state.status is not None, timeout_s)
         status = self._pump.snapshot.state.status
         if status is None:
-            raise DeviceLostError("no status from the device within {timeout_s:g} s")
+            raise DeviceLostError(f"no status from the device within {timeout_s:g} s")
         return status
 
     @arguments.checked(timeout_s=arguments.SECONDS)

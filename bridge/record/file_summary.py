@@ -20,7 +20,7 @@ from bridge.record.unpack import DAMAGE, HEAD
 if TYPE_CHECKING:
     from bridge.record.scan import Bytes
 
-_FOOTER = struct.Struct("<BQQQI")
+FOOTER = struct.Struct("<BQQQI")
 _DATA_END = struct.Struct("<BQI")
 
 
@@ -64,12 +64,12 @@ class FileSummary:
 def read_file_summary(data: Bytes, begin: int, end: int) -> FileSummary:
     """Read the summary of the file between the offsets; damage shortens it."""
     summary = FileSummary()
-    footer = end - len(MAGIC) - _FOOTER.size
+    footer = end - len(MAGIC) - FOOTER.size
     if footer <= begin or data[end - len(MAGIC) : end] != MAGIC:
         return summary
-    opcode, length, start, _, crc = _FOOTER.unpack_from(data, footer)
+    opcode, length, start, _, crc = FOOTER.unpack_from(data, footer)
     start += begin
-    if opcode != Opcode.FOOTER or length != _FOOTER.size - HEAD.size or not begin < start <= footer:
+    if opcode != Opcode.FOOTER or length != FOOTER.size - HEAD.size or not begin < start <= footer:
         return summary
     content = data[start : end - len(MAGIC) - 4]
     summary.is_proven = crc != 0 and zlib.crc32(content) == crc
@@ -87,10 +87,10 @@ def is_summary_of(data: Bytes, begin: int, end: int) -> bool:
 
     It reads the footer and the record before the summary only, in constant time.
     """
-    footer = end - len(MAGIC) - _FOOTER.size
+    footer = end - len(MAGIC) - FOOTER.size
     if footer <= begin:
         return False
-    start = begin + _FOOTER.unpack_from(data, footer)[2]
+    start = begin + FOOTER.unpack_from(data, footer)[2]
     before = start - _DATA_END.size
     if not begin < before < start <= footer:
         return False

@@ -13,6 +13,8 @@ METADATA = "sweepctl"
 DEVICE_METADATA = "device"
 """Name of the metadata of each session's device: boot id, uid, firmware."""
 ROBOT_ATTACHMENT, ROOM_ATTACHMENT = "robot.toml", "room.json"
+VIRTUAL_PORT, EMULATED_PORT = "virtual", "emulated"
+"""Ports in the metadata of logs in virtual time, and of an emulator's truth log."""
 CATALOGUE_ATTACHMENT, SUMMARY_ATTACHMENT = "catalogue.json", "summary.json"
 
 

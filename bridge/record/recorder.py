@@ -151,3 +151,32 @@ class ThreadedRecorder:
                 except queue.Empty:
                     return
                 self._dropped += 1
+
+
+class DirectRecorder:
+    """Writes a run's records at once, in the caller's thread.
+
+    For virtual time, in which records come faster than a queue is emptied.
+    """
+
+    def __init__(self, writer: LogWriter) -> None:
+        self._writer = writer
+        self.dropped = 0
+        """Number of records that were not written to the file."""
+        self.error: Exception | None = None
+        """Error of the file; None: no error."""
+
+    def write(self, record: Record) -> None:
+        """Write one record; an error is stored in ``error``, not raised."""
+        try:
+            self._writer.write(record)
+        except LogWriteError as error:  # the writer raises it again for each record
+            self.error = self.error or error
+            self.dropped += 1
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        """Close the file; an error is stored in ``error``, not raised."""
+        try:
+            self._writer.close(summary)
+        except LogWriteError as error:
+            self.error = self.error or error

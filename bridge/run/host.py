@@ -595,6 +595,11 @@ class Host:
         """Record an event."""
         self._records.event(now_ns, severity, source, kind, text, **data)
 
+    @property
+    def event_counts(self) -> dict[tuple[str, str], int]:
+        """Number of recorded events by source and kind."""
+        return self._records.counts
+
     def use_unix_offset(self, unix_offset_ns: int) -> None:
         """Set the Unix time offset of later records, for a new log; no other log may be open."""
         self.ingest.unix_offset_ns = self._records.unix_offset_ns = unix_offset_ns

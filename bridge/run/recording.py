@@ -115,6 +115,8 @@ class HostRecords:
         self._disturbance: Disturbance | None = None
         self._damaged, self._rejected = Tally(), Tally()
         self._keys = KeyRedactor()
+        self.counts: Counter[tuple[str, str]] = Counter()
+        """Number of events by source and kind."""
 
     def event(
         self,
@@ -139,6 +141,7 @@ class HostRecords:
     ) -> None:
         """Record an event of a source that defines its own kinds."""
         log_ns = now_ns + self.unix_offset_ns
+        self.counts[source, str(kind)] += 1
         self._write(EventRecord(log_ns, severity, source, kind, text, data))
 
     def damaged(self, found: Sequence[DamagedFrame], now_ns: int) -> None:

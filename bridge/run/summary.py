@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from bridge.session.event_kinds import EventKind
 from bridge.session.link_stats import wire_summary
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def run_summary(  # noqa: PLR0913 - the parts of a summary
         "hole_inradius_m": _round(report.hole_inradius_m if report else None),
         "repeat_ratio": _round(report.repeat_ratio if report else None),
         "wire": link_summary(host),
+        "events": _events(host),
         "log": log,
     }
 
@@ -109,7 +111,17 @@ def crash_summary(
         "pose_error_m": {"end": None, "max": None},
         "coverage": dict.fromkeys(_COVERAGES),
         "wire": wire_summary(host.session.link.statistics),
+        "events": _events(host),
         "log": log,
+    }
+
+
+def _events(host: Host) -> dict[str, int]:
+    """Count what a list of runs shows of the events."""
+    counts = host.event_counts
+    return {
+        "supervise": sum(n for (source, _), n in counts.items() if source == "supervise"),
+        "device_faults": counts.get(("device", EventKind.FAULT.value), 0),
     }
 
 

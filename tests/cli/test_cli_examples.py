@@ -84,6 +84,7 @@ def test_an_example_without_hardware_runs(folder: Path, name: str) -> None:
     assert written or done.out
 
 
+@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("name", ALL)
 def test_an_example_is_parsed_to_its_last_word(name: str) -> None:
     command: click.Command = cli

@@ -131,6 +131,23 @@ def test_a_value_that_a_reboot_would_undo_reports_what_it_needs(port: str) -> No
     assert row("infrared_left_scale").endswith("after reboot  stored")
 
 
+def test_reset_returns_to_the_devices_own_defaults(port: str, served: Served) -> None:
+    value = served.device.firmware.parameters.value
+    assert param("set", port, "cruise_speed", "0.15", "battery_low", "13").status == 0
+    done = param("reset", port, "cruise_speed")
+    assert (done.status, done.err.splitlines()[0]) == (0, "cruise_speed: 0.15 -> 0.2 m/s")
+    assert value("cruise_speed") == pytest.approx(0.2)
+    assert value("battery_low") == pytest.approx(13.0)
+    reset = param("reset", port, "--all", "--save", "--json")
+    assert "battery_low" in [p["name"] for p in reset.json["parameters"]]
+    listed = param("list", port, "--changed", "--json").json["parameters"]
+    assert [p["name"] for p in listed if not p["read_only"]] == []
+    assert "nothing was changed" in param("reset", port, "--all").err
+    for wrong in ((), ("--all", "cruise_speed")):
+        assert "give the NAMEs of parameters, or --all" in param("reset", port, *wrong).line
+    assert value("node") == 1
+
+
 def test_no_such_port() -> None:
     assert param("list", "/dev/none-such").status == 3
     done = param("list", "/dev/none-such", "--json")

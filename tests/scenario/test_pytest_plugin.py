@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.record.reader import LogReader
 from support.root import ROOT
 
 if TYPE_CHECKING:
@@ -244,3 +245,71 @@ def test_a_user_without_the_fixtures_sees_nothing_of_it(
     pytester.makepyfile("def test_it(pytestconfig): assert pytestconfig.getoption('port') == '.'")
     result = users_pytest(pytester, monkeypatch, "--port", ".")
     result.assert_outcomes(passed=1)
+
+
+RECORDED = """
+import pytest
+
+@pytest.mark.sweeper(record=True, room="empty", seed=3, faults=["wheel-slip@4:1:share=0.5"])
+@pytest.mark.parametrize("metres", [0.1, 9.0])
+def test_distance(sweeper, metres):
+    sweeper.enable()
+    sweeper.drive(0.1, 0.0, for_s=2.0)
+    assert sweeper.truth.path_m > metres
+
+@pytest.mark.sweeper(record=True)
+def test_port(sweeper_port):
+    import bridge
+    with bridge.open(sweeper_port) as robot:
+        robot.wait_for_link()
+    assert sweeper_port == ""
+
+@pytest.fixture
+def broken(sweeper):
+    raise ValueError("a fixture of the user")
+
+@pytest.mark.sweeper(record=True)
+def test_setup(broken):
+    pass
+
+@pytest.mark.sweeper(record=False)
+def test_not_recorded(sweeper):
+    assert False
+"""
+
+
+def test_the_log_of_a_failed_test_is_kept_and_named(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytester.makepyfile(test_recorded=RECORDED)
+    result = users_pytest(pytester, monkeypatch)
+    result.assert_outcomes(passed=1, failed=3, errors=1)
+    kept = sorted(path.name for path in (pytester.path / "runs").iterdir())
+    assert kept == [
+        "test_recorded.py-test_distance-9.0.mcap",
+        "test_recorded.py-test_port.mcap",
+        "test_recorded.py-test_setup.mcap",
+    ]
+    named = re.findall(r"sweepctl report (\S+)", result.stdout.str())
+    assert sorted(named) == [str(pytester.path / "runs" / name) for name in kept]
+    log = pytester.path / "runs" / kept[0]
+    reader = LogReader(log)
+    assert (reader.truncated, reader.run["faults"]) == (False, "wheel-slip@4:1:share=0.5")
+    assert reader.summary is not None
+    assert reader.summary["path_m"] == pytest.approx(0.2, abs=0.05)
+    topics = {message.topic for message in reader.messages()}
+    assert {"/truth/pose", "/raw/uart/rx", "/device/imu", "/events", "/pose"} <= topics
+    sources = {m.decoded.source for m in reader.messages({"/events"})}
+    assert "fault" in sources
+    truth = {message.topic for message in LogReader(pytester.path / "runs" / kept[1]).messages()}
+    assert "/truth/pose" in truth
+
+
+def test_record_is_true_or_false(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytester.makepyfile(
+        "import pytest\n@pytest.mark.sweeper(record='x')\ndef test_x(sweeper):\n    pass\n"
+    )
+    result = users_pytest(pytester, monkeypatch)
+    result.stdout.fnmatch_lines(["*sweeper: record='x' is neither True nor False"])

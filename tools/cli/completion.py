@@ -19,7 +19,7 @@ def complete_room(
     """Return the rooms that ship with sweepctl, and room files."""
     from tools.cli.rooms import shipped_rooms
 
-    return [*_beginning(shipped_rooms(), incomplete), *_files(incomplete, ".json")]
+    return [*_beginning(shipped_rooms(), incomplete), *complete_files(incomplete, ".json")]
 
 
 def complete_robot(
@@ -28,7 +28,7 @@ def complete_robot(
     incomplete: str,
 ) -> list[str]:
     """Return robot files."""
-    return _files(incomplete, ".toml")
+    return complete_files(incomplete, ".toml")
 
 
 def complete_parameter(
@@ -58,7 +58,7 @@ def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
-def _files(incomplete: str, suffix: str) -> list[str]:
+def complete_files(incomplete: str, suffix: str) -> list[str]:
     """Return the files with this suffix, and the folders, that begin with ``incomplete``."""
     folder, _, begun = incomplete.rpartition("/")
     where = Path(f"{folder}/") if "/" in incomplete else Path()

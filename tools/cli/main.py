@@ -43,6 +43,7 @@ _SECTIONS = {
         "robot": "Make, check and show robot files.",
     },
     "Logs": {
+        "runs": "List, select, tag and compare recorded runs.",
         "info": "Show what a log contains.",
         "view": "Open a log in Rerun.",
         "report": "Explain a run on one page.",

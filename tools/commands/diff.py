@@ -8,11 +8,12 @@ import click
 
 from tools.cli import options
 from tools.cli.console import inform, plain_console, write_json
+from tools.cli.log_file import LogPath
 
 
 @click.command("diff", epilog="Example:  sweepctl diff before.mcap after.mcap --out both.html")
-@click.argument("a", type=click.Path(path_type=Path))
-@click.argument("b", type=click.Path(path_type=Path))
+@click.argument("a", type=LogPath())
+@click.argument("b", type=LogPath())
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),

@@ -9,7 +9,9 @@ import click
 
 from tools.cli import options
 from tools.cli.console import inform, plain_console, write_json
+from tools.cli.log_file import complete_log, newest_if_named
 from tools.cli.paths import is_file, is_folder, is_there
+from tools.cli.port_options import complete_port
 
 if TYPE_CHECKING:
     from bridge.doctor import Examination, Finding
@@ -20,8 +22,12 @@ _NO_AGREEMENT = frozenset({"version"})
 """Kinds of finding that mean that host and device are incompatible: exit status 4."""
 
 
+def _complete_target(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    return [*complete_port(ctx, param, incomplete), *complete_log(incomplete)]
+
+
 @click.command("doctor", epilog="Example:  sweepctl doctor /dev/ttyUSB0 --duration 20")
-@click.argument("target", metavar="PORT|FILE")
+@click.argument("target", metavar="PORT|FILE", shell_complete=_complete_target)
 @click.option(
     "--duration",
     "duration_s",
@@ -61,6 +67,8 @@ def command(  # noqa: PLR0913 - what a port can be asked for
 
     Exit status: 0 no problem found; 1 a problem; 3 no device found; 4 incompatible device.
     """
+    if "://" not in target and not target.startswith("can:"):
+        target = str(newest_if_named(Path(target)))
     path = Path(target)
     _check(target, path, listen=listen, find_baud=find_baud)
     if is_file(path):

@@ -376,13 +376,14 @@ def _truth_writer(  # noqa: PLR0913 - one parameter for each part of the log's m
 ) -> RunWriter:
     from bridge.io import clock
     from bridge.record.log_writer import RunWriter
+    from bridge.record.names import EMULATED_PORT
     from bridge.session.records import RoomRecord, RunInfo
     from tools.version import VERSION
 
     offset_ns = clock.unix_offset_ns()
     opened_ns = clock.now() + offset_ns
     extra = {"noise": noise}
-    info = RunInfo("emulated", "", seed, VERSION, opened_ns, offset_ns, *robot, plan, extra)
+    info = RunInfo(EMULATED_PORT, "", seed, VERSION, opened_ns, offset_ns, *robot, plan, extra)
     writer = RunWriter(path, info, force=force)
     writer.write(RoomRecord(opened_ns, plan))
     return writer

@@ -8,12 +8,13 @@ import click
 
 from tools.cli import options
 from tools.cli.console import complain, inform, write_line
+from tools.cli.log_file import LogPath
 
 
 @click.command(
     "export", epilog="Example:  sweepctl export clean.mcap --out clean/ --topic '/device/*'"
 )
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=LogPath())
 @click.option(
     "--out",
     required=True,

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from tools.cli import options
 from tools.cli.console import plain_console, summary_table, write_json
+from tools.cli.log_file import LogPath
 from tools.cli.visible_text import one_line
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from bridge.record.info import RunDescription
 
 
 @click.command("info", epilog="Example:  sweepctl info runs/demo-simulated.mcap")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=LogPath())
 @options.json_option
 def command(*, file: Path, as_json: bool) -> int:
     """Show what FILE contains: the run, its topics and rates, and whether the file is complete.

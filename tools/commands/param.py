@@ -86,23 +86,37 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
         raise click.UsageError(f"{pairs[-1]} has no value: give NAME VALUE pairs")
     with _reach(port) as robot:
         names = pairs[::2]
-        before = {name: robot.get_parameter(_name(name)) for name in names}
-        for name, value in zip(names, pairs[1::2], strict=True):
-            before[name].raw(value)  # check all values before the first one is changed
-        after = [
-            robot.set_parameter(_name(name), value)
-            for name, value in zip(names, pairs[1::2], strict=True)
-        ]
-        if save:
-            robot.save_parameters()
-            after = [robot.get_parameter(p.number) for p in after]
-        for name, now in zip(names, after, strict=True):
-            was = before[name]
-            inform(f"{now.name}: {_number(was, was.value)} -> {_number(now, now.value)} {now.unit}")
-        _remind(after)
-        if as_json:
-            _show(after, as_json=True)
-        set_done()
+        before = [robot.get_parameter(_name(name)) for name in names]
+        for parameter, value in zip(before, pairs[1::2], strict=True):
+            parameter.raw(value)  # check all values before the first one is changed
+        _change(robot, before, pairs[1::2], save=save, as_json=as_json)
+    return 0
+
+
+@command.command(
+    "reset", epilog="Example:  sweepctl param reset /dev/ttyUSB0 wheel_base wheel_diameter --save"
+)
+@keyed_port_options
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_parameter)
+@click.option("--all", "all_", is_flag=True, help="Reset every parameter.")
+@click.option("--save", is_flag=True, help="Then save all present values for the next boot.")
+@options.json_option
+def _reset(
+    *, port: PortAsked, names: tuple[str, ...], all_: bool, save: bool, as_json: bool
+) -> int:
+    """Set parameters to their defaults until the next boot, or permanently with --save.
+
+    The defaults are the device's own. Read-only parameters keep their value.
+    """
+    if bool(names) == all_:
+        raise click.UsageError("give the NAMEs of parameters, or --all for every one")
+    with _reach(port) as robot:
+        found = robot.list_parameters() if all_ else [robot.get_parameter(_name(n)) for n in names]
+        differing = [p for p in found if p.value != p.default and not (all_ and p.read_only)]
+        if not differing:
+            inform("every value is the default; nothing was changed")
+        defaults = [_number(p, p.default) if p.kind == "bool" else p.default for p in differing]
+        _change(robot, differing, defaults, save=save, as_json=as_json)
     return 0
 
 
@@ -164,6 +178,30 @@ def _reach(port: PortAsked) -> Reached:
     from bridge.api.remote import reach
 
     return reach(port.name, node=port.node, key=port.key, **port.how)
+
+
+def _change(
+    robot: Reached,
+    before: Sequence[Parameter],
+    values: Sequence[float | str],
+    *,
+    save: bool,
+    as_json: bool,
+) -> None:
+    """Set parameters, save them if wanted, and report both values of each."""
+    after = [
+        robot.set_parameter(parameter.number, value)
+        for parameter, value in zip(before, values, strict=True)
+    ]
+    if save:
+        robot.save_parameters()
+        after = [robot.get_parameter(p.number) for p in after]
+    for was, now in zip(before, after, strict=True):
+        inform(f"{now.name}: {_number(was, was.value)} -> {_number(now, now.value)} {now.unit}")
+    _remind(after)
+    if as_json:
+        _show(after, as_json=True)
+    set_done()
 
 
 def _name(text: str) -> str | int:

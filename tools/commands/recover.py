@@ -8,10 +8,11 @@ import click
 
 from tools.cli import options
 from tools.cli.console import inform, write_json
+from tools.cli.log_file import LogPath
 
 
 @click.command("recover", epilog="Example:  sweepctl recover cut.mcap --out whole.mcap")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=LogPath())
 @click.option(
     "--out",
     required=True,

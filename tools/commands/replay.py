@@ -8,13 +8,14 @@ import click
 
 from tools.cli import options
 from tools.cli.console import flush, inform, write_line
+from tools.cli.log_file import LogPath
 
 
 @click.command(
     "replay",
     epilog="Example:  sweepctl replay clean.mcap --link pty --pty-link /tmp/recorded",
 )
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=LogPath())
 @click.option(
     "--speed",
     type=click.FloatRange(0.01, 1000.0),

@@ -8,13 +8,14 @@ import click
 
 from tools.cli import options
 from tools.cli.console import inform, write_json
+from tools.cli.log_file import LogPath
 from tools.cli.paths import is_there
 
 
 @click.command(
     "report", epilog="Example:  sweepctl report clean.mcap --out clean.html --png clean.png"
 )
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=LogPath())
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),

@@ -101,6 +101,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot
     from bridge.record.log_writer import RunWriter
+    from bridge.record.names import VIRTUAL_PORT
     from bridge.run.mission import Resume
     from bridge.session.records import RunInfo
     from tools.cli.cautions import caution_lines, caution_records
@@ -126,7 +127,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     settings = supervise_rules(robot, rules) if supervise or rules else None
     path = options.log_path(out, plan.name)
     info = RunInfo(
-        "virtual",
+        VIRTUAL_PORT,
         planner,
         seed,
         VERSION,

@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 
 from tools.cli.console import inform
+from tools.cli.log_file import LogPath
 
 
 @click.command("view", epilog="Example:  sweepctl view runs/demo-simulated.mcap")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=LogPath())
 @click.option(
     "--save",
     type=click.Path(dir_okay=False, path_type=Path),

@@ -22,12 +22,13 @@ class EmulatorError(Exception):
 class EmulatorProcess:
     """A running emulator that has printed ``ready PORT``."""
 
-    def __init__(self, settings: Settings, *, ready_s: float) -> None:
+    def __init__(self, settings: Settings, *, ready_s: float, truth: Path | None = None) -> None:
         """Start the emulator and wait until its port is ready.
 
         Args:
             settings: properties of the virtual sweeper.
             ready_s: maximum time to wait, s.
+            truth: log of true poses and faults to write; None: none.
 
         Raises:
             EmulatorError: its arguments are invalid, it cannot open its port, or it is too slow.
@@ -37,6 +38,8 @@ class EmulatorProcess:
         arguments += ["--seed", str(settings.seed), "--node", str(settings.node)]
         for fault in settings.faults:
             arguments += ["--fault", fault]
+        if truth is not None:
+            arguments += ["--truth", str(truth.absolute())]
         # -P: a folder `tools` in the user's working directory must not hide ours.
         self._process = subprocess.Popen(  # noqa: S603 - our own command
             [sys.executable, "-P", "-m", "tools.sweepctl", *arguments],

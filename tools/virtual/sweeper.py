@@ -9,21 +9,28 @@ from __future__ import annotations
 
 import itertools
 import random
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from bridge.api.recording import Recording
 from bridge.api.robot import ManualDrive
+from bridge.api.robot_parts import EventTap
 from bridge.config import load_robot
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import BridgeError, DeviceLostError, StoppedForSafetyError
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.observation import VelocityCommand
+from bridge.record.names import VIRTUAL_PORT
+from bridge.record.policy import RecordOptions, open_log
+from bridge.record.recorder import DirectRecorder
 from bridge.record.sink import NullSink
 from bridge.run.build import build_run
 from bridge.run.ending import Ending, cannot_move
 from bridge.run.mission import Phase
 from bridge.run.options import HostOptions
 from bridge.run.summary import run_summary
+from bridge.session.records import RunInfo, TruthRecord
 from bridge.session.states import State
 from protocol.can.link import CanLink
 from protocol.messages.device import Encoders, Imu, Power, Range, Status
@@ -33,7 +40,9 @@ from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
 from sim_device.sweeper import VirtualSweeper
+from tools.cli.fault_help import fault_record
 from tools.cli.rooms import load_room
+from tools.version import VERSION
 from tools.virtual.loop import HOST_BOOT_NS, VirtualLoop
 from tools.virtual.run import EPOCH_NS, stop_crashed
 from tools.virtual.settings import Settings
@@ -93,7 +102,7 @@ class SimulatedSweeper:
         """
         self.settings = settings = settings or Settings()
         self.plan = load_room(settings.room)
-        self.model, _ = load_robot(None)
+        self.model, self._robot_toml = load_robot(None)
         faults = [parse_fault(text) for text in settings.faults]
         self._link = CanLink if settings.link in {"slcan", "udpcan"} else Link
         self.device = VirtualSweeper(
@@ -112,8 +121,11 @@ class SimulatedSweeper:
         self.status = Newest(self, Status)
         self.path: list[tuple[float, Pose2]] = []
         """Time, s since boot, and true pose, every 20 ms."""
-        self._loop = VirtualLoop(self.device, self.rig, on_tick=self._remember)
-        self._sink = sink or NullSink()
+        self._recordings: list[Recording] = []
+        self._loop = VirtualLoop(
+            self.device, self.rig, on_tick=self._remember, on_step=self._log_faults
+        )
+        self._sink = EventTap(sink or NullSink())
         self._ids = itertools.count(0x5EED_0001)
         self._connect(self.plan.start)
         if not self.run(READY_S, until=lambda: self.connected):
@@ -129,6 +141,13 @@ class SimulatedSweeper:
     def _remember(self, last_ms: int, now_ms: int, pose: Pose2) -> None:
         if now_ms // _TRUTH_MS != last_ms // _TRUTH_MS:
             self.path.append((now_ms / 1e3, pose))
+            for recording in self._recordings:
+                recording.write(TruthRecord(EPOCH_NS + now_ms * 1_000_000, pose))
+
+    def _log_faults(self) -> None:
+        for event in self.rig.faults.take_events():
+            for recording in self._recordings:
+                recording.write(fault_record(event, EPOCH_NS + event.t_us * 1000))
 
     # ---- state ----------------------------------------------------------------------------
 
@@ -317,6 +336,7 @@ class SimulatedSweeper:
         self._begin()
         began = len(self.path)
         self._loop.forget_errors()
+        self._planner = name
         mission = self.host.mission
         mission.start(runner, clear_stop=clear_stop)
         try:
@@ -353,6 +373,62 @@ class SimulatedSweeper:
             contact_s=truth.contact_s,
             energy_wh=truth.energy_wh,
         )
+
+    # ---- recording ------------------------------------------------------------------------
+
+    def record(self, path: str | Path, *, force: bool = False) -> Recording:
+        """Record everything from now on into an MCAP file, the true pose included.
+
+        Use it as a context manager, or let :meth:`close` complete the log and its summary::
+
+            with sweeper.record("drive.mcap"):
+                sweeper.enable()
+                sweeper.drive(0.1, 0.0, for_s=2.0)
+
+        Args:
+            path: file to create.
+            force: overwrite an existing file.
+
+        Raises:
+            OutputExistsError: the file exists, and ``force`` is False.
+            LogWriteError: the file cannot be opened or written.
+
+        """
+        path, began = Path(path), len(self.path)
+        extra = {"noise": self.settings.noise}
+        if self.settings.faults:
+            extra["faults"] = " ".join(self.settings.faults)
+        info = RunInfo(
+            VIRTUAL_PORT,
+            "manual",
+            self.settings.seed,
+            VERSION,
+            EPOCH_NS + self._loop.now_us * 1000,
+            EPOCH_NS - HOST_BOOT_NS,
+            self.model,
+            self._robot_toml,
+            self.plan,
+            extra,
+        )
+
+        def summarise(_room: str | None, log: str) -> dict[str, Any]:
+            return {**self._summary(self._planner or "manual", began), "log": log}
+
+        recorder = DirectRecorder(open_log(path, info, RecordOptions(), force=force))
+        recording = Recording(path, info, recorder, self._sink, summarise)
+        self._recordings.append(recording)
+        return recording
+
+    def close(self) -> None:
+        """Complete all recordings. Nothing else needs an end.
+
+        Raises:
+            LogError: a recording could not be completed.
+
+        """
+        recordings, self._recordings = self._recordings, []
+        for recording in recordings:
+            recording.close()
 
     # ---- faults ---------------------------------------------------------------------------
 

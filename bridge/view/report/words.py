@@ -5,14 +5,13 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+from bridge.record.names import VIRTUAL_PORT
 from bridge.view.report.page import Tile
 
 if TYPE_CHECKING:
     from bridge.view.report.run_data import RunData
 
 _GOOD, _FAIR = 0.98, 0.90
-_VIRTUAL = "virtual"
-"""Port name in the logs of ``simulate``."""
 _ENDINGS = {
     "complete": "was completed",
     "stopped": "was stopped before it was complete",
@@ -39,7 +38,7 @@ def when(data: RunData) -> str:
     """Return date and time of the start, UTC; in a simulation they have no meaning."""
     if not data.start_ns:
         return "an empty log"
-    if data.metadata.get("port") == _VIRTUAL:
+    if data.metadata.get("port") == VIRTUAL_PORT:
         return "Simulated in virtual time; the clock starts at the same date in every run"
     moment = datetime.fromtimestamp(data.start_ns / 1e9, tz=UTC)
     return f"{moment:%Y-%m-%d %H:%M:%S} UTC"

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
+import bridge
+from bridge.api.remote import reach
 from bridge.api.robot import Robot
 from bridge.errors import CommandRejectedError, OutputExistsError, Remedy, StoppedForSafetyError
 from bridge.run.ending import Ending, cannot_move
 from protocol.messages.device import Imu, Range, Status
 from tools.cli.remedies import error_line
+from tools.dev.api_reference import PATH, documented, page
 
 
 @pytest.mark.parametrize("name", ["imu", "encoders", "range", "power", "status", "planner"])
@@ -67,3 +70,30 @@ def test_every_remedy_has_words_for_both() -> None:
         error.remedy = remedy
         assert "--" not in str(error)
         assert "--" in error_line(error)
+
+
+def test_open_has_the_options_of_a_robot() -> None:
+    """With the same names, kinds, types and defaults, and without options of any type."""
+    ours, robots = (
+        {name: p for name, p in inspect.signature(call).parameters.items() if name != "self"}
+        for call in (bridge.open, Robot)
+    )
+    assert ours == robots
+    assert all(p.kind is not p.VAR_KEYWORD for p in ours.values())
+    asked = inspect.signature(reach).parameters
+    assert set(asked) == set(robots) - {"model", "sink", "timeout_s"}
+    assert all(asked[name] == robots[name] for name in asked)
+
+
+def test_the_reference_page_is_fresh() -> None:
+    assert PATH.read_text("utf-8") == page(), "run `python -m tools.dev.api_reference`"
+
+
+def test_everything_on_the_reference_page_is_documented_and_typed() -> None:
+    found = dict(documented())
+    assert {"Robot.record", "Robot.imu", "Recording.close", "SimulatedSweeper.clean"} <= set(found)
+    for name, member in found.items():
+        assert inspect.getdoc(member), name
+        if not isinstance(member, property):
+            parameters = [*inspect.signature(member).parameters.values()][1:]
+            assert all(p.annotation is not p.empty for p in parameters), name

@@ -1,0 +1,32 @@
+"""Errors of the library of runs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.errors import BridgeError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class LibraryError(BridgeError):
+    """A folder, selection, tag or name that the library cannot use."""
+
+    exit_status = 2
+
+
+class NoRunError(LibraryError):
+    """``latest`` or ``latest~N`` names a run that does not exist."""
+
+
+class IndexDamagedError(LibraryError):
+    """The index is damaged and holds tags and notes, so it is not replaced."""
+
+    exit_status = 1
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(
+            f"the index {path} cannot be used: {reason}; delete it to make a new one (its tags and "
+            "notes are lost)"
+        )

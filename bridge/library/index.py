@@ -1,0 +1,299 @@
+"""The index of one folder: a SQLite file beside the logs, kept up to date by size and time.
+
+A file is read again only if its size or its modification time has changed. Tags and notes belong
+to a file by its name, and follow a file that was moved or renamed by its digest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sqlite3
+import stat
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from bridge.library.columns import INDEXED
+from bridge.library.errors import IndexDamagedError, LibraryError
+from bridge.record.names import readable_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+FILE_NAME = ".sweepctl-runs.sqlite"
+"""Name of the index in a folder of logs."""
+SUFFIX = ".mcap"
+_VERSION = 1
+"""Version of the index's tables. An index of another version is made again; its marks stay."""
+_BATCH = 200
+"""Number of logs after which the index is saved, so that an interruption loses little."""
+_END_BYTES = 4096
+"""Bytes at each end of a file that identify it, together with its size and figures."""
+_WAIT_S = 10.0
+"""Maximum wait for another process that updates the same index, s."""
+_TABLES = f"""
+CREATE TABLE IF NOT EXISTS entries (
+  name BLOB PRIMARY KEY, size INTEGER, modified_ns INTEGER, shown TEXT, digest TEXT,
+  is_run INTEGER, first BLOB, unreadable TEXT,
+  {", ".join(f"{column.name} {column.kind}" for column in INDEXED)}
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS marks (
+  name BLOB PRIMARY KEY, digest TEXT, tags TEXT NOT NULL DEFAULT ' ', note TEXT
+) WITHOUT ROWID;
+"""
+_VALUES = ", ".join("?" for _ in range(8 + len(INDEXED)))
+
+
+class LogFile(NamedTuple):
+    """A file as its folder lists it."""
+
+    name: bytes
+    size: int
+    modified_ns: int
+
+
+class Marks(NamedTuple):
+    """What people wrote about a log."""
+
+    tags: tuple[str, ...]
+    note: str | None
+
+
+class FolderIndex:
+    """The index of one folder; close it after use."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open or make the index; where the folder cannot be written it is kept in memory.
+
+        Raises:
+            IndexDamagedError: the index exists and is no index.
+
+        """
+        self.folder = folder
+        self.path = folder / FILE_NAME
+        self.is_stored = os.access(self.path if self.path.exists() else folder, os.W_OK)
+        """False: the folder is read-only, so that all logs are read each time."""
+        try:
+            self.database = sqlite3.connect(
+                self.path if self.is_stored else self.uri,
+                timeout=_WAIT_S,
+                isolation_level=None,
+                uri=not self.is_stored,
+            )
+            self._prepare()
+        except sqlite3.DatabaseError as error:
+            raise IndexDamagedError(self.path, str(error)) from None
+
+    @property
+    def uri(self) -> str:
+        """Name by which another connection of this process reads the index."""
+        if self.is_stored:
+            return f"{self.path.absolute().as_uri()}?mode=ro"
+        return f"file:sweepctl-runs-{id(self)}?mode=memory&cache=shared"
+
+    def _prepare(self) -> None:
+        (version,) = self.database.execute("PRAGMA user_version").fetchone()
+        if version == _VERSION:
+            return
+        with self._transaction():
+            self.database.execute("DROP TABLE IF EXISTS entries")
+            for statement in _TABLES.split(";"):
+                self.database.execute(statement)
+            self.database.execute(f"PRAGMA user_version = {_VERSION}")
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self.database.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            self.database.execute("ROLLBACK")
+            raise
+        self.database.execute("COMMIT")
+
+    def update(self, files: list[LogFile], progress: Callable[[int, int], None]) -> None:
+        """Read the logs that are new or have changed, and drop those that are gone.
+
+        Args:
+            files: All logs of the folder.
+            progress: Called with the number of logs read and to read.
+
+        Raises:
+            IndexDamagedError: the index cannot be read or written.
+
+        """
+        try:
+            self._update(files, progress)
+        except sqlite3.DatabaseError as error:
+            raise IndexDamagedError(self.path, str(error)) from None
+
+    def _update(self, files: list[LogFile], progress: Callable[[int, int], None]) -> None:
+        known = {
+            name: (size, modified_ns)
+            for name, size, modified_ns in self.database.execute(
+                "SELECT name, size, modified_ns FROM entries"
+            )
+        }
+        changed = [f for f in files if known.get(f.name) != (f.size, f.modified_ns)]
+        gone = known.keys() - {file.name for file in files}
+        if not changed and not gone:
+            return
+        # A run's first file holds the figures of all its files.
+        present = {file.name: file for file in files}
+        firsts = self._firsts(gone)
+        for begin in range(0, len(changed), _BATCH):
+            progress(begin, len(changed))
+            with self._transaction():
+                for file in changed[begin : begin + _BATCH]:
+                    first = self._read(file)
+                    if first is not None:
+                        firsts.add(first)
+        with self._transaction():
+            self.database.executemany("DELETE FROM entries WHERE name = ?", [(n,) for n in gone])
+            for name in sorted(firsts & present.keys()):
+                self._read(present[name])
+        progress(len(changed), len(changed))
+
+    def _firsts(self, names: set[bytes]) -> set[bytes]:
+        """Return the first files of the runs that these files continue."""
+        asked = "SELECT first FROM entries WHERE name = ? AND first IS NOT NULL"
+        found = (self.database.execute(asked, (name,)).fetchone() for name in names)
+        return {row[0] for row in found if row is not None}
+
+    def _read(self, file: LogFile) -> bytes | None:
+        """Read a log into its row; return the first file of its run, if it is a later one."""
+        from bridge.library.entry import read_entry  # noqa: PLC0415 - only if a log has changed
+
+        path = self.folder / os.fsdecode(file.name)
+        entry = read_entry(path, file.modified_ns)
+        values: dict[str, Any] = entry.values or {}
+        digest = _digest(path, values)
+        first = None if entry.first is None else os.fsencode(entry.first)
+        row = (
+            *file,
+            readable_name(path.name),
+            digest,
+            int(entry.values is not None),
+            first,
+            entry.problem,
+            *(values.get(column.name) for column in INDEXED),
+        )
+        self.database.execute(f"INSERT OR REPLACE INTO entries VALUES ({_VALUES})", row)  # noqa: S608 - our own names
+        self.database.execute("UPDATE marks SET digest = ? WHERE name = ?", (digest, file.name))
+        return first
+
+    # ---- tags and notes
+
+    def has_run(self, name: bytes) -> bool:
+        """Return whether the index has a run whose first file has this name."""
+        found = self.database.execute("SELECT is_run FROM entries WHERE name = ?", (name,))
+        return bool((found.fetchone() or (0,))[0])
+
+    def marks(self, name: bytes) -> Marks:
+        """Return a log's tags and note."""
+        found = self.database.execute(
+            "SELECT tags, note FROM marks WHERE name = ?", (name,)
+        ).fetchone()
+        return Marks((), None) if found is None else Marks(tuple(found[0].split()), found[1])
+
+    def mark(self, name: bytes, marks: Marks) -> None:
+        """Set a log's tags and note.
+
+        Raises:
+            LibraryError: the folder cannot be written.
+
+        """
+        if not self.is_stored:
+            raise LibraryError(f"cannot write the index {self.path}: access denied")
+        tags = " ".join(("", *sorted(set(marks.tags)), "")) if marks.tags else " "
+        found = self.database.execute(
+            "SELECT digest FROM entries WHERE name = ?", (name,)
+        ).fetchone()
+        with self._transaction():
+            self.database.execute(
+                "INSERT OR REPLACE INTO marks VALUES (?, ?, ?, ?)",
+                (name, found[0] if found else None, tags, marks.note or None),
+            )
+
+    def orphans(self) -> list[tuple[bytes, str, Marks]]:
+        """Return the marks whose files are gone: name, digest and marks."""
+        rows = self.database.execute(
+            "SELECT name, digest, tags, note FROM marks WHERE digest IS NOT NULL "
+            "AND name NOT IN (SELECT name FROM entries)"
+        )
+        return [
+            (name, digest, Marks(tuple(tags.split()), note)) for name, digest, tags, note in rows
+        ]
+
+    def unmarked(self, digest: str) -> bytes | None:
+        """Return a log without marks that has this digest; None: there is none."""
+        found = self.database.execute(
+            "SELECT name FROM entries WHERE digest = ? AND name NOT IN (SELECT name FROM marks)",
+            (digest,),
+        ).fetchone()
+        return None if found is None else bytes(found[0])
+
+    def forget_marks(self, name: bytes) -> None:
+        """Remove the marks of a file that was moved."""
+        self.database.execute("DELETE FROM marks WHERE name = ?", (name,))
+
+    def close(self) -> None:
+        """Close the index."""
+        self.database.close()
+
+
+def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[LogFile]]]:
+    """Yield ``top`` and the folders below it that hold logs; hidden folders are left out.
+
+    Raises:
+        LibraryError: ``top`` is no folder or cannot be read.
+
+    """
+    files, inner = logs_in(top)
+    if files or (top / FILE_NAME).exists():
+        yield top, files
+    for folder in inner:
+        if os.access(folder, os.R_OK | os.X_OK):
+            yield from folders_with_logs(folder)
+
+
+def logs_in(folder: Path) -> tuple[list[LogFile], list[Path]]:
+    """Return the logs and the folders in a folder, sorted by name.
+
+    Raises:
+        LibraryError: it is no folder or cannot be read.
+
+    """
+    files, inner = [], []
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError as error:
+        raise LibraryError(f"cannot read the folder {folder}: {error.strerror}") from None
+    for entry in entries:
+        if entry.name.endswith(SUFFIX):
+            try:
+                found = entry.stat()
+            except OSError:  # deleted meanwhile, or a broken symbolic link
+                continue
+            if stat.S_ISREG(found.st_mode):
+                files.append(LogFile(os.fsencode(entry.name), found.st_size, found.st_mtime_ns))
+                continue
+        if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False):
+            inner.append(folder / entry.name)
+    return files, inner
+
+
+def _digest(path: Path, values: dict[str, Any]) -> str | None:
+    """Return what identifies a log wherever it is: its size, both ends and its figures."""
+    figures = [value for name, value in values.items() if name != "date"]  # may be the file's time
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(0)
+            hashed = hashlib.sha256(f"{size} {figures}\n".encode() + file.read(_END_BYTES))
+            file.seek(max(0, size - _END_BYTES))
+            hashed.update(file.read(_END_BYTES))
+    except OSError:
+        return None
+    return hashed.hexdigest()[:32]

@@ -1,0 +1,276 @@
+"""Runs of one or more folders: refreshed, selected with SQL, named, tagged."""
+
+from __future__ import annotations
+
+import os
+import re
+import sqlite3
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bridge.library.columns import COLUMNS, INDEXED, NAMES
+from bridge.library.errors import IndexDamagedError, LibraryError, NoRunError
+from bridge.library.index import FolderIndex, Marks, folders_with_logs, logs_in
+from bridge.record.names import readable_name
+from bridge.spelling import nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+DEFAULT_FOLDER = Path("runs")
+"""Folder of the default logs."""
+_LATEST = re.compile(r"latest(?:~(\d{1,9}))?")
+_TAG = re.compile(r"[\w.+-]{1,64}")
+_MAX_NOTE = 10_000
+"""Length of the longest note, characters."""
+_STEPS = 200_000_000
+"""Number of steps of SQLite's machine after which a condition is ended: about ten seconds."""
+_STEPS_A_CALL = 1_000_000
+_ALLOWED = frozenset({sqlite3.SQLITE_SELECT, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_READ})
+_OWN = tuple(column.name for column in INDEXED)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A recorded run: its log and its row."""
+
+    path: Path
+    values: dict[str, Any]
+    """By column."""
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which runs, in which order."""
+
+    where: str = ""
+    """SQL condition over the columns; empty: all runs."""
+    sort: str = "date"
+    """Column; a minus sign before it reverses the order."""
+    tags: tuple[str, ...] = ()
+    """Tags that a run must have."""
+    last: int | None = None
+    """Only so many, from the end; None: all."""
+
+
+class Library:
+    """The runs in some folders and in the folders below them."""
+
+    def __init__(self, folders: Iterable[Path]) -> None:
+        """Use these folders; nothing is read before :meth:`refresh`."""
+        self.folders = [*folders]
+        self.unreadable: list[tuple[Path, str]] = []
+        """Files that cannot be read, with the reason."""
+        self.unstored: list[Path] = []
+        """Folders that cannot be written, whose logs are read each time."""
+        self._places: list[Path] = []
+        """Folders by their number in the table."""
+        self._database = sqlite3.connect("file::memory:", isolation_level=None, uri=True)
+        columns = ", ".join(f'"{column.name}" {column.kind}' for column in COLUMNS)
+        self._database.execute(
+            f"CREATE TABLE runs ({columns}, name BLOB, place INTEGER, modified_ns INTEGER)"
+        )
+
+    def refresh(self, progress: Callable[[int, int], None] = lambda _done, _all: None) -> None:
+        """Update the indexes and load them.
+
+        Args:
+            progress: Called with the number of logs read and to read in a folder.
+
+        Raises:
+            LibraryError: a folder does not exist or cannot be read.
+            IndexDamagedError: an index cannot be used.
+
+        """
+        with ExitStack() as stack:
+            indexes = {}
+            for top in self.folders:
+                for folder, files in folders_with_logs(top):
+                    key = folder.resolve()
+                    if key not in indexes:
+                        index = indexes[key] = stack.enter_context(closing(FolderIndex(folder)))
+                        index.update(files, progress)
+            _follow_moved([*indexes.values()])
+            for index in indexes.values():
+                self._load(index)
+
+    def _load(self, index: FolderIndex) -> None:
+        """Copy the rows of an index, which is opened read-only, into the table of all runs."""
+        folder, database = index.folder, self._database
+        if not index.is_stored:
+            self.unstored.append(folder)
+        within = readable_name(str(folder))
+        columns = ", ".join(f'"{name}"' for name in _OWN)
+        try:
+            database.execute("ATTACH ? AS source", (index.uri,))
+            database.execute(
+                f"INSERT INTO runs SELECT ? || shown, ?, {columns}, coalesce(tags, ' '), note, "  # noqa: S608 - our own names
+                "entries.name, ?, modified_ns FROM source.entries "
+                "LEFT JOIN source.marks ON marks.name = entries.name WHERE is_run",
+                (readable_name(str(folder / "x"))[:-1], within, len(self._places)),
+            )
+            unreadable = database.execute(
+                "SELECT name, unreadable FROM source.entries WHERE unreadable IS NOT NULL"
+            ).fetchall()
+            database.execute("DETACH source")
+        except sqlite3.DatabaseError as error:
+            raise IndexDamagedError(index.path, str(error)) from None
+        self._places.append(folder)
+        self.unreadable += [(folder / os.fsdecode(name), text) for name, text in unreadable]
+
+    def select(self, selection: Selection) -> list[Run]:
+        """Return the runs of a selection; runs without a value in the sorted column come first.
+
+        Runs with equal values are in the order in which their files were written.
+
+        Raises:
+            LibraryError: the condition is not SQL over the columns, or a column does not exist.
+
+        """
+        self._database.set_authorizer(_authorise)
+        steps = [0]
+
+        def count() -> int:
+            steps[0] += _STEPS_A_CALL
+            return int(steps[0] > _STEPS)
+
+        self._database.set_progress_handler(count, _STEPS_A_CALL)
+        try:
+            rows = self._database.execute(*_query(selection)).fetchall()
+        except sqlite3.Error as error:
+            raise LibraryError(_explained(selection.where, error)) from None
+        finally:
+            self._database.set_authorizer(None)
+            self._database.set_progress_handler(None, 0)
+        if selection.last is not None:
+            rows = rows[max(0, len(rows) - selection.last) :]
+        return [
+            Run(self._places[place] / os.fsdecode(name), dict(zip(NAMES, values, strict=True)))
+            for *values, name, place, _ in rows
+        ]
+
+
+def _query(selection: Selection) -> tuple[str, tuple[str, ...]]:
+    column = selection.sort.removeprefix("-")
+    if column not in NAMES:
+        raise LibraryError(f"no column {column!r} to sort by; {_hint(column)}")
+    order = "DESC" if selection.sort.startswith("-") else "ASC"
+    conditions = [*(["(\n" + selection.where + "\n)"] if selection.where.strip() else [])]
+    conditions += ["instr(tags, ?)"] * len(selection.tags)
+    where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
+    # The condition is the user's own; it runs on a copy, read-only, with an authorizer.
+    text = f'SELECT * FROM runs {where} ORDER BY "{column}" {order}, modified_ns {order}'  # noqa: S608 - see above
+    return text, tuple(f" {tag} " for tag in selection.tags)
+
+
+def _authorise(action: int, first: str | None, second: str | None, *_: str | None) -> int:
+    """Allow only reading the table of runs, and functions that touch no file."""
+    if action not in _ALLOWED:
+        return sqlite3.SQLITE_DENY
+    if action == sqlite3.SQLITE_READ and first != "runs":
+        return sqlite3.SQLITE_DENY
+    if action == sqlite3.SQLITE_FUNCTION and second == "load_extension":
+        return sqlite3.SQLITE_DENY
+    return sqlite3.SQLITE_OK
+
+
+def _explained(where: str, error: sqlite3.Error) -> str:
+    text = str(error)
+    unknown = re.search(r"no such column: (\S+)", text)
+    if unknown is not None:
+        return f"no column {unknown[1]!r}; {_hint(unknown[1])}"
+    if "not authorized" in text or "prohibited" in text:
+        return f"the condition {where!r} does more than read runs"
+    if text == "interrupted":
+        return f"the condition {where!r} takes too long"
+    return f"the condition {where!r} is not SQL over the columns: {text}"
+
+
+def _hint(name: str) -> str:
+    near = nearest(name, NAMES)
+    return f"did you mean {near}?" if near else f"there are {', '.join(NAMES)}"
+
+
+def _follow_moved(indexes: Sequence[FolderIndex]) -> None:
+    """Give the marks of a file that is gone to the same file under another name."""
+    for index in indexes:
+        for name, digest, marks in index.orphans():
+            for other in indexes:
+                found = other.unmarked(digest)
+                if found is not None and other.is_stored:
+                    other.mark(found, marks)
+                    index.forget_marks(name)
+                    break
+
+
+def is_latest(name: str) -> bool:
+    """Return whether the last part of a path is ``latest`` or ``latest~N``."""
+    return _LATEST.fullmatch(name) is not None
+
+
+def resolve(path: Path) -> Path:
+    """Return the log that a path names: ``latest`` and ``latest~N`` stand for the newest runs.
+
+    Alone they are the newest runs in :data:`DEFAULT_FOLDER`; behind a folder, those in it. A file
+    of this name is itself. Truth logs of an emulator are not counted.
+
+    Raises:
+        NoRunError: there is no such run.
+        LibraryError: the folder cannot be read.
+
+    """
+    named = _LATEST.fullmatch(path.name)
+    if named is None or os.path.lexists(path):
+        return path
+    back = int(named[1] or 0)
+    folder = DEFAULT_FOLDER if path.parent == Path() and path.name == str(path) else path.parent
+    library = Library([folder])
+    library.refresh()
+    runs = library.select(Selection(where="kind <> 'truth'"))
+    if back >= len(runs):
+        count = f"it has {len(runs)} run{'' if len(runs) == 1 else 's'}"
+        raise NoRunError(f"no run {path.name} in {folder}: {count}")
+    return runs[-1 - back].path
+
+
+def mark_run(
+    path: Path,
+    *,
+    add: Sequence[str] = (),
+    remove: Sequence[str] = (),
+    note: str | None = None,
+) -> Marks:
+    """Change the tags and the note of a log; return both.
+
+    Args:
+        path: The log, the first file of its run.
+        add: Tags to add.
+        remove: Tags to remove.
+        note: New note; empty: remove it; None: leave it.
+
+    Raises:
+        LibraryError: an invalid tag or note, no such log, or a folder that cannot be written.
+        IndexDamagedError: the index cannot be used.
+
+    """
+    for tag in (*add, *remove):
+        if not _TAG.fullmatch(tag):
+            raise LibraryError(f"{tag!r} is no tag: use up to 64 letters, digits and _ . + -")
+    if note is not None and len(note) > _MAX_NOTE:
+        raise LibraryError(f"the note has {len(note)} characters, more than {_MAX_NOTE}")
+    folder, name = path.parent, os.fsencode(path.name)
+    files, _ = logs_in(folder)
+    try:
+        with closing(FolderIndex(folder)) as index:
+            index.update(files, lambda _done, _all: None)
+            if not index.has_run(name):
+                raise LibraryError(f"{path} is not the log of a run, or not its first file")
+            before = index.marks(name)
+            tags = tuple(sorted({*before.tags, *add} - {*remove}))
+            marks = Marks(tags, before.note if note is None else note.strip() or None)
+            index.mark(name, marks)
+            return marks
+    except sqlite3.DatabaseError as error:
+        raise IndexDamagedError(folder, str(error)) from None

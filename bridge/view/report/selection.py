@@ -1,0 +1,212 @@
+"""Many runs beside each other: groups of a selection in one table, their spread in pictures."""
+
+from __future__ import annotations
+
+import statistics
+from html import escape
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from bridge.view.report.drawing import as_png, blank, drawn_text, svg, tidy
+from bridge.view.report.figures import BLUE, INK
+from bridge.view.report.page import Tile, document, gallery, table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+Row = dict[str, Any]
+"""A run's values by the columns of the library."""
+_NONE = "(none)"
+_MAX_ROWS = 500
+"""Number of runs that a page lists; the table of groups is of all."""
+_MAX_GROUPS = 40
+"""Number of groups that a picture can show."""
+_JITTER = 0.16
+"""Half width over which the points of a group are spread, in groups."""
+
+
+class Measure(NamedTuple):
+    """A column that is compared."""
+
+    column: str
+    short: str
+    """Head of a table's column."""
+    text: str
+    """Label of an axis."""
+    factor: float = 1.0
+    form: str = "{:.1f}"
+
+
+MEASURES = (
+    Measure("coverage", "swept, %", "swept of the reachable floor, %", 100.0, "{:.2f}"),
+    Measure("duration_s", "time, s", "time, s", form="{:.0f}"),
+    Measure("path_m", "path, m", "path, m"),
+    Measure("collisions", "collisions", "collisions", form="{:.0f}"),
+    Measure("largest_hole_cm2", "hole, cm²", "largest hole, cm²", form="{:.0f}"),
+    Measure("energy_wh", "energy, Wh", "energy, Wh", form="{:.2f}"),
+    Measure("supervision", "events", "supervision events", form="{:.0f}"),
+    Measure("lost", "lost", "lost frames", form="{:.0f}"),
+)
+_DRAWN = MEASURES[:4]
+
+
+class Group(NamedTuple):
+    """The runs with one value in the column by which they are grouped."""
+
+    name: str
+    rows: list[Row]
+
+    def values(self, measure: Measure) -> list[float]:
+        """Return the known values in the unit of the measure."""
+        found = (row[measure.column] for row in self.rows)
+        return [value * measure.factor for value in found if value is not None]
+
+
+def grouped(rows: Sequence[Row], by: str) -> list[Group]:
+    """Return the groups, sorted by their value; runs without one are last."""
+    groups: dict[Any, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(row[by], []).append(row)
+    keys = sorted(groups, key=lambda key: (key is None, isinstance(key, str), key or 0))
+    return [Group(_NONE if key is None else str(key), groups[key]) for key in keys]
+
+
+def groups_json(groups: Sequence[Group], by: str) -> dict[str, Any]:
+    """Return the groups' figures in the columns' own units as values for JSON."""
+    found = []
+    for group in groups:
+        figures = {}
+        for measure in MEASURES:
+            values = [value / measure.factor for value in group.values(measure)]
+            spread = values and {
+                "runs": len(values),
+                "median": round(statistics.median(values), 6),
+                "mean": round(statistics.fmean(values), 6),
+                "min": round(min(values), 6),
+                "max": round(max(values), 6),
+            }
+            figures[measure.column] = spread or None
+        outcomes: dict[str, int] = {}
+        for row in group.rows:
+            name = row["outcome"] or "unknown"
+            outcomes[name] = outcomes.get(name, 0) + 1
+        found.append(
+            {"name": group.name, "runs": len(group.rows), "outcomes": outcomes, "figures": figures}
+        )
+    return {"by": by, "groups": found}
+
+
+def group_rows(groups: Sequence[Group], by: str) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return the heads and the lines of the table: medians, and the range of the main figure."""
+    head = (by, "runs", "complete", *(m.short for m in MEASURES), "worst, %")
+    lines = []
+    for group in groups:
+        complete = sum(row["outcome"] == "complete" for row in group.rows)
+        cells = [group.name, str(len(group.rows)), str(complete)]
+        for measure in MEASURES:
+            values = group.values(measure)
+            cells.append(measure.form.format(statistics.median(values)) if values else "-")
+        coverage = group.values(MEASURES[0])
+        lines.append((*cells, f"{min(coverage):.2f}" if coverage else "-"))
+    return head, lines
+
+
+def comparison_page(groups: Sequence[Group], by: str, what: str) -> str:
+    """Return the page.
+
+    Args:
+        groups: Runs in groups.
+        by: Column by which they are grouped.
+        what: The selection in words.
+
+    Raises:
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    rows = [row for group in groups for row in group.rows]
+    parts = [
+        table(
+            f"By {by}",
+            *group_rows(groups, by),
+            note="Medians of the known values; worst: the least swept. events: of the supervision.",
+        )
+    ]
+    drawn = [m for m in _DRAWN if any(group.values(m) for group in groups)]
+    if drawn:
+        pictures = [
+            svg(5.6, _height(groups), lambda axes, m=measure: _draw(axes, groups, m))  # type: ignore[misc]  # mypy cannot infer a lambda with a default
+            for measure in drawn
+        ]
+        note = "Each point is a run, the line is the median."
+        parts.append(gallery("Spread", pictures, note))
+    head = ("date", "room", "planner", "seed", "outcome", "swept, %", "time, s", "path, m", "log")
+    listed = [_cells(row) for row in rows[-_MAX_ROWS:]]
+    left_out = len(rows) - len(listed)
+    note = f"The newest {len(listed)} of {len(rows)} runs." if left_out else ""
+    parts.append(table("Runs", head, listed, note=note))
+    coverage = [row["coverage"] for row in rows if row["coverage"] is not None]
+    tiles = [Tile(str(len(rows)), "runs"), Tile(str(len(groups)), f"groups, by {by}")]
+    if coverage:
+        middle = f"{100 * statistics.median(coverage):.2f} %"
+        tiles.append(Tile(middle, "swept of what the mouth can reach, median"))
+        tiles.append(Tile(f"{100 * min(coverage):.2f} %", "swept in the worst run"))
+    lead = f"<p>{escape(what)}</p>"
+    count = f"{len(rows)} run{'' if len(rows) == 1 else 's'}"
+    return document("Runs compared", count, lead, tiles, parts)
+
+
+def comparison_picture(groups: Sequence[Group]) -> bytes:
+    """Return the spread of the main figures as a PNG.
+
+    Raises:
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    drawn = [m for m in _DRAWN if any(group.values(m) for group in groups)] or [_DRAWN[0]]
+    figure = blank(5.6 * min(2, len(drawn)), _height(groups) * ((len(drawn) + 1) // 2))
+    places = figure.subplots((len(drawn) + 1) // 2, min(2, len(drawn)), squeeze=False).ravel()
+    for axes, measure in zip(places, drawn, strict=False):
+        _draw(axes, groups, measure)
+    for axes in places[len(drawn) :]:
+        axes.set_axis_off()
+    return as_png(figure)
+
+
+def _height(groups: Sequence[Group]) -> float:
+    return 1.4 + 0.42 * min(len(groups), _MAX_GROUPS)
+
+
+def _draw(axes: Axes, groups: Sequence[Group], measure: Measure) -> None:
+    """Draw a row for each group, the first on top."""
+    shown = groups[:_MAX_GROUPS]
+    for place, group in enumerate(shown):
+        values = group.values(measure)
+        if not values:
+            continue
+        # Spread evenly, not at random: equal runs give an equal picture.
+        steps = [_JITTER * (2 * ((i * 7919) % 101) / 100 - 1) for i in range(len(values))]
+        spots = [place + step for step in steps]
+        axes.plot(values, spots, "o", ms=4.5, mfc=BLUE, mec="white", mew=0.5, alpha=0.75)
+        middle = statistics.median(values)
+        axes.plot([middle, middle], [place - 0.3, place + 0.3], color=INK, lw=2.0, zorder=1)
+    axes.set_yticks(range(len(shown)), [drawn_text(group.name) for group in shown])
+    axes.set_ylim(len(shown) - 0.5, -0.5)
+    axes.set_xlabel(measure.text)
+    tidy(axes)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    def shown(column: str, form: str, factor: float = 1.0) -> str:
+        value = row[column]
+        return "-" if value is None else form.format(value * factor)
+
+    return (
+        *(str(row[name]) if row[name] is not None else "-" for name in ("date", "room", "planner")),
+        shown("seed", "{:.0f}"),
+        row["outcome"] or "-",
+        shown("coverage", "{:.2f}", 100.0),
+        shown("duration_s", "{:.0f}"),
+        shown("path_m", "{:.1f}"),
+        row["log"],
+    )

@@ -1,0 +1,72 @@
+"""``FILE``: a log on the command line, where ``latest`` stands for the newest run."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools.cli.completion import complete_files
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+_LATEST = re.compile(r"latest(~\d+)?")
+
+
+class LogPath(click.Path):
+    """Parameter type: the path of a log, or ``latest``, ``latest~N`` or ``DIR/latest``."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's interface
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Any:  # noqa: ANN401 - click's interface
+        """Convert the text to a path; `latest` to that of a run.
+
+        Raises:
+            NoRunError: there is no such run.
+
+        """
+        path = super().convert(value, param, ctx)
+        if ctx is not None and ctx.resilient_parsing:
+            return path
+        return newest_if_named(path) if isinstance(path, Path) else path
+
+    def shell_complete(
+        self,
+        ctx: click.Context,  # noqa: ARG002 - click's interface
+        param: click.Parameter,  # noqa: ARG002 - click's interface
+        incomplete: str,
+    ) -> list[CompletionItem]:
+        """Return logs, folders, and `latest`."""
+        from click.shell_completion import CompletionItem
+
+        return [CompletionItem(name) for name in complete_log(incomplete)]
+
+
+def newest_if_named(path: Path) -> Path:
+    """Return the run that `latest` names; any other path unchanged.
+
+    Raises:
+        NoRunError: there is no such run.
+
+    """
+    if _LATEST.fullmatch(path.name) is None:
+        return path
+    from bridge.library.library import resolve
+
+    return resolve(path)
+
+
+def complete_log(incomplete: str) -> list[str]:
+    """Return logs, folders, and `latest`, that begin with a text."""
+    folder, slash, _ = incomplete.rpartition("/")
+    names = (f"{folder}{slash}latest",) if slash else ("latest",)
+    return [*(n for n in names if n.startswith(incomplete)), *complete_files(incomplete, ".mcap")]
