@@ -71,6 +71,14 @@ static void put(size_t length)
 #define SEND(name, t_us, message) \
     put(sp_##name##_frame(device.frame, &device.sender, (t_us), (message)))
 
+/* What a count of the IMU is worth: an MPU6050 at +-2 g and +-250 deg/s. */
+static void send_imu_info(uint32_t now_us)
+{
+    const sp_imu_info_t info = {
+        .accel = 163840000u, .gyro = 1310000u, .temperature = 3400000u, .zero = 3653};
+    SEND(imu_info, now_us, &info);
+}
+
 static void send_hello(uint32_t now_us)
 {
     sp_hello_t hello = {
@@ -85,6 +93,9 @@ static void send_hello(uint32_t now_us)
     };
     board_uid(hello.uid);
     SEND(hello, now_us, &hello);
+    if (device.session_id != 0) {
+        send_imu_info(now_us);
+    }
 }
 
 /* ---- safety ------------------------------------------------------------------------------- */
@@ -303,6 +314,15 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
         }
         break;
     }
+    case SP_TYPE_DESCRIBE_ENUM: {
+        sp_describe_enum_t question;
+        if (sp_describe_enum_decode(&question, frame->payload, frame->length)) {
+            sp_describe_enum_reply_t reply;
+            sp_describe_enum(&question, &reply);
+            SEND(describe_enum_reply, now_us, &reply);
+        }
+        break;
+    }
 #if SP_WITH_WHEEL_DUTY
     case SP_TYPE_WHEEL_DUTY: /* a stream, which nobody answers; there is no bring-up mode here */
         break;
@@ -328,6 +348,9 @@ static void stream(uint32_t tick, uint32_t now_us)
     imu.gyro_y = raw[5];
     imu.gyro_z = raw[6];
     SEND(imu, now_us, &imu);
+    if (tick % TICKS_PER_SECOND == 0) {
+        send_imu_info(now_us);
+    }
     if (tick % (TICKS_PER_SECOND / SP_ENCODERS_HZ) == 0) {
         sp_encoders_t encoders;
         board_encoders(&encoders.left, &encoders.right);

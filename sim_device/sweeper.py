@@ -18,6 +18,7 @@ from sim_device.device.identity import Identity
 from sim_device.device.modes import Event, ModeMachine, State
 from sim_device.device.virtual_firmware import TICK_US, Firmware
 from sim_device.noise import NoiseLevel, noise_level
+from sim_device.sensors.imu import ImuConfig
 from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World
 
@@ -67,13 +68,15 @@ class VirtualSweeper:
         link: type[LinkBase] = Link,
         boot_id: int | None = None,
         local: bool = True,
+        imu: ImuConfig | None = None,
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
         ``noise`` names a level, or is one of one's own. ``catalogue`` is what the firmware's
         version of the project declares, ``link`` what the device is connected by, and ``local``
         whether that can be reached from nowhere but beside the robot: a key is set only so.
-        Without a ``boot_id`` it follows from the seed.
+        Without a ``boot_id`` it follows from the seed. ``imu`` is how the firmware
+        sets the IMU.
 
         Raises:
             FloorPlanError: the robot does not fit where it should start.
@@ -84,7 +87,8 @@ class VirtualSweeper:
         level = noise if isinstance(noise, NoiseLevel) else noise_level(noise)
         identity_rng, plant_rng, sensor_rng = np.random.default_rng(seed).spawn(3)
         self.plant = Plant(World(plan, model), model, level, plant_rng)
-        self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
+        self._imu = imu or ImuConfig()
+        self.sensors = SensorSuite(self.plant, model, level, sensor_rng, self._imu)
         self.clock = DeviceClock()
         self.flash = Flash()
         self._model, self.catalogue, self._link, self._local = model, catalogue, link, local
@@ -206,5 +210,6 @@ class VirtualSweeper:
             link=self._link,
             clock=self.clock,
             modes=self._modes,
+            imu_scale=self._imu.scale,
             local=self._local,
         )

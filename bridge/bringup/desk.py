@@ -28,6 +28,7 @@ from bridge.session.session import Session
 from bridge.session.states import CommandEnded, Data, Failed, SessionReady, State, StateChanged
 from bridge.session.stop_request import StopRequest
 from protocol.clock import DeviceUs, HostNs, extend_us
+from protocol.imu import ImuReader
 from protocol.messages.device import Encoders, Hello, LogText, ParameterValue, Status
 from protocol.messages.host import ClearStop, SetMode
 from protocol.messages.values import LogLevel, Mode, StopCause, label
@@ -95,6 +96,7 @@ class Desk:
         """Asks the device; time passes meanwhile."""
         self.newest: dict[type[Message], Message] = {}
         self._times = SampleTimes()
+        self._imu = ImuReader()
         self._taps: list[tuple[tuple[type[Message], ...], list[tuple[float, Message]]]] = []
         self._duty: tuple[float, float] | None = None
         self._steer: Callable[[], tuple[float, float]] | None = None
@@ -244,8 +246,10 @@ class Desk:
                     pass
 
     def _take(self, event: Data, now_ns: HostNs) -> None:
-        message, t_us = event.received.message, event.received.frame.t_us
+        message, t_us = self._imu.take(event.received.message), event.received.frame.t_us
         self._t_us = extend_us(self._t_us, t_us)
+        if message is None:
+            return
         kind = type(message)
         self.newest[kind] = message
         self._times.take(kind, self._t_us, now_ns / 1e9)

@@ -14,6 +14,7 @@ from bridge.session.timesync import TimeSync
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
+from protocol.imu import NOMINAL, ImuReader
 from protocol.link import Received, Rejected
 from protocol.messages.device import Encoders, Hello, Imu, LogText
 from protocol.schema.message import Direction
@@ -37,6 +38,7 @@ class Listener:
         self._sink, self._records = sink, HostRecords(sink, 0, "")
         self._ingest = Ingest(TimeSync(), 0)
         self._estimator = PoseEstimator(model, Pose2(0.0, 0.0, 0.0))
+        self._imu = ImuReader(NOMINAL)
         self._sends = {s.type_id for s in link.codec.catalogue if s.direction is Direction.HOST}
 
     def received(self, data: bytes, now_ns: HostNs) -> None:
@@ -71,7 +73,7 @@ class Listener:
         self.messages += 1
         self._sink.write(self._ingest.take(received, now_ns))
         device_us = self._ingest.device_us
-        match message := received.message:
+        match message := self._imu.take(received.message):
             case Imu():
                 self._estimator.on_imu(
                     device_us * 1e-6,

@@ -14,6 +14,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.supervise import Level, RuleInputs, Supervisor, settings_from
 from protocol.clock import DeviceUs, extend_us
+from protocol.imu import NOMINAL, ImuReader
 from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ class BodyView:
         self._settings = settings_from(rules)
         self._last_us: DeviceUs | None = None
         self._first_us = 0
+        self._imu = ImuReader(NOMINAL)
         self._rest = _Rest()
         self._frozen = _Frozen()
         self._begin()
@@ -82,6 +84,10 @@ class BodyView:
 
     def take(self, message: Message, stamp_us: int, _arrived_ns: int) -> None:
         """Take a message of the device."""
+        known = self._imu.take(message)
+        if known is None:
+            return
+        message = known
         if None in tuple(message) or message.__class__ not in _LOOKED_AT:
             return  # not examined, or an older device does not send all fields
         now_us = self._unwrapped(stamp_us)

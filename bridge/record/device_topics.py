@@ -42,10 +42,16 @@ class DeviceTopics:
         spec: MessageSpec,
         ros: RosMessages | None,
         ros_channel: Callable[[RosTopic], int],
+        *,
+        has_si: bool = True,
     ) -> None:
-        """Declare the device's own channel; ROS channels follow with the first message."""
+        """Declare the device's own channel; ROS channels follow with the first message.
+
+        Without ``has_si`` the value of the raw numbers is not known yet; see :meth:`rescale`.
+        """
         self._file, self._chunk = file, file.chunk
-        self._encoder = DeviceEncoder(spec)
+        self._spec = spec
+        self._encoder = DeviceEncoder(spec, has_si=has_si)
         layout = self._layout = self._encoder.layout
         schema = (layout.full_name, "protobuf", layout.descriptor_set())
         self._channel = file.add_channel(f"/device/{spec.name}", "protobuf", schema)
@@ -55,6 +61,11 @@ class DeviceTopics:
         self._sentinels = any(field.none is not None for field in spec.fields)
         self._whole: _Form | None = None
         self._forms: dict[tuple[bool, ...], _Form] = {}
+
+    def rescale(self, spec: MessageSpec) -> None:
+        """Use the scales of this declaration from now on."""
+        self._spec, self._encoder = spec, DeviceEncoder(spec)
+        self._whole, self._forms = None, {}
 
     def write(self, record: DeviceMessage) -> None:
         """Write one message to all its topics.
@@ -71,7 +82,7 @@ class DeviceTopics:
             self._file.add_message(self._channel, log_ns, time_ns, record.seq, data)
             return
         values: tuple[Any, ...] = record[:6] + raw  # columns in the record's order
-        if None in values or self._sentinels:
+        if None in values or self._sentinels or not self._encoder.has_si:
             form = self._some(record, values)
             values = tuple([value or 0 for value in values])
         else:
@@ -106,7 +117,9 @@ class DeviceTopics:
             RowMessage(self._channel, head, layout.parts(present), [sources[i] for i in present])
         ]
         # In a layout the message's own fields start at the third place, as in the wire format.
-        if ros is not None and shown is not None and not all(shown[4 : 4 + ros.needs]):
+        if shown is not None and ros is not None and not all(shown[4 : 4 + ros.needs]):
+            ros = None
+        if not encoder.has_si:
             ros = None
         floats = 0
         if ros is not None:
@@ -114,7 +127,7 @@ class DeviceTopics:
             for topic in ros.topics:
                 count = sum(isinstance(part, str) for part in topic.layout.parts) - len(stamp)
                 if ros.values is None:
-                    own = [scaled(_RAW + i, gain) for i, gain in ros.raw]
+                    own = [scaled(_RAW + i, self._spec.fields[i].si_gain) for i in ros.raw]
                 else:
                     own = [real(floats + i) for i in range(count)]
                     floats += count

@@ -40,6 +40,8 @@ from bridge.session.records import (
     RoomRecord,
     TruthRecord,
 )
+from protocol.imu import ImuScale
+from protocol.messages.device import Imu, ImuInfo
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     from bridge.record.encode.ros import RosTopic
     from bridge.record.encode.rows import Rows
     from bridge.session.records import Record, RunInfo
+    from protocol.schema.message import Message
 
 _LOGGED = Head(1, 1)
 """Log and publish time are both the integer after a row's place."""
@@ -88,6 +91,8 @@ class RunWriter:
         self._ros = ros.RosTranslator(model)
         self._ros_channels: dict[str, int] = {}
         self._device: dict[str, DeviceTopics] = {}
+        self._imu_scale: ImuScale | None = None
+        self._imu_info: DeviceTopics | None = None
         self._rows: dict[type, Rows] = {}
         self._flat_channels: dict[str, int] = {}
         self._foxglove_channels: dict[str, int] = {}
@@ -213,12 +218,36 @@ class RunWriter:
         self._add_flat("/raw/can", schemas.RAW_CAN, record.log_ns, data)
 
     def _device_message(self, record: DeviceMessage) -> None:
-        """Handle the first message of a type; later ones go directly to its topics."""
+        """Handle the first message of a type; later ones go directly to its topics.
+
+        The scale of the IMU is the exception: each message of it passes here.
+        """
         cls = type(record.message)
-        topics = self._device[record.name] = DeviceTopics(
-            self._file, CATALOGUE.spec(cls), self._ros.form(cls), self._ros_topic
-        )
+        if cls is ImuInfo:
+            self._note_imu(record.message)  # type: ignore[arg-type]  # its class was compared
+            self._imu_info = self._imu_info or self._topics(ImuInfo)
+            self._imu_info.write(record)
+            return
+        topics = self._device[record.name] = self._topics(cls)
         topics.write(record)
+
+    def _topics(self, cls: type[Message]) -> DeviceTopics:
+        spec, scale = CATALOGUE.spec(cls), self._imu_scale
+        known = cls is not Imu or scale is not None
+        if scale is not None:
+            spec = scale.declared(spec)
+        ros = self._ros.form(cls)
+        return DeviceTopics(self._file, spec, ros, self._ros_topic, has_si=known)
+
+    def _note_imu(self, info: ImuInfo) -> None:
+        """Give the SI values of IMU samples by the scale that the device states."""
+        scale = ImuScale.of(info)
+        if scale is None or scale == self._imu_scale:
+            return
+        self._imu_scale = scale
+        topics = self._device.get("imu")
+        if topics is not None:
+            topics.rescale(scale.declared(CATALOGUE.spec(Imu)))
 
     def _pose(self, record: PoseRecord) -> None:
         rows = self._rows.get(PoseRecord)

@@ -13,6 +13,7 @@ from bridge.record.errors import LogReadError
 from bridge.record.wire_records import RAW_TOPICS, in_order, wire_records
 from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
+from protocol.imu import NOMINAL
 from protocol.link import Received, addresses
 from protocol.messages.device import (
     Ack,
@@ -21,6 +22,7 @@ from protocol.messages.device import (
     Encoders,
     Hello,
     Imu,
+    ImuInfo,
     Nack,
     ParameterValue,
     Power,
@@ -80,6 +82,8 @@ class RecordedRun(NamedTuple):
     node: int
     played: list[Played]
     duration_s: float
+    imu_info: ImuInfo
+    """The nominal one if the recording contains none: protocol version 1 had one scale."""
 
 
 def load(reader: LogReader) -> RecordedRun:
@@ -97,7 +101,9 @@ def load(reader: LogReader) -> RecordedRun:
         raise LogReadError(reader.path, "it contains no raw bytes of a robot")
     first, last = loader.played[0], loader.played[-1]
     duration_s = (last.log_ns - first.log_ns) / 1e9
-    return RecordedRun(loader.hello or _NOBODY, loader.node, loader.played, duration_s)
+    return RecordedRun(
+        loader.hello or _NOBODY, loader.node, loader.played, duration_s, loader.imu_info
+    )
 
 
 class _Loader:
@@ -105,6 +111,7 @@ class _Loader:
         self.hello: Hello | None = None
         self.node = 1
         self.played: list[Played] = []
+        self.imu_info = NOMINAL.info()
         self._known: DeviceUs | None = None
         self._link: LinkBase | None = None
 
@@ -124,6 +131,8 @@ class _Loader:
         self._known = stamp
         if isinstance(message, Hello):
             self.hello, self.node = self.hello or message, frame.node
+        elif isinstance(message, ImuInfo):
+            self.imu_info = message
         elif not isinstance(message, _CONVERSATION):
             assert self._link is not None  # noqa: S101 - it gave the message
             payload = self._link.codec.encode(message)[1]
@@ -149,6 +158,7 @@ class ReplayDevice:
         self._hello_ns = 0
         self._standing_ns = 0
         self._out = bytearray()
+        self._imu_info = recording.imu_info
         self._last = {p.type_id: p for p in recording.played if not p.is_damaged}
 
     @property
@@ -234,6 +244,8 @@ class ReplayDevice:
         # Messages are encoded with this program's catalogue, not the recorded device's.
         _, uid, boot_id, _, *others = tuple(self.recording.hello)
         self._send(Hello(CATALOGUE.hash, uid, boot_id, self.session_id, *others), now_ns)
+        if self.session_id:
+            self._send(self._imu_info, now_ns)
 
     def _answer(self, message: Message, now_ns: HostNs) -> None:
         match message:

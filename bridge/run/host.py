@@ -51,6 +51,7 @@ from bridge.session.states import (
 from bridge.session.timesync import TimeSync
 from bridge.supervise import RuleInputs
 from protocol.clock import DeviceUs, HostNs
+from protocol.imu import ImuReader
 from protocol.link import Medium, Rejected
 from protocol.messages.device import (
     Encoders,
@@ -152,6 +153,7 @@ class Host:
         """Number of device clock jumps that the estimator has handled."""
         self._missing: list[str] = []
         """Messages that driving requires and the device lacks."""
+        self._imu = ImuReader()
         self._partial = True
         """Messages may lack fields that the host expects."""
         self._listeners: dict[type[Message], Callable[[Any, DeviceUs, HostNs], None]] = {
@@ -318,13 +320,15 @@ class Host:
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         ingest, listeners = self.ingest, self._listeners
-        take, write = ingest.take, self.sink.write
+        take, write, imu = ingest.take, self.sink.write, self._imu
         damaged: list[DamagedFrame] = []
         for event in events:
             if event.__class__ is Data:  # the usual case
                 received = event[0]
                 write(take(received, now_ns))
-                message = received[0]
+                message = imu.take(received[0])
+                if message is None:
+                    continue  # an IMU sample before its scale
                 listener = listeners.get(message.__class__)
                 if listener is not None and (not self._partial or understood(message)):
                     listener(message, ingest.device_us, now_ns)
@@ -406,6 +410,7 @@ class Host:
             self._records.again(event, now_ns)
         if event.rebooted:
             self.ingest.reset()
+            self._imu = ImuReader()  # another firmware may set the chip otherwise
             self.commands.forget()
             self.localisation.begin_again()
         for difference in event.differences:

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 
 from bridge.motion.observation import Observation
 from bridge.session.sample_times import SampleTimes
-from protocol.messages.device import Encoders, Imu, LogText, PlannerState, Power, Range, Status
+from protocol.messages.device import (
+    Encoders,
+    Imu,
+    ImuInfo,
+    LogText,
+    PlannerState,
+    Power,
+    Range,
+    Status,
+)
 from protocol.messages.host import ClearStop, SetMode, VelocitySetpoint
 from protocol.messages.values import Contact
 
@@ -31,6 +40,7 @@ NEEDS: Mapping[type[Message], float] = MappingProxyType(
 
 _NEEDED: dict[type[Message], int] = {
     Imu: 7,
+    ImuInfo: 4,
     Encoders: 2,
     Range: 4,
     Status: 3,

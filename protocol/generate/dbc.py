@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER
 from protocol.can.frames import STAMP_SHIFT, T16, T32, is_native, parts_of
 from protocol.errors import FieldRangeError
+from protocol.imu import NOMINAL, ImuScale
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.fields import SI_UNITS
 from protocol.schema.message import Direction
@@ -67,8 +68,10 @@ class Frame(NamedTuple):
     signals: tuple[Signal, ...]
 
 
-def render(catalogue: Catalogue = CATALOGUE, node: int = 1) -> dict[str, str]:
-    """The database of device ``node`` (1-15), by its file name.
+def render(
+    catalogue: Catalogue = CATALOGUE, node: int = 1, imu: ImuScale = NOMINAL
+) -> dict[str, str]:
+    """The database of device ``node`` (1-15), by its file name; ``imu`` is its IMU's scale.
 
     Raises:
         FieldRangeError: there is no such node.
@@ -76,7 +79,9 @@ def render(catalogue: Catalogue = CATALOGUE, node: int = 1) -> dict[str, str]:
     """
     if not 1 <= node <= MAX_NODE:
         raise FieldRangeError("frame", "node", node)
-    periodic = chain.from_iterable(frames_of(spec, node) for spec in catalogue if is_native(spec))
+    periodic = chain.from_iterable(
+        frames_of(imu.declared(spec), node) for spec in catalogue if is_native(spec)
+    )
     frames = sorted([*periodic, tag_frame(node)])
     return {f"sweepctl-node{node}.dbc": "\n".join(_lines(catalogue, node, frames)) + "\n"}
 

@@ -182,7 +182,7 @@ class Control:
             duties = wheels.step(v, yaw, counts, self._supply_v)
         else:
             duties = self._drive(tick, now_us, sampler, around)
-        health.tick(sampler.imu, counts, wheels)
+        health.tick(sampler.imu_nominal, counts, wheels)
         if around is not None:
             health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
         if health.bits != self._logged_bits:

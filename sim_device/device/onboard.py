@@ -113,7 +113,7 @@ class Onboard:
         ``around`` is given in the periods in which the rangers were sounded.
         """
         t_s = now_us * 1e-6
-        imu = sampler.imu
+        imu = sampler.imu_nominal
         self.estimator.on_imu(
             t_s, imu.gyro_z * _GYRO_RAD_S, temperature_c=imu.temperature * _TEMPERATURE_C
         )

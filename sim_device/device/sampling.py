@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from protocol.imu import NOMINAL, ImuScale
+from protocol.messages.device import Imu
+from sim_device.sensors.imu import ImuCounts
+
 if TYPE_CHECKING:
     from sim_device.body.power import PowerReading
     from sim_device.sensors.contacts import Bumpers
-    from sim_device.sensors.imu import ImuCounts
     from sim_device.sensors.rangers import Ranges
 
 _MASK = 0xFFFF
@@ -50,12 +53,17 @@ class Sampler:
     """Reads the sensors; what is asked for twice in a period is read once."""
 
     def __init__(
-        self, sensors: Sensors, corrections: tuple[tuple[float, float], ...] | None = None
+        self,
+        sensors: Sensors,
+        corrections: tuple[tuple[float, float], ...] | None = None,
+        imu_scale: ImuScale = NOMINAL,
     ) -> None:
         """Nothing is read before the first period.
 
-        ``corrections`` are scale and offset (m) of each ranger, by calibration.
+        ``corrections`` are scale and offset (m) of each ranger, by calibration; ``imu_scale`` is
+        what the IMU's counts are worth.
         """
+        self._imu_scale = None if imu_scale == NOMINAL else imu_scale
         self._corrections = corrections
         self._sensors = sensors
         self._zero: tuple[int, int] | None = None
@@ -66,6 +74,8 @@ class Sampler:
         """Wheel counts of this period; the timers that hold them begin at 0 with a boot."""
         self.imu: ImuCounts
         """Registers of this period."""
+        self.imu_nominal: ImuCounts
+        """The same in nominal counts, for the device's own judgement."""
 
     def begin(self) -> None:
         """Start a period: counts and IMU are read in each."""
@@ -77,7 +87,9 @@ class Sampler:
             zero_left, zero_right = self._zero
             counts = counts[0] - zero_left & _MASK, counts[1] - zero_right & _MASK
         self.counts = counts
-        self.imu = sensors.imu()
+        self.imu = self.imu_nominal = sensors.imu()
+        if self._imu_scale is not None:
+            self.imu_nominal = ImuCounts(*self._imu_scale.nominal(Imu(*self.imu)))
         self._around = None
 
     def around(self) -> Around:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from protocol.commands import CommandLog
+from protocol.imu import NOMINAL, ImuScale
 from protocol.link import LinkBase, Received, addresses
 from protocol.messages.device import Ack, Nack, TimeReply
 from protocol.messages.host import (
@@ -87,13 +88,15 @@ class Firmware:
         clock: DeviceClock | None = None,
         modes: ModeMachine | None = None,
         local: bool = True,
+        imu_scale: ImuScale = NOMINAL,
     ) -> None:
         """Boot.
 
         ``catalogue`` is what this firmware's version of the project declares, ``flash`` the
         memory in which parameters outlive a boot, ``link`` what it is connected by, ``clock``
         what its stamps are read from, ``modes`` the mode table's walker, which has booted,
-        ``local`` whether the link can be reached from nowhere but beside the robot.
+        ``local`` whether the link can be reached from nowhere but beside the robot,
+        ``imu_scale`` what it sets the IMU to.
         """
         self.identity = identity
         self.agreed = False
@@ -112,7 +115,8 @@ class Firmware:
         self.schedule = streams.Schedule(catalogue, int(CAPABILITIES))
         self.reboot_wanted: RebootKind | None = None
         """Set once a reboot was accepted; whoever runs the firmware boots it anew."""
-        self._sampler = Sampler(sensors, self.parameters.range_corrections())
+        self._sampler = Sampler(sensors, self.parameters.range_corrections(), imu_scale)
+        self._imu_info = imu_scale.info()
         self._clock = clock or DeviceClock()
         self._freshness = Freshness()
         self._commands = CommandLog()
@@ -273,8 +277,10 @@ class Firmware:
         catalogue_hash, keyed = self.link.codec.catalogue.hash, self.link.key is not None
         hello = self.identity.hello(catalogue_hash, self.session_id, keyed=keyed)
         self._send(hello, now_us)
-        if self.session_id and keyed:
-            self._send(self.keyring.challenge(), now_us)
+        if self.session_id:
+            if keyed:
+                self._send(self.keyring.challenge(), now_us)
+            self._send(self._imu_info, now_us)
 
     def _close(self) -> None:
         """Nobody is there: be safe, and say hello until somebody is."""
@@ -357,6 +363,8 @@ class Firmware:
         if self.agreed:
             if due:
                 self._send_streams(due, now_us)
+            if tick % HELLO_TICKS == 0:
+                self._send(self._imu_info, now_us)
             if self._lines.waiting:
                 self._send_line(now_us)
         elif tick % HELLO_TICKS == 0:

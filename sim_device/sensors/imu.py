@@ -24,10 +24,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from protocol.imu import NOMINAL, ImuScale
 from sim_device.body.lift import Lift
 from sim_device.sensors.faults import SensorFaults
 from sim_device.sensors.imu_kernel import AXES, DRAWS, Chip, sample
@@ -98,6 +100,16 @@ class ImuConfig:
     def sample_period_ms(self) -> float:
         """Time between samples: (1 + SMPLRT_DIV) over 1 kHz, or over 8 kHz unfiltered."""
         return (1 + self.divider) / (1.0 if self.dlpf else 8.0)
+
+    @property
+    def scale(self) -> ImuScale:
+        """What the counts are worth; section 4.18 of the register map gives the temperature's."""
+        return ImuScale(
+            Fraction(ACCEL_LSB_PER_G[self.accel_range_g]),
+            Fraction(str(GYRO_LSB_PER_DEG_S[self.gyro_range_deg_s])),
+            NOMINAL.per_k,
+            NOMINAL.zero_deg_c,
+        )
 
     @property
     def window_ms(self) -> float:

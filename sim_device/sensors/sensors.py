@@ -10,7 +10,7 @@ from sim_device.sensors.bumper import Bumper
 from sim_device.sensors.cliff import CliffSensor
 from sim_device.sensors.encoders import Encoders
 from sim_device.sensors.faults import SensorFaults
-from sim_device.sensors.imu import Imu
+from sim_device.sensors.imu import Imu, ImuConfig
 from sim_device.sensors.rangers import Rangers, Ranges
 
 if TYPE_CHECKING:
@@ -40,15 +40,17 @@ class SensorSuite:
         model: RobotModel,
         noise: NoiseLevel,
         rng: np.random.Generator,
+        imu: ImuConfig | None = None,
     ) -> None:
         """Attach to ``plant``; ``model`` gives the mounts and the encoder's counts."""
+        imu = imu or ImuConfig()
         imu_rng, range_rng, power_rng = rng.spawn(3)
         self.faults = SensorFaults()
         """What is broken; may be changed at any time."""
         self._plant = plant
         self.encoders: Callable[[], tuple[int, int]] = Encoders(plant, model, self.faults).read
         """Gives left and right count, 0..65535."""
-        self.imu: Callable[[], ImuCounts] = Imu(plant, noise, imu_rng, self.faults).read
+        self.imu: Callable[[], ImuCounts] = Imu(plant, noise, imu_rng, self.faults, imu).read
         """Gives the MPU6050's registers: acceleration, temperature, rotation."""
         self._rangers = Rangers(model, noise, range_rng)
         self._bumper = Bumper(plant, model.radius_m)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.can.frames import RECORD
-from protocol.messages.device import Encoders, Imu, LogText, Range, Sync
+from protocol.messages.device import Encoders, Imu, ImuInfo, LogText, Range, Sync
 from protocol.messages.host import ClearStop, Describe, SetStreamRate
 from protocol.messages.values import Capability, NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
@@ -166,12 +166,29 @@ def test_at_rest_the_imu_feels_the_earth_and_nothing_else(device: Probe) -> None
     device.needs(Capability.IMU)
     device.listen(0.3)
     samples = device.of(Imu)
+    info = device.of(ImuInfo)[-1]
     mean = [sum(column) / len(samples) for column in zip(*samples, strict=True)]
-    felt = math.hypot(*mean[:3]) * 9.80665 / 16384
+    felt = math.hypot(*mean[:3]) * 9.80665 / info.accel_per_g
     assert felt == pytest.approx(9.81, rel=0.1), f"{felt:.2f} m/s2 at rest"
     assert mean[2] > 0, "z points up: at rest it feels +1 g"
-    turning = max(abs(rate) for rate in mean[4:]) / 131
+    turning = max(abs(rate) for rate in mean[4:]) / info.gyro_per_deg_s
     assert turning < 10.0, f"{turning:.1f} deg/s at rest; MPU6050 allows 20 before calibration"
+
+
+def test_what_a_count_of_the_imu_is_worth_is_said_after_hello_and_each_second(
+    device: Probe,
+) -> None:
+    device.agree()
+    device.needs(Capability.IMU)
+    device.listen(0.3)
+    infos = device.of(ImuInfo)
+    assert infos, "no imu_info before the streams"
+    assert min(tuple(infos[0])[:3]) > 0
+    mark = len(device.heard)
+    device.listen(2.5)
+    again = device.of(ImuInfo, mark)
+    assert 2 <= len(again) <= 3, f"{len(again)} imu_info in 2.5 s"
+    assert {tuple(i) for i in (*infos, *again)} == {tuple(infos[0])}
 
 
 @pytest.mark.link("uart")

@@ -2,14 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
 
 from protocol.generate import GENERATORS, PER_NODE
+from protocol.imu import NOMINAL, ImuScale
 from tools.cli.console import complain, write_line
 from tools.cli.outputs import check_outputs
+
+
+class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs only
+    """What the counts of an IMU are worth; what is left out is nominal."""
+
+    name = "scale"
+    _KEYS: ClassVar = {
+        "accel": "per_g",
+        "gyro": "per_deg_s",
+        "temperature": "per_k",
+        "zero": "zero_deg_c",
+    }
+
+    def convert(
+        self,
+        value: str,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> ImuScale:
+        """Read ``accel=8192,gyro=65.5``."""
+        changes: dict[str, Fraction] = {}
+        for item in value.split(","):
+            key, _, text = item.partition("=")
+            name = self._KEYS.get(key.strip())
+            if name is None:
+                self.fail(f"{key.strip()!r} is none of {', '.join(self._KEYS)}", param, ctx)
+            try:
+                number = Fraction(text.strip())
+            except (ValueError, ZeroDivisionError):
+                self.fail(f"{key.strip()}: {text.strip()!r} is not a number", param, ctx)
+            if number <= 0 and key.strip() != "zero":
+                self.fail(f"{key.strip()}: {text.strip()} is not above 0", param, ctx)
+            changes[name] = number
+        return replace(NOMINAL, **changes)
 
 
 @click.command("generate", epilog="Example:  sweepctl generate c --out firmware/wire")
@@ -25,8 +62,16 @@ from tools.cli.outputs import check_outputs
     type=click.IntRange(1, 15),
     help="With dbc: node number of the device.  [default: 1]",
 )
+@click.option(
+    "--imu",
+    type=ImuScaleType(),
+    metavar="KEY=VALUE,...",
+    help="With dbc: what a count of the device's IMU is worth, as its imu_info says: accel "
+    "(counts per g), gyro (counts per degree a second), temperature (counts per kelvin), zero "
+    "(°C at a count of 0).  [default: an MPU6050 at ±2 g and ±250 °/s]",
+)
 @click.option("--force", is_flag=True, help="Replace existing files.")
-def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
+def command(*, what: str, out: Path, node: int | None, imu: ImuScale | None, force: bool) -> int:
     """Generate code or documentation from the declaration of the protocol.
 
     \b
@@ -40,7 +85,9 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
 
     if node is not None and what not in PER_NODE:
         raise click.UsageError("--node needs dbc: the other formats do not depend on the node")
-    options: dict[str, Any] = {}
+    if imu is not None and what != "dbc":
+        raise click.UsageError("--imu needs dbc: the other formats carry the counts as they are")
+    options: dict[str, Any] = {} if imu is None else {"imu": imu}
     if what == "md":
         from tools.dev.behaviour import wire_behaviour
 

@@ -16,7 +16,6 @@ from bridge.record.encode.cdr import LITTLE_ENDIAN, CdrLayout, stamp
 from bridge.record.wheels import WheelAngles
 from bridge.session.records import CoverageRecord
 from protocol.messages.device import Encoders, Imu, Power, Range
-from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -98,7 +97,7 @@ class RosMessages(NamedTuple):
     topics: tuple[RosTopic, ...]
     needs: int
     """Number of leading fields that the device's message must have."""
-    raw: tuple[tuple[int, float], ...] = ()
+    raw: tuple[int, ...] = ()
     """Index and gain of each field, if all values are scaled fields."""
     values: Callable[[DeviceMessage], tuple[float, ...]] | None = None
     """Otherwise: returns the values of all topics in order, without time stamps."""
@@ -117,12 +116,8 @@ _IMU = CdrLayout(
     "3d",
     *_NO_COVARIANCE,
 )
-_ACCEL_GAIN, _GYRO_GAIN = (
-    field.si_gain for field in CATALOGUE.spec(Imu).fields if field.name in {"accel_x", "gyro_x"}
-)
-_IMU_VALUES = (*((i, _GYRO_GAIN) for i in (4, 5, 6)), *((i, _ACCEL_GAIN) for i in (0, 1, 2)))
+_IMU_VALUES = (4, 5, 6, 0, 1, 2)
 """Rates, then accelerations, by their register index."""
-_BATTERY_GAIN = CATALOGUE.spec(Power).fields[0].si_gain
 _JOINT_STATE = CdrLayout(
     "2I",
     ("text", BODY_FRAME),
@@ -186,9 +181,7 @@ class RosTranslator:
             Imu: RosMessages((RosTopic("/ros/imu", IMU, _IMU),), 7, _IMU_VALUES),
             Encoders: RosMessages((joints,), 2, values=self._encoders),
             Range: RosMessages(ranges, 3, values=self._range),
-            Power: RosMessages(
-                (RosTopic("/ros/battery", BATTERY_STATE, battery),), 1, ((0, _BATTERY_GAIN),)
-            ),
+            Power: RosMessages((RosTopic("/ros/battery", BATTERY_STATE, battery),), 1, (0,)),
         }
 
     def form(self, message: type) -> RosMessages | None:

@@ -48,7 +48,9 @@ class DeviceEncoder:
     absent without a clock mapping.
     """
 
-    def __init__(self, spec: MessageSpec) -> None:
+    def __init__(self, spec: MessageSpec, *, has_si: bool = True) -> None:
+        """Without ``has_si`` all values in SI units are absent."""
+        self.has_si = has_si
         raw = [
             FlatField(f.name, _raw_kind(f), _FIRST_FIELD + 2 * i) for i, f in enumerate(spec.fields)
         ]
@@ -78,7 +80,9 @@ class DeviceEncoder:
         """Return a value per field of the layout; None: absent."""
         _, _, bound_ns, node, _, t_us, _, message = record
         raw: tuple[Any, ...] = message  # type: ignore[assignment]  # messages are tuples
-        if self._sentinels or None in raw:
+        if not self.has_si:
+            si: list[float | None] = [None] * len(self._gains)
+        elif self._sentinels or None in raw:
             si = [self._si_or_none(raw[i], i, gain, offset) for i, gain, offset in self._gains]
         else:
             si = [raw[i] * gain + offset for i, gain, offset in self._gains]

@@ -72,6 +72,9 @@ static void tell(firmware_t *firmware)
             telemetry_send(firmware, (stream_t)i);
         }
     }
+    if (due_every(PERIODS_PER_SECOND, 0, firmware->tick, firmware->ticks)) {
+        session_imu_info(firmware, firmware->now_us);
+    }
     const log_line_t *const line = log_take(&firmware->control.log, firmware->now_us);
     if (line != NULL) {
         const sp_log_text_t text = {line->level, line->text.bytes, line->text.length};

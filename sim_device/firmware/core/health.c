@@ -10,15 +10,15 @@
 #define STALL_STOP_TICKS 300u
 /* A stalled motor draws an ampere and more, one that turns unseen a fifth of this. */
 #define STALL_MA 400u
-/* 0.15 g at +-2 g: above what driving shakes, below what a hand does. */
-#define JOLT_LSB 2458
+/* 0.15 g: above what driving shakes, below what a hand does. */
+#define JOLT_LSB ((int)(0.15f * BOARD_IMU_PER_G + 0.5f))
 #define JOLT_TICKS 100u
 #define REST_TICKS 50u
 /* 20 deg/s, the data sheet's largest rate at rest (PS-MPU-6000A-00, section 6.1). */
-#define REST_RATE_LSB 2620
-#define GRAVITY_LSB 16384
-#define GRAVITY_LOW_LSB 11468.8f /* off by 0.3 g */
-#define GRAVITY_HIGH_LSB 21299.2f
+#define REST_RATE_LSB ((int)(20.0f * BOARD_IMU_PER_DEG_S))
+#define GRAVITY_LSB ((int)BOARD_IMU_PER_G)
+#define GRAVITY_LOW_LSB (0.7f * BOARD_IMU_PER_G)
+#define GRAVITY_HIGH_LSB (1.3f * BOARD_IMU_PER_G)
 #define STRANGE_TICKS 30u
 #define REPEAT_TICKS 50u
 #define QUIET_TICKS 20u
@@ -27,7 +27,7 @@
  * half a second of repeats is no reading. One without any is held against the wheels. */
 #define LIVELY_TICKS 3u
 #define DISAGREE_RAD_S 0.2f
-#define GYRO_RAD_S (PI_F / 180.0f / 131.0f) /* MPU6050 at +-250 deg/s */
+#define GYRO_RAD_S (PI_F / 180.0f / BOARD_IMU_PER_DEG_S)
 /* What the ultrasonic reads at most of a wall that both bumper halves touch: 0.04 m and room. */
 #define NEAR_MM 100u
 #define BLOWS 2u

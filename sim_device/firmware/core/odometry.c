@@ -1,6 +1,6 @@
 #include "odometry.h"
 
-#define GYRO_RAD_S (PI_F / 180.0f / 131.0f) /* MPU6050 at +-250 deg/s */
+#define GYRO_RAD_S (PI_F / 180.0f / BOARD_IMU_PER_DEG_S)
 /* A longer gap between two samples is not integrated: the rate meanwhile is not known. */
 #define IMU_GAP_US 100000u
 /* Rest samples before the gyro is trusted. */

@@ -11,6 +11,18 @@
 /* Of the core; the rest is the board's. */
 #define CAPABILITIES SP_CAPABILITY_ONBOARD_PLANNER
 
+void session_imu_info(firmware_t *firmware, int64_t now_us)
+{
+    static const sp_imu_info_t info = {
+        .accel = (uint32_t)(BOARD_IMU_PER_G * 10000.0f + 0.5f),
+        .gyro = (uint32_t)(BOARD_IMU_PER_DEG_S * 10000.0f + 0.5f),
+        .temperature = (uint32_t)(BOARD_IMU_PER_K * 10000.0f + 0.5f),
+        .zero = (int16_t)(BOARD_IMU_ZERO_DEG_C * 100.0f + (BOARD_IMU_ZERO_DEG_C < 0.0f ? -0.5f : 0.5f)),
+    };
+    line_send(&firmware->line, SP_TYPE_IMU_INFO, (uint32_t)now_us,
+        sp_imu_info_encode(&info, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+}
+
 void session_hello(firmware_t *firmware, int64_t now_us)
 {
     const board_identity_t *const identity = board_identity(firmware->board);
@@ -29,6 +41,9 @@ void session_hello(firmware_t *firmware, int64_t now_us)
     memcpy(hello.uid, identity->uid, sizeof hello.uid);
     line_send(&firmware->line, SP_TYPE_HELLO, (uint32_t)now_us,
         sp_hello_encode(&hello, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+    if (firmware->session_id != 0) {
+        session_imu_info(firmware, now_us);
+    }
 }
 
 /* A host talks on in a session that we do not know: say at once who and which boot. */

@@ -116,8 +116,24 @@ typedef struct {
 } board_encoders_t;
 void board_encoders(board_t *board, board_encoders_t *out);
 
-/* Registers of the MPU6050 in its order, +-2 g and +-250 deg/s, 100 Hz or quicker, 44 Hz filter or
- * narrower; x forward, y left, z up. Read each control period. */
+/* What a count of the IMU is worth, as the board sets its chip: counts per g, per degree a second
+ * and per kelvin, and the temperature at a count of 0. A board with another chip or another range
+ * defines its own. By default an MPU6050 at +-2 g and +-250 deg/s. */
+#ifndef BOARD_IMU_PER_G
+#define BOARD_IMU_PER_G 16384.0f
+#endif
+#ifndef BOARD_IMU_PER_DEG_S
+#define BOARD_IMU_PER_DEG_S 131.0f
+#endif
+#ifndef BOARD_IMU_PER_K
+#define BOARD_IMU_PER_K 340.0f
+#endif
+#ifndef BOARD_IMU_ZERO_DEG_C
+#define BOARD_IMU_ZERO_DEG_C 36.53f
+#endif
+
+/* Counts of the IMU, 100 Hz or quicker, 44 Hz filter or narrower; x forward, y left, z up. Read
+ * each control period. */
 typedef struct {
     int16_t accel_x, accel_y, accel_z;
     int16_t temperature;

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import warnings
+from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, Annotated
 
 import cantools
@@ -14,6 +16,7 @@ from protocol.can.frames import from_record
 from protocol.can.link import CanLink
 from protocol.errors import FieldRangeError
 from protocol.generate import render
+from protocol.imu import NOMINAL
 from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import U8, U16, number
@@ -199,3 +202,15 @@ def test_another_catalogue_s_texts_cannot_break_it() -> None:
     assert odd.comment == "Says 'quoted', twice; +- ?. And goes on."
     assert odd.get_signal_by_name("level").comment == "a 'level'; \\ and ;"
     assert odd.decode(b"\2\0\1\7\0") == {"level": 1, "depth": "none", "t16": 32e-6}
+
+
+def test_the_imu_s_scale_can_be_that_of_the_device() -> None:
+    scale = replace(NOMINAL, per_g=Fraction(8192), per_deg_s=Fraction("65.5"))
+    text = next(iter(render("dbc", imu=scale).values()))
+    described = cantools.database.load_string(text, "dbc")
+    assert isinstance(described, cantools.database.can.Database)
+    rotation = described.get_message_by_name("imu_rotation")
+    assert float(rotation.get_signal_by_name("gyro_z").scale) == pytest.approx(1 / 65.5)
+    acceleration = described.get_message_by_name("imu_acceleration")
+    assert float(acceleration.get_signal_by_name("accel_z").scale) == pytest.approx(9.80665 / 8192)
+    assert len(text.splitlines()) == len(next(iter(render("dbc").values())).splitlines())

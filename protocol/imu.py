@@ -1,0 +1,99 @@
+"""What the counts of an IMU are worth, and how to read them by the catalogue's nominal scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from protocol.messages.device import Imu, ImuInfo
+from protocol.schema.catalogue import CATALOGUE
+
+if TYPE_CHECKING:
+    from protocol.schema.fields import Field
+    from protocol.schema.message import Message, MessageSpec
+
+G_M_S2 = Fraction("9.80665")
+"""Standard gravity, m/s² (CGPM 1901)."""
+_INFO = CATALOGUE.spec(ImuInfo).fields
+_IMU = CATALOGUE.spec(Imu).fields
+_TEMPERATURE = 3
+_GYRO = 4
+"""Index of the first field of each kind; accelerations come first."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImuScale:
+    """Counts for each unit, exactly."""
+
+    per_g: Fraction
+    per_deg_s: Fraction
+    per_k: Fraction
+    zero_deg_c: Fraction
+    """Temperature at a count of 0."""
+
+    @classmethod
+    def of(cls, info: ImuInfo) -> ImuScale | None:
+        """The scale that a device states; None where a count would be worth nothing."""
+        if 0 in {info.accel, info.gyro, info.temperature}:
+            return None
+        return cls(*(raw * field.scale for raw, field in zip(info, _INFO, strict=True)))
+
+    def info(self) -> ImuInfo:
+        """The message that states this scale."""
+        values = (self.per_g, self.per_deg_s, self.per_k, self.zero_deg_c)
+        return ImuInfo(*(round(v / f.scale) for v, f in zip(values, _INFO, strict=True)))
+
+    def declared(self, spec: MessageSpec) -> MessageSpec:
+        """The IMU message as a catalogue of this scale would declare it; any other unchanged."""
+        if spec.cls is not Imu:
+            return spec
+        return replace(spec, fields=tuple(self._field(i, f) for i, f in enumerate(spec.fields)))
+
+    def _field(self, index: int, field: Field) -> Field:
+        if index < _TEMPERATURE:
+            return replace(field, scale=G_M_S2 / self.per_g)
+        if index == _TEMPERATURE:
+            return replace(field, scale=1 / self.per_k, offset=self.zero_deg_c)
+        return replace(field, scale=1 / self.per_deg_s)
+
+    def nominal(self, imu: Imu) -> Imu:
+        """The same sample in nominal counts, not rounded, so that its SI values are right."""
+        raw = tuple(imu)
+        accel = float(NOMINAL.per_g / self.per_g)
+        gyro = float(NOMINAL.per_deg_s / self.per_deg_s)
+        warm_k = raw[_TEMPERATURE] / float(self.per_k)
+        temperature = (warm_k + float(self.zero_deg_c - NOMINAL.zero_deg_c)) * float(NOMINAL.per_k)
+        accels = [count * accel for count in raw[:_TEMPERATURE]]
+        rates = (count * gyro for count in raw[_GYRO:])
+        made: tuple[Any, ...] = (*accels, temperature, *rates)  # floats, inside the program only
+        return Imu(*made)
+
+
+NOMINAL = ImuScale(
+    G_M_S2 / _IMU[0].scale,
+    1 / _IMU[_GYRO].scale,
+    1 / _IMU[_TEMPERATURE].scale,
+    _IMU[_TEMPERATURE].offset,
+)
+"""The scale of the catalogue: an MPU6050 at ±2 g and ±250 °/s."""
+
+
+class ImuReader:
+    """Gives the messages of one device with IMU samples in nominal counts."""
+
+    def __init__(self, scale: ImuScale | None = None) -> None:
+        """Start with a scale that is assumed; None: no sample is read before the device's own."""
+        self.scale = scale
+        self._as_it_is = scale == NOMINAL
+
+    def take(self, message: Message) -> Message | None:
+        """The message as a reader of SI values may use it; None for a sample of unknown scale."""
+        if isinstance(message, Imu):
+            if self._as_it_is:
+                return message
+            return None if self.scale is None else self.scale.nominal(message)
+        if isinstance(message, ImuInfo):
+            self.scale = ImuScale.of(message) or self.scale
+            self._as_it_is = self.scale == NOMINAL
+        return message
