@@ -18,6 +18,7 @@ from protocol.link import Received, addresses
 from protocol.messages.device import (
     Ack,
     Challenge,
+    DescribeEnumReply,
     DescribeReply,
     Encoders,
     Hello,
@@ -30,7 +31,7 @@ from protocol.messages.device import (
     Status,
     TimeReply,
 )
-from protocol.messages.host import ClearStop, Describe, HostHello, Stop, TimeRequest
+from protocol.messages.host import ClearStop, Describe, DescribeEnum, HostHello, Stop, TimeRequest
 from protocol.messages.values import NackReason
 from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE
@@ -44,7 +45,16 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
     from protocol.schema.message import Message
 
-_CONVERSATION = (Hello, DescribeReply, Ack, Nack, TimeReply, ParameterValue, Challenge)
+_CONVERSATION = (
+    Hello,
+    DescribeReply,
+    DescribeEnumReply,
+    Ack,
+    Nack,
+    TimeReply,
+    ParameterValue,
+    Challenge,
+)
 _NOBODY = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
 """Hello for a recording that contains none."""
 _STANDING = (Status, Encoders, Imu, Range, Power)
@@ -256,7 +266,7 @@ class ReplayDevice:
                     self._begun_ns = now_ns
             case TimeRequest():
                 self._send(TimeReply(message.ping, self._device_us(now_ns)), now_ns)
-            case Describe():
+            case Describe() | DescribeEnum():
                 self._send(describe(CATALOGUE, message), now_ns)
             case Stop() | ClearStop():
                 type_id = CATALOGUE.spec(type(message)).type_id

@@ -20,12 +20,13 @@ from protocol.messages.device import (
 )
 from protocol.messages.host import ClearStop, SetMode, VelocitySetpoint
 from protocol.messages.values import Contact
+from protocol.schema.agreement import MessageAgreement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from bridge.motion.geometry import Pose2
-    from protocol.schema.agreement import MessageAgreement
+    from protocol.schema.agreement import Difference
     from protocol.schema.message import Message
 
 STALE_S = 0.3
@@ -64,9 +65,13 @@ _LEFT, _RIGHT = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT)
 _CLIFF = int(Contact.CLIFF)
 
 
-def missing_needs(differences: Iterable[MessageAgreement]) -> list[str]:
+def missing_needs(differences: Iterable[Difference]) -> list[str]:
     """Return the names of required messages that the device lacks or declares differently."""
-    return [d.spec.name for d in differences if d.shared_fields < _NEEDED.get(d.spec.cls, 0)]
+    return [
+        d.spec.name
+        for d in differences
+        if isinstance(d, MessageAgreement) and d.shared_fields < _NEEDED.get(d.spec.cls, 0)
+    ]
 
 
 def understood(message: Message) -> bool:

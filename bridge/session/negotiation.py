@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.schema.agreement import Comparison, MessageAgreement
+from protocol.schema.agreement import Comparison
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase
-    from protocol.messages.device import DescribeReply, Hello
-    from protocol.messages.host import Describe
+    from protocol.messages.device import Hello
+    from protocol.schema.agreement import Difference, Question, Reply
     from protocol.schema.catalogue import Catalogue
 
 QUESTIONS_AT_ONCE = 4
-"""Maximum number of ``Describe`` messages that wait for a reply at the same time."""
+"""Maximum number of questions that wait for a reply at the same time."""
 
 
 class SchemaNegotiation:
@@ -31,10 +31,9 @@ class SchemaNegotiation:
         return self._comparison is None or self._comparison.complete
 
     @property
-    def differences(self) -> tuple[MessageAgreement, ...]:
-        """Messages that the device declares differently from the host."""
-        outcome = self._comparison.outcome.values() if self._comparison else ()
-        return tuple(a for a in outcome if a.match.value != "equal")
+    def differences(self) -> tuple[Difference, ...]:
+        """Messages and enumerations that the device declares differently from the host."""
+        return self._comparison.differences if self._comparison else ()
 
     def begin(self, hello: Hello) -> None:
         """Start a negotiation with the device that sent ``hello``."""
@@ -45,12 +44,12 @@ class SchemaNegotiation:
         same = hello.catalogue_hash == self._catalogue.hash
         self._comparison = None if same else Comparison(self._catalogue)
 
-    def questions(self) -> list[Describe]:
+    def questions(self) -> list[Question]:
         """Return the oldest unanswered questions, at most :data:`QUESTIONS_AT_ONCE`."""
         comparison = self._comparison
         return [] if comparison is None else comparison.questions(QUESTIONS_AT_ONCE)
 
-    def answer(self, reply: DescribeReply) -> bool:
+    def answer(self, reply: Reply) -> bool:
         """Handle a reply. Return False if no question asked for it."""
         return self._comparison is not None and self._comparison.answer(reply)
 

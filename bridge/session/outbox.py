@@ -10,7 +10,6 @@ from protocol.commands import CommandSender
 from protocol.errors import ProtocolError
 from protocol.link import NODE_ALL
 from protocol.messages.host import TimeRequest, VelocitySetpoint, WheelDuty
-from protocol.uart.framing import FLAG_RETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -124,7 +123,7 @@ class Outbox:
         """Send the due commands; return the outcomes of the commands that got no answer."""
         messages, outcomes = self.commands.due(now_ns // 1000)
         for message, retry in messages:
-            self.send(message, now_ns, flags=FLAG_RETRY if retry else 0)
+            self.send(message, now_ns)
             self.counts.retried += retry
         self.counts.unanswered += len(outcomes)
         return outcomes

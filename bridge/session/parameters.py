@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from protocol.messages.device import ParameterValue
 
 _F32 = struct.Struct("<f")
-_I32 = struct.Struct("<i")
 _U32 = struct.Struct("<I")
 _TRUE, _FALSE = frozenset({"true", "on", "yes", "1"}), frozenset({"false", "off", "no", "0"})
 _VALUES = ("value", "default", "low", "high")
@@ -131,9 +130,6 @@ def from_raw(kind: int, raw: int) -> float:
     if kind == ParameterKind.F32:
         value: float = _F32.unpack(_U32.pack(raw))[0]
         return value
-    if kind == ParameterKind.I32:
-        signed: int = _I32.unpack(_U32.pack(raw))[0]
-        return signed
     return raw
 
 

@@ -32,7 +32,15 @@ from bridge.session.states import (
 from protocol.clock import HostNs
 from protocol.commands import CommandSender
 from protocol.link import LinkBase, Medium, Received, Rejected
-from protocol.messages.device import Ack, Challenge, DescribeReply, Hello, Nack, TimeReply
+from protocol.messages.device import (
+    Ack,
+    Challenge,
+    DescribeEnumReply,
+    DescribeReply,
+    Hello,
+    Nack,
+    TimeReply,
+)
 from protocol.messages.host import ClearStop, HostHello, SetMode, Stop
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
@@ -140,6 +148,7 @@ class Session:
         self._handlers: dict[type[Message], Callable[[Any, Received, HostNs], None]] = {
             Hello: self._hello,
             DescribeReply: self._answer,
+            DescribeEnumReply: self._answer,
             Ack: self._reply,
             Nack: self._reply,
             TimeReply: self._time_reply,
@@ -540,7 +549,12 @@ class Session:
         self._ask(now_ns)
         self._next_ns = now_ns + ANSWER_PERIOD_NS
 
-    def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every handler
+    def _answer(
+        self,
+        reply: DescribeReply | DescribeEnumReply,
+        event: Received,  # noqa: ARG002 - the signature of every handler
+        now_ns: HostNs,
+    ) -> None:
         agreement = self._negotiation
         if self.state is not State.AGREEING or not self._greeted or not agreement.answer(reply):
             return

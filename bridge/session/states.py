@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
     from protocol.commands import Outcome
     from protocol.messages.device import Hello
-    from protocol.schema.agreement import MessageAgreement
+    from protocol.schema.agreement import Difference
 
 
 class State(Enum):
@@ -68,7 +68,7 @@ class SessionReady:
     node: int
     rebooted: bool
     """True if the device has a new boot id."""
-    differences: tuple[MessageAgreement, ...] = ()
+    differences: tuple[Difference, ...] = ()
     again: bool = False
     """True if a session with this device was ready before."""
     other_schema: bool = False

@@ -23,7 +23,6 @@ from protocol.generate.template import fill
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.uart.framing import (
     FLAG_AUTHENTICATED,
-    FLAG_RETRY,
     MAX_DECODED,
     MAX_ENCODED,
     MAX_NODE,
@@ -52,7 +51,6 @@ def _header(catalogue: Catalogue) -> str:
         messages=len(catalogue.specs),
         max_node=MAX_NODE,
         flag_authenticated=FLAG_AUTHENTICATED,
-        flag_retry=FLAG_RETRY,
         header_size=FRAME_HEADER.size,
         min_decoded=MIN_DECODED,
         max_decoded=MAX_DECODED,
@@ -81,6 +79,10 @@ def _source(catalogue: Catalogue) -> str:
         definitions="\n".join(c_messages.definition(spec) for spec in catalogue),
         message_rows=c_messages.table_rows(catalogue),
         chain_rows=c_messages.chain_rows(catalogue),
+        size_rows=c_messages.size_rows(catalogue),
+        bootstrap_cases=c_messages.bootstrap_cases(catalogue),
+        enum_members=c_messages.enum_members(catalogue),
+        enum_rows=c_messages.enum_rows(catalogue),
         start=f"{START:02X}",
         end=f"{END:02X}",
         toggle=f"{TOGGLE:02X}",

@@ -19,10 +19,10 @@ from protocol.messages.values import StopCause, by_gravity, latched_cause
 from protocol.schema.message import Direction, RateClass
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from enum import IntEnum
 
-    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.catalogue import Catalogue, EnumSpec
     from protocol.schema.fields import Field
     from protocol.schema.message import MessageSpec
 
@@ -278,10 +278,51 @@ def table_rows(catalogue: Catalogue) -> str:
 
 def chain_rows(catalogue: Catalogue) -> str:
     """Chain values of each message, before the first field and after each."""
-    out = []
-    for spec in catalogue:
-        values = [f"0x{v:08X}u" for v in catalogue.chains[spec.type_id]]
-        rows = [", ".join(values[i : i + 6]) + ",\n" for i in range(0, len(values), 6)]
-        body = f"    /* {plain(spec.name)} */\n" + "".join(f"    {row}" for row in rows)
-        out.append(guarded(spec, body))
-    return "".join(out)
+    return "".join(
+        guarded(spec, _chain_rows(spec.name, catalogue.chains[spec.type_id])) for spec in catalogue
+    )
+
+
+def enum_members(catalogue: Catalogue) -> str:
+    """How many members each enumeration has, where a message that uses it is wanted."""
+    return "".join(
+        _guarded_enum(catalogue, e, f"    {len(e.members)}u, /* {e.name} */\n")
+        for e in catalogue.enums.values()
+    )
+
+
+def enum_rows(catalogue: Catalogue) -> str:
+    """Chains of the enumerations."""
+    return "".join(
+        _guarded_enum(catalogue, e, _chain_rows(e.name, e.chain)) for e in catalogue.enums.values()
+    )
+
+
+def _guarded_enum(catalogue: Catalogue, enum: EnumSpec, body: str) -> str:
+    """``body`` only where a message that uses the enumeration is wanted."""
+    macros = [
+        switch_macro(spec)
+        for spec in catalogue
+        if any(f.enum is not None and f.enum.__name__ == enum.name for f in spec.fields)
+    ]
+    named = [m for m in macros if m is not None]
+    return f"#if {' || '.join(named)}\n{body}#endif\n" if len(named) == len(macros) else body
+
+
+def _chain_rows(name: str, chain: Sequence[int]) -> str:
+    values = [f"0x{v:08X}u" for v in chain]
+    rows = [", ".join(values[i : i + 6]) + ",\n" for i in range(0, len(values), 6)]
+    return f"    /* {plain(name)} */\n" + "".join(f"    {row}" for row in rows)
+
+
+def size_rows(catalogue: Catalogue) -> str:
+    """Sizes of each message's fields."""
+    return "".join(
+        guarded(s, "    " + "".join(f"{f.wire.size}u, " for f in s.fields) + f"/* {s.name} */\n")
+        for s in catalogue
+    )
+
+
+def bootstrap_cases(catalogue: Catalogue) -> str:
+    """Labels of the messages that never change."""
+    return "".join(f"    case SP_TYPE_{upper(s)}:\n" for s in catalogue if s.bootstrap)

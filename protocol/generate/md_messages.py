@@ -127,7 +127,13 @@ def hash_table(catalogue: Catalogue) -> Iterator[str]:
     yield f"The chain of `{example.name}`, step by step:\n"
     yield "| hashed | value |"
     yield "|---|---|"
-    texts = [example.name, *(f.canonical() for f in example.fields)]
+    texts = example.canonical()
     for text, value in zip(texts, catalogue.chains[example.type_id], strict=True):
         yield f"| `{_cell(text)}` | {value:08x} |"
+    yield ""
+    yield "| enumeration | members | key | chain after the last |"
+    yield "|---|---|---|---|"
+    for enum in catalogue.enums.values():
+        row = f"| `{enum.name}` | {len(enum.members)} | {enum.key:08x} | {enum.chain[-1]:08x} |"
+        yield row
     yield ""

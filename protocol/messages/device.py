@@ -37,8 +37,8 @@ _ACCEL_SCALE = "9.80665/16384"  # MPU6050 register map 4.17: 16384 LSB/g at ±2 
 _GYRO_SCALE = "1/131"  # MPU6050 register map 4.19: 131 LSB/(°/s) at ±250 °/s
 ULTRASONIC_NONE = 0xFFFF
 INFRARED_NONE = 0xFF
-UNKNOWN_MESSAGE = 0xFF
-"""Field count in a describe reply that says: I have no message of this type."""
+UNKNOWN = 0xFF
+"""Count in a describe reply that says: there is no such message or enumeration here."""
 
 
 @message(0x10, _DEVICE, _STREAM, default_hz=10, full_stamp=True)
@@ -52,8 +52,8 @@ class Sync(Message):
 class Status(Message):
     """What the device is doing and why it is not."""
 
-    mode: Annotated[int, number(U8, "enum", "what moves the wheels", enum=Mode, high=3)]
-    stop_cause: Annotated[int, number(U8, "enum", "0: no stop latched", enum=StopCause, high=5)]
+    mode: Annotated[int, number(U8, "enum", "what moves the wheels", enum=Mode)]
+    stop_cause: Annotated[int, number(U8, "enum", "0: no stop latched", enum=StopCause)]
     faults: Annotated[int, number(U16, "bits", "conditions that hold now", enum=Fault)]
     setpoint_left: Annotated[
         int, number(U8, "s", "time to live left of the setpoint", scale="0.001", high=250)
@@ -164,7 +164,7 @@ class LinkCounters(Message):
 class PlannerState(Message):
     """The device's own planner: the paper's variables and where it drives to."""
 
-    phase: Annotated[int, number(U8, "enum", "what it is doing", enum=PlannerPhase, high=9)]
+    phase: Annotated[int, number(U8, "enum", "what it is doing", enum=PlannerPhase)]
     turn_count: Annotated[int, number(U8, "count", "T of the paper")]
     target_x: Annotated[int, number(I16, "m", "in the frame of its start", scale="0.001")]
     target_y: Annotated[int, number(I16, "m", "in the frame of its start", scale="0.001")]
@@ -206,7 +206,7 @@ class Nack(Message):
 
     command_id: Annotated[int, number(U16, "id", "of the command")]
     command_type: Annotated[int, number(U8, "id", "type of the command", high=0x7E)]
-    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason, high=10)]
+    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason)]
 
 
 @message(0x1B, _DEVICE, _RARE, default_hz=1, bootstrap=True)
@@ -217,7 +217,7 @@ class Hello(Message):
     uid: Annotated[bytes, uid("the chip's 96-bit unique id")]
     boot_id: Annotated[int, number(U32, "id", "random, new at each boot")]
     session_id: Annotated[int, number(U32, "id", "the session it belongs to; 0: none")]
-    reset_cause: Annotated[int, number(U8, "enum", "why it booted", enum=ResetCause, high=4)]
+    reset_cause: Annotated[int, number(U8, "enum", "why it booted", enum=ResetCause)]
     capabilities: Annotated[int, number(U16, "bits", "what it has", enum=Capability)]
     version_major: Annotated[int, number(U8, "count", "firmware version")]
     version_minor: Annotated[int, number(U8, "count", "firmware version")]
@@ -239,7 +239,7 @@ class DescribeReply(Message):
 class LogText(Message):
     """A line for people; at most 10 a second."""
 
-    level: Annotated[int, number(U8, "enum", "severity", enum=LogLevel, high=3)]
+    level: Annotated[int, number(U8, "enum", "severity", enum=LogLevel)]
     line: Annotated[str, text("UTF-8")]
 
 
@@ -249,7 +249,7 @@ class ParameterValue(Message):
 
     parameter: Annotated[int, number(U8, "id", "number of the parameter")]
     parameter_count: Annotated[int, number(U8, "count", "parameters that the device has")]
-    kind: Annotated[int, number(U8, "enum", "how its 32 bits are read", enum=ParameterKind, high=3)]
+    kind: Annotated[int, number(U8, "enum", "how its 32 bits are read", enum=ParameterKind)]
     flags: Annotated[int, number(U8, "bits", "what is true of it", enum=ParameterFlag)]
     value: Annotated[int, number(U32, "raw", "present value")]
     default: Annotated[int, number(U32, "raw", "after a factory reset")]
@@ -263,3 +263,27 @@ class Challenge(Message):
     """A key is set: from which count this session's authenticated frames go on; with each hello."""
 
     counter: Annotated[int, number(U32, "count", "random, new for each session")]
+
+
+@message(0x2C, _DEVICE, _RARE, default_hz=1, minimal=True)
+class ImuInfo(Message):
+    """What the counts of the IMU message are worth; sent after hello, and then at 1 Hz."""
+
+    accel: Annotated[int, number(U32, "count/g", "of an accelerometer axis", scale="0.0001", low=1)]
+    gyro: Annotated[int, number(U32, "count/(deg/s)", "of a gyroscope axis", scale="0.0001", low=1)]
+    temperature: Annotated[int, number(U32, "count/K", "of the thermometer", scale="0.0001", low=1)]
+    zero: Annotated[int, number(I16, "degC", "temperature at a count of 0", scale="0.01")]
+
+    accel_per_g = si("accel")
+    gyro_per_deg_s = si("gyro")
+    temperature_per_k = si("temperature")
+    zero_deg_c = si("zero")
+
+
+@message(0x3C, _DEVICE, _RARE, bootstrap=True)
+class DescribeEnumReply(Message):
+    """How the device numbers one enumeration."""
+
+    enumeration: Annotated[int, number(U32, "hash", "enumeration asked about")]
+    member_count: Annotated[int, number(U8, "count", "members it has; 255: no such enumeration")]
+    chain: Annotated[int, number(U32, "hash", "after min(asked, own) members")]

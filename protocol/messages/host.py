@@ -34,7 +34,7 @@ class Stop(Message):
     """Stop and latch; repeated until acknowledged, obeyed from anyone at any time."""
 
     command_id: Annotated[int, _ID]
-    cause: Annotated[int, number(U8, "enum", "why", enum=StopCause, low=1, high=5)]
+    cause: Annotated[int, number(U8, "enum", "why", enum=StopCause, low=1)]
 
 
 @message(0x02, _HOST, _STREAM, default_hz=50, minimal=True)
@@ -88,7 +88,7 @@ class ClearStop(Message):
     """Release the latch, if its cause is still the one named."""
 
     command_id: Annotated[int, _ID]
-    cause: Annotated[int, number(U8, "enum", "the cause to clear", enum=StopCause, low=1, high=5)]
+    cause: Annotated[int, number(U8, "enum", "the cause to clear", enum=StopCause, low=1)]
 
 
 @message(0x06, _HOST, _COMMAND, minimal=True)
@@ -96,7 +96,7 @@ class SetMode(Message):
     """Choose what moves the wheels; refused while a stop is latched."""
 
     command_id: Annotated[int, _ID]
-    mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode, high=3)]
+    mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode)]
 
 
 @message(0x07, _HOST, _RARE, to_all=True, minimal=True, tagged=False)
@@ -119,8 +119,8 @@ class PlannerCommand(Message):
     """Start, pause, resume or abort the device's own planner."""
 
     command_id: Annotated[int, _ID]
-    action: Annotated[int, number(U8, "enum", "what to do", enum=PlannerAction, high=3)]
-    planner: Annotated[int, number(U8, "enum", "which, at start", enum=OnboardPlanner, high=3)]
+    action: Annotated[int, number(U8, "enum", "what to do", enum=PlannerAction)]
+    planner: Annotated[int, number(U8, "enum", "which, at start", enum=OnboardPlanner)]
 
 
 @message(0x0A, _HOST, _COMMAND)
@@ -137,9 +137,7 @@ class SetParameter(Message):
 
     command_id: Annotated[int, _ID]
     parameter: Annotated[int, number(U8, "id", "number of the parameter")]
-    kind: Annotated[
-        int, number(U8, "enum", "must be the parameter's own", enum=ParameterKind, high=3)
-    ]
+    kind: Annotated[int, number(U8, "enum", "must be the parameter's own", enum=ParameterKind)]
     value: Annotated[int, number(U32, "raw", "32 bits, read as the kind says")]
 
 
@@ -166,7 +164,7 @@ class Reboot(Message):
     """Boot anew; acknowledged before it happens, refused while the robot moves."""
 
     command_id: Annotated[int, _ID]
-    kind: Annotated[int, number(U8, "enum", "how", enum=RebootKind, high=2)]
+    kind: Annotated[int, number(U8, "enum", "how", enum=RebootKind)]
 
 
 @message(0x0F, _HOST, _COMMAND)
@@ -182,3 +180,11 @@ class SetKey(Message):
     def __repr__(self) -> str:
         """Without the key: a message may be shown in an exception or a test's output."""
         return f"SetKey(command_id={self.command_id})"
+
+
+@message(0x28, _HOST, _RARE, bootstrap=True, tagged=False)
+class DescribeEnum(Message):
+    """Ask how the device numbers one enumeration."""
+
+    enumeration: Annotated[int, number(U32, "hash", "of its name and kind: its chain's start")]
+    member_count: Annotated[int, number(U8, "count", "members that the host knows of it")]

@@ -94,12 +94,12 @@ class Contact(IntFlag):
 
 
 class NackReason(IntEnum):
-    """Why a command was refused."""
+    """Why a command was rejected."""
 
     UNKNOWN_COMMAND = 0
     BAD_VALUE = 1
     NO_SESSION = 2
-    """No host has agreed with the device yet."""
+    """No host has opened a session with the device."""
     STOP_LATCHED = 3
     OTHER_CAUSE = 4
     """The latched stop has another cause than the one to be cleared."""
@@ -119,10 +119,8 @@ class ParameterKind(IntEnum):
     """How a parameter's 32 bits are read."""
 
     U32 = 0
-    I32 = 1
     F32 = 2
     """IEEE 754 binary32."""
-    BOOL = 3
 
 
 class ParameterFlag(IntFlag):
@@ -176,7 +174,6 @@ class RebootKind(IntEnum):
     NORMAL = 0
     FACTORY_RESET = 1
     """Stored parameters are forgotten."""
-    BOOTLOADER = 2
 
 
 class LogLevel(IntEnum):

@@ -6,25 +6,52 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from protocol.messages.device import UNKNOWN_MESSAGE, DescribeReply
-from protocol.messages.host import Describe
+from protocol.messages.device import UNKNOWN, DescribeEnumReply, DescribeReply
+from protocol.messages.host import Describe, DescribeEnum
 from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
-    from protocol.schema.catalogue import Catalogue
+    from collections.abc import Iterator, Sequence
+
+    from protocol.schema.catalogue import Catalogue, EnumSpec
     from protocol.schema.message import MessageSpec
 
 
 class Match(Enum):
-    """How a peer's declaration of one message compares with ours."""
+    """How a peer's declaration of a message or an enumeration compares with ours."""
 
     EQUAL = "equal"
     OLDER = "older"
-    """The peer lacks our last fields."""
+    """The peer lacks our last fields or members."""
     NEWER = "newer"
-    """The peer appended fields that we lack."""
+    """The peer appended fields or members that we lack."""
     MISSING = "missing"
     DIFFERENT = "different"
+
+
+@dataclass(frozen=True, slots=True)
+class EnumAgreement:
+    """The outcome for one enumeration; a peer that lacks it has no message of ours that uses it."""
+
+    spec: EnumSpec
+    match: Match
+    peer_members: int
+
+    def report(self) -> str:
+        """One line for people."""
+        name, members = self.spec.name, self.spec.members
+        match self.match:
+            case Match.OLDER:
+                return f"{name}: the device lacks {', '.join(members[self.peer_members :])}"
+            case Match.NEWER:
+                extra = self.peer_members - len(members)
+                return f"{name}: the device has {extra} more member(s), which read as unknown"
+            case Match.MISSING:
+                return f"{name}: the device does not have it"
+            case Match.DIFFERENT:
+                return f"{name}: the device gives its members other values"
+            case _:
+                return f"{name}: equal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +61,8 @@ class MessageAgreement:
     spec: MessageSpec
     match: Match
     peer_fields: int
+    enums: tuple[str, ...] = ()
+    """Enumerations of its shared fields whose members have other values at the peer."""
 
     @property
     def usable(self) -> bool:
@@ -62,51 +91,102 @@ class MessageAgreement:
             case Match.MISSING:
                 return f"{name}: the device does not have it; disabled"
             case Match.DIFFERENT:
-                return f"{name}: the device declares other fields; disabled"
+                other = f"has other values of {', '.join(self.enums)}"
+                what = other if self.enums else "declares other fields"
+                return f"{name}: the device {what}; disabled"
 
 
-def describe(catalogue: Catalogue, question: Describe) -> DescribeReply:
-    """A device's answer about one of its messages."""
+Difference = MessageAgreement | EnumAgreement
+Question = Describe | DescribeEnum
+Reply = DescribeReply | DescribeEnumReply
+
+
+def describe(catalogue: Catalogue, question: Question) -> Reply:
+    """A device's answer about one of its messages or enumerations."""
+    if isinstance(question, DescribeEnum):
+        enum = catalogue.enums.get(question.enumeration)
+        if enum is None:
+            return DescribeEnumReply(question.enumeration, UNKNOWN, 0)
+        members = len(enum.members)
+        chain = enum.chain[min(question.member_count, members)]
+        return DescribeEnumReply(question.enumeration, members, chain)
     spec = catalogue.by_type.get(question.described_type)
     if spec is None:
-        return DescribeReply(question.described_type, UNKNOWN_MESSAGE, 0, 0)
+        return DescribeReply(question.described_type, UNKNOWN, 0, 0)
     own = len(spec.fields)
     chain = catalogue.chains[spec.type_id][min(question.field_count, own)]
     return DescribeReply(question.described_type, own, spec.layout.size, chain)
 
 
 class Comparison:
-    """Asks about every message and collects the outcome, whatever order answers come in."""
+    """Asks about every message and enumeration, whatever order the answers come in."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
-        self._open = {s.type_id: s for s in catalogue}
-        self.outcome: dict[int, MessageAgreement] = {}
+        self._open: dict[tuple[type[Reply], int], Question] = {
+            (DescribeReply, s.type_id): Describe(s.type_id, len(s.fields)) for s in catalogue
+        }
+        for enum in catalogue.enums.values():
+            question = DescribeEnum(enum.key, len(enum.members))
+            self._open[DescribeEnumReply, enum.key] = question
+        self._messages: dict[int, MessageAgreement] = {}
+        self._enums: dict[int, EnumAgreement] = {}
 
     @property
     def complete(self) -> bool:
-        """True when every message is settled."""
+        """True when every question is answered."""
         return not self._open
 
-    def questions(self, limit: int) -> list[Describe]:
-        """Up to ``limit`` questions that are still unanswered."""
-        return [Describe(t, len(s.fields)) for t, s in list(self._open.items())[:limit]]
+    @property
+    def outcome(self) -> dict[int, MessageAgreement]:
+        """What is known of each message, by type; final once it is complete."""
+        other = {e.spec.name for e in self._enums.values() if e.match is Match.DIFFERENT}
+        return {t: _judged(agreement, other) for t, agreement in self._messages.items()}
 
-    def answer(self, reply: DescribeReply) -> bool:
-        """Take one answer; False for what is settled or was not asked: it is passed over."""
-        spec = self._open.pop(reply.described_type, None)
-        if spec is None:
+    @property
+    def differences(self) -> tuple[Difference, ...]:
+        """Messages and enumerations that the peer declares differently."""
+        found: Iterator[Difference] = iter([*self.outcome.values(), *self._enums.values()])
+        return tuple(d for d in found if d.match is not Match.EQUAL)
+
+    def questions(self, limit: int) -> list[Question]:
+        """Up to ``limit`` questions that are still unanswered."""
+        return list(self._open.values())[:limit]
+
+    def answer(self, reply: Reply) -> bool:
+        """Take one answer; False for what is answered or was not asked: it is passed over."""
+        if isinstance(reply, DescribeEnumReply):
+            if self._open.pop((DescribeEnumReply, reply.enumeration), None) is None:
+                return False
+            enum, count = self._catalogue.enums[reply.enumeration], reply.member_count
+            match = _match(enum.chain, count, reply.chain)
+            self._enums[enum.key] = EnumAgreement(enum, match, 0 if count == UNKNOWN else count)
+            return True
+        if self._open.pop((DescribeReply, reply.described_type), None) is None:
             return False
-        own = len(spec.fields)
-        chains = self._catalogue.chains[spec.type_id]
-        if reply.field_count == UNKNOWN_MESSAGE:
-            match = Match.MISSING
-        elif reply.chain != chains[min(own, reply.field_count)]:
-            match = Match.DIFFERENT
-        elif reply.field_count < own:
-            match = Match.OLDER
-        else:
-            match = Match.EQUAL if reply.field_count == own else Match.NEWER
-        peer = 0 if match is Match.MISSING else reply.field_count
-        self.outcome[spec.type_id] = MessageAgreement(spec, match, peer)
+        spec, count = self._catalogue.by_type[reply.described_type], reply.field_count
+        match = _match(self._catalogue.chains[spec.type_id], count, reply.chain)
+        peer = 0 if count == UNKNOWN else count
+        self._messages[spec.type_id] = MessageAgreement(spec, match, peer)
         return True
+
+
+def _match(chain: Sequence[int], peer_count: int, peer_chain: int) -> Match:
+    own = len(chain) - 1
+    if peer_count == UNKNOWN:
+        return Match.MISSING
+    if peer_chain != chain[min(own, peer_count)]:
+        return Match.DIFFERENT
+    if peer_count < own:
+        return Match.OLDER
+    return Match.EQUAL if peer_count == own else Match.NEWER
+
+
+def _judged(agreement: MessageAgreement, other_enums: set[str]) -> MessageAgreement:
+    """A message whose shared fields use an enumeration with other values is another message."""
+    shared = agreement.spec.fields[: agreement.shared_fields]
+    used = {f.enum.__name__ for f in shared if f.enum is not None} & other_enums
+    if not used:
+        return agreement
+    named = tuple(sorted(used))
+    return MessageAgreement(agreement.spec, Match.DIFFERENT, agreement.peer_fields, named)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.errors import UnknownMessageError
 from protocol.messages import ALL_MESSAGES
@@ -12,13 +12,35 @@ from protocol.schema.plugged import plugged_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from enum import IntEnum
 
-PROTOCOL_VERSION = 1
-"""Of framing and bootstrap messages; everything else is agreed message by message."""
+PROTOCOL_VERSION = 2
+"""Of framing and bootstrap messages; everything else is negotiated message by message."""
+
+
+class EnumSpec(NamedTuple):
+    """An enumeration that messages use, with its schema hashes."""
+
+    name: str
+    members: tuple[str, ...]
+    chain: tuple[int, ...]
+    """Hash before the first member, which identifies the enumeration, and after each."""
+
+    @property
+    def key(self) -> int:
+        """What a question names the enumeration by: the hash of its name and kind."""
+        return self.chain[0]
+
+
+def enumerate_names(enum: type[IntEnum], unit: str) -> EnumSpec:
+    """Specification of an enumeration whose members are values (``enum``) or ``bits``."""
+    members = [(m.name or "").lower() for m in enum]
+    values = (f"{name}={int(m)}" for name, m in zip(members, enum, strict=True))
+    return EnumSpec(enum.__name__, tuple(members), _chain([f"{enum.__name__}|{unit}", *values]))
 
 
 class Catalogue:
-    """Messages by type, by name and by class, with their schema hashes."""
+    """Messages by type, by name and by class, and their enumerations, with schema hashes."""
 
     def __init__(self, messages: Iterable[type[Message]]) -> None:
         self.specs: tuple[MessageSpec, ...] = tuple(
@@ -27,9 +49,19 @@ class Catalogue:
         self.by_type: dict[int, MessageSpec] = {s.type_id: s for s in self.specs}
         self.by_class: dict[type[Message], MessageSpec] = {s.cls: s for s in self.specs}
         self.by_name: dict[str, MessageSpec] = {s.name: s for s in self.specs}
-        self.chains: dict[int, tuple[int, ...]] = {s.type_id: _chain(s) for s in self.specs}
-        whole = "".join(f"{t:02x}:{self.chains[t][-1]:08x}\n" for t in sorted(self.chains))
-        self.hash: int = zlib.crc32(whole.encode())
+        self.chains: dict[int, tuple[int, ...]] = {
+            s.type_id: _chain(s.canonical()) for s in self.specs
+        }
+        named = {f.enum.__name__: (f.enum, f.unit) for s in self.specs for f in s.fields if f.enum}
+        enums = [enumerate_names(*named[name]) for name in sorted(named)]
+        self.enums: dict[int, EnumSpec] = {e.key: e for e in enums}
+        """By their key, in the order of their names."""
+        self.hash: int = zlib.crc32("".join(f"{line}\n" for line in self._whole()).encode())
+
+    def _whole(self) -> Iterator[str]:
+        """What the whole hash covers: each message's last hash, then each enumeration's."""
+        yield from (f"{t:02x}:{self.chains[t][-1]:08x}" for t in sorted(self.chains))
+        yield from (f"{e.key:08x}:{e.chain[-1]:08x}" for e in self.enums.values())
 
     def __iter__(self) -> Iterator[MessageSpec]:
         return iter(self.specs)
@@ -47,12 +79,12 @@ class Catalogue:
             raise UnknownMessageError(cls.__name__) from None
 
 
-def _chain(spec: MessageSpec) -> tuple[int, ...]:
-    """Hash before the first field and after each: equal values mean an equal prefix."""
-    values = [zlib.crc32(f"{spec.name}\n".encode())]
-    for field in spec.fields:
-        values.append(zlib.crc32(f"{field.canonical()}\n".encode(), values[-1]))
-    return tuple(values)
+def _chain(texts: Iterable[str]) -> tuple[int, ...]:
+    """Hash after each line: equal values mean an equal prefix."""
+    values = [0]
+    for text in texts:
+        values.append(zlib.crc32(f"{text}\n".encode(), values[-1]))
+    return tuple(values[1:])
 
 
 CATALOGUE = Catalogue((*ALL_MESSAGES, *plugged_messages(ALL_MESSAGES)))

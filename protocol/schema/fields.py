@@ -80,11 +80,18 @@ class Field:
     name: str = ""
 
     def canonical(self) -> str:
-        """The text that schema agreement hashes: what changes a value's meaning."""
+        """The text that schema negotiation hashes: all that changes a value's meaning.
+
+        The range of an enumeration is left out: a member that is appended to it stays compatible.
+        """
         scale = str(self.scale)
         if self.offset:
             scale += f"{'+' if self.offset > 0 else '-'}{abs(self.offset)}"
-        return f"{self.name}|{self.wire.name}|{scale}|{self.unit}"
+        none = "" if self.none is None else str(self.none)
+        numeric = self.wire.is_integer and self.enum is None
+        span = f"{self.low}..{self.high}" if numeric else ""
+        enum = "" if self.enum is None else self.enum.__name__
+        return f"{self.name}|{self.wire.name}|{scale}|{self.unit}|{none}|{span}|{enum}"
 
     @property
     def is_scaled(self) -> bool:
@@ -124,6 +131,9 @@ SI_UNITS: dict[str, tuple[str, float]] = {
     "degC": ("_deg_c", 1.0),
     "Hz": ("_hz", 1.0),
     "duty": ("_duty", 1.0),
+    "count/g": ("_per_g", 1.0),
+    "count/(deg/s)": ("_per_deg_s", 1.0),
+    "count/K": ("_per_k", 1.0),
 }
 """Physical unit of the wire → (name suffix, factor to the SI unit that the suffix names)."""
 
@@ -146,15 +156,16 @@ def number(  # noqa: PLR0913 - a declaration names every property of the field
     enum: type[IntEnum] | None = None,
     can_part: int = 0,
 ) -> Field:
-    """Declare an integer field; the range defaults to what the wire type can hold."""
+    """Declare a number; its range is that of the enumeration, or what the wire type can hold."""
+    values = [int(v) for v in enum] if enum is not None and unit == "enum" else []
     return Field(
         wire,
         unit,
         doc,
         exact(scale),
         exact(offset),
-        wire.low if low is None else low,
-        wire.high if high is None else high,
+        min(values, default=wire.low) if low is None else low,
+        max(values, default=wire.high) if high is None else high,
         none,
         enum,
         can_part,

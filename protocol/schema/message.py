@@ -139,6 +139,14 @@ class MessageSpec:
     is_numeric: bool
     """Nothing but integers: ``struct`` alone packs them and refuses what does not fit."""
 
+    def canonical(self) -> list[str]:
+        """What schema negotiation hashes, line by line: the message, then each of its fields."""
+        lines = [f"{self.name}|{self.direction.value}|{self.rate.value}"]
+        for field in self.fields:
+            part = self.can_parts[field.can_part].can_type if field.can_part else None
+            lines.append(field.canonical() + ("|" if part is None else f"|{part:02x}"))
+        return lines
+
     def prefix_layout(self, count: int) -> struct.Struct:
         """Layout of the first ``count`` fields, for a peer that knows only those."""
         return struct.Struct("<" + "".join(f.wire.code for f in self.fields[:count]))
@@ -216,7 +224,7 @@ def specify(cls: type[Message]) -> MessageSpec:
 
     Raises:
         TypeError: the class was not declared with :func:`message`, or a field lacks its
-            declaration, or a text stands before the last field.
+            declaration, or a text stands before the last field, or a CAN part is not declared.
 
     """
     declaration = _DECLARATIONS.get(cls)
@@ -226,6 +234,9 @@ def specify(cls: type[Message]) -> MessageSpec:
     for field in fields[:-1]:
         if field.wire.is_text:
             raise TypeError(f"{cls.__name__}.{field.name}: only the last field may be text")
+    for field in fields:
+        if field.can_part >= len(declaration.can_parts):
+            raise TypeError(f"{cls.__name__}.{field.name}: CAN part {field.can_part} has no type")
     for attribute in vars(cls).values():
         if isinstance(attribute, SiValue | SiValueOrNone):
             attribute.bind(fields)

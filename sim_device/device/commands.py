@@ -130,8 +130,6 @@ def _rate(firmware: Commanded, command: SetStreamRate) -> NackReason | None:
 
 
 def _reboot(firmware: Commanded, command: Reboot) -> NackReason | None:
-    if command.kind == RebootKind.BOOTLOADER:
-        return NackReason.UNSUPPORTED
     if command.kind not in {RebootKind.NORMAL, RebootKind.FACTORY_RESET}:
         return NackReason.BAD_VALUE
     if firmware.mode is not Mode.IDLE or firmware.saving:

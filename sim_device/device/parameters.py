@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _F32 = struct.Struct("<f")
-_I32 = struct.Struct("<i")
 _U32 = struct.Struct("<I")
 STOP_DECELERATION_M_S2 = 1.0
 """From top speed to rest in 0.3 s: as hard as the tyres hold without slipping."""
@@ -62,8 +61,6 @@ def to_raw(kind: ParameterKind, value: float) -> int:
     match kind:
         case ParameterKind.F32:
             raw: int = _U32.unpack(_F32.pack(value))[0]
-        case ParameterKind.I32:
-            raw = int(value) & 0xFFFF_FFFF
         case _:
             raw = int(value)
     return raw
@@ -74,8 +71,6 @@ def from_raw(kind: ParameterKind, raw: int) -> float:
     match kind:
         case ParameterKind.F32:
             value: float = _F32.unpack(_U32.pack(raw))[0]
-        case ParameterKind.I32:
-            value = _I32.unpack(_U32.pack(raw))[0]
         case _:
             value = raw
     return value
@@ -232,8 +227,6 @@ class ParameterStore:
 
 def _allowed(parameter: Parameter, raw: int) -> bool:
     """Whether 32 bits are a value within the parameter's range, as its ends travel."""
-    if parameter.kind is ParameterKind.BOOL:
-        return raw in {0, 1}
     value = from_raw(parameter.kind, raw)
     low, high = (
         from_raw(parameter.kind, to_raw(parameter.kind, end))

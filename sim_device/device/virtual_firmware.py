@@ -14,6 +14,7 @@ from protocol.link import LinkBase, Received, addresses
 from protocol.messages.device import Ack, Nack, TimeReply
 from protocol.messages.host import (
     Describe,
+    DescribeEnum,
     GetParameter,
     HostHello,
     SaveParameters,
@@ -130,6 +131,7 @@ class Firmware:
             WheelDuty: self._duty,
             TimeRequest: self._time,
             Describe: self._describe,
+            DescribeEnum: self._describe_enum,
         }
         self.telemetry = Telemetry(self.link, self._sampler, self.control)
 
@@ -249,6 +251,9 @@ class Firmware:
             # What is needed to agree never changes: without its fields nobody could agree again.
             fewer = question.field_count < len(spec.fields)
             codec.limit(spec.type_id, question.field_count if fewer else None)
+
+    def _describe_enum(self, question: DescribeEnum, _extra_us: float, now_us: int) -> None:
+        self._send(describe(self.link.codec.catalogue, question), now_us)
 
     # ---- session --------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@
  *   payload   "type hex"                            "ok hex" decoded and encoded again, or "no"
  *   si        "type hex"                            "name=value:raw ..."
  *   describe  "type n"                              "fields length chain", and the hash first
+ *   describe-enum "key n"                           "key members chain"
  *   crc       "hex"                                 by software, by the unit's model
  *   can-send  "type node flags t_us word..."        "id:hex ..."
  *   can-hear  "now_us id hex"                       "-", "damaged" or the message
@@ -186,6 +187,16 @@ static void describe(char **words)
     sp_describe(&question, &answer);
     printf("%u %u %u %lu %u\n", answer.described_type, answer.field_count, answer.payload_length,
         (unsigned long)answer.chain, (unsigned)sp_direction(question.described_type));
+}
+
+static void describe_enum(char **words)
+{
+    const sp_describe_enum_t question = {
+        (uint32_t)adapter_number(words[0]), (uint8_t)adapter_number(words[1])};
+    sp_describe_enum_reply_t answer;
+    sp_describe_enum(&question, &answer);
+    printf("%lu %u %lu\n", (unsigned long)answer.enumeration, answer.member_count,
+        (unsigned long)answer.chain);
 }
 
 static void crc(char **words)
@@ -376,6 +387,8 @@ int main(int argc, char **argv)
             si(words);
         } else if (strcmp(mode, "describe") == 0) {
             describe(words);
+        } else if (strcmp(mode, "describe-enum") == 0) {
+            describe_enum(words);
         } else if (strcmp(mode, "crc") == 0) {
             crc(words);
 #if SP_WITH_CAN

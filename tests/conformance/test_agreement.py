@@ -8,8 +8,8 @@ from zlib import crc32
 
 import pytest
 
-from protocol.messages.device import UNKNOWN_MESSAGE, DescribeReply, Hello
-from protocol.messages.host import Describe, HostHello
+from protocol.messages.device import UNKNOWN, DescribeEnumReply, DescribeReply, Hello
+from protocol.messages.host import Describe, DescribeEnum, HostHello
 from protocol.messages.values import ResetCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import MAX_TYPE
@@ -38,6 +38,21 @@ def described(device: Probe, questions: list[Describe]) -> dict[int, DescribeRep
             answers |= {r.described_type: r for r in device.of(DescribeReply, mark)}
     missing = [q.described_type for q in questions if q.described_type not in answers]
     assert not missing, f"no answer to describe of {missing}"
+    return answers
+
+
+def enumerated(device: Probe, questions: list[DescribeEnum]) -> dict[int, DescribeEnumReply]:
+    """Answers by key, one question at a time; one that is lost is asked again."""
+    answers: dict[int, DescribeEnumReply] = {}
+    for question in questions:
+        for _ in range(4):
+            mark = len(device.heard)
+            device.send(question)
+            device.until(lambda m=mark: bool(device.of(DescribeEnumReply, m)), AT_ONCE_S)  # type: ignore[misc]  # bound now
+            answers |= {r.enumeration: r for r in device.of(DescribeEnumReply, mark)}
+            if question.enumeration in answers:
+                break
+        assert question.enumeration in answers, f"no answer to {question}"
     return answers
 
 
@@ -113,7 +128,7 @@ def test_describe_agrees_with_the_catalogue(device: Probe) -> None:
     answers = described(device, [Describe(s.type_id, len(s.fields)) for s in specs])
     for spec in specs:
         reply, own = answers[spec.type_id], len(spec.fields)
-        if reply.field_count == UNKNOWN_MESSAGE:
+        if reply.field_count == UNKNOWN:
             assert not spec.bootstrap, f"{spec.name} is needed to agree at all"
             continue
         shared = min(own, reply.field_count)
@@ -134,22 +149,40 @@ def test_describe_gives_the_chain_after_any_number_of_fields(device: Probe) -> N
         for spec in asked:
             reply = answers[spec.type_id]
             shared = min(count, reply.field_count, len(spec.fields))
-            if (
-                reply.field_count == UNKNOWN_MESSAGE
-                or count > len(spec.fields) != reply.field_count
-            ):
+            if reply.field_count == UNKNOWN or count > len(spec.fields) != reply.field_count:
                 continue
             expected = CATALOGUE.chains[spec.type_id][shared]
             assert reply.chain == expected, f"{spec.name} after {shared} fields"
 
 
+@pytest.mark.slow
+def test_enumerations_are_those_of_the_catalogue(device: Probe) -> None:
+    device.greet()
+    for count in (0, 1, 0xFE):
+        asked = [DescribeEnum(key, count) for key in CATALOGUE.enums]
+        for key, reply in enumerated(device, asked).items():
+            if reply.member_count == UNKNOWN:
+                continue  # none of its messages uses it
+            enum = CATALOGUE.enums[key]
+            shared = min(count, reply.member_count, len(enum.members))
+            assert reply.chain == enum.chain[shared], f"{enum.name} after {shared} members"
+    (unknown,) = enumerated(device, [DescribeEnum(1, 3)]).values()
+    assert unknown == DescribeEnumReply(1, UNKNOWN, 0)
+
+
 def test_the_catalogues_hash_is_that_of_what_is_described(device: Probe) -> None:
     hello = device.greet()
     answers = described(device, [Describe(t, 0xFE) for t in range(MAX_TYPE + 1)])
-    known = {t: a for t, a in answers.items() if a.field_count != UNKNOWN_MESSAGE}
+    known = {t: a for t, a in answers.items() if a.field_count != UNKNOWN}
     lines = "".join(f"{t:02x}:{known[t].chain:08x}\n" for t in sorted(known))
+    enums = enumerated(device, [DescribeEnum(key, 0xFE) for key in CATALOGUE.enums])
+    lines += "".join(
+        f"{key:08x}:{enums[key].chain:08x}\n"
+        for key in CATALOGUE.enums
+        if enums[key].member_count != UNKNOWN
+    )
     assert hello.catalogue_hash == crc32(lines.encode())
-    unknown = [a for a in answers.values() if a.field_count == UNKNOWN_MESSAGE]
+    unknown = [a for a in answers.values() if a.field_count == UNKNOWN]
     assert unknown, "it claims to know every type"
 
 

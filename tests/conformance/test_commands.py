@@ -16,7 +16,6 @@ from protocol.messages.host import (
 )
 from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
-from protocol.uart.framing import FLAG_RETRY
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message
@@ -33,7 +32,7 @@ def type_of(message: Message) -> int:
 def again(device: Probe, message: Message, command_id: int) -> list[Ack | Nack]:
     """Repeat a command to the letter; every answer to it."""
     mark = len(device.heard)
-    device.send(message, flags=FLAG_RETRY)
+    device.send(message)
     device.until(lambda: bool(device.replies(command_id, type_of(message), mark)), 0.5)
     device.ping()  # whatever it says twice is here by now
     return device.replies(command_id, type_of(message), mark)

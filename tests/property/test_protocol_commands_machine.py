@@ -18,7 +18,6 @@ from protocol.link import Received
 from protocol.messages.device import Ack, Nack
 from protocol.messages.host import ClearStop, SetMode, Stop
 from protocol.schema.message import Direction, Message
-from protocol.uart.framing import FLAG_RETRY
 from protocol.uart.link import Link
 from support.hostile import BitFlips, Delayed, Duplicating, Lossy, Pipe, Wire
 
@@ -116,8 +115,8 @@ class CommandsOverAHostileWire(RuleBasedStateMachine):
 
     def step(self) -> None:
         messages, outcomes = self.sender.due(self.now_us)
-        for message, retry in messages:
-            self.link.send(message, self.now_us, node=1, flags=FLAG_RETRY if retry else 0)
+        for message, _ in messages:
+            self.link.send(message, self.now_us, node=1)
             self.there.push(self.link.data_to_send(), self.now_us)
         for outcome in outcomes:
             assert outcome.timed_out

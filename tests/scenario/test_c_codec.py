@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from protocol.messages.host import Describe
+from protocol.messages.host import Describe, DescribeEnum
 from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec
@@ -328,6 +328,14 @@ def test_c_describes_every_message(adapter: Adapter) -> None:
         direction = 0 if spec is None else 1 + (spec.direction is Direction.DEVICE)
         reply = describe(CATALOGUE, Describe(type_id, count))
         assert answer == " ".join(map(str, (*reply, direction)))
+
+
+def test_c_describes_every_enumeration(adapter: Adapter) -> None:
+    asked = [(key, n) for key in (*CATALOGUE.enums, 0, 1) for n in (0, 1, 3, 255)]
+    answers = adapter.ask("describe-enum", [f"{key} {n}" for key, n in asked])
+    for (key, count), answer in zip(asked, answers, strict=True):
+        reply = describe(CATALOGUE, DescribeEnum(key, count))
+        assert answer == " ".join(map(str, reply))
 
 
 def test_a_minimal_build_reports_what_it_lacks(tmp_path: Path) -> None:

@@ -33,12 +33,7 @@ if TYPE_CHECKING:
 
     from protocol.schema.message import Message
 
-F32, U32, I32, BOOL = (
-    ParameterKind.F32,
-    ParameterKind.U32,
-    ParameterKind.I32,
-    ParameterKind.BOOL,
-)
+F32, U32 = ParameterKind.F32, ParameterKind.U32
 NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 
 

@@ -34,7 +34,6 @@ from protocol.messages.host import (
 from protocol.messages.values import Capability, Mode, NackReason, StopCause
 from protocol.schema.agreement import Comparison
 from protocol.schema.catalogue import CATALOGUE
-from protocol.uart.framing import FLAG_RETRY
 from support.wire_probe import Heard, Ping, WireProbe, now_us, since
 
 if TYPE_CHECKING:
@@ -172,7 +171,6 @@ class Probe(WireProbe):
             self.send(message, flags=flags, node=node)
             if self.until(lambda: bool(self.replies(command_id, type_id, mark)), TRY_S):
                 return self.replies(command_id, type_id, mark)[0]
-            flags |= FLAG_RETRY
         raise AssertionError(f"no answer to {message}")
 
     def replies(self, command_id: int, type_id: int, mark: int = 0) -> list[Ack | Nack]:

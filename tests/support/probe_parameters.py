@@ -43,8 +43,6 @@ def value_of(kind: int, raw: int) -> float:
     match kind:
         case ParameterKind.F32:
             number: float = struct.unpack("<f", struct.pack("<I", raw))[0]
-        case ParameterKind.I32:
-            number = struct.unpack("<i", struct.pack("<I", raw))[0]
         case _:
             number = raw
     return number

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-VERSION = 1
+VERSION = 2
 LONGEST_DECODED = 253
 SHORTEST_DECODED = 12
 
@@ -99,7 +99,14 @@ class RefDamage:
 
 
 def frame_bytes(  # noqa: PLR0913 - the header's fields
-    *, flags: int, node: int, type_id: int, seq: int, t_us: int, payload: bytes, version: int = 1
+    *,
+    flags: int,
+    node: int,
+    type_id: int,
+    seq: int,
+    t_us: int,
+    payload: bytes,
+    version: int = VERSION,
 ) -> bytes:
     """Write one frame by its byte offsets, with a delimiter on either side."""
     body = bytearray(8)
@@ -334,6 +341,22 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
         ],
     ),
     0x1F: ("challenge", "device", [("counter", "u32")]),
+    0x28: ("describe_enum", "host", [("enumeration", "u32"), ("member_count", "u8")]),
+    0x2C: (
+        "imu_info",
+        "device",
+        [
+            ("accel", "u32", "accel_per_g", 0.0001),
+            ("gyro", "u32", "gyro_per_deg_s", 0.0001),
+            ("temperature", "u32", "temperature_per_k", 0.0001),
+            ("zero", "i16", "zero_deg_c", 0.01),
+        ],
+    ),
+    0x3C: (
+        "describe_enum_reply",
+        "device",
+        [("enumeration", "u32"), ("member_count", "u8"), ("chain", "u32")],
+    ),
 }
 
 OFFSETS = {"temperature_deg_c": 36.53}

@@ -56,7 +56,6 @@ local head = {
   version = ProtoField.uint8("sweepctl.version", "version", base.DEC, nil, 0xF0),
   flags = ProtoField.uint8("sweepctl.flags", "flags", base.HEX, nil, 0x0F),
   authenticated = ProtoField.bool("sweepctl.flags.authenticated", "authenticated", 8, nil, 0x01),
-  retry = ProtoField.bool("sweepctl.flags.retry", "retry", 8, nil, 0x02),
   full_stamp = ProtoField.bool("sweepctl.flags.full_stamp", "full stamp", 8, nil, 0x08),
   node = ProtoField.uint8("sweepctl.node", "node", base.DEC, nil, nil, "the device's id; 0: all"),
   type = ProtoField.uint8("sweepctl.type", "type", base.HEX, TYPE_NAMES),
@@ -305,7 +304,6 @@ local function add_header(tree, tvb)
   tree:add(head.version, tvb(0, 1))
   local flags = tree:add(head.flags, tvb(0, 1))
   flags:add(head.authenticated, tvb(0, 1))
-  flags:add(head.retry, tvb(0, 1))
   tree:add(head.node, tvb(1, 1))
   tree:add(head.type, tvb(2, 1))
   tree:add(head.seq, tvb(3, 1))
@@ -562,7 +560,7 @@ local function add_content(tree, type_id, tvb)
   end
   tree:add(head.version, tvb(0, 1))
   local flags = tree:add(head.flags, tvb(0, 1))
-  for _, name in ipairs({ "authenticated", "retry", "full_stamp" }) do
+  for _, name in ipairs({ "authenticated", "full_stamp" }) do
     flags:add(head[name], tvb(0, 1))
   end
   if full then

@@ -229,10 +229,24 @@ size_t sp_parser_block(
 static const uint8_t sp_messages[][3] = {
 @message_rows@};
 
+/* Of each message in turn: the size of each field; 0: a text. */
+static const uint8_t sp_sizes[] = {
+@size_rows@};
+
 /* Of each message in turn: the hash before its first field and after each. */
 static const uint32_t sp_chains[] = {
 @chain_rows@};
 
+/* Of each enumeration in turn: how many members it has, and the hash before the first and after
+ * each. The first hash, of its name and kind, is what it is asked about by. */
+static const uint8_t sp_enum_members[] = {
+@enum_members@    0u, /* the end */
+};
+static const uint32_t sp_enum_chains[] = {
+@enum_rows@    0u, /* the end */
+};
+
+#define SP_ENUMS (sizeof sp_enum_members / sizeof sp_enum_members[0] - 1u)
 #define SP_MESSAGES (sizeof sp_messages / sizeof sp_messages[0])
 
 /* Place of a type among them; SP_MESSAGES: unknown. */
@@ -259,22 +273,39 @@ static uint8_t sp_hex(uint32_t digit)
     return (uint8_t)(digit < 10u ? '0' + digit : 'a' - 10u + digit);
 }
 
+/* A hash in hexadecimal and a newline; gives where they end. */
+static uint8_t *sp_put_hash(uint8_t *line, uint32_t value)
+{
+    for (uint32_t k = 0; k < 8u; k++) {
+        *line++ = sp_hex(value >> (28u - 4u * k) & 15u);
+    }
+    *line++ = '\n';
+    return line;
+}
+
 uint32_t sp_catalogue_hash(void)
 {
     const uint32_t *chain = sp_chains;
     uint32_t hash = 0;
+    uint8_t line[18];
     for (size_t i = 0; i < SP_MESSAGES; i++) {
         /* "tt:cccccccc", newline: the type and its last chain value in hexadecimal */
-        uint8_t line[12];
         chain += sp_messages[i][1];
         line[0] = sp_hex(sp_messages[i][0] >> 4 & 7u);
         line[1] = sp_hex(sp_messages[i][0] & 15u);
         line[2] = ':';
-        for (uint32_t k = 0; k < 8u; k++) {
-            line[3 + k] = sp_hex(*chain >> (28u - 4u * k) & 15u);
-        }
-        line[11] = '\n';
-        hash = sp_crc32_update(hash, line, sizeof line);
+        const uint8_t *const end = sp_put_hash(line + 3, *chain);
+        hash = sp_crc32_update(hash, line, (size_t)(end - line));
+        chain++;
+    }
+    chain = sp_enum_chains;
+    for (size_t i = 0; i < SP_ENUMS; i++) {
+        /* "kkkkkkkk:cccccccc", newline: its first and its last chain value */
+        (void)sp_put_hash(line, chain[0]);
+        line[8] = ':';
+        chain += sp_enum_members[i];
+        const uint8_t *const end = sp_put_hash(line + 9, *chain);
+        hash = sp_crc32_update(hash, line, (size_t)(end - line));
         chain++;
     }
     return hash;
@@ -286,7 +317,7 @@ void sp_describe(const sp_describe_t *question, sp_describe_reply_t *answer)
     const size_t index = sp_index(question->described_type);
     answer->described_type = question->described_type;
     if (index == SP_MESSAGES) {
-        answer->field_count = SP_UNKNOWN_MESSAGE;
+        answer->field_count = SP_UNKNOWN_COUNT;
         answer->payload_length = 0;
         answer->chain = 0;
         return;
@@ -298,6 +329,54 @@ void sp_describe(const sp_describe_t *question, sp_describe_reply_t *answer)
     answer->field_count = fields;
     answer->payload_length = sp_messages[index][2];
     answer->chain = chain[question->field_count < fields ? question->field_count : fields];
+}
+
+void sp_describe_enum(const sp_describe_enum_t *question, sp_describe_enum_reply_t *answer)
+{
+    const uint32_t *chain = sp_enum_chains;
+    answer->enumeration = question->enumeration;
+    answer->member_count = SP_UNKNOWN_COUNT;
+    answer->chain = 0;
+    for (size_t i = 0; i < SP_ENUMS; i++) {
+        const uint8_t members = sp_enum_members[i];
+        if (*chain == question->enumeration) {
+            answer->member_count = members;
+            answer->chain = chain[question->member_count < members ? question->member_count : members];
+        }
+        chain += members + 1u;
+    }
+}
+
+bool sp_is_bootstrap(uint8_t type)
+{
+    switch (type) {
+@bootstrap_cases@        return true;
+    default:
+        return false;
+    }
+}
+
+uint8_t sp_field_count(uint8_t type)
+{
+    const size_t index = sp_index(type);
+    return index == SP_MESSAGES ? 0u : sp_messages[index][1];
+}
+
+uint8_t sp_prefix_size(uint8_t type, uint8_t fields)
+{
+    const uint8_t *size = sp_sizes;
+    const size_t index = sp_index(type);
+    uint32_t sum = 0;
+    if (index == SP_MESSAGES) {
+        return 0;
+    }
+    for (size_t i = 0; i < index; i++) {
+        size += sp_messages[i][1];
+    }
+    for (uint8_t i = 0; i < sp_messages[index][1] && i < fields; i++) {
+        sum += size[i];
+    }
+    return (uint8_t)sum;
 }
 
 #if SP_WITH_CAN

@@ -44,7 +44,6 @@ extern "C" {
 #define SP_NODE_ALL 0u /* for the messages that sp_to_all() names, and no others */
 #define SP_NODE_MAX @max_node@u
 #define SP_FLAG_AUTHENTICATED @flag_authenticated@u
-#define SP_FLAG_RETRY @flag_retry@u
 #define SP_HEADER_SIZE @header_size@u
 #define SP_BODY_MIN @min_decoded@u
 #define SP_BODY_MAX @max_decoded@u
@@ -147,7 +146,7 @@ static inline int32_t sp_round(float value, float low, float high)
 /* ---- agreement ---------------------------------------------------------------------------- */
 
 #define SP_CATALOGUE_HASH 0x@hash@u /* of everything; sp_catalogue_hash() is what to send */
-#define SP_UNKNOWN_MESSAGE 255u
+#define SP_UNKNOWN_COUNT 255u /* a count in a reply: no such message or enumeration here */
 
 typedef enum { SP_UNKNOWN = 0, SP_FROM_HOST = 1, SP_FROM_DEVICE = 2 } sp_direction_t;
 
@@ -157,8 +156,15 @@ sp_direction_t sp_direction(uint8_t type);
 /* Hash of all messages that this program was built with: for its hello. */
 uint32_t sp_catalogue_hash(void);
 
-/* Answer a host's question about a message. */
+/* Answer a host's question about a message, or about an enumeration. */
 void sp_describe(const sp_describe_t *question, sp_describe_reply_t *answer);
+void sp_describe_enum(const sp_describe_enum_t *question, sp_describe_enum_reply_t *answer);
+
+/* Whether a host's message may end before its last fields, and how long its first `fields` are, a
+ * text left out; 255: all of them. 0 of a type that is unknown. */
+bool sp_is_bootstrap(uint8_t type);
+uint8_t sp_prefix_size(uint8_t type, uint8_t fields);
+uint8_t sp_field_count(uint8_t type);
 
 #if SP_WITH_CAN
 /* ---- classic CAN: id = type << 4 | node, 11 bits, at most 8 B ----------------------------- */

@@ -118,9 +118,6 @@ static int reboot(firmware_t *firmware, const sp_frame_t *frame)
     if (!sp_reboot_decode(&wanted, frame->payload, frame->length)) {
         return SP_NACK_REASON_BAD_VALUE;
     }
-    if (wanted.kind == SP_REBOOT_KIND_BOOTLOADER) {
-        return SP_NACK_REASON_UNSUPPORTED;
-    }
     if (wanted.kind != SP_REBOOT_KIND_NORMAL && wanted.kind != SP_REBOOT_KIND_FACTORY_RESET) {
         return SP_NACK_REASON_BAD_VALUE;
     }

@@ -8,11 +8,11 @@
 
 #include "sweepctl_protocol.h"
 
-#define HOST_MESSAGES 15u
-#define PAYLOAD_MAX_SIZE 18u /* of a host's message, its text left out */
+#define MESSAGE_TYPES 128u
+#define PAYLOAD_MAX_SIZE 25u /* of a host's message, its text left out */
 
 typedef struct {
-    uint8_t known_fields[HOST_MESSAGES]; /* that the host knows, plus 1; 0: all */
+    uint8_t known_fields[MESSAGE_TYPES]; /* that the host knows, plus 1; 0: all */
     uint8_t padded[PAYLOAD_MAX_SIZE];
 } payloads_t;
 

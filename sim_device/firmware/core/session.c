@@ -129,6 +129,15 @@ static void describe(firmware_t *firmware, const sp_describe_t *question, int64_
     }
 }
 
+static void describe_enum(
+    firmware_t *firmware, const sp_describe_enum_t *question, int64_t now_us)
+{
+    sp_describe_enum_reply_t reply;
+    sp_describe_enum(question, &reply);
+    line_send(&firmware->line, SP_TYPE_DESCRIBE_ENUM_REPLY, (uint32_t)now_us,
+        sp_describe_enum_reply_encode(&reply, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+}
+
 /* Obeyed before any question of session or repetition. */
 static void stop(firmware_t *firmware, const sp_stop_t *wanted, int64_t now_us)
 {
@@ -183,6 +192,7 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
         sp_wheel_duty_t duty;
         sp_time_request_t time;
         sp_describe_t describe;
+        sp_describe_enum_t describe_enum;
     } message;
     if (frame->type == SP_TYPE_HOST_HELLO) {
         /* A new session's first: its delay is that of the new host. */
@@ -220,6 +230,11 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
     case SP_TYPE_DESCRIBE:
         if (sp_describe_decode(&message.describe, payload, length)) {
             describe(firmware, &message.describe, arrived_us);
+        }
+        break;
+    case SP_TYPE_DESCRIBE_ENUM:
+        if (sp_describe_enum_decode(&message.describe_enum, payload, length)) {
+            describe_enum(firmware, &message.describe_enum, arrived_us);
         }
         break;
     default:

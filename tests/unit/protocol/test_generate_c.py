@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 CROSS = "arm-none-eabi-gcc"
-MINIMAL_TEXT_BYTES = 2_800
+MINIMAL_TEXT_BYTES = 3_300
+"""The chains of the enumerations take 250 B of it, the questions about them 200 B."""
 STACK_BYTES = 200
 """Of the deepest chain of calls, below whoever calls it."""
 PARSER_RAM_BYTES = 280

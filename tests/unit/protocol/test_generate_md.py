@@ -140,7 +140,7 @@ def test_every_native_can_frame_fits_and_has_its_own_identifier() -> None:
 
 
 def test_the_hashes_can_be_worked_out_by_the_rule_in_the_text() -> None:
-    part = section("Agreement")
+    part = section("Schema negotiation")
     value = 0
     for hashed, printed in rows(part, "hashed"):
         value = zlib.crc32(f"{hashed.strip('`')}\n".encode(), value)
@@ -149,6 +149,7 @@ def test_the_hashes_can_be_worked_out_by_the_rule_in_the_text() -> None:
     assert f"{value:08x}" == last["stop"]
     types = {name: type_id for type_id, (name, _, _) in ref.LAYOUTS.items()}
     lines = sorted(f"{types[name]:02x}:{chain}\n" for name, chain in last.items())
+    lines += [f"{r[2]}:{r[3]}\n" for r in sorted(rows(part, "enumeration"))]
     assert f"`{zlib.crc32(''.join(lines).encode()):08x}`" in part
 
 

@@ -15,7 +15,7 @@ from protocol.messages.values import Fault, Mode, flag_labels, label
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
-from protocol.uart.framing import FLAG_RETRY, Damage, DamagedFrame, FrameSizeError
+from protocol.uart.framing import Damage, DamagedFrame, FrameSizeError
 from protocol.uart.link import Link
 from support import reference_codec as ref
 
@@ -54,7 +54,7 @@ def sequence(data: bytes) -> list[int]:
 
 def test_what_one_end_sends_the_other_receives() -> None:
     ours, theirs = host(), device()
-    ours.send(Stop(5, 4), 77, node=0, flags=FLAG_RETRY)
+    ours.send(Stop(5, 4), 77, node=0, flags=2)
     assert ours.has_data
     data = ours.data_to_send()
     assert ours.data_to_send() == b""
@@ -62,7 +62,7 @@ def test_what_one_end_sends_the_other_receives() -> None:
     assert isinstance(event, Received)
     assert event.message == Stop(5, 4)
     assert event.spec is CATALOGUE.spec(Stop)
-    assert (event.frame.node, event.frame.t_us, event.frame.flags) == (0, 77, FLAG_RETRY)
+    assert (event.frame.node, event.frame.t_us, event.frame.flags) == (0, 77, 2)
     assert (ours.statistics.frames_out, theirs.statistics.frames_in) == (1, 1)
     assert ours.statistics.bytes_out == theirs.statistics.bytes_in == len(data)
 

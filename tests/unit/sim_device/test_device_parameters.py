@@ -20,7 +20,7 @@ from protocol.messages.values import (
     StopCause,
 )
 from sim_device.device.parameters import Parameter, ParameterStore, from_raw, table, to_raw
-from support.agreed_device import BOOL, F32, I32, NUMBERS, U32, Desk, cruise, f32
+from support.agreed_device import F32, NUMBERS, U32, Desk, cruise, f32
 from support.ends import REST_M_S
 
 # ---- the table ----------------------------------------------------------------------------
@@ -203,8 +203,8 @@ def test_saving_waits_until_it_cannot_drive() -> None:
 # ---- the store by itself ------------------------------------------------------------------
 
 SOME = (
-    Parameter("signed", "count", I32, -5, -10, 10),
-    Parameter("switch", "bits", BOOL, 1, 0, 1),
+    Parameter("signed", "count", F32, -5, -10, 10),
+    Parameter("switch", "bits", U32, 1, 0, 1),
 )
 
 
@@ -212,18 +212,18 @@ def test_signed_and_switched_values() -> None:
     store = ParameterStore(SOME, {})
     assert store.value("signed") == -5
     for value in (-10, 0, 10):
-        assert store.set(0, I32, to_raw(I32, value)) is None
+        assert store.set(0, F32, to_raw(F32, value)) is None
         assert store.value("signed") == value
     for value in (-11, 11):
-        assert store.set(0, I32, to_raw(I32, value)) is NackReason.BAD_VALUE
-    assert store.set(1, BOOL, 0) is None
-    assert store.set(1, BOOL, 2) is NackReason.BAD_VALUE
-    assert store.set(1, U32, 1) is NackReason.BAD_VALUE
+        assert store.set(0, F32, to_raw(F32, value)) is NackReason.BAD_VALUE
+    assert store.set(1, U32, 0) is None
+    assert store.set(1, U32, 2) is NackReason.BAD_VALUE
+    assert store.set(1, F32, 1) is NackReason.BAD_VALUE
 
 
 def test_what_is_stored_and_no_longer_fits_is_passed_over() -> None:
     """A store written by another version of the firmware."""
-    store = ParameterStore(SOME, {"signed": to_raw(I32, 99), "gone": 1, "switch": 0})
+    store = ParameterStore(SOME, {"signed": to_raw(F32, 99), "gone": 1, "switch": 0})
     assert store.value("signed") == -5
     assert store.value("switch") == 0
 
