@@ -39,6 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    os.environ["SWEEPCTL_CONFIG"] = ""  # no configuration of this machine's user
     text = kernels.complaint(kernels.sources(tests=True))
     if text is not None:
         raise pytest.UsageError(text)

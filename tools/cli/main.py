@@ -41,6 +41,7 @@ _SECTIONS = {
         "key": "Set or remove the key that authenticates motion commands.",
         "reboot": "Reboot a device and wait until it is back.",
         "robot": "Make, check and show robot files.",
+        "config": "Show defaults and named robots of the configuration files.",
     },
     "Logs": {
         "runs": "List, select, tag and compare recorded runs.",

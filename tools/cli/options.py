@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli.completion import complete_fault, complete_robot
+from tools.cli.configuration import ConfiguredOption
 from tools.cli.paths import is_there
 
 if TYPE_CHECKING:
@@ -188,11 +189,13 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
         ),
         click.option(
             "--bitrate",
+            cls=ConfiguredOption,
             type=click.IntRange(10_000, 1_000_000),
             help="CAN bit rate, for adapters that can be configured.  [default: 500000]",
         ),
         click.option(
             "--baud",
+            cls=ConfiguredOption,
             type=click.IntRange(1200, 12_000_000),
             default=921_600,
             show_default=True,
@@ -200,6 +203,7 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
         ),
         click.option(
             "--node",
+            cls=ConfiguredOption,
             type=click.IntRange(1, 15),
             help="Node number of the device, where several share a bus.",
         ),
@@ -212,6 +216,7 @@ def key_option(f: Callable[..., object]) -> Callable[..., object]:
     """Add ``--key-file``."""
     return click.option(
         "--key-file",
+        cls=ConfiguredOption,
         type=click.Path(dir_okay=False, path_type=Path),
         help="Key file that authenticates motion (`sweepctl key` makes one).",
     )(f)
@@ -221,6 +226,7 @@ def robot_option(f: Callable[..., object]) -> Callable[..., object]:
     """Add ``--robot``."""
     return click.option(
         "--robot",
+        cls=ConfiguredOption,
         type=click.Path(dir_okay=False, path_type=Path),
         shell_complete=complete_robot,
         help="Robot file (TOML).  [default: the paper's robot]",
@@ -231,6 +237,7 @@ def noise_option(f: Callable[..., object]) -> Callable[..., object]:
     """Add ``--noise``."""
     return click.option(
         "--noise",
+        cls=ConfiguredOption,
         type=click.Choice(NOISE_LEVELS),
         default="typical",
         show_default=True,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli import options
+from tools.cli.configuration import port_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,8 +71,9 @@ def keyed_port_options(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def port_argument(f: Callable[..., object]) -> Callable[..., object]:
-    """Add ``PORT``, with completion in the shell."""
-    return click.argument("port", shell_complete=complete_port)(f)
+    """Add ``PORT``, which may be the name of a robot; with completion in the shell."""
+    # Eager: the robot's values are the defaults of the options.
+    return click.argument("port", shell_complete=complete_port, callback=port_of, is_eager=True)(f)
 
 
 def complete_port(
@@ -79,8 +81,11 @@ def complete_port(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Return the ports that exist; stable names of serial devices come first."""
+    """Return named robots and the ports that exist; stable names of serial devices come first."""
     from pathlib import Path
+
+    from bridge.errors import ConfigError
+    from tools.cli.configuration import load
 
     folders = (
         (Path("/dev/serial/by-id"), "*"),
@@ -88,6 +93,10 @@ def complete_port(
         (Path("/dev"), "ttyUSB*"),
         (Path("/dev"), "ttyACM*"),
     )
-    found = [str(path) for folder, form in folders for path in sorted(folder.glob(form))]
+    try:
+        found = list(load().robots)
+    except ConfigError:
+        found = []
+    found += [str(path) for folder, form in folders for path in sorted(folder.glob(form))]
     found += ["socket://", "rfc2217://", "can:socketcan:can0", "can:slcan:/dev/ttyACM0"]
     return [name for name in found if name.startswith(incomplete)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli import options
+from tools.cli.configuration import port_of
 from tools.cli.console import inform, plain_console, write_json
 from tools.cli.log_file import complete_log, newest_if_named
 from tools.cli.paths import is_file, is_folder, is_there
@@ -27,7 +28,13 @@ def _complete_target(ctx: click.Context, param: click.Parameter, incomplete: str
 
 
 @click.command("doctor", epilog="Example:  sweepctl doctor /dev/ttyUSB0 --duration 20")
-@click.argument("target", metavar="PORT|FILE", shell_complete=_complete_target)
+@click.argument(
+    "target",
+    metavar="PORT|FILE",
+    shell_complete=_complete_target,
+    callback=port_of,
+    is_eager=True,
+)
 @click.option(
     "--duration",
     "duration_s",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tools.cli import options
+from tools.cli.configuration import ports_of
 from tools.cli.console import inform, plain_console, write_json, write_lines
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class Probe(click.Choice[str]):
 
 
 @click.command("ports", epilog="Example:  sweepctl ports --probe")
-@click.argument("named", nargs=-1, metavar="[PORT]...")
+@click.argument("named", nargs=-1, metavar="[PORT]...", callback=ports_of)
 @click.option(
     "--probe",
     type=Probe(["listen", "active"]),

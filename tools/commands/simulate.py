@@ -11,6 +11,7 @@ import click
 
 from tools.cli import options, planners
 from tools.cli.completion import complete_room
+from tools.cli.configuration import ConfiguredOption
 from tools.cli.console import complain, err, inform, print_summary
 from tools.cli.supervising import rule_option
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 @click.argument("room", shell_complete=complete_room)
 @click.option(
     "--planner",
+    cls=ConfiguredOption,
     type=planners.PlannerName(),
     default=planners.DEFAULT_PLANNER,
     show_default=True,

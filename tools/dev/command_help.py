@@ -36,7 +36,8 @@ stands still.
 
 **PORT** is a device path (`/dev/ttyUSB0`, better `/dev/serial/by-id/…`), `socket://HOST:PORT`,
 `rfc2217://HOST:PORT`, or `can:INTERFACE:CHANNEL` for a CAN bus (`can:socketcan:can0`,
-`can:slcan:/dev/ttyACM0`, `can:udp_multicast:239.74.163.2`).
+`can:slcan:/dev/ttyACM0`, `can:udp_multicast:239.74.163.2`), or the name of a robot in a
+[configuration file](configuration.md), which also sets defaults.
 
 **What moves the robot**: `connect` with `--plan` or `--supervise` or by its keys, `drive`,
 `bringup` (wheels off the floor), `calibrate odometry`. Nothing else does, and each of these asks or

@@ -1,0 +1,315 @@
+"""Configuration files: defaults of options, and robots by name.
+
+Later ones count more: ``$XDG_CONFIG_HOME/sweepctl/config.toml``, then ``./sweepctl.toml``. With
+``$SWEEPCTL_CONFIG`` set, only the file that it names is read; empty: none. An option on the command
+line counts more than any file.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from tools.cli.console import inform
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+VARIABLE = "SWEEPCTL_CONFIG"
+LOCAL = Path("sweepctl.toml")
+_META = "sweepctl.configuration"
+_ROBOT = "sweepctl.named_robot"
+_MAX_BYTES = 64 * 1024
+_MAX_TEXT = 1000
+"""Longest text of a file, characters: a path."""
+
+
+def _text(path: str, value: object) -> str:
+    from bridge.errors import ConfigError
+
+    if not isinstance(value, str) or not 0 < len(value) <= _MAX_TEXT or "\0" in value:
+        raise ConfigError(f"{path}: must be a text of 1 to {_MAX_TEXT} characters")
+    return value
+
+
+def _whole(low: int, high: int) -> Any:  # noqa: ANN401 - the reader of a field
+    def read(path: str, value: object) -> int:
+        from bridge.errors import ConfigError
+        from bridge.validation import number
+
+        found = number(path, value, low, high)
+        if not isinstance(value, int):
+            raise ConfigError(f"{path}: {value!r} is not a whole number")
+        return int(found)
+
+    return read
+
+
+def _choice(*allowed: str) -> Any:  # noqa: ANN401 - the reader of a field
+    def read(path: str, value: object) -> str:
+        from bridge.errors import ConfigError, shown
+
+        if value not in allowed:
+            raise ConfigError(f"{path}: {shown(value)} is not one of {', '.join(allowed)}")
+        return str(value)
+
+    return read
+
+
+def _key(meaning: str, read: Any = _text, built_in: str = "") -> Any:  # noqa: ANN401 - a dataclass field
+    metadata = {"read": read, "meaning": meaning, "built_in": built_in}
+    return field(default=None, metadata=metadata)
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """Keys of ``[defaults]`` and of a robot alike."""
+
+    robot: str | None = _key("robot file", built_in="the paper's robot")
+    key_file: str | None = _key("key file; the key itself never stands in a configuration file")
+    node: int | None = _key("node number of the device, 1 to 15", _whole(1, 15))
+    baud: int | None = _key("baud rate of a real serial port", _whole(1200, 12_000_000), "921600")
+    bitrate: int | None = _key("CAN bit rate", _whole(10_000, 1_000_000), "500000")
+
+
+@dataclass(frozen=True, slots=True)
+class Defaults(Shared):
+    """Table ``[defaults]``: values for options that the command line does not give."""
+
+    planner: str | None = _key("planner of `simulate`", built_in="recovery")
+    noise: str | None = _key(
+        "noise level of the virtual sweeper",
+        _choice("none", "paper", "typical", "harsh"),
+        "typical",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class NamedRobot(Shared):
+    """Table ``[robots.NAME]``: what NAME stands for in place of PORT."""
+
+    port: str | None = _key("the port; required")
+
+
+PATHS = frozenset({"robot", "key_file"})
+"""Keys whose value is a path, relative to the folder of the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A value and where it comes from."""
+
+    value: str | int
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """Everything that the files say."""
+
+    files: tuple[tuple[Path, bool], ...] = ()
+    """Files in the order in which they count, the weakest first, and whether each exists."""
+    defaults: Mapping[str, Value] = field(default_factory=dict)
+    robots: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+
+
+def config_files() -> list[Path]:
+    """Return the files that are read if they exist, the one that counts least first."""
+    named = os.environ.get(VARIABLE)
+    if named is not None:
+        return [Path(named)] if named else []
+    home = os.environ.get("XDG_CONFIG_HOME", "")
+    folder = Path(home) if home.startswith("/") else Path("~/.config").expanduser()
+    return [folder / "sweepctl" / "config.toml", LOCAL]
+
+
+def load() -> Configuration:
+    """Read the configuration files.
+
+    Raises:
+        ConfigError: a file cannot be read, or a key is wrong; the text names file and key.
+
+    """
+    files: list[tuple[Path, bool]] = []
+    defaults: dict[str, Value] = {}
+    robots: dict[str, dict[str, Value]] = {}
+    for path in config_files():
+        tables = _read(path)
+        files.append((path, tables is not None))
+        if tables is None:
+            continue
+        defaults |= _values(path, tables[0])
+        for name, robot in tables[1].items():
+            robots[name] = {**robots.get(name, {}), **_values(path, robot)}
+    _check_ports(robots)
+    return Configuration(tuple(files), defaults, robots)
+
+
+def _check_ports(robots: Mapping[str, Mapping[str, Value]]) -> None:
+    from bridge.errors import ConfigError
+
+    lacking = [name for name, robot in robots.items() if "port" not in robot]
+    if lacking:
+        source = next((v.source for v in robots[lacking[0]].values()), "configuration")
+        raise ConfigError(*(f"robots.{name}.port: is missing" for name in lacking), source=source)
+
+
+def _read(path: Path) -> tuple[Defaults, dict[str, NamedRobot]] | None:
+    """Read one file; None: there is none."""
+    from bridge.errors import ConfigError
+    from bridge.spelling import unknown_key
+    from bridge.validation import fill
+
+    text = _content(path)
+    if text is None:
+        return None
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"not valid TOML: {error}", source=str(path)) from None
+    problems = [unknown_key("", key, _TABLES) for key in data if key not in _TABLES]
+    defaults = _table(data.get("defaults", {}), "defaults", problems)
+    found = fill(Defaults(), defaults, "defaults.", problems)
+    robots: dict[str, NamedRobot] = {}
+    for name, given in _table(data.get("robots", {}), "robots", problems).items():
+        if not name or any(character in name for character in _NO_NAME):
+            problems.append(f"robots.{name}: a name has no slash, colon, dot or space")
+        table = _table(given, f"robots.{name}", problems)
+        robots[name] = fill(NamedRobot(), table, f"robots.{name}.", problems)
+    if problems:
+        raise ConfigError(*problems, source=str(path))
+    return found, robots
+
+
+_TABLES = ("defaults", "robots")
+_NO_NAME = "/\\:. "
+"""Characters that a port may have and the name of a robot has not."""
+
+
+def _table(value: object, path: str, problems: list[str]) -> dict[str, Any]:
+    if isinstance(value, dict):
+        return value
+    problems.append(f"{path}: must be a table")
+    return {}
+
+
+def _content(path: Path) -> str | None:
+    """Return the text of a file; None: there is none, and none was named."""
+    from bridge.errors import ConfigError
+    from bridge.files import open_to_read
+
+    try:
+        with open_to_read(path) as file:
+            content = file.read(_MAX_BYTES + 1)
+        if len(content) > _MAX_BYTES:
+            raise ConfigError(f"{path} is larger than {_MAX_BYTES} bytes")
+        return content.decode()
+    except FileNotFoundError:
+        if os.environ.get(VARIABLE):
+            raise ConfigError(f"there is no file {path} ({VARIABLE})") from None
+        return None
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path} is not UTF-8 text") from None
+
+
+def _values(path: Path, table: Defaults | NamedRobot) -> dict[str, Value]:
+    """Return the values that a file gives; relative paths begin at its folder."""
+    found: dict[str, Value] = {}
+    for each in fields(table):
+        value = getattr(table, each.name)
+        if value is None:
+            continue
+        if each.name in PATHS:
+            value = str(path.parent / Path(value).expanduser())
+        found[each.name] = Value(value, str(path))
+    return found
+
+
+def configuration(ctx: click.Context) -> Configuration:
+    """Return the configuration, read once for a command.
+
+    A file that cannot be used is an error, except for ``stop``, which must always work.
+
+    Raises:
+        ConfigError: as for :func:`load`.
+
+    """
+    from bridge.errors import ConfigError
+
+    if _META not in ctx.meta:
+        try:
+            ctx.meta[_META] = load()
+        except ConfigError as error:
+            if ctx.command.name != "stop":
+                raise
+            inform(f"warning: {error}; it is ignored")
+            ctx.meta[_META] = Configuration()
+    found: Configuration = ctx.meta[_META]
+    return found
+
+
+def port_of(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """Return the port of a named robot, or the value itself; for the argument PORT.
+
+    Raises:
+        click.BadParameter: it resembles the name of a robot, and is neither name nor port.
+
+    """
+    from bridge.spelling import nearest
+    from tools.cli.paths import is_there
+
+    if value is None or ctx.resilient_parsing or any(c in value for c in _NO_NAME):
+        return value
+    robots = configuration(ctx).robots
+    robot = robots.get(value)
+    if robot is not None:
+        ctx.meta[_ROBOT] = {key: each for key, each in robot.items() if key != "port"}
+        port = robot["port"]
+        inform(f"{value}: port {port.value} ({port.source})")
+        return str(port.value)
+    near = nearest(value, robots)
+    if near is not None and not is_there(Path(value)):
+        raise click.BadParameter(
+            f"there is no robot {value!r}; did you mean {near!r}? `sweepctl config show` lists "
+            f"robots",
+            ctx,
+            param,
+        )
+    return value
+
+
+def ports_of(
+    ctx: click.Context, param: click.Parameter, values: tuple[str, ...]
+) -> tuple[str | None, ...]:
+    """Return the ports of several names or ports, as :func:`port_of`."""
+    return tuple(port_of(ctx, param, value) for value in values)
+
+
+class ConfiguredOption(click.Option):
+    """Option whose default a configuration file may set: under its own name."""
+
+    def consume_value(
+        self,
+        ctx: click.Context,
+        opts: Mapping[str, Any],
+    ) -> tuple[Any, ParameterSource]:
+        """Return the value of the command line, else of the named robot, else of a file."""
+        value, source = super().consume_value(ctx, opts)
+        if source not in {ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP}:
+            return value, source
+        if ctx.resilient_parsing or self.name is None:
+            return value, source
+        named: Mapping[str, Value] = ctx.meta.get(_ROBOT, {})
+        found = named.get(self.name) or configuration(ctx).defaults.get(self.name)
+        if found is None:
+            return value, source
+        inform(f"{self.opts[0]} {found.value} ({found.source})")
+        return found.value, ParameterSource.DEFAULT_MAP
