@@ -190,9 +190,8 @@ def test_the_page_can_be_followed(home: Path) -> None:
 
 @pytest.mark.usefixtures("home")
 def test_the_built_in_values_are_those_of_the_commands() -> None:
-    table = {
-        line.split()[0]: line.split()[1] for line in sweepctl("config", "show").out.splitlines()
-    }
+    rows = [line.split() for line in sweepctl("config", "show").out.splitlines()]
+    table = {row[0]: row[1] for row in rows if len(row) > 1}
     found = parameters(simulate, "case-1") | parameters(connect, "/dev/x")
     for key in ("planner", "noise"):
         assert table[f"defaults.{key}"] == parameters(simulate, "case-1")[key]
