@@ -113,7 +113,7 @@ def test_the_variable_names_the_only_file(home: Path, monkeypatch: pytest.Monkey
     assert sweepctl("simulate", "case-1").status == 2
 
 
-def test_config_show_says_where_each_value_comes_from_and_no_key(home: Path) -> None:
+def test_config_show_lists_the_source_of_each_value_and_no_key(home: Path) -> None:
     (home / "work" / "k.key").write_text(KEY)
     users(home, "[defaults]\nnoise = 'harsh'\n")
     local(home, "[robots.kitchen]\nport = '/dev/ttyK'\nkey_file = 'k.key'\n")
@@ -163,7 +163,7 @@ def test_what_is_wrong_is_named_and_a_key_is_not_printed(
     assert len(done.err.splitlines()) == 1
 
 
-def test_stop_works_whatever_the_files_say(home: Path) -> None:
+def test_stop_works_whatever_the_files_contain(home: Path) -> None:
     local(home, "[defaults]\nnois = 1\n")
     assert parameters(stop, "/dev/ttyX")["port"] == "/dev/ttyX"
     assert "sweepctl.toml" in sweepctl("stop", "/dev/none").err
