@@ -212,9 +212,19 @@ def _distance_m(x_m: float, y_m: float, a: Point, b: Point) -> float:
 
 
 def parse_floorplan(
-    text: str, *, default_name: str = "room", radius_m: float | None = None
+    text: str,
+    *,
+    default_name: str = "room",
+    radius_m: float | None = None,
+    start: Pose2 | None = None,
 ) -> FloorPlan:
-    """Read a room file's text; with ``radius_m`` a robot of this radius must fit at the start.
+    """Read a room file's text.
+
+    Args:
+        text: content of the file.
+        default_name: name of a room that has none.
+        radius_m: radius of a robot that must fit at the start, m; None: no check.
+        start: start pose that replaces the file's.
 
     Raises:
         FloorPlanError: not JSON, a key missing or of the wrong form, numbers that are not
@@ -230,6 +240,8 @@ def parse_floorplan(
         raise FloorPlanError(f"room is not valid JSON: {error}") from None
     if not isinstance(data, dict):
         raise FloorPlanError(f"room must be a JSON object, not {type(data).__name__}")
+    if start is not None:
+        data["start"] = list(start)
     return _Reading(data, default_name, radius_m).plan()
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+import sys
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from bridge.config import load_robot
 from bridge.motion.robot_model import RobotModel
@@ -175,3 +179,49 @@ def test_the_rooms_page_can_be_followed(tmp_path: Path) -> None:
         assert done.status == 0, done.err
         assert "warning: " not in done.err
     assert (tmp_path / "study.png").read_bytes().startswith(PNG)
+
+
+def test_room_import_writes_a_room_that_can_be_used(tmp_path: Path) -> None:
+    cells = np.full((60, 80), 0, dtype=np.uint8)
+    cells[5:55, 5:75] = 254
+    Image.fromarray(cells).save(tmp_path / "map.pgm")
+    keys = "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+    (tmp_path / "map.yaml").write_text(keys + "occupied_thresh: 0.65\nfree_thresh: 0.25\n")
+    out = tmp_path / "flat.json"
+    command = ("room", "import", tmp_path / "map.yaml", "--out", out, "--start", "1.5,0.6,90")
+    done = sweepctl(*command)
+    assert (done.status, done.out) == (0, ""), done.err
+    facts = json.loads(sweepctl("room", "show", str(out), "--json").out)
+    assert facts["free_m2"] == pytest.approx(3.5 * 2.5, abs=0.02)
+    assert facts["start"] == pytest.approx([1.5, 0.6, math.pi / 2])
+    assert sweepctl(*command).status == 1, "it exists"
+    near = sweepctl(*command[:-1], "0.3,0.3,0", "--force")
+    assert (near.status, "overlaps a wall" in near.err) == (2, True)
+
+
+def test_start_replaces_the_start_of_a_room() -> None:
+    moved = json.loads(sweepctl("room", "show", "empty", "--start", "1,1.2,90", "--json").out)
+    assert moved["start"] == pytest.approx([1.0, 1.2, math.pi / 2])
+    for text, printed in (
+        ("1,1", "is not X,Y,DEG"),
+        ("1,x,2", "is not X,Y,DEG"),
+        ("0,0,0", "start:"),
+    ):
+        done = sweepctl("simulate", "empty", "--start", text)
+        assert (done.status, printed in done.err) == (2, True), done.err
+    needs = sweepctl("connect", "/dev/none", "--start", "1,1,0")
+    assert (needs.status, "--start needs --room" in needs.err) == (2, True)
+
+
+def test_maps_without_their_libraries_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "map.yaml").write_text("image: x\n")
+    (tmp_path / "plan.svg").write_text("<svg/>")
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    monkeypatch.setitem(sys.modules, "svgelements", None)
+    for words in (("map.yaml",), ("plan.svg", "--scale", "0.01")):
+        file, *more = words
+        done = sweepctl("room", "import", tmp_path / file, *more, "--out", tmp_path / "r.json")
+        assert done.status == 1
+        assert "pip install 'sweepctl[maps]'" in done.line

@@ -17,6 +17,7 @@ from tools.cli.paths import is_there
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from bridge.motion.geometry import Pose2
     from sim_device.faults.spec import FaultSpec
     from sim_device.line.line import LineSettings
     from sim_device.rig import Rig
@@ -93,6 +94,35 @@ def address(ctx: click.Context, param: click.Parameter, text: str | None) -> tup
 
 _MAX_PORT = 65_535
 """Highest TCP port number."""
+
+
+def _pose(ctx: click.Context, param: click.Parameter, text: str | None) -> Pose2 | None:
+    """Read ``X,Y,DEG``: metres and degrees."""
+    if text is None:
+        return None
+    from bridge.motion.geometry import Pose2, wrap_angle
+
+    try:
+        x_m, y_m, heading_deg = (float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not X,Y,DEG.", ctx, param) from None
+    if not all(abs(value) <= _MAX_START for value in (x_m, y_m, heading_deg)):
+        raise click.BadParameter(f"{text!r} is out of range.", ctx, param)
+    return Pose2(x_m, y_m, wrap_angle(math.radians(heading_deg)))
+
+
+_MAX_START = 1000.0
+"""Largest number of a start, m or degrees; the room's own limits are narrower."""
+
+
+def start_option(f: Callable[..., object]) -> Callable[..., object]:
+    """Add ``--start``."""
+    return click.option(
+        "--start",
+        callback=_pose,
+        metavar="X,Y,DEG",
+        help="Start pose instead of the room's: metres, and degrees counter-clockwise from x.",
+    )(f)
 
 
 def fault_option(f: Callable[..., object]) -> Callable[..., object]:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bridge.files import open_to_read
 from bridge.floor_plan.floor_plan import MAX_FILE_BYTES, FloorPlan, FloorPlanError, parse_floorplan
 from tools.cli.paths import is_there
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
 
 
 def shipped_rooms() -> list[str]:
@@ -16,12 +20,13 @@ def shipped_rooms() -> list[str]:
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".json"))
 
 
-def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
+def load_room(room: str, radius_m: float | None = None, start: Pose2 | None = None) -> FloorPlan:
     """Read a room file, or a room that ships with sweepctl.
 
     Args:
         room: path of a file, or name of a room.
         radius_m: radius of a robot that must fit at the start, m; None: no check.
+        start: start pose that replaces the room's.
 
     Raises:
         FloorPlanError: there is no such room, or its file is invalid.
@@ -30,7 +35,7 @@ def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
     path = Path(room)
     if room in shipped_rooms() and not is_there(path):
         text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
-        return parse_floorplan(text, default_name=room, radius_m=radius_m)
+        return parse_floorplan(text, default_name=room, radius_m=radius_m, start=start)
     try:
         with open_to_read(path, takes_pipe=True) as file:
             content = file.read(MAX_FILE_BYTES + 1)
@@ -47,7 +52,7 @@ def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
     except ValueError as error:  # the name contains a zero byte
         raise FloorPlanError(f"cannot read room {room!r}: {error}") from None
     try:
-        return parse_floorplan(text, default_name=path.stem, radius_m=radius_m)
+        return parse_floorplan(text, default_name=path.stem, radius_m=radius_m, start=start)
     except FloorPlanError as error:
         raise FloorPlanError(*error.problems, source=f"room {room}") from None
     except (ValueError, OverflowError) as error:  # a number of thousands of digits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +15,9 @@ from tools.cli.console import complain, print_summary
 from tools.cli.port_options import port_argument
 from tools.cli.recording import recording_options, take_record_options, viewing_options
 from tools.cli.supervising import rule_option
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
 
 
 @click.command(
@@ -71,6 +74,7 @@ from tools.cli.supervising import rule_option
 @recording_options
 @options.key_option
 @options.robot_option
+@options.start_option
 @options.out_option
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
@@ -90,6 +94,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     view: bool,
     serve: bool,
     robot: Path | None,
+    start: Pose2 | None,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -126,7 +131,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     if resume is not None and planner is None:
         raise click.UsageError("--resume needs --plan")
     model, robot_toml = load_robot(robot)
-    plan = load_room(room, model.radius_m) if room else None
+    if start is not None and not room:
+        raise click.UsageError("--start needs --room")
+    plan = load_room(room, model.radius_m, start) if room else None
     if planner is not None:  # its interface is checked before the port is opened
         planners.make(planner, model, random.Random(0), option="--plan")
     if resume is None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.log_writer import RunWriter
     from protocol.link import LinkBase
@@ -87,6 +88,7 @@ _SERIAL = {"pty", "tcp"}
 @options.seed_option
 @options.noise_option
 @options.robot_option
+@options.start_option
 @click.option(
     "--node",
     type=click.IntRange(1, 15),
@@ -129,6 +131,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     seed: int,
     noise: str,
     robot: Path | None,
+    start: Pose2 | None,
     node: int,
     fault: tuple[FaultSpec, ...],
     list_faults: bool,
@@ -162,7 +165,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     qemu_target.check(target, link, firmware)
     _check(link, baud, listen, pty_link, lan=lan, as_json=as_json)
     model, robot_toml = load_robot(robot)
-    plan = load_room(room, model.radius_m)
+    plan = load_room(room, model.radius_m, start)
     kind = Link if link in _SERIAL else CanLink
     boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice a restart
     stopper = Stopper()

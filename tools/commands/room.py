@@ -14,6 +14,7 @@ from tools.cli.console import inform, plain_console, write_json
 if TYPE_CHECKING:
     from bridge.evaluation.room_facts import RoomFacts
     from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
 
 
@@ -31,8 +32,9 @@ _room = click.argument("room", shell_complete=complete_room)
 @command.command("check", epilog="Example:  sweepctl room check my-room.json")
 @_room
 @options.robot_option
+@options.start_option
 @options.json_option
-def check(*, room: str, robot: Path | None, as_json: bool) -> int:
+def check(*, room: str, robot: Path | None, start: Pose2 | None, as_json: bool) -> int:
     """Report every problem of ROOM, and what is probably wrong in it.
 
     ROOM is a room file or the name of a shipped room. The exit status is 2 if the room cannot be
@@ -44,7 +46,7 @@ def check(*, room: str, robot: Path | None, as_json: bool) -> int:
 
     model, _ = load_robot(robot)
     findings = Findings.of(
-        room, lambda: load_room(room, model.radius_m), lambda plan: _warnings(plan, model)
+        room, lambda: load_room(room, model.radius_m, start), lambda plan: _warnings(plan, model)
     )
     return findings.print(as_json=as_json)
 
@@ -73,6 +75,7 @@ _MAX_PIECES = 5
 @command.command("show", epilog="Example:  sweepctl room show case-1 --png case-1.png")
 @_room
 @options.robot_option
+@options.start_option
 @click.option(
     "--png",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -81,7 +84,15 @@ _MAX_PIECES = 5
 )
 @click.option("--force", is_flag=True, help="Replace the picture if it exists.")
 @options.json_option
-def show(*, room: str, robot: Path | None, png: Path | None, force: bool, as_json: bool) -> int:
+def show(  # noqa: PLR0913 - one parameter per option
+    *,
+    room: str,
+    robot: Path | None,
+    start: Pose2 | None,
+    png: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
     """Show the size of ROOM, and how much of its floor a robot reaches and sweeps."""
     from bridge.config import load_robot
     from bridge.evaluation.room_facts import room_facts
@@ -93,7 +104,7 @@ def show(*, room: str, robot: Path | None, png: Path | None, force: bool, as_jso
     check_format("--png", png, *PNG)
     check_outputs([png], [Path(room)], force=force)
     model, _ = load_robot(robot)
-    plan = load_room(room, model.radius_m)
+    plan = load_room(room, model.radius_m, start)
     facts = room_facts(plan, model)
     warnings = _warnings(plan, model, facts)
     if png is not None:
@@ -146,3 +157,74 @@ def _print_rows(rows: list[tuple[str, str]]) -> None:
     for name, value in rows:
         table.add_row(name, Text(one_line(value)))
     plain_console().print(table)
+
+
+@command.command(
+    "import", epilog="Example:  sweepctl room import map.yaml --out flat.json --start 1.5,0.4,90"
+)
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    required=True,
+    help="Room file to write (.json).",
+)
+@click.option(
+    "--scale",
+    "scale_m",
+    type=options.Number(1e-6, 1000.0),
+    metavar="M",
+    help="With an SVG: length of one of its units, in metres (0.01: a unit is a centimetre).",
+)
+@click.option(
+    "--tolerance",
+    "tolerance_m",
+    type=options.Number(0.0, 1.0),
+    default=0.02,
+    show_default=True,
+    metavar="M",
+    help="Leave out corners that are within M metres of a straight outline.",
+)
+@options.robot_option
+@options.start_option
+@click.option("--force", is_flag=True, help="Replace the room file if it exists.")
+@options.json_option
+def import_(  # noqa: PLR0913 - one parameter per option
+    *,
+    file: Path,
+    out: Path,
+    scale_m: float | None,
+    tolerance_m: float,
+    robot: Path | None,
+    start: Pose2 | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Make a room file from a ROS map or an SVG floor plan.
+
+    A ROS map is the .yaml file of map_server beside its image, in mode trinary; unknown cells are
+    no floor. The room is the largest connected free floor, or the piece with --start.
+
+    In an SVG, words in the id, class or label of a shape or its group tell what it is: walls,
+    obstacle, furniture, carpet, rug, threshold, cliff, stairs, start. Without words the largest
+    shape is the walls, and the others are obstacles.
+    """
+    from bridge.config import load_robot
+    from bridge.convert.map_import import import_map
+    from bridge.floor_plan.floor_plan import parse_floorplan
+    from bridge.view.output import write
+    from tools.cli.findings import Findings
+    from tools.cli.outputs import JSON, check_format, check_outputs
+
+    check_format("--out", out, *JSON)
+    check_outputs([out], [file], force=force)
+    model, _ = load_robot(robot)
+    text = import_map(file, scale_m=scale_m, tolerance_m=tolerance_m, start=start).to_json()
+    findings = Findings.of(
+        out,
+        lambda: parse_floorplan(text, default_name=out.stem, radius_m=model.radius_m),
+        lambda plan: _warnings(plan, model),
+    )
+    if not findings.problems:
+        write(out, f"{text}\n".encode())
+    return findings.print(as_json=as_json)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from bridge.coverage.runner import PlanRunner
     from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.motion.geometry import Pose2
     from bridge.run.ending import Ending
     from bridge.run.host import Host
     from sim_device.faults.spec import FaultSpec
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     help="After the device was lost and is back: resume the run automatically, or end it.",
 )
 @options.robot_option
+@options.start_option
 @options.out_option
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
@@ -91,6 +93,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     rules: tuple[str, ...],
     resume: str,
     robot: Path | None,
+    start: Pose2 | None,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -114,7 +117,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.virtual.run import EPOCH_NS, run_virtual
 
     model, robot_toml = load_robot(robot)
-    plan = load_room(room, model.radius_m)
+    plan = load_room(room, model.radius_m, start)
     check_faults(plan, fault)
     if supervise and planner_options:
         raise click.UsageError(

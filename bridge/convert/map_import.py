@@ -1,0 +1,374 @@
+"""ROS maps and SVG floor plans as rooms."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from bridge.convert.map_shapes import outlines, roomiest, simplified
+from bridge.errors import BridgeError
+from bridge.files import open_to_read
+from bridge.floor_plan.floor_plan import (
+    MAX_POINTS,
+    Carpet,
+    FloorPlan,
+    FloorPlanError,
+    Threshold,
+    signed_area_m2,
+)
+from bridge.floor_plan.keys import MAX_EXTENT_M
+from bridge.motion.geometry import Pose2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from bridge.floor_plan.floor_plan import Point, Polygon
+
+_MAX_BYTES = 64 * 1024 * 1024
+"""Largest file, bytes: a map of 8000 × 8000 cells."""
+_MAX_PIXELS = 64_000_000
+_YAML = (".yaml", ".yml")
+FORMATS = (*_YAML, ".svg")
+_MODES = ("trinary",)
+_CURVE_STEPS = 16
+"""Straight pieces for each curve of an SVG; those that are not needed are left out again."""
+_THRESHOLD_M = 0.005
+"""Height of a threshold of an SVG, which has none, m: a door bar that the default robot climbs."""
+
+
+class MapsMissingError(BridgeError):
+    """A library that reads maps is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__("importing maps needs some libraries: pip install 'sweepctl[maps]'")
+
+
+def import_map(
+    path: Path, *, scale_m: float | None, tolerance_m: float, start: Pose2 | None
+) -> FloorPlan:
+    """Read a ROS map (``.yaml`` beside its image) or an SVG floor plan.
+
+    Args:
+        path: the file.
+        scale_m: length of one unit of an SVG, m.
+        tolerance_m: corners closer than this to a straight line are left out, m.
+        start: start pose; None: that of the file, else the place with most room.
+
+    Raises:
+        FloorPlanError: the file is no map, or cannot be a room.
+        MapsMissingError: a library is not installed.
+
+    """
+    if path.suffix.lower() in _YAML:
+        if scale_m is not None:
+            raise FloorPlanError(f"{path}: a ROS map has its own resolution; leave out the scale")
+        return _ros_map(path, tolerance_m, start)
+    if path.suffix.lower() == ".svg":
+        if scale_m is None:
+            raise FloorPlanError(f"{path}: an SVG needs a scale, the length of one unit in metres")
+        return _svg_plan(path, scale_m, tolerance_m, start)
+    raise FloorPlanError(f"{path}: the format is not one of {', '.join(FORMATS)}")
+
+
+def _content(path: Path) -> bytes:
+    try:
+        with open_to_read(path) as file:
+            content = file.read(_MAX_BYTES + 1)
+    except OSError as error:
+        raise FloorPlanError(f"cannot read {path}: {error.strerror}") from None
+    if len(content) > _MAX_BYTES:
+        raise FloorPlanError(f"{path} is larger than {_MAX_BYTES} bytes")
+    return content
+
+
+# -------------------------------------------------------------------------------- ROS
+
+
+class _RosMap(NamedTuple):
+    """The YAML file of a map, as nav2's map_server reads it."""
+
+    image: str
+    resolution_m: float
+    origin: tuple[float, float, float]
+    negate: bool
+    occupied: float
+    free: float
+
+
+def _ros_map(path: Path, tolerance_m: float, start: Pose2 | None) -> FloorPlan:
+    about = _ros_yaml(path)
+    free = _free_cells(path.parent / about.image, about)
+    labels, count = ndimage.label(free)  # cells that meet at an edge
+    if not count:
+        raise FloorPlanError(f"{path}: no cell of the map is free")
+    sizes = np.bincount(labels.ravel())[1:]
+    floor = labels == int(np.argmax(sizes)) + 1
+    if start is not None:
+        floor = _piece_at(labels, about, start, path)
+    loops = outlines(floor)
+    cosine, sine = math.cos(about.origin[2]), math.sin(about.origin[2])
+
+    def placed(corner: tuple[int, int]) -> Point:
+        x_m, y_m = corner[0] * about.resolution_m, corner[1] * about.resolution_m
+        return (
+            round(about.origin[0] + cosine * x_m - sine * y_m, 4),
+            round(about.origin[1] + sine * x_m + cosine * y_m, 4),
+        )
+
+    polygons = [simplified([placed(c) for c in loop], tolerance_m) for loop in loops]
+    polygons = [p for p in polygons if len(p) > 2 and abs(signed_area_m2(p)) > 1e-6]  # noqa: PLR2004
+    if not polygons:
+        raise FloorPlanError(f"{path}: the free floor is smaller than the tolerance")
+    walls = max(polygons, key=lambda polygon: abs(signed_area_m2(polygon)))
+    obstacles = tuple(p[::-1] for p in polygons if p is not walls)
+    return _room(path, walls, obstacles, start)
+
+
+def _piece_at(
+    labels: np.ndarray[Any, np.dtype[np.int32]], about: _RosMap, start: Pose2, path: Path
+) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """The connected free floor at the start."""
+    dx_m, dy_m = start.x_m - about.origin[0], start.y_m - about.origin[1]
+    cosine, sine = math.cos(about.origin[2]), math.sin(about.origin[2])
+    column = math.floor((cosine * dx_m + sine * dy_m) / about.resolution_m)
+    row = math.floor((cosine * dy_m - sine * dx_m) / about.resolution_m)
+    rows, columns = labels.shape
+    if not (0 <= row < rows and 0 <= column < columns) or not labels[row, column]:
+        raise FloorPlanError(f"{path}: the start ({start.x_m:g}, {start.y_m:g}) is not free")
+    return np.asarray(labels == labels[row, column])
+
+
+def _ros_yaml(path: Path) -> _RosMap:
+    try:
+        import yaml  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MapsMissingError from None
+    try:
+        data = yaml.safe_load(_content(path))
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        first = str(error).splitlines()[0]
+        raise FloorPlanError(f"{path} is not valid YAML: {first}") from None
+    if not isinstance(data, dict):
+        raise FloorPlanError(f"{path}: must be a map with the keys image, resolution and origin")
+    return _ros_keys(path, data)
+
+
+def _ros_keys(path: Path, data: dict[object, Any]) -> _RosMap:
+    problems: list[str] = []
+
+    def number(key: str, low: float, high: float, default: float | None = None) -> float:
+        value = data.get(key, default)
+        if isinstance(value, int | float) and low <= value <= high:
+            return float(value)
+        missing = (
+            "is missing" if value is None else f"{value!r:.40} is not from {low:g} to {high:g}"
+        )
+        problems.append(f"{key}: {missing}")
+        return low
+
+    resolution_m = number("resolution", 0.001, 1.0)
+    occupied, free = (
+        number("occupied_thresh", 0.0, 1.0, 0.65),
+        number("free_thresh", 0.0, 1.0, 0.25),
+    )
+    negate = data.get("negate", 0)
+    if negate not in {0, 1}:
+        problems.append(f"negate: {negate!r:.40} is not 0 or 1")
+    if data.get("mode", "trinary") not in _MODES:
+        problems.append(f"mode: {data['mode']!r:.40} is not {' or '.join(_MODES)}")
+    image = data.get("image")
+    if not isinstance(image, str) or not image:
+        problems.append("image: must be the name of the map's image")
+    origin = data.get("origin")
+    if not (
+        isinstance(origin, list)
+        and len(origin) == 3  # noqa: PLR2004 - x, y, yaw
+        and all(isinstance(v, int | float) and abs(v) <= MAX_EXTENT_M for v in origin)
+    ):
+        problems.append("origin: must be [x, y, yaw], in metres and radians")
+        origin = [0.0, 0.0, 0.0]
+    if problems:
+        raise FloorPlanError(*problems, source=str(path))
+    x_m, y_m, yaw_rad = map(float, origin)
+    return _RosMap(str(image), resolution_m, (x_m, y_m, yaw_rad), bool(negate), occupied, free)
+
+
+def _free_cells(path: Path, about: _RosMap) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Read the image: which cells are free, the lowest row first."""
+    try:
+        from PIL import Image  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MapsMissingError from None
+    import io  # noqa: PLC0415 - beside the extra
+
+    content = _content(path)
+    try:
+        with Image.open(io.BytesIO(content)) as image:
+            if image.width * image.height > _MAX_PIXELS:
+                raise FloorPlanError(f"{path} has more than {_MAX_PIXELS} pixels")
+            grey = np.asarray(image.convert("L"), dtype=np.float64)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        if isinstance(error, FloorPlanError):
+            raise
+        raise FloorPlanError(f"{path} is no image that can be read: {error}") from None
+    occupancy = grey / 255.0 if about.negate else (255.0 - grey) / 255.0
+    # As in map_server's mode trinary: above one threshold occupied, below the other free, else
+    # unknown. Unknown floor is no floor.
+    free = (occupancy < about.free) & ~(occupancy > about.occupied)
+    return np.asarray(free[::-1])
+
+
+# -------------------------------------------------------------------------------- SVG
+
+_ROLES = {
+    "wall": "walls",
+    "room": "walls",
+    "obstacle": "obstacles",
+    "furniture": "obstacles",
+    "carpet": "carpets",
+    "rug": "carpets",
+    "threshold": "thresholds",
+    "cliff": "cliffs",
+    "stair": "cliffs",
+    "start": "start",
+}
+"""Words in the id, class or label of an element, or of a group around it, and what they mean."""
+
+
+class _Shape(NamedTuple):
+    role: str
+    points: list[Point]
+
+
+def _svg_plan(path: Path, scale_m: float, tolerance_m: float, start: Pose2 | None) -> FloorPlan:
+    shapes = list(_svg_shapes(path))
+    if not shapes:
+        raise FloorPlanError(f"{path} has no shape")
+    below = max(y for shape in shapes for _, y in shape.points)
+    left = min(x for shape in shapes for x, _ in shape.points)
+
+    def placed(shape: _Shape) -> list[Point]:
+        return [
+            (round((x - left) * scale_m, 4), round((below - y) * scale_m, 4))
+            for x, y in shape.points
+        ]
+
+    by_role: dict[str, list[Polygon]] = {}
+    thresholds: list[Threshold] = []
+    for shape in shapes:
+        points = placed(shape)
+        if shape.role == "thresholds":
+            a, b = points[0], max(points, key=lambda p: math.dist(p, points[0]))
+            if math.dist(a, b) > 1e-3:  # noqa: PLR2004 - a millimetre
+                thresholds.append(Threshold(a, b, _THRESHOLD_M))
+            continue
+        polygon = simplified(points, tolerance_m)
+        if shape.role == "start" or (len(polygon) > 2 and abs(signed_area_m2(polygon)) > 1e-6):  # noqa: PLR2004
+            by_role.setdefault(shape.role, []).append(polygon)
+    walls, obstacles = _walls(path, by_role)
+    marked = by_role.get("start", [])
+    if start is None and marked:
+        x_m, y_m = np.mean(marked[0], axis=0)
+        start = Pose2(round(float(x_m), 4), round(float(y_m), 4), 0.0)
+    carpets = tuple(Carpet(p) for p in by_role.get("carpets", ()))
+    cliffs = tuple(by_role.get("cliffs", ()))
+    return _room(path, walls, obstacles, start, carpets, tuple(thresholds), cliffs)
+
+
+def _walls(path: Path, by_role: dict[str, list[Polygon]]) -> tuple[Polygon, tuple[Polygon, ...]]:
+    """The walls and the obstacles; without a name the largest shape is the walls."""
+    unnamed = sorted(by_role.get("", ()), key=lambda p: -abs(signed_area_m2(p)))
+    named = by_role.get("walls", [])
+    if len(named) > 1:
+        raise FloorPlanError(f"{path}: {len(named)} shapes are named walls; a room has one outline")
+    if not named and not unnamed:
+        raise FloorPlanError(f"{path} has no closed shape that could be the walls")
+    walls, others = (named[0], unnamed) if named else (unnamed[0], unnamed[1:])
+    return walls, (*by_role.get("obstacles", ()), *others)
+
+
+def _svg_shapes(path: Path) -> Iterator[_Shape]:
+    """Read every shape as points in the units of the SVG, y downward."""
+    try:
+        import svgelements  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MapsMissingError from None
+    import io  # noqa: PLC0415 - beside the extra
+
+    try:
+        drawing = svgelements.SVG.parse(io.BytesIO(_content(path)), reify=True)
+    except FloorPlanError:
+        raise
+    except Exception as error:  # noqa: BLE001 - its errors have no common base
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FloorPlanError(f"{path} is not valid SVG: {what}") from None
+    yield from _walk(svgelements, drawing, "")
+
+
+def _walk(svgelements: Any, element: Any, role: str) -> Iterator[_Shape]:  # noqa: ANN401 - untyped
+    role = _role(element) or role
+    if isinstance(element, svgelements.Shape):
+        for part in svgelements.Path(element).as_subpaths():
+            points = _points(svgelements, part)
+            if len(points) > 1 and all(math.isfinite(v) for point in points for v in point):
+                yield _Shape(role, points)
+    elif isinstance(element, list):
+        for inner in element:
+            yield from _walk(svgelements, inner, role)
+
+
+def _points(svgelements: Any, part: Any) -> list[Point]:  # noqa: ANN401 - untyped
+    """Corners of a sub-path; curves become short straight pieces."""
+    points: list[Point] = []
+    for segment in part:
+        if isinstance(segment, svgelements.Move) or segment.end is None:
+            continue
+        if not points and segment.start is not None:
+            points.append((float(segment.start.x), float(segment.start.y)))
+        is_straight = isinstance(segment, svgelements.Line | svgelements.Close)
+        steps = 1 if is_straight else _CURVE_STEPS
+        for step in range(1, steps + 1):
+            at = segment.end if steps == 1 else segment.point(step / steps)
+            points.append((float(at.x), float(at.y)))
+    if len(points) > 1 and points[0] == points[-1]:
+        points.pop()
+    return points
+
+
+def _role(element: Any) -> str:  # noqa: ANN401 - untyped
+    values = getattr(element, "values", None) or {}
+    own = values.get("attributes", values)
+    label = next((str(v) for k, v in own.items() if str(k).endswith("label")), "")
+    text = " ".join(str(own.get(key) or "") for key in ("id", "class")) + f" {label}"
+    return next((role for word, role in _ROLES.items() if word in text.lower()), "")
+
+
+# ------------------------------------------------------------------------------- both
+
+
+def _room(  # noqa: PLR0913, PLR0917 - one parameter for each key of a room
+    path: Path,
+    walls: Polygon,
+    obstacles: tuple[Polygon, ...],
+    start: Pose2 | None,
+    carpets: tuple[Carpet, ...] = (),
+    thresholds: tuple[Threshold, ...] = (),
+    cliffs: tuple[Polygon, ...] = (),
+) -> FloorPlan:
+    if signed_area_m2(walls) < 0:
+        walls = walls[::-1]
+    corners = len(walls) + sum(map(len, obstacles))
+    if corners > MAX_POINTS:
+        raise FloorPlanError(
+            f"{path}: {corners} corners, more than {MAX_POINTS}; a larger tolerance leaves some out"
+        )
+    if max(abs(value) for point in walls for value in point) > MAX_EXTENT_M:
+        raise FloorPlanError(
+            f"{path}: the room is larger than {MAX_EXTENT_M:g} m; is the scale right?"
+        )
+    pose = start or roomiest(walls, (*obstacles, *cliffs))
+    return FloorPlan(path.stem, walls, obstacles, pose, carpets, thresholds, cliffs)

@@ -1,0 +1,121 @@
+"""Shapes of an imported map: outlines of a mask, simplification, and a place to start. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from bridge.evaluation.raster import Raster
+from bridge.motion.geometry import Pose2
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from bridge.floor_plan.floor_plan import Point, Polygon
+
+_MAX_CELLS = 1_000_000
+"""Cells of the raster in which a start is searched."""
+_Corner = tuple[int, int]
+
+
+def outlines(mask: NDArray[np.bool_]) -> list[list[_Corner]]:
+    """Trace the outlines of a mask along the edges of its cells, as (column, row) corners.
+
+    The mask lies on the left of each edge: outlines are counter-clockwise and those of holes
+    clockwise, where rows grow upward.
+    """
+    padded = np.pad(mask, 1)
+    following: dict[_Corner, list[_Corner]] = {}
+
+    def edges(at: NDArray[np.bool_], begin: _Corner, end: _Corner) -> None:
+        for row, column in np.argwhere(at).tolist():
+            here = (column + begin[0], row + begin[1])
+            following.setdefault(here, []).append((column + end[0], row + end[1]))
+
+    edges(mask & ~padded[:-2, 1:-1], (0, 0), (1, 0))
+    edges(mask & ~padded[1:-1, 2:], (1, 0), (1, 1))
+    edges(mask & ~padded[2:, 1:-1], (1, 1), (0, 1))
+    edges(mask & ~padded[1:-1, :-2], (0, 1), (0, 0))
+    loops = []
+    while following:
+        begin = here = next(iter(following))
+        came = (0, 0)
+        loop: list[_Corner] = []
+        while True:
+            ahead = following[here]
+            # Where two cells meet at a corner, turn left: each cell keeps its own outline.
+            target = min(ahead, key=lambda to: _turn(came, (to[0] - here[0], to[1] - here[1])))
+            ahead.remove(target)
+            if not ahead:
+                del following[here]
+            step = (target[0] - here[0], target[1] - here[1])
+            if step != came:
+                loop.append(here)
+            here, came = target, step
+            if here == begin:
+                break
+        loops.append(loop)
+    return loops
+
+
+def _turn(came: _Corner, step: _Corner) -> int:
+    """Rank of a turn: left, straight on, right."""
+    return came[1] * step[0] - came[0] * step[1]
+
+
+def simplified(polygon: Sequence[Point], tolerance_m: float) -> Polygon:
+    """Leave out corners that are within a tolerance of what remains (Douglas and Peucker)."""
+    points = np.asarray(polygon, dtype=np.float64)
+    if tolerance_m <= 0.0 or len(points) < 4:  # noqa: PLR2004 - a triangle has no corner to spare
+        return tuple((float(x), float(y)) for x, y in points)
+    far = int(np.argmax(np.hypot(*(points - points[0]).T)))
+    closed = np.vstack([points, points[:1]])
+    kept = {
+        0,
+        far,
+        *_kept(closed, 0, far, tolerance_m),
+        *_kept(closed, far, len(points), tolerance_m),
+    }
+    return tuple((float(points[i][0]), float(points[i][1])) for i in sorted(kept - {len(points)}))
+
+
+def _kept(points: NDArray[np.float64], first: int, last: int, tolerance_m: float) -> set[int]:
+    found: set[int] = set()
+    pieces = [(first, last)]
+    while pieces:
+        begin, end = pieces.pop()
+        if end - begin < 2:  # noqa: PLR2004 - nothing between
+            continue
+        a, along = points[begin], points[end] - points[begin]
+        between = points[begin + 1 : end] - a
+        length = math.hypot(*along)
+        off = (
+            np.abs(along[0] * between[:, 1] - along[1] * between[:, 0]) / length
+            if length
+            else np.hypot(*between.T)
+        )
+        at = int(np.argmax(off))
+        if off[at] > tolerance_m:
+            middle = begin + 1 + at
+            found.add(middle)
+            pieces += [(begin, middle), (middle, end)]
+    return found
+
+
+def roomiest(walls: Polygon, obstacles: Sequence[Polygon]) -> Pose2:
+    """Return the pose on the floor that is farthest from every wall, heading along x."""
+    low, high = np.min(walls, axis=0), np.max(walls, axis=0)
+    area = float(np.prod(high - low))
+    raster = Raster((*low.tolist(), *high.tolist()), max(0.01, math.sqrt(area / _MAX_CELLS)))
+    free = raster.polygon(walls)
+    for obstacle in obstacles:
+        free &= ~raster.polygon(obstacle)
+    depth = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    x_m, y_m = float(raster.x[row, column]), float(raster.y[row, column])
+    return Pose2(round(x_m, 3), round(y_m, 3), 0.0)
