@@ -210,6 +210,13 @@ class CommandLog:
         self._replies[place] = (key, reply)
         return reply
 
+    def amend(self, session_id: int, reply: Ack | Nack) -> None:
+        """Replace the reply of a command whose end is known later than its beginning."""
+        key = (session_id, reply.command_id, reply.command_type)
+        place = reply.command_id % REMEMBERED
+        if place in self._replies and self._replies[place][0] == key:
+            self._replies[place] = (key, reply)
+
     def _is_stale(self, session_id: int, command_id: int) -> bool:
         """Whether an id is older than the last sixteen of its session; session 0 is none."""
         behind = (self._newest_id - command_id) & 0xFFFF

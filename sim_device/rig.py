@@ -76,6 +76,8 @@ class Rig:
         """
         self.device = device
         self.settings = settings
+        if not settings.bitrate:
+            cannot = {**cannot, "can-bus-off": "the device is not on a CAN bus; use --link slcan"}
         self.faults = FaultInjector(device, faults, cannot=cannot)
         up, down, up_delay, down_delay = np.random.default_rng((_SEED, seed)).spawn(4)
         self._damage_up, self._damage_down = Damage(up), Damage(down)

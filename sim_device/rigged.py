@@ -36,3 +36,9 @@ class RiggedDevice(Protocol):
 
     def hang(self) -> None:
         """Let the firmware stand still until its watchdog resets it."""
+
+    def crash(self) -> None:
+        """Let the processor fault: it keeps a record of where, and resets."""
+
+    def fail_crystal(self, drift_ppm: float) -> None:
+        """Let the crystal stop: the chip resets and goes on by its own oscillator."""

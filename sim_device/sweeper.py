@@ -14,7 +14,7 @@ from protocol.uart.link import Link
 from sim_device.body.plant import Plant, Truth
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import Flash
-from sim_device.device.identity import Identity
+from sim_device.device.identity import CrashRecord, Identity
 from sim_device.device.modes import Event, ModeMachine, State
 from sim_device.device.virtual_firmware import TICK_US, Firmware
 from sim_device.noise import NoiseLevel, noise_level
@@ -35,6 +35,9 @@ periods missed are no delay. Until it bites the outputs stay as they were."""
 BROWN_OUT_V = 4.0
 """On the 5 V rail: the 3.3 V behind its regulator then falls below brown-out level 3 (2.7 to
 3.6 V in RM0090, section 5.2.3), and the chip holds itself in reset."""
+CRASH_PC, CRASH_LR, CRASH_CFSR = 0x0800_4D2A, 0x0800_4C91, 0x0001_0000
+"""What a crash of this firmware leaves: an address each in the flash, and "undefined instruction"
+(PM0214, section 4.4.10). The virtual firmware has no addresses of its own."""
 SUPPLY_GOOD_V = 4.3
 """Where it lets go of it again."""
 _HALF_TICK_US = TICK_US // 2
@@ -103,6 +106,7 @@ class VirtualSweeper:
         """When the firmware begins, or began."""
         self._fed_us = 0
         self._hung = False
+        self._crystal_failed = False
 
     def step(self, data: bytes, now_us: int) -> bytes:
         """Live until ``now_us``, then take ``data``; give what the device writes meanwhile."""
@@ -114,7 +118,7 @@ class VirtualSweeper:
         # With a key, time alone decides too: a command on CAN waits for its tag.
         if data or firmware.link.key is not None:
             firmware.receive(data, self.clock.uptime_us(now_us))
-        out = firmware.link.data_to_send()
+        out = firmware.data_to_send()
         if firmware.reboot_wanted is not None:
             if firmware.reboot_wanted is RebootKind.FACTORY_RESET:
                 self.flash.erase()
@@ -135,13 +139,28 @@ class VirtualSweeper:
         return self.plant.truth
 
     @property
+    def drivers(self) -> bool:
+        """Whether the motor drivers are enabled; a resetting chip's are not.
+
+        At rest a disabled bridge lets the wheels stand like a braking one: the plant brakes.
+        """
+        return self._modes.awake and self.firmware.control.drivers
+
+    @property
     def state(self) -> State:
         """Where the device stands in its mode table."""
         return self._modes.state
 
     # ---- what may befall it ---------------------------------------------------------------
 
-    def reset(self, cause: ResetCause, off_s: float = 0.0, *, boot_id: int | None = None) -> None:
+    def reset(
+        self,
+        cause: ResetCause,
+        off_s: float = 0.0,
+        *,
+        boot_id: int | None = None,
+        crash: CrashRecord | None = None,
+    ) -> None:
         """Reset the chip where the body stands; it boots ``off_s`` and 0.3 s later.
 
         Outputs are off until then, whatever was on its way or in memory is lost, a save under
@@ -156,6 +175,8 @@ class VirtualSweeper:
             self._identity,
             boot_id=boot_id or _boot_id(self._identity_rng),
             reset_cause=cause,
+            crash=crash,
+            crystal_failed=self._crystal_failed,
         )
         self.firmware = self._new_firmware()
         self._ready_us = self._next_tick_us + round(off_s * 1e6) + BOOT_US
@@ -163,6 +184,19 @@ class VirtualSweeper:
     def hang(self) -> None:
         """Let the firmware stand still, its outputs as they are, until the watchdog resets it."""
         self._hung = self._modes.awake
+
+    def crash(self) -> None:
+        """Let the processor fault: its record outlives the reset."""
+        if self._modes.awake:
+            uptime_us = self.clock.uptime_us(self._next_tick_us)
+            record = CrashRecord(CRASH_PC, CRASH_LR, CRASH_CFSR, uptime_us)
+            self.reset(ResetCause.CRASH, crash=record)
+
+    def fail_crystal(self, drift_ppm: float) -> None:
+        """Let the crystal stop: the watchdog, which has a clock of its own, resets the chip."""
+        self._crystal_failed = True
+        self.clock.drift_ppm += drift_ppm
+        self.reset(ResetCause.WATCHDOG)
 
     # ---- time -----------------------------------------------------------------------------
 

@@ -32,7 +32,7 @@ from bridge.errors import BridgeError, CommandRejectedError, StoppedForSafetyErr
 from bridge.motion.kinematics import encoder_delta
 from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.messages.host import SetStreamRate
-from protocol.messages.values import Contact, Fault, Mode, flag_labels
+from protocol.messages.values import Contact, Fault, Mode, fault_labels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -137,7 +137,7 @@ class BringUp:
             yield wrong("encoders at standstill", "the counts change", advice)
         elif moved:
             yield good("encoders at standstill", "the counts are constant")
-        faults = flag_labels(Fault, self._desk.await_newest(Status).faults & ~int(Fault.LIFTED))
+        faults = fault_labels(self._desk.await_newest(Status).faults & ~int(Fault.LIFTED))
         if faults:
             yield wrong("device", f"reports {', '.join(faults)}", "see its log lines above")
 

@@ -24,8 +24,7 @@ from bridge.session.records import (
 )
 from bridge.session.redaction import KeyRedactor, redacted_can
 from protocol.can.frames import RECORD
-from protocol.messages.values import Fault as DeviceFault
-from protocol.messages.values import LogLevel, ResetCause, StopCause, flag_labels, label
+from protocol.messages.values import LogLevel, ResetCause, StopCause, fault_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -209,7 +208,7 @@ class HostRecords:
         """Record new faults and a new stop cause."""
         faults = status.faults
         if faults != self._faults:
-            new = flag_labels(DeviceFault, faults & ~self._faults)
+            new = fault_labels(faults & ~self._faults)
             if new:
                 self.event(now_ns, Severity.WARNING, "device", EventKind.FAULT, ", ".join(new))
             self._faults = faults

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.session.link_stats import wire_summary
-from protocol.messages.values import Fault, Mode, ResetCause, StopCause, flag_labels, label
+from protocol.messages.values import Fault, Mode, ResetCause, StopCause, fault_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -130,7 +130,9 @@ def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
         "device": None if seen.hello is None else _device(seen.hello, seen.session.node),
         "mode": None if status is None else label(Mode, status.mode),
         "stop": None if status is None else label(StopCause, status.stop_cause),
-        "faults": None if status is None else flag_labels(Fault, status.faults),
+        "faults": None if status is None else fault_labels(status.faults),
+        "limited": None if status is None else bool(status.faults & Fault.LIMITED),
+        "drivers": None if status is None else not status.faults & Fault.DRIVERS_OFF,
         "load_percent": None if status is None else status.load,
         "pose": {"x_m": pose.x_m, "y_m": pose.y_m, "theta_rad": pose.theta_rad},
         "v_m_s": seen.estimator.v_m_s,

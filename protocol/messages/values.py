@@ -48,7 +48,7 @@ def latched_cause(held: int, cause: int) -> StopCause:
 
 
 class Fault(IntFlag):
-    """Fault bits of the status message."""
+    """Conditions that the status message reports: faults, and what the device does about them."""
 
     IMU = 1 << 0
     ENCODER_LEFT = 1 << 1
@@ -59,6 +59,20 @@ class Fault(IntFlag):
     BATTERY_LOW = 1 << 6
     SETPOINT_EXPIRED = 1 << 7
     LIFTED = 1 << 8
+    ENCODER_LEFT_REVERSED = 1 << 9
+    """The left wheel counts against its duty."""
+    ENCODER_RIGHT_REVERSED = 1 << 10
+    """The right wheel counts against its duty."""
+    ENCODERS_SWAPPED = 1 << 11
+    """The duty of one side gives counts on the other."""
+    CLOCK = 1 << 12
+    """The crystal does not run: the device keeps time by a 1 % oscillator, and stays off CAN."""
+    BUMPER = 1 << 13
+    """A switch stays pressed without other evidence of contact."""
+    LIMITED = 1 << 14
+    """No fault: a reflex of the device holds the speed below what is asked for."""
+    DRIVERS_OFF = 1 << 15
+    """No fault: the motor drivers are disabled."""
 
 
 class ResetCause(IntEnum):
@@ -69,6 +83,8 @@ class ResetCause(IntEnum):
     SOFTWARE = 2
     WATCHDOG = 3
     BROWN_OUT = 4
+    CRASH = 5
+    """A fault of the processor, or an unexpected interrupt; a log line gives the record."""
 
 
 class Capability(IntFlag):
@@ -113,6 +129,8 @@ class NackReason(IntEnum):
     """The command needs another mode."""
     NOT_AUTHENTICATED = 10
     """A key is set, and the command came without its tag."""
+    NOT_SAVED = 11
+    """What was written to the flash does not read back."""
 
 
 class ParameterKind(IntEnum):
@@ -185,6 +203,10 @@ class LogLevel(IntEnum):
     ERROR = 3
 
 
+NO_FAULTS = Fault.LIMITED | Fault.DRIVERS_OFF
+"""Bits of the status message that a device in order sets too."""
+
+
 def label(enum: type[IntEnum], value: int) -> str:
     """The value's name in lower case, or ``unknown(7)``; never raises."""
     try:
@@ -200,3 +222,8 @@ def flag_labels(flags: type[IntFlag], value: int) -> list[str]:
         for bit in range(value.bit_length())
         if value >> bit & 1
     ]
+
+
+def fault_labels(bits: int) -> list[str]:
+    """Names of the faults among the bits of a status message."""
+    return flag_labels(Fault, bits & ~int(NO_FAULTS))

@@ -9,6 +9,7 @@ from sim_device.body.power import PowerReading
 from sim_device.device.health import IMU, Health
 from sim_device.device.modes import MODE_OF, PLANNING, Event, Guard, State
 from sim_device.device.onboard import NO_PLAN, Onboard, planner_name
+from sim_device.device.reflexes import Reflexes
 from sim_device.device.safety import DutyWatchdog, SetpointWatchdog, StopLatch
 from sim_device.device.wheel_control import WheelControl
 
@@ -24,8 +25,18 @@ if TYPE_CHECKING:
     from sim_device.device.safety import Watchdog
     from sim_device.device.sampling import Around, Sampler
 
-_BRINGUP, _VELOCITY = State.BRINGUP, State.VELOCITY
-_EXPIRED = int(Fault.SETPOINT_EXPIRED)
+_BRINGUP, _VELOCITY, _STOPPED = State.BRINGUP, State.VELOCITY, State.STOPPED
+_EXPIRED, _LIMITED, _DRIVERS_OFF = (
+    int(Fault.SETPOINT_EXPIRED),
+    int(Fault.LIMITED),
+    int(Fault.DRIVERS_OFF),
+)
+_RESTING = frozenset({State.STOPPED, State.IDLE})
+"""States in which nothing is to move: the drivers are disabled as soon as the robot rests."""
+_STEP = 0.5e-4
+"""Half of what the bridge's timer counts a duty by."""
+BRAKE_TICKS = 50
+"""After a latched stop the motors brake for half a second at rest: on a slope it would roll on."""
 _SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
 """What needs whole senses, no host looking after the heading."""
 
@@ -47,6 +58,10 @@ class Control:
         self.setpoints = SetpointWatchdog()
         self.duties = DutyWatchdog()
         self.health = Health()
+        self.reflexes = Reflexes()
+        self.drivers = False
+        """Whether the motor drivers are enabled."""
+        self._rest_ticks = 0
         self.onboard: Onboard | None = None
         """The plan that runs, or the last one."""
         self._log = log
@@ -68,6 +83,8 @@ class Control:
         parameters = self._parameters
         self._model = parameters.applied_to(self._base)
         self.wheels.limit(self._model, parameters.value("stop_deceleration"))
+        self.reflexes.at_cliff = parameters.value("cliff_reflex") != 0.0
+        self.reflexes.at_bumper = parameters.value("bumper_reflex") != 0.0
         self._low_v = parameters.value("battery_low")
         self._empty_v = parameters.value("battery_empty")
 
@@ -81,7 +98,10 @@ class Control:
     @property
     def fault_bits(self) -> int:
         """Of ``protocol.messages.values.Fault``."""
-        return self.health.bits | self._expired
+        bits = self.health.bits | self._expired
+        if self.reflexes.limited:
+            bits |= _LIMITED
+        return bits if self.drivers else bits | _DRIVERS_OFF
 
     @property
     def watchdog(self) -> Watchdog:
@@ -177,34 +197,50 @@ class Control:
             self._expired = _EXPIRED
         elif self._expired and watchdog.left_us(now_us):
             self._expired = 0
-        if state is _VELOCITY and not self.latch.cause:
+        if state is _VELOCITY and not self.latch.cause and watchdog.until_us > now_us:
             v, yaw = self.setpoints.wanted
+            v = self.reflexes.limit(v, sampler.contacts(), counts)
             duties = wheels.step(v, yaw, counts, self._supply_v)
         else:
             duties = self._drive(tick, now_us, sampler, around)
-        health.tick(sampler.imu_nominal, counts, wheels)
+        self._switch_drivers(state, duties)
+        health.tick(sampler.imu_nominal, counts, wheels, duties)
         if around is not None:
             health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
         if health.bits != self._logged_bits:
             self._log_faults(health.bits)
-        if (health.bits or health.battery_empty) and self.modes.state is not State.STOPPED:
+        if self.modes.state is not _STOPPED:
             self._judge()
         return duties
 
     def _drive(
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> tuple[float, float]:
-        """Duties of any state but a host's velocity, or while something is latched."""
-        counts, supply_v = sampler.counts, self._supply_v
-        v = yaw = 0.0
-        if self.latch.cause:
-            return self.wheels.step(0.0, 0.0, counts, supply_v)
-        if self.modes.state is State.BRINGUP:
-            self.wheels.coast(counts)
-            return self.duties.duties
-        if self.modes.planning and self.onboard is not None:
-            v, yaw = self._run(self.onboard, tick, now_us, sampler, around)
-        return self.wheels.step(v, yaw, counts, supply_v)
+        """Duties of any state but a host's velocity, or without a setpoint, or while latched."""
+        counts = sampler.counts
+        if not self.latch.cause:
+            if self.modes.state is State.BRINGUP:
+                self.reflexes.rest()
+                duties = self.duties.duties
+                self.wheels.coast(counts, duties)
+                return duties
+            if self.modes.planning and self.onboard is not None:
+                v, yaw = self._run(self.onboard, tick, now_us, sampler, around)
+                v = self.reflexes.limit(v, sampler.contacts(), counts)
+                return self.wheels.step(v, yaw, counts, self._supply_v)
+        self.reflexes.rest()
+        return self.wheels.release(counts)
+
+    def _switch_drivers(self, state: State, duties: tuple[float, float]) -> None:
+        """Enable the drivers in a driving mode; disable them once a robot that shall rest does."""
+        if state not in _RESTING:
+            self.drivers, self._rest_ticks = True, 0
+        elif self.drivers:
+            left, right = duties
+            rests = abs(left) < _STEP and abs(right) < _STEP and not self.wheels.moving
+            self._rest_ticks = self._rest_ticks + 1 if rests else 0
+            brake_ticks = BRAKE_TICKS if state is _STOPPED else 1
+            self.drivers = self._rest_ticks < brake_ticks
 
     def _run(
         self, plan: Onboard, tick: int, now_us: int, sampler: Sampler, around: Around | None
@@ -224,7 +260,11 @@ class Control:
     def _judge(self) -> None:
         """End what must not go on with what is broken."""
         health = self.health
+        if not (health.bits or health.battery_empty or self.reflexes.counting):
+            return
         why = health.stopping
+        if why is None and self.reflexes.over(self._model.metres_per_count):
+            why = "no floor ahead"
         if why is None and health.burning(self.wheels):
             why = "motor stalled"
         if why is None and health.bits & IMU and self.modes.state in PLANNING:

@@ -33,7 +33,10 @@ class Flash:
         self.pages = [b"", b""]
         self.key: bytes | None = None
         """That motion is authenticated with, in a page of its own; None: there is none."""
+        self.worn = False
+        """Worn out: what is written does not stay."""
         self._job: bytes | None = None
+        self._written = b""
         self._page = 0
         self._erase_ms = 0
         self._done = 0
@@ -61,7 +64,7 @@ class Flash:
         self._page = 0 if newest is None else 1 - newest
         content = json.dumps(dict(image), separators=(",", ":")).encode()
         record = _HEAD.pack(number % _SPAN, len(content)) + content
-        self._job = record + _CHECK.pack(crc32(record))
+        self._job = self._written = record + _CHECK.pack(crc32(record))
         self._erase_ms, self._done = ERASE_MS, 0
         self.pages[self._page] = b""
 
@@ -72,11 +75,15 @@ class Flash:
         erased_ms = min(ms, self._erase_ms)
         self._erase_ms -= erased_ms
         self._done += (ms - erased_ms) * BYTES_PER_MS
-        self.pages[self._page] = self._job[: self._done]
+        self.pages[self._page] = b"" if self.worn else self._job[: self._done]
         if self._done < len(self._job):
             return False
         self._job = None
         return True
+
+    def reads_back(self) -> bool:
+        """Whether what was written last stands in its page."""
+        return self.pages[self._page] == self._written
 
     def power_lost(self) -> None:
         """A reset or the supply ends what was under way: the page stays half written."""

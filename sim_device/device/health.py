@@ -8,12 +8,14 @@ readings contradict, not what somebody broke.
 | imu | at rest a rate above 20 °/s or a gravity off by 0.3 g for 0.3 s; or repeated registers | \
 readings that agree |
 | encoder | a driven wheel without counts for 1 s whose motor draws no stall current | its count |
+| encoder_…_reversed, encoders_swapped | counts against the duty: ``signs`` | counts that agree |
 | ultrasonic | two blows ahead that it did not see; or an unchanged range over 0.4 m | \
 a blow that it saw, a range that changes |
 | infrared | an unchanged range while turning by 60° in place | a range that changes |
 | motor_stall | a driven wheel that has not turned for 1 s and draws current | it turns or rests |
 | battery_low | below the parameter ``battery_low`` | above it |
 | lifted | no floor ahead after a jolt upwards or down | the floor is back |
+| bumper | a switch pressed for 10 s with nothing near it and no stall | the switch opens |
 
 ``setpoint_expired`` is the setpoint watchdog's (``safety``).
 """
@@ -24,6 +26,8 @@ import math
 from typing import TYPE_CHECKING
 
 from protocol.messages.values import Fault
+from sim_device.device.signs import BITS as SIGNS
+from sim_device.device.signs import Signs
 
 if TYPE_CHECKING:
     from sim_device.body.power import PowerReading
@@ -39,9 +43,11 @@ MOTOR_STALL, BATTERY_LOW, LIFTED = (
     int(Fault.BATTERY_LOW),
     int(Fault.LIFTED),
 )
+BUMPER = int(Fault.BUMPER)
 _ENCODERS = ENCODER_LEFT | ENCODER_RIGHT
 _RANGERS = ULTRASONIC | INFRARED
 _HALF_WRAP, _MASK = 0x8000, 0xFFFF
+_NO_DUTIES = (0.0, 0.0)
 
 PERIOD_S = 0.01
 STALL_S = 1.0
@@ -50,7 +56,12 @@ STALL_STOP_S = 3.0
 STALL_A = 0.4
 """A stalled motor draws an ampere and more, one that turns unseen a fifth of this."""
 JOLT_LSB = 2458
-"""0.15 g at ±2 g: above what driving shakes, below what a hand does."""
+"""0.15 g at ±2 g: below what a hand does (0.25 g for 0.2 s)."""
+JOLT_MEAN_TICKS = 8
+"""What is compared is a mean over 80 ms: of vibration of 40 mg, as at ``harsh``, it leaves 14."""
+GRAVITY_TICKS = 128
+"""What it is compared with: a mean over 1.3 s. A bias of 50 mg would take a third of the limit."""
+_MEANS, _JOLT_SUM = GRAVITY_TICKS // JOLT_MEAN_TICKS, GRAVITY_TICKS * JOLT_LSB
 JOLT_TICKS = 100
 REST_TICKS = 50
 REST_RATE_LSB = 2620
@@ -75,6 +86,10 @@ INFRARED_UNCHANGED_M = 0.003
 TURN_RAD = math.radians(60.0)
 CREEP_M = 0.002
 EMPTY_READINGS = 5
+PRESSED_READINGS = 200
+"""10 s at 20 readings a second."""
+BESIDE_M = 0.08
+"""What a side infrared reads at most of what touches that side: 0.05 m and room."""
 
 
 class Health:
@@ -91,6 +106,13 @@ class Health:
         self._tick = self._repeats = self._longest = self._disagrees = self._strange = 0
         self._moved_tick, self._jolt_tick = 0, -JOLT_TICKS
         """When the wheels last turned, and a jolt was last felt."""
+        self._up = [GRAVITY_LSB] * JOLT_MEAN_TICKS
+        """The last readings along z, and their sum."""
+        self._up_sum = GRAVITY_LSB * JOLT_MEAN_TICKS
+        self._gravity_sum, self._gravity_next = GRAVITY_LSB * GRAVITY_TICKS, 0
+        """Sum over the last whole stretch of ``GRAVITY_TICKS``, and of the present one so far."""
+        self._signs = Signs()
+        self._pressed = [0, 0]
         self._counts = self._range_counts = (0, 0)
         self._blows = 0
         self._touched = False
@@ -105,7 +127,7 @@ class Health:
         bits = self.bits
         if bits & LIFTED:
             return "lifted"
-        if bits & _ENCODERS:
+        if bits & (_ENCODERS | SIGNS):
             return "encoder"
         return "battery empty" if self.battery_empty else None
 
@@ -114,7 +136,13 @@ class Health:
 
     # ---- each period ----------------------------------------------------------------------
 
-    def tick(self, imu: ImuCounts, counts: tuple[int, int], wheels: WheelControl) -> None:
+    def tick(
+        self,
+        imu: ImuCounts,
+        counts: tuple[int, int],
+        wheels: WheelControl,
+        duties: tuple[float, float],
+    ) -> None:
         """One 10 ms period, after the wheels were controlled."""
         self._tick = tick = self._tick + 1
         if counts != self._counts:
@@ -122,9 +150,11 @@ class Health:
             if self.bits & _ENCODERS:
                 self._counted(counts)
             self._counts = counts
-        up = imu[2] - GRAVITY_LSB
-        if up > JOLT_LSB or up < -JOLT_LSB:
-            self._jolt_tick = tick
+        self._feel(imu[2], tick)
+        signs = self._signs
+        if duties != _NO_DUTIES or signs.driven:
+            signs.tick(duties, (wheels.left.speed_m_s, wheels.right.speed_m_s))
+            self.bits = self.bits & ~SIGNS | signs.bits
         if imu == self._imu:
             self._repeats += 1
             self._judge_imu(imu, wheels)
@@ -135,6 +165,18 @@ class Health:
                 self._judge_imu(imu, wheels)
         if wheels.stalling or self.bits & MOTOR_STALL:
             self._judge_stall(wheels)
+
+    def _feel(self, up_lsb: int, tick: int) -> None:
+        """Take the acceleration along z: a jolt is a mean that is far from gravity."""
+        place = tick % JOLT_MEAN_TICKS
+        self._up_sum += up_lsb - self._up[place]
+        self._up[place] = up_lsb
+        self._gravity_next += up_lsb
+        if tick % GRAVITY_TICKS == 0:
+            self._gravity_sum, self._gravity_next = self._gravity_next, 0
+        jolt = self._up_sum * _MEANS - self._gravity_sum
+        if jolt > _JOLT_SUM or jolt < -_JOLT_SUM:
+            self._jolt_tick = tick
 
     def _counted(self, counts: tuple[int, int]) -> None:
         if counts[0] != self._counts[0]:
@@ -202,7 +244,9 @@ class Health:
         right = (right - right_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
         ahead_m = 0.5 * (left + right) * metres_per_count
         turned_rad = (right - left) * metres_per_count / wheel_base_m
-        bits = self.bits & ~_RANGERS
+        bits = self.bits & ~(_RANGERS | BUMPER)
+        if self._switch_stays(around):
+            bits |= BUMPER
         if not cliff:
             bits &= ~LIFTED
         elif self._tick - self._jolt_tick < JOLT_TICKS:
@@ -224,6 +268,20 @@ class Health:
             if self._side_rad[side] >= TURN_RAD:
                 bits |= INFRARED
         self.bits = bits
+
+    def _switch_stays(self, around: Around) -> bool:
+        """Whether a switch has been pressed for long by nothing that anything else feels."""
+        sonar_m, left_m, right_m, bumper_left, bumper_right, _ = around
+        ahead = sonar_m is not None and sonar_m <= NEAR_M
+        stalls = bool(self.bits & MOTOR_STALL)
+        pressed = self._pressed
+        for side, (down, range_m) in enumerate(((bumper_left, left_m), (bumper_right, right_m))):
+            beside = range_m is not None and range_m <= BESIDE_M
+            if not down or ahead or beside or stalls:
+                pressed[side] = 0
+            elif pressed[side] < PRESSED_READINGS:
+                pressed[side] += 1
+        return max(pressed) >= PRESSED_READINGS
 
     def _sonar_lies(
         self,

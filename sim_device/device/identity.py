@@ -21,6 +21,27 @@ CAPABILITIES = (
 
 
 @dataclass(frozen=True, slots=True)
+class CrashRecord:
+    """What a fault handler keeps in memory that a reset does not clear."""
+
+    pc: int
+    """Program counter: the instruction that faulted."""
+    lr: int
+    """Link register: where its function was called from."""
+    cfsr: int
+    """Configurable fault status register (PM0214, section 4.4.10): what kind of fault."""
+    uptime_us: int
+
+    @property
+    def text(self) -> str:
+        """A line for the host."""
+        return (
+            f"crash after {self.uptime_us // 1000} ms: "
+            f"pc 0x{self.pc:08x}, lr 0x{self.lr:08x}, cfsr 0x{self.cfsr:08x}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Identity:
     """What tells this device and this boot from others."""
 
@@ -28,6 +49,10 @@ class Identity:
     uid: bytes
     boot_id: int
     reset_cause: ResetCause = ResetCause.POWER_ON
+    crash: CrashRecord | None = None
+    """Of the life before, if it ended so."""
+    crystal_failed: bool = False
+    """The clock comes from the internal oscillator, which is no clock for a CAN bus."""
 
     def hello(self, catalogue_hash: int, session_id: int, *, keyed: bool) -> Hello:
         """Its hello; ``keyed``: only signed motion is obeyed."""

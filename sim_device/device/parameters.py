@@ -119,6 +119,8 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
                 ("offset", "m", getattr(model, ranger).offset_m, -0.2, 0.2),
             )
         ),
+        Parameter("cliff_reflex", "bool", u32, 1, 0, 1),
+        Parameter("bumper_reflex", "bool", u32, 1, 0, 1),
     )
 
 

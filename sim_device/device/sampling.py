@@ -22,6 +22,9 @@ class Sensors(Protocol):
     def imu(self) -> ImuCounts:
         """MPU6050 registers: acceleration, temperature, rates."""
 
+    def imu_samples(self) -> int:
+        """How many samples have been fetched: its clock is its own, and its bus may be stuck."""
+
     def encoders(self) -> tuple[int, int]:
         """Absolute 16-bit counts, left and right."""
 
@@ -70,12 +73,15 @@ class Sampler:
         """Where the counters stood at the boot; None where that was 0, or is not known yet."""
         self._begun = False
         self._around: Around | None = None
+        self._contacts: tuple[bool, bool, bool] | None = None
         self.counts = (0, 0)
         """Wheel counts of this period; the timers that hold them begin at 0 with a boot."""
         self.imu: ImuCounts
         """Registers of this period."""
         self.imu_nominal: ImuCounts
         """The same in nominal counts, for the device's own judgement."""
+        self.imu_samples = 0
+        """Number of the sample that they are of."""
 
     def begin(self) -> None:
         """Start a period: counts and IMU are read in each."""
@@ -90,7 +96,8 @@ class Sampler:
         self.imu = self.imu_nominal = sensors.imu()
         if self._imu_scale is not None:
             self.imu_nominal = ImuCounts(*self._imu_scale.nominal(Imu(*self.imu)))
-        self._around = None
+        self.imu_samples = sensors.imu_samples()
+        self._around = self._contacts = None
 
     def around(self) -> Around:
         """Rangers, bumpers and cliff in this period."""
@@ -104,12 +111,14 @@ class Sampler:
                         (front_m, left_m, right_m), self._corrections, strict=True
                     )
                 )
-            self._around = Around(front_m, left_m, right_m, *sensors.bumpers(), sensors.cliff())
+            self._around = Around(front_m, left_m, right_m, *self.contacts())
         return self._around
 
     def contacts(self) -> tuple[bool, bool, bool]:
-        """Left and right bumper half and cliff now: switches, which cost nothing to read."""
-        return (*self._sensors.bumpers(), self._sensors.cliff())
+        """Left and right bumper half and cliff in this period."""
+        if self._contacts is None:
+            self._contacts = (*self._sensors.bumpers(), self._sensors.cliff())
+        return self._contacts
 
     def power(self) -> PowerReading:
         """Rails and currents now."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from protocol.can.link import CanLink
 from protocol.commands import CommandLog
 from protocol.imu import NOMINAL, ImuScale
 from protocol.link import LinkBase, Received, addresses
@@ -67,6 +68,8 @@ if TYPE_CHECKING:
 TICK_US = 1_000_000 // streams.TICK_HZ
 _TICK_MS = TICK_US // 1000
 HELLO_TICKS = 100
+NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is off"
+NOT_SAVED = "parameters not saved: the flash does not read back what was written"
 STRANGE_PERIOD_US = 100_000
 POWER_TICKS, POWER_PHASE = 20, 5
 """The supply is measured at 5 Hz, with the stream's default phase."""
@@ -114,6 +117,9 @@ class Firmware:
             identity.boot_id,
         )
         self.schedule = streams.Schedule(catalogue, int(CAPABILITIES))
+        self._off_bus = identity.crystal_failed and issubclass(link, CanLink)
+        if identity.crystal_failed:
+            self.control.health.bits = int(Fault.CLOCK)
         self.reboot_wanted: RebootKind | None = None
         """Set once a reboot was accepted; whoever runs the firmware boots it anew."""
         self._sampler = Sampler(sensors, self.parameters.range_corrections(), imu_scale)
@@ -124,6 +130,7 @@ class Firmware:
         self.keyring = Keyring(self._flash, self.link, identity.boot_id, local=local)
         self._heard_us = 0
         self._strange_us = -STRANGE_PERIOD_US
+        self._imu_sent = 0
         self._saving: tuple[dict[str, int], Message] | None = None
         self._declared = catalogue.by_class
         self._handlers: dict[type[Message], Callable[[Any, float, int], None]] = {
@@ -156,6 +163,8 @@ class Firmware:
 
     def receive(self, data: bytes, now_us: int) -> None:
         """Take bytes that arrived at ``now_us``, microseconds of uptime."""
+        if self._off_bus:
+            return
         node = self.identity.node
         for event in self.link.receive(data, now_us):
             if event.__class__ is Received:
@@ -169,6 +178,9 @@ class Firmware:
 
     def data_to_send(self) -> bytes:
         """Bytes for the port."""
+        if self._off_bus:
+            self.link.data_to_send()
+            return b""
         return self.link.data_to_send()
 
     def _reject(self, message: Message, frame: Frame, now_us: int) -> None:
@@ -276,6 +288,10 @@ class Firmware:
         if hello.agreed and not self.agreed:
             self.agreed = True
             self.log(LogLevel.INFO, f"session with {hello.name}")
+            if self.identity.crystal_failed:
+                self.log(LogLevel.WARNING, NO_CRYSTAL)
+            if self.identity.crash is not None:
+                self.log(LogLevel.ERROR, self.identity.crash.text)
         self._hello(now_us)
 
     def _hello(self, now_us: int) -> None:
@@ -324,11 +340,18 @@ class Firmware:
         return self._flash.busy
 
     def _carry_on_saving(self, now_us: int) -> None:
-        if self._flash.advance(_TICK_MS) and self._saving is not None:
-            (image, reply), self._saving = self._saving, None
+        if not self._flash.advance(_TICK_MS) or self._saving is None:
+            return
+        (image, reply), self._saving = self._saving, None
+        if self._flash.reads_back():
             self.parameters.saved(image)
             self.log(LogLevel.INFO, "parameters saved")
-            self._send(reply, now_us)
+        else:
+            self.log(LogLevel.ERROR, NOT_SAVED)
+            if isinstance(reply, Ack):
+                reply = Nack(reply.command_id, reply.command_type, NackReason.NOT_SAVED)
+                self._commands.amend(self.session_id, reply)
+        self._send(reply, now_us)
 
     def _setpoint(self, message: VelocitySetpoint, extra_us: float, now_us: int) -> None:
         if not self.session_id:
@@ -387,5 +410,9 @@ class Firmware:
         known, send = self.telemetry.streams, self.link.send_payload
         stamp_us, node = now_us + self._clock.offset_us, self.identity.node
         for name in due:
+            if name == "imu":  # a sample is sent once
+                if self._sampler.imu_samples == self._imu_sent:
+                    continue
+                self._imu_sent = self._sampler.imu_samples
             type_id, pack = known[name]
             send(type_id, pack(now_us), stamp_us, node)

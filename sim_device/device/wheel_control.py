@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim_device.device.wheel_kernel import MIN_V, REST_M_S, Loop, Wheel, control
+from sim_device.device.wheel_kernel import MIN_V, REST_M_S, Loop, Wheel, control, release
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -51,14 +51,20 @@ class WheelControl:
         loop.v_step = stop_decel_m_s2 * PERIOD_S
         loop.yaw_step = loop.v_step / self._half_base_m
 
-    def coast(self, counts: tuple[int, int]) -> None:
+    def coast(self, counts: tuple[int, int], duties: tuple[float, float]) -> None:
         """One period in which somebody else gives the duties."""
         loop = self._loop
         control(loop, 0.0, 0.0, *counts, MIN_V)  # for its measuring
         loop.v = loop.yaw = 0.0
-        for wheel in (self.left, self.right):
+        for wheel, duty in zip((self.left, self.right), duties, strict=True):
             wheel.integral = wheel.stalled = 0.0
+            wheel.duty = duty
         self.stalling = False
+
+    def release(self, counts: tuple[int, int]) -> tuple[float, float]:
+        """One period of the safe state: duties fall to 0, open loop; then the motors brake."""
+        self.stalling = False
+        return release(self._loop, *counts)
 
     def step(
         self, v_m_s: float, yaw_rate_rad_s: float, counts: tuple[int, int], supply_v: float

@@ -17,6 +17,9 @@ _NO_COUNT = cython.declare(cython.int, NO_COUNT)
 _STALL_TARGET_M_S = cython.declare(cython.double, 0.03)
 _MIN_TARGET_M_S = cython.declare(cython.double, 1e-5)
 """A tenth of the wire's step: what is slower is the rounding of a wheel that should rest."""
+_RELEASE_PERIODS = cython.declare(cython.double, 8.0)
+"""In the safe state the duty is 0 this long after the ramp would be: of the 0.1 s that it may take,
+the period in which it begins and its rounding are left out."""
 _NOMINAL_V = cython.declare(cython.double, 16.0)
 """Supply for which the gains are given; duties are scaled to the one measured."""
 _HALF_WRAP = cython.declare(cython.int, 1 << 15)
@@ -37,12 +40,16 @@ class Wheel:
     """Measured, forwards."""
     stalled = cython.declare(cython.double, visibility="public")
     """For how many periods it has been driven and has not turned."""
+    duty = cython.declare(cython.double, visibility="public")
+    """Of the last period."""
+    fall = cython.declare(cython.double, visibility="public")
+    """What the duty loses in a period of the safe state."""
 
     def __init__(self, m_s_per_count: cython.double) -> None:
         """At rest, no count known."""
         self.m_s_per_count = m_s_per_count
         self.count = _NO_COUNT
-        self.integral = self.speed_m_s = self.stalled = 0.0
+        self.integral = self.speed_m_s = self.stalled = self.duty = self.fall = 0.0
 
     @property
     def stalled_s(self) -> float:
@@ -75,6 +82,8 @@ class Loop:
     v = cython.declare(cython.double, visibility="public")
     """The ramp (m/s); so ``yaw`` (rad/s)."""
     yaw = cython.declare(cython.double, visibility="public")
+    released = cython.declare(cython.bint, visibility="public")
+    """Whether the last period was one of the safe state."""
 
     def __init__(self, left: Wheel, right: Wheel) -> None:
         """Take the wheels; gains and limits are to be set."""
@@ -82,6 +91,7 @@ class Loop:
         self.feed_forward = self.friction = self.proportional = 0.0
         self.integral_gain = self.integral_limit = self.half_base_m = 0.0
         self.v_max = self.yaw_max = self.v_step = self.yaw_step = self.v = self.yaw = 0.0
+        self.released = False
 
 
 @cython.cfunc
@@ -149,6 +159,37 @@ def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a s
     loop.yaw = _towards(loop.yaw, yaw, loop.yaw_step, loop.yaw_max)
     turn = loop.half_base_m * loop.yaw
     scale = _NOMINAL_V / max(supply_v, _MIN_V)
-    left = _duty(loop, loop.left, loop.v - turn, scale)
-    right = _duty(loop, loop.right, loop.v + turn, scale)
+    left = loop.left.duty = _duty(loop, loop.left, loop.v - turn, scale)
+    right = loop.right.duty = _duty(loop, loop.right, loop.v + turn, scale)
+    loop.released = False
     return left, right, loop.left.stalled > 0.0 or loop.right.stalled > 0.0
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _let_fall(loop: Loop, wheel: Wheel, target: cython.double) -> cython.double:
+    """A duty nearer to 0 in the safe state; ``target`` is where the wheel's ramp was."""
+    if not loop.released:
+        periods = max(target, -target) / loop.v_step + _RELEASE_PERIODS
+        wheel.fall = max(wheel.duty, -wheel.duty) / periods
+    wheel.integral = wheel.stalled = 0.0
+    wheel.duty = _towards(wheel.duty, 0.0, wheel.fall, 1.0)
+    return wheel.duty
+
+
+def release(loop: Loop, left_count: cython.int, right_count: cython.int) -> tuple[float, float]:
+    """One period of the safe state: duties only fall, whatever the encoders say.
+
+    Returns:
+        Left and right duty.
+
+    """
+    _measure(loop.left, left_count)
+    _measure(loop.right, right_count)
+    turn = loop.half_base_m * loop.yaw
+    left = _let_fall(loop, loop.left, loop.v - turn)
+    right = _let_fall(loop, loop.right, loop.v + turn)
+    loop.v = _towards(loop.v, 0.0, loop.v_step, loop.v_max)
+    loop.yaw = _towards(loop.yaw, 0.0, loop.yaw_step, loop.yaw_max)
+    loop.released = True
+    return left, right

@@ -29,6 +29,12 @@ _SENSORS = (
     "accel_bias_g",
     "encoder_dropout_left",
     "encoder_dropout_right",
+    "encoder_reversed_left",
+    "encoder_reversed_right",
+    "encoders_swapped",
+    "i2c_stuck",
+    "imu_clock",
+    "adc_frozen",
     "ultrasonic_blind",
     "ultrasonic_lie_m",
     "bumper_stuck_left",
@@ -117,6 +123,8 @@ class Bench:
         {
             "reset": self._reset,
             "hang": self._hang,
+            "crash": self._crash,
+            "hse_failed": self._hse_failed,
             "brown_out": self._brown_out,
             "clock_jump": self._clock_jump,
             "battery_flat": self._battery_flat,
@@ -128,6 +136,13 @@ class Bench:
     def _hang(self, values: Mapping[str, Value]) -> None:
         del values
         self._device.hang()
+
+    def _crash(self, values: Mapping[str, Value]) -> None:
+        del values
+        self._device.crash()
+
+    def _hse_failed(self, values: Mapping[str, Value]) -> None:
+        self._device.fail_crystal(float(values["ppm"]))
 
     def _brown_out(self, values: Mapping[str, Value]) -> None:
         self._device.reset(ResetCause.BROWN_OUT, off_s=float(values["off"]))

@@ -37,6 +37,30 @@ def _encoder_dropout(knobs: Knobs, values: Mapping[str, Value]) -> None:
         setattr(knobs, name, either(getattr(knobs, name), share))
 
 
+def _encoder_reversed(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for side in knobs.sides(str(values["side"])):
+        setattr(knobs, f"encoder_reversed_{side}", True)
+
+
+def _encoder_swapped(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    knobs.encoders_swapped = True
+
+
+def _i2c_stuck(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    knobs.i2c_stuck = True
+
+
+def _imu_clock(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    knobs.imu_clock += 0.01 * float(values["percent"])
+
+
+def _adc_frozen(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    knobs.adc_frozen = True
+
+
 def _wheel_stuck(knobs: Knobs, values: Mapping[str, Value]) -> None:
     for side in knobs.sides(str(values["side"])):
         setattr(knobs, f"stuck_{side}", True)
@@ -106,6 +130,21 @@ BODY_KINDS = (
         strike="hang",
     ),
     FaultKind(
+        "crash",
+        "The processor faults. It keeps program counter, link register, fault status and uptime "
+        "across the reset, and reports them to the next host.",
+        "crash@30",
+        strike="crash",
+    ),
+    FaultKind(
+        "hse-failed",
+        "The crystal stops for good. The watchdog resets the processor, which runs on from its "
+        "internal oscillator and stays off the CAN bus.",
+        "hse-failed@0:ppm=5000",
+        (Number("ppm", "drift of the internal oscillator", "ppm", 5000.0, -10_000.0, 10_000.0),),
+        strike="hse_failed",
+    ),
+    FaultKind(
         "brown-out",
         "The 5 V rail drops below the processor's limit and returns after the time off.",
         "brown-out@30:off=0.5",
@@ -134,6 +173,21 @@ BODY_KINDS = (
         _imu_frozen,
     ),
     FaultKind(
+        "i2c-stuck",
+        "The bus to the inertial sensor is stuck: no new sample arrives.",
+        "i2c-stuck@20:10",
+        (),
+        _i2c_stuck,
+    ),
+    FaultKind(
+        "imu-clock",
+        "The inertial sensor's own clock runs fast (positive) or slow: samples are skipped, or "
+        "missing.",
+        "imu-clock@0:percent=-1",
+        (Number("percent", "deviation", "%", 1.0, -10.0, 10.0),),
+        _imu_clock,
+    ),
+    FaultKind(
         "imu-biased",
         "The inertial sensor has a constant error.",
         "imu-biased@20:60:gyro=2",
@@ -149,6 +203,27 @@ BODY_KINDS = (
         "encoder-dropout@20:10:side=right,share=0.5",
         (_SIDE, Number("share", "share of counts missed", "", 1.0, 0.0, 1.0)),
         _encoder_dropout,
+    ),
+    FaultKind(
+        "encoder-reversed",
+        "The channels of an encoder are exchanged: it counts backward.",
+        "encoder-reversed@0:side=both",
+        (_SIDE,),
+        _encoder_reversed,
+    ),
+    FaultKind(
+        "encoder-swapped",
+        "The plugs of the encoders are exchanged: each wheel counts on the other side.",
+        "encoder-swapped@0",
+        (),
+        _encoder_swapped,
+    ),
+    FaultKind(
+        "adc-frozen",
+        "The converter repeats its last readings of supply and motor currents.",
+        "adc-frozen@20:10",
+        (),
+        _adc_frozen,
     ),
     FaultKind(
         "wheel-stuck",

@@ -69,6 +69,13 @@ class Knobs:
     accel_bias_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
     encoder_dropout_left: float = 0.0
     encoder_dropout_right: float = 0.0
+    encoder_reversed_left: bool = False
+    encoder_reversed_right: bool = False
+    encoders_swapped: bool = False
+    i2c_stuck: bool = False
+    imu_clock: float = 0.0
+    """Share by which the inertial sensor's own clock runs fast."""
+    adc_frozen: bool = False
     ultrasonic_blind: bool = False
     ultrasonic_lie_m: float | None = None
     bumper_stuck_left: bool = False

@@ -70,6 +70,12 @@ def _unplug(knobs: Knobs, values: Mapping[str, Value]) -> None:
     knobs.unplugged = True
 
 
+def _bus_off(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    for wire in knobs.wires("both"):
+        wire.silent = True
+
+
 WIRE_KINDS = (
     FaultKind(
         "bit-flips",
@@ -130,6 +136,14 @@ WIRE_KINDS = (
         "silence@10:0.5:way=up",
         (_WAY,),
         _silence,
+    ),
+    FaultKind(
+        "can-bus-off",
+        "The device's CAN controller goes off the bus after too many errors, and returns after "
+        "the duration. Only on a CAN bus.",
+        "can-bus-off@10:0.3",
+        (),
+        _bus_off,
     ),
     FaultKind(
         "wrong-baud",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim_device.sensors.imu import ImuCounts
     from sim_device.sensors.rangers import Ranges
 
-VERSION = 1
+VERSION = 2
 CHUNK = 128
 """Bytes of flash in a frame."""
 DUTY_ONE = 10_000
@@ -31,8 +31,8 @@ PAGES, PAGE_SIZE = 2, 1024
 _SYNC = 0xA5
 _HEAD = struct.Struct("<BBB")
 _CHECK = struct.Struct("<I")
-_REQUEST = struct.Struct("<IIIhhH")
-_MOTORS = struct.Struct("<Ihh")
+_REQUEST = struct.Struct("<IIIhhH?")
+_MOTORS = struct.Struct("<Ihh?")
 _SAMPLE = struct.Struct("<IHH7hHHHB")
 _POWER = struct.Struct("<IHHHH")
 _BYTE = struct.Struct("<B")
@@ -59,6 +59,7 @@ class ToChip(IntEnum):
     SAMPLE = 0x83
     POWER = 0x84
     HANG = 0x85
+    CRASH = 0x86
 
 
 class Boot(NamedTuple):
@@ -80,14 +81,17 @@ class Request(NamedTuple):
     right: int
     stack_free: int
     """Bytes of the chip's stack that were never used."""
+    drivers: bool
+    """Whether the motor drivers are enabled."""
 
 
 class Motors(NamedTuple):
-    """Duties have changed."""
+    """Duties have changed, or the drivers are switched."""
 
     now_us: int
     left: int
     right: int
+    drivers: bool
 
 
 class Erase(NamedTuple):

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
 
 CANNOT = "the emulated chip keeps its own time; --target python has this fault"
+CANNOT_IMU = "the emulated chip reads a sample in each period; --target python has this fault"
 START_S = 10.0
 """From QEMU's start to the chip's first word; measured 0.2 s on an idle computer."""
 TURN_US = 10_000
@@ -89,9 +90,17 @@ class QemuSweeper:
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         self.clock = DeviceClock()
         """Not the chip's own, which nobody can turn; see ``cannot``."""
-        self.cannot = {"clock-drift": CANNOT, "clock-jump": CANNOT}
+        self.cannot = {
+            "clock-drift": CANNOT,
+            "clock-jump": CANNOT,
+            "hse-failed": CANNOT,
+            "i2c-stuck": CANNOT_IMU,
+            "imu-clock": CANNOT_IMU,
+        }
         """Faults that this device refuses, by kind, and why."""
         self.flash = [bytearray(b"\xff" * link.PAGE_SIZE) for _ in range(link.PAGES)]
+        self.drivers = False
+        """Whether the motor drivers are enabled."""
         self.stack_free = 0
         """Bytes of the chip's stack that were never used, as it says."""
         self._node, self._uid = node, identity_rng.bytes(12)
@@ -169,6 +178,14 @@ class QemuSweeper:
         """Let the firmware stand still, its outputs as they are, until its watchdog resets it."""
         self.qemu.plant.write(link.frame(link.ToChip.HANG))
 
+    def crash(self) -> None:
+        """Let the processor fault, on an instruction that there is not."""
+        self.qemu.plant.write(link.frame(link.ToChip.CRASH))
+
+    def fail_crystal(self, drift_ppm: float) -> None:
+        """Never called: see ``cannot``."""
+        raise NotImplementedError(drift_ppm)
+
     # ---- the serving loop's ----------------------------------------------------------------
 
     def filenos(self) -> list[int]:
@@ -211,6 +228,7 @@ class QemuSweeper:
     def _begin_anew(self, cause: ResetCause, boot_id: int | None = None) -> None:
         """What a reset means to the body and to what is under way."""
         self.plant.set_duty(0.0, 0.0)
+        self.drivers = False
         self._cause, self._boot_id = cause, boot_id or _boot_id(self._identity_rng)
         self._state = _Chip.BOOTING
         self._base_us = None
@@ -243,7 +261,7 @@ class QemuSweeper:
                 self._send_readings(self._extended(message.sample_us))
         elif isinstance(message, link.Motors):
             self._advance(self._extended(message.now_us))
-            self._set_duty(message.left, message.right)
+            self._set_motors(message)
         elif isinstance(message, link.Erase):
             self.flash[message.page][:] = b"\xff" * link.PAGE_SIZE
         elif isinstance(message, link.Write):
@@ -273,7 +291,7 @@ class QemuSweeper:
         self._chip_us = chip_us
         self._heard_us = self._now_us
         self.stack_free = request.stack_free
-        self._set_duty(request.left, request.right)
+        self._set_motors(request)
         self._advance(self._extended(request.sample_us))
 
     def _wanted(self, request: link.Request) -> bool:
@@ -302,8 +320,9 @@ class QemuSweeper:
             plant.write(link.power(at_us, sensors.power()))
         self._periods += 1
 
-    def _set_duty(self, left: int, right: int) -> None:
-        self.plant.set_duty(left / link.DUTY_ONE, right / link.DUTY_ONE)
+    def _set_motors(self, motors: link.Request | link.Motors) -> None:
+        self.plant.set_duty(motors.left / link.DUTY_ONE, motors.right / link.DUTY_ONE)
+        self.drivers = motors.drivers
 
     # ---- time -------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import floor, pi
 from typing import TYPE_CHECKING
 
-from sim_device.sensors.faults import CountDropout
+from sim_device.sensors.faults import CountDropout, Miswiring
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -23,7 +23,15 @@ class Encoders:
     themselves (diameter, slip) are the plant's.
     """
 
-    __slots__ = ("_before", "_counts_per_rad", "_dropouts", "_faults", "_lossy", "_plant")
+    __slots__ = (
+        "_before",
+        "_counts_per_rad",
+        "_dropouts",
+        "_faults",
+        "_lossy",
+        "_plant",
+        "_wiring",
+    )
 
     def __init__(self, plant: Plant, model: RobotModel, faults: SensorFaults) -> None:
         """Count ``model.counts_per_turn`` per turn of ``plant``'s wheels; obey ``faults``."""
@@ -33,6 +41,8 @@ class Encoders:
         self._lossy = False
         """Whether counts were ever lost."""
         self._before: tuple[int, int] | None = None
+        self._wiring: Miswiring | None = None
+        """Once a fault of the wiring was seen."""
 
     def read(self) -> tuple[int, int]:
         """Left and right counter, 0..65535."""
@@ -40,9 +50,17 @@ class Encoders:
         # An edge lies between two counts: the counter holds the whole counts passed.
         counts = floor(felt[3] * per_rad) & _MASK, floor(felt[4] * per_rad) & _MASK
         if faults.encoder_dropout_left or faults.encoder_dropout_right or self._lossy:
-            return self._lose(*counts)
-        self._before = counts
-        return counts
+            counts = self._lose(*counts)
+        else:
+            self._before = counts
+        miswired = (
+            faults.encoder_reversed_left or faults.encoder_reversed_right or faults.encoders_swapped
+        )
+        if self._wiring is None:
+            if not miswired:
+                return counts
+            self._wiring = Miswiring(counts)
+        return self._wiring.apply(counts, faults)
 
     def _lose(self, left: int, right: int) -> tuple[int, int]:
         faults, (lost_left, lost_right) = self._faults, self._dropouts

@@ -21,6 +21,17 @@ class SensorFaults:
     encoder_dropout_left: float = 0.0
     """Share of lost counts, 0..1, in both directions; lost counts stay lost."""
     encoder_dropout_right: float = 0.0
+    encoder_reversed_left: bool = False
+    """Its two channels are exchanged: it counts backwards."""
+    encoder_reversed_right: bool = False
+    encoders_swapped: bool = False
+    """Each counter is at the other wheel's plug."""
+    i2c_stuck: bool = False
+    """The bus to the inertial sensor is dead: no new sample arrives."""
+    imu_clock: float = 0.0
+    """Share by which the inertial sensor's own clock runs fast."""
+    adc_frozen: bool = False
+    """The supply's converter repeats its last readings."""
     ultrasonic_blind: bool = False
     """No echo is ever heard."""
     ultrasonic_lie_m: float | None = None
@@ -43,6 +54,32 @@ class SensorFaults:
         """Gyro bias of x, y and z, °/s."""
         bias = self.gyro_bias_deg_s
         return bias if isinstance(bias, tuple) else (0.0, 0.0, float(bias))
+
+
+class Miswiring:
+    """Both counters where encoders are reversed or swapped; none jumps as that begins or ends."""
+
+    __slots__ = ("_raw", "_seen")
+
+    def __init__(self, counts: tuple[int, int]) -> None:
+        """Begin with both counters as they are."""
+        self._raw = self._seen = counts
+
+    def apply(self, counts: tuple[int, int], faults: SensorFaults) -> tuple[int, int]:
+        """Counters as the firmware sees them, 0..65535."""
+        left, right = (
+            ((now - before + _HALF_WRAP) & _MASK) - _HALF_WRAP
+            for now, before in zip(counts, self._raw, strict=True)
+        )
+        self._raw = counts
+        if faults.encoder_reversed_left:
+            left = -left
+        if faults.encoder_reversed_right:
+            right = -right
+        if faults.encoders_swapped:
+            left, right = right, left
+        self._seen = self._seen[0] + left & _MASK, self._seen[1] + right & _MASK
+        return self._seen
 
 
 class CountDropout:

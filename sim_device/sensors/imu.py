@@ -165,14 +165,20 @@ class Imu:
         self._was_ms = now.tick_ms
         self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
         self._last = self._reported = self._sample(now)
+        self.samples = 1
+        """How many samples the firmware has fetched."""
 
     def read(self) -> ImuCounts:
         """Read the registers as they stand at this tick."""
         plant = self._plant
         tick_ms = plant.tick_ms
-        sample_no = _EIGHTHS * tick_ms // self._period_eighths
-        if sample_no != self._sample_no:
+        eighths = _EIGHTHS * tick_ms
+        if self._faults.imu_clock:
+            eighths = int(eighths * (1.0 + self._faults.imu_clock))
+        sample_no = eighths // self._period_eighths
+        if sample_no != self._sample_no and not self._faults.i2c_stuck:
             self._sample_no = sample_no
+            self.samples += 1
             interval_ms = tick_ms - self._was_ms
             if interval_ms != self._interval_ms:
                 self._set_interval(interval_ms)

@@ -50,12 +50,18 @@ class SensorSuite:
         self._plant = plant
         self.encoders: Callable[[], tuple[int, int]] = Encoders(plant, model, self.faults).read
         """Gives left and right count, 0..65535."""
-        self.imu: Callable[[], ImuCounts] = Imu(plant, noise, imu_rng, self.faults, imu).read
+        self._imu = Imu(plant, noise, imu_rng, self.faults, imu)
+        self.imu: Callable[[], ImuCounts] = self._imu.read
         """Gives the MPU6050's registers: acceleration, temperature, rotation."""
         self._rangers = Rangers(model, noise, range_rng)
         self._bumper = Bumper(plant, model.radius_m)
         self._cliff = CliffSensor(model.radius_m)
         self._power = PowerMonitor(plant, noise, Draws(power_rng))
+        self._power_before: PowerReading | None = None
+
+    def imu_samples(self) -> int:
+        """How many of the chip's samples have been fetched."""
+        return self._imu.samples
 
     def ranges(self) -> Ranges:
         """Ultrasonic, infrared left, infrared right, metres or ``None``."""
@@ -84,4 +90,6 @@ class SensorSuite:
 
     def power(self) -> PowerReading:
         """Battery and 5 V rail, motor currents."""
-        return self._power.read()
+        if self._power_before is None or not self.faults.adc_frozen:
+            self._power_before = self._power.read()
+        return self._power_before

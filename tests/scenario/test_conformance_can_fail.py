@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 from sim_device.ports import ask_control
-from support.broken_device import DEFECTS
+from support.broken_device import DEFECTS, STATES
 from support.root import ROOT
 
 if TYPE_CHECKING:
@@ -44,8 +44,21 @@ FOUND_BY = {
     "obliging": {"test_node_0_is_for_stop_hello_and_time_alone"},
     "newest": {"test_the_graver_of_two_stops_that_coincide_is_latched"},
     "fickle": {"test_saved_values_survive_a_reboot_and_others_do_not"},
+    "enabled": {"test_the_drivers_are_disabled_at_rest"},
+    "suspicious": {"test_encoders_that_agree_with_their_motors_are_no_fault"},
+    "reckless": {"test_at_a_cliff_it_does_not_go_ahead"},
+    "pushing": {"test_with_a_bumper_pressed_it_creeps"},
+    "hasty": {"test_a_save_is_acknowledged_once_it_stands"},
+    "wavering": {"test_its_clock_is_a_crystals_or_it_reports_that_it_is_not"},
+    "secretive": {"test_a_crash_comes_with_its_record"},
 }
 """Defect → the checks that must find it."""
+IN_STATE = {
+    "edge": "test_at_a_cliff_it_does_not_go_ahead",
+    "pressed": "test_with_a_bumper_pressed_it_creeps",
+    "crashed": "test_a_crash_comes_with_its_record",
+}
+"""Sound device in a state → the check that needs the state."""
 SOUND = (
     "test_hello_identifies_the_device",
     "test_an_answer_names_the_command",
@@ -88,7 +101,7 @@ def conformance(folder: Path, *arguments: str) -> Outcome:
 @pytest.fixture(scope="module", name="runs")
 def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future[Outcome]]]:
     """Some defects at a time: they wait more than they work."""
-    names = ["sound", *FOUND_BY]
+    names = ["sound", *FOUND_BY, *IN_STATE]
     with (
         subprocess.Popen(
             [sys.executable, "-m", "support.broken_device", *names],
@@ -105,7 +118,9 @@ def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future
         futures = {}
         for name in names:
             port = devices.stdout.readline().removeprefix("ready ").strip()
-            checks = [*SOUND, *FOUND_BY[name]] if name in FOUND_BY else list(SOUND)
+            checks = [*SOUND, *FOUND_BY.get(name, ())]
+            if name in IN_STATE:
+                checks.append(IN_STATE[name])
             arguments = [f"--port={port}", "-k", " or ".join(checks)]
             if name != "sound":
                 arguments.append("--allow-motion")
@@ -120,7 +135,17 @@ def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future
 
 
 def test_every_defect_is_looked_for() -> None:
-    assert FOUND_BY.keys() == DEFECTS.keys() - {"sound"}
+    assert FOUND_BY.keys() == DEFECTS.keys() - {"sound", *STATES}
+    assert IN_STATE.keys() == set(STATES)
+
+
+@pytest.mark.parametrize("state", IN_STATE)
+def test_a_sound_device_passes_the_check_that_needs_its_state(
+    state: str, runs: dict[str, Future[Outcome]]
+) -> None:
+    outcome = runs[state].result()
+    assert outcome.status == 0, outcome.out
+    assert outcome.of("passed") == {*SOUND, IN_STATE[state]}, outcome.out
 
 
 @pytest.mark.parametrize("defect", FOUND_BY)

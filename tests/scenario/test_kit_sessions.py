@@ -179,7 +179,7 @@ def test_every_command_as_it_is_lifted(state: int) -> None:
         writer.wait(110_000)
         writer.go(state)
         writer.read(LIFTED)
-        writer.wait(60_000)
+        writer.wait(150_000)
         writer.command(command)
         writer.command(SetMode(0, Mode.VELOCITY))
         writer.wait(20_000)

@@ -15,11 +15,13 @@ import sys
 import time
 import tty
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cobs import cobs
 
-from protocol.messages.device import Ack, DescribeReply, Hello, Nack, Status
+from bridge.motion.geometry import Pose2
+from protocol.messages.device import Ack, DescribeReply, Hello, LogText, Nack, Status
 from protocol.messages.host import (
     ClearStop,
     HostHello,
@@ -28,11 +30,12 @@ from protocol.messages.host import (
     TimeRequest,
     VelocitySetpoint,
 )
-from protocol.messages.values import StopCause, by_gravity
+from protocol.messages.values import Fault, StopCause, by_gravity
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.uart.framing import Frame, UartParser, encode_frame
 from sim_device.sweeper import VirtualSweeper
+from support.sim_body import box
 from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
@@ -48,8 +51,10 @@ class Sound:
     between the host's, the device sees both numbered in one row, and the host its own ids.
     """
 
+    plan = load_room("empty")
+
     def __init__(self, seed: int) -> None:
-        self.device = VirtualSweeper(load_room("empty"), seed=seed)
+        self.device = VirtualSweeper(self.plan, seed=seed)
         self.now_us = 0
         self.codec = Codec(CATALOGUE)
         self._up, self._down = UartParser(), UartParser()
@@ -346,6 +351,105 @@ class Fickle(Sound):
         return [frame]
 
 
+class Edge(Sound):
+    """A sound device with no floor under its cliff sensor."""
+
+    plan = replace(
+        load_room("empty"), start=Pose2(1.5, 1.25, 0.0), cliffs=(box(1.64, 0.0, 3.0, 2.5),)
+    )
+
+
+class Pressed(Sound):
+    """A sound device with a bumper held pressed."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.device.sensors.faults.bumper_stuck_left = True
+
+
+class Crashed(Sound):
+    """A sound device whose processor has faulted before."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.device.crash()
+
+
+class Enabled(Sound):
+    """It never disables its motor drivers."""
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, Status):
+            return [self.saying(frame, message, faults=message.faults & ~int(Fault.DRIVERS_OFF))]
+        return [frame]
+
+
+class Suspicious(Sound):
+    """It takes a wheel that turns back for one with a reversed encoder."""
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, Status) and self.device.truth.left_rad_s < 0.0:
+            reversed_left = message.faults | int(Fault.ENCODER_LEFT_REVERSED)
+            return [self.saying(frame, message, faults=reversed_left)]
+        return [frame]
+
+
+class Reckless(Edge):
+    """It drives over a cliff."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.device.firmware.control.reflexes.at_cliff = False
+
+
+class Pushing(Pressed):
+    """It pushes on with a bumper pressed."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.device.firmware.control.reflexes.at_bumper = False
+
+
+class Hasty(Sound):
+    """It acknowledges a save before it has begun."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._answers = b""
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, SaveParameters):
+            ack = self.codec.encode(Ack(message.command_id, frame.type_id))
+            self._answers += _bytes(Frame(0x10, 1, ack[0], 0, self.now_us, ack[1]))
+        return [frame]
+
+    def to_host(self, data: bytes) -> bytes:
+        answers, self._answers = self._answers, b""
+        return answers + super().to_host(data)
+
+
+class Wavering(Sound):
+    """It runs by an oscillator that is off by 0.9 %, and says nothing of it."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.device.clock.drift_ppm = 9_000.0
+
+
+class Secretive(Crashed):
+    """It crashed, and keeps to itself where."""
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        crash = isinstance(message, LogText) and message.line.startswith("crash")
+        return [] if crash else [frame]
+
+
+STATES = ("edge", "pressed", "crashed")
+"""Sound devices in a state that a check needs."""
 DEFECTS = {
     kind.__name__.lower(): kind
     for kind in (
@@ -363,6 +467,16 @@ DEFECTS = {
         Obliging,
         Newest,
         Fickle,
+        Edge,
+        Pressed,
+        Crashed,
+        Enabled,
+        Suspicious,
+        Reckless,
+        Pushing,
+        Hasty,
+        Wavering,
+        Secretive,
     )
 }
 

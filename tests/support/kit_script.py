@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 NO_RANGE = 0xFFFF
-PARAMETERS = 21
+PARAMETERS = 23
 _BOOT = struct.Struct("<cIBB")
 _READINGS = struct.Struct("<c2H7h3HB4H")
 _STEP = struct.Struct("<cIH")
 _SUPPLY = struct.Struct("<cH")
-REPORTED = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2hI")
+REPORTED = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2h?I")
 _STATUS, _TIME_REPLY = 0x11, 0x18
 _LOAD = 5
+_T16 = 2
+"""The stamp before the payload of a periodic frame on CAN."""
 _STAMP, _HEADER, _CRC = 4, 8, 4
 
 
@@ -124,6 +126,7 @@ class Reported(NamedTuple):
     duty: Held
     parameters: tuple[int, ...]
     motors: tuple[int, int]
+    drivers: bool
     wrote: bytes
 
 
@@ -135,7 +138,7 @@ def read(data: bytes) -> list[Reported]:
         values = REPORTED.unpack_from(data, at)
         at += REPORTED.size
         now_us, session_id, agreed, state, stop_cause, faults, stale, reboots = values[:8]
-        left, right, length = values[-3:]
+        left, right, drivers, length = values[-4:]
         reported.append(
             Reported(
                 now_us,
@@ -148,8 +151,9 @@ def read(data: bytes) -> list[Reported]:
                 reboots,
                 Held(*values[8:12]),
                 Held(*values[12:16]),
-                values[16:-3],
+                values[16:-4],
                 (left, right),
+                drivers,
                 data[at : at + length],
             )
         )
@@ -186,5 +190,5 @@ def _uart_frame(piece: bytes) -> bytes:
 def _can_frame(record: bytes) -> bytes:
     if int.from_bytes(record[:4], "little") >> 4 != _STATUS:
         return record
-    data = 8
-    return record[: data + _LOAD] + record[data + _LOAD + 1 :]
+    load = 8 + _T16 + _LOAD
+    return record[:load] + record[load + 1 :]

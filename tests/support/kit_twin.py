@@ -45,9 +45,14 @@ class PaperSensors:
 
     def __init__(self) -> None:
         self.now = Readings()
+        self._samples = 0
 
     def imu(self) -> ImuCounts:
         return ImuCounts(*self.now.imu)
+
+    def imu_samples(self) -> int:
+        self._samples += 1
+        return self._samples
 
     def encoders(self) -> tuple[int, int]:
         left, right = self.now.encoders
@@ -161,6 +166,7 @@ class Twin:
             _held(control.duties, _DUTY_STEP, _DUTY_STEP),
             tuple(present),
             (round(left * _DUTY_ONE), round(right * _DUTY_ONE)),
+            control.drivers,
             wrote,
         )
 

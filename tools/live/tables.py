@@ -17,6 +17,7 @@ from protocol.messages.values import (
     Mode,
     PlannerPhase,
     StopCause,
+    fault_labels,
     flag_labels,
     label,
 )
@@ -147,8 +148,11 @@ def _status_rows(host: Snapshot, now_s: float, *, load: bool = False) -> _Rows:
         return _shown([("mode", None), ("stop", None), ("faults", None)])
     cause = label(StopCause, status.stop_cause)
     stopped = status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}
-    faults = ", ".join(flag_labels(Fault, status.faults))
-    mode = label(Mode, status.mode) + (f", load {status.load} %" if load else "")
+    faults = ", ".join(fault_labels(status.faults))
+    mode = label(Mode, status.mode)
+    mode += ", speed limited by the device" if status.faults & Fault.LIMITED else ""
+    mode += ", drivers off" if status.faults & Fault.DRIVERS_OFF else ""
+    mode += f", load {status.load} %" if load else ""
     return _shown(
         [
             ("mode", mode),
@@ -183,7 +187,7 @@ def status_line(host: Snapshot, now_s: float | None = None) -> str:
         parts.append(f"mode {label(Mode, state.status.mode)}")
         if state.status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}:
             parts.append(f"stop {label(StopCause, state.status.stop_cause)}")
-        faults = flag_labels(Fault, state.status.faults)
+        faults = fault_labels(state.status.faults)
         parts += [f"faults {', '.join(faults)}"] if faults else []
     parts += [
         f"pose {pose.x_m:+.2f} m {pose.y_m:+.2f} m {math.degrees(pose.theta_rad):+.0f}°",

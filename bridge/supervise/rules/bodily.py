@@ -23,6 +23,10 @@ TILT_SMOOTH_S = 0.2
 """Time constant of the accelerometer's smoothing, s: longer than a bump, shorter than a tilt."""
 JOLT_M_S2 = 1.5
 """Minimum vertical acceleration beside gravity that counts as a jolt, m/s²."""
+JOLT_SMOOTH_S = 0.08
+"""Time constant of that acceleration, s: a hand lifts for 0.2 s; of vibration it leaves a third."""
+GRAVITY_SMOOTH_S = 2.0
+"""Time constant of gravity, s: with it the sensor's bias (up to 0.5 m/s²) drops out."""
 JOLT_S = 1.0
 """Maximum time from a jolt to a cliff detection that counts as lifting, s."""
 _G_M_S2 = 9.80665
@@ -83,19 +87,31 @@ class Lifted:
         """Reset to the floor."""
         self._jolt_s = -math.inf
         self._up = False
+        self._imu: Imu | None = None
+        self._now_m_s2 = self._gravity_m_s2 = _G_M_S2
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Check the fault bit, and the cliff sensor after jolts."""
-        del measured
         imu, reading, status = inputs.imu, inputs.range, inputs.status
-        if imu is not None and abs(imu.accel_z_m_s2 - _G_M_S2) > JOLT_M_S2:
-            self._jolt_s = inputs.time_s
+        if imu is not None and imu is not self._imu:
+            self._imu = imu
+            self._feel(imu.accel_z_m_s2, measured.step_s)
+            if abs(self._now_m_s2 - self._gravity_m_s2) > JOLT_M_S2:
+                self._jolt_s = inputs.time_s
         if reading is None or not reading.contacts & _CLIFF:
             self._up = False
         elif inputs.time_s - self._jolt_s < JOLT_S:
             self._up = True
         self._reported = status is not None and status.faults & _LIFTED != 0
         return self._reported or self._up
+
+    def _feel(self, up_m_s2: float, step_s: float) -> None:
+        """Smooth the vertical acceleration, shortly for what happens and slowly for gravity."""
+        if step_s == 0.0:  # after a gap nothing is known of what happens
+            self._now_m_s2 = self._gravity_m_s2
+            return
+        self._now_m_s2 += min(step_s / JOLT_SMOOTH_S, 1.0) * (up_m_s2 - self._now_m_s2)
+        self._gravity_m_s2 += min(step_s / GRAVITY_SMOOTH_S, 1.0) * (up_m_s2 - self._gravity_m_s2)
 
     def evidence(self) -> Evidence:
         """Return the source of the finding."""

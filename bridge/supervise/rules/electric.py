@@ -16,7 +16,15 @@ if TYPE_CHECKING:
 
 _STALL, _LOW = int(Fault.MOTOR_STALL), int(Fault.BATTERY_LOW)
 _SENSORS = int(
-    Fault.IMU | Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT | Fault.ULTRASONIC | Fault.INFRARED
+    Fault.IMU
+    | Fault.ENCODER_LEFT
+    | Fault.ENCODER_RIGHT
+    | Fault.ENCODER_LEFT_REVERSED
+    | Fault.ENCODER_RIGHT_REVERSED
+    | Fault.ENCODERS_SWAPPED
+    | Fault.ULTRASONIC
+    | Fault.INFRARED
+    | Fault.BUMPER
 )
 STANDS_M = 0.004
 """Maximum distance of a wheel at standstill between two power samples (0.2 s), m: 2 cm/s."""

@@ -16,7 +16,7 @@ from bridge.run.mission import Phase
 from bridge.session.event_kinds import EventKind
 from bridge.view.report.run_track import load_track
 from bridge.view.run_reading import PoseErrors
-from protocol.messages.values import Fault, StopCause, flag_labels, label
+from protocol.messages.values import StopCause, fault_labels, label
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import RateClass
 
@@ -289,7 +289,7 @@ class _Gatherer:
                 name = label(StopCause, status.stop_cause)
                 self._note(time_s, "info", "stop", f"the device's stop cause is now {name}")
             self._stop = status.stop_cause
-        new = flag_labels(Fault, status.faults & ~self._faults)
+        new = fault_labels(status.faults & ~self._faults)
         if new:
             self._note(time_s, "warning", "new fault", f"the device reports: {', '.join(new)}")
         self._faults = status.faults

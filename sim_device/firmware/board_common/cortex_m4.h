@@ -47,6 +47,8 @@ typedef struct {
     volatile uint32_t hfsr;
 } scb_regs_t;
 #define SCB ((scb_regs_t *)0xE000ED00u)
+#define SCB_CFSR_STKERR (1u << 12) /* entering the handler, the stack could not be written */
+#define SCB_CFSR_MSTKERR (1u << 4)
 #define SCB_AIRCR_VECTKEY (0x05FAu << 16)
 #define SCB_AIRCR_SYSRESETREQ (1u << 2)
 #define SCB_SHPR_SYSTICK 11 /* byte of SHPR3 that holds exception 15's priority */

@@ -36,9 +36,53 @@ void reset_handler(void) {
     system_reset();
 }
 
+/* In memory that no start clears: at power-on it holds anything, so a check says whether it counts. */
+static struct {
+    board_crash_t record;
+    uint32_t check;
+} kept __attribute__((section(".noinit")));
+static board_crash_t taken;
+
+static uint32_t check_of(const board_crash_t *record) {
+    return ~(record->pc ^ record->lr << 1 ^ record->cfsr << 2 ^ record->uptime_us << 3 ^ 0xC4A54u);
+}
+
+/* `stack` is where the processor has put r0 to r3, r12, lr, pc and xpsr (PM0214, section 2.3.7). */
+static void keep_crash(const uint32_t *stack) __attribute__((used));
+static void keep_crash(const uint32_t *stack) {
+    const uint32_t cfsr = SCB->cfsr;
+    /* A stack that ran over is where nothing can be read: then only the kind of fault is known. */
+    const bool stacked = (cfsr & (SCB_CFSR_STKERR | SCB_CFSR_MSTKERR)) == 0;
+    kept.record.pc = stacked ? stack[6] : 0;
+    kept.record.lr = stacked ? stack[5] : 0;
+    kept.record.cfsr = cfsr;
+    kept.record.uptime_us = board_now_us(NULL);
+    kept.check = check_of(&kept.record);
+    system_reset();
+}
+
 /* A fault, or an interrupt that nobody asked for: outputs must not stay as they are until the
- * watchdog comes, so the chip begins anew at once. */
-void fault_handler(void) { system_reset(); }
+ * watchdog comes, so the chip begins anew at once, and keeps where it was. A stack that ran over is
+ * no place to run C on: unless the frame lies at its very top, ours begins there. */
+__attribute__((naked)) void fault_handler(void) {
+    __asm volatile("tst lr, #4\n\t"
+                   "ite eq\n\t"
+                   "mrseq r0, msp\n\t"
+                   "mrsne r0, psp\n\t"
+                   "ldr r1, =ld_stack_top\n\t"
+                   "sub r2, r1, #256\n\t"
+                   "cmp r0, r2\n\t"
+                   "it lo\n\t"
+                   "msrlo msp, r1\n\t"
+                   "b keep_crash");
+}
+
+const board_crash_t *startup_take_crash(void) {
+    const bool whole = kept.check == check_of(&kept.record);
+    taken = kept.record;
+    kept.check = ~kept.check;
+    return whole ? &taken : NULL;
+}
 
 size_t startup_stack_free(void) {
     const uint32_t *at = ld_stack_bottom;

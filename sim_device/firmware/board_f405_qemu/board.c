@@ -27,6 +27,7 @@ static firmware_t *device;         /* takes what the interrupts receive */
 static volatile uint32_t unfed_ms; /* milliseconds in which the program ran but did not feed */
 static uint32_t asked_for_us;      /* the control period whose readings were asked for last */
 static int16_t duty_left, duty_right;
+static bool drivers_on;
 static uint32_t slept_us;
 static uint32_t flash_began_us, flash_takes_us;
 
@@ -43,6 +44,9 @@ uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 void board_idle(void) {
     while (plant_hang) { /* asked for by a fault: hung, until the watchdog comes */
     }
+    if (plant_crash) {
+        __asm volatile("udf #0"); /* asked for likewise: an instruction that there is not */
+    }
     const uint32_t state = irq_save(); /* an interrupt that ends the sleep is no part of it */
     const uint32_t from_us = uptime_us();
     wait_for_interrupt();
@@ -51,11 +55,12 @@ void board_idle(void) {
 }
 
 static void request(uint32_t now_us, uint32_t sample_us) {
-    uint8_t payload[18];
+    uint8_t payload[19];
     const size_t unused = startup_stack_free();
     uint8_t *end = put_u32(put_u32(put_u32(payload, now_us), sample_us), plant_newest_us());
     end = put_u16(put_u16(end, (uint16_t)duty_left), (uint16_t)duty_right);
-    (void)put_u16(end, unused > 0xFFFFu ? 0xFFFFu : (uint16_t)unused);
+    end = put_u16(end, unused > 0xFFFFu ? 0xFFFFu : (uint16_t)unused);
+    *end = drivers_on;
     plant_send(PLANT_REQUEST, payload, sizeof payload);
 }
 
@@ -117,12 +122,17 @@ void board_start(firmware_t *firmware) {
     const uint8_t version = PLANT_LINK_VERSION;
     uint32_t asked_us = uptime_us();
     plant_send(PLANT_BOOT, &version, 1);
+    const board_crash_t *const crash = startup_take_crash();
     while (!plant_known) {
         wait_for_interrupt();
         if (uptime_us() - asked_us > BOOT_AGAIN_US) {
             asked_us = uptime_us();
             plant_send(PLANT_BOOT, &version, 1);
         }
+    }
+    if (crash != NULL) { /* the emulator saw a reset without a word */
+        plant_identity.crash = crash;
+        plant_identity.reset_cause = SP_RESET_CAUSE_CRASH;
     }
     /* Nothing is to be judged by readings that have never been taken. */
     for (plant_readings_t now = {0}; now.power.sampled_us == 0; plant_readings(&now)) {
@@ -174,16 +184,27 @@ bool board_can_write(board_t *board, const sp_can_frame_t *frame) {
 
 /* ---- motors and sensors -------------------------------------------------------------------- */
 
-void board_motors(board_t *board, int16_t left, int16_t right) {
-    if (left == duty_left && right == duty_right) {
-        return;
-    }
-    duty_left = left;
-    duty_right = right;
-    uint8_t payload[8];
+static void send_motors(void) {
+    uint8_t payload[9];
     uint8_t *end = put_u32(payload, uptime_us());
-    (void)put_u16(put_u16(end, (uint16_t)left), (uint16_t)right);
+    end = put_u16(put_u16(end, (uint16_t)duty_left), (uint16_t)duty_right);
+    *end = drivers_on;
     plant_send(PLANT_MOTORS, payload, sizeof payload);
+}
+
+void board_motors(board_t *board, int16_t left, int16_t right) {
+    if (left != duty_left || right != duty_right) {
+        duty_left = left;
+        duty_right = right;
+        send_motors();
+    }
+}
+
+void board_drivers(board_t *board, bool enabled) {
+    if (enabled != drivers_on) {
+        drivers_on = enabled;
+        send_motors();
+    }
 }
 
 void board_encoders(board_t *board, board_encoders_t *out) {

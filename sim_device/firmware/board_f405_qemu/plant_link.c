@@ -12,6 +12,7 @@
 
 volatile bool plant_known;
 volatile bool plant_hang;
+volatile bool plant_crash;
 board_identity_t plant_identity;
 uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
 
@@ -23,7 +24,7 @@ static bool in_frame;
 static uint8_t chunks;
 
 void plant_begin(void) {
-    plant_known = plant_hang = in_frame = false;
+    plant_known = plant_hang = plant_crash = in_frame = false;
     filled = 0;
     chunks = 0;
     memset(plant_pages, 0xFF, sizeof plant_pages);
@@ -144,6 +145,8 @@ static void take(uint8_t type, const uint8_t *payload, size_t length) {
         take_identity(payload);
     } else if (type == PLANT_HANG) {
         plant_hang = true;
+    } else if (type == PLANT_CRASH) {
+        plant_crash = true;
     }
 }
 

@@ -14,16 +14,17 @@
 #include "board.h"
 #include "stm32f4.h"
 
-#define PLANT_LINK_VERSION 1u
+#define PLANT_LINK_VERSION 2u
 #define PLANT_CHUNK 128u
 
 /* From the chip. */
 enum {
     PLANT_BOOT = 0x01,    /* version u8: who am I, what stands in my flash? */
-    PLANT_REQUEST = 0x02, /* now u32, sample u32, newest u32, left i16, right i16, free stack u16:
+    PLANT_REQUEST = 0x02, /* now u32, sample u32, newest u32, left i16, right i16, free stack u16,
+                             drivers u8:
                              the plant may go on to `sample`, where readings are to be taken;
                              those of `newest` are the last that have come */
-    PLANT_MOTORS = 0x03,  /* now u32, left i16, right i16: duties have changed */
+    PLANT_MOTORS = 0x03,  /* now u32, left i16, right i16, drivers u8: one has changed */
     PLANT_ERASE = 0x04,   /* page u8 */
     PLANT_WRITE = 0x05,   /* page u8, offset u16, data */
     PLANT_RESET = 0x06    /* cause u8: the chip is about to begin anew */
@@ -36,7 +37,8 @@ enum {
     PLANT_SAMPLE = 0x83,   /* sample u32, encoders 2 u16, IMU 7 i16, ultrasonic u16 mm, infrared
                               2 u16 tenths of mm, contacts u8 */
     PLANT_POWER = 0x84,    /* sample u32, battery, logic u16 mV, motors 2 u16 mA */
-    PLANT_HANG = 0x85      /* stand still: a program that has hung */
+    PLANT_HANG = 0x85,     /* stand still: a program that has hung */
+    PLANT_CRASH = 0x86     /* fault: a program that has gone astray */
 };
 
 typedef struct {
@@ -51,9 +53,10 @@ typedef struct {
  * the period before stand. */
 void plant_readings(plant_readings_t *out);
 uint32_t plant_newest_us(void); /* of the last that have come, that moment or not */
-/* Both of these are written by the interrupt. */
+/* These are written by the interrupt. */
 extern volatile bool plant_known; /* the identity has come */
 extern volatile bool plant_hang;
+extern volatile bool plant_crash;
 extern board_identity_t plant_identity;
 extern uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
 

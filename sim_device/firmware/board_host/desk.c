@@ -36,6 +36,7 @@ static volatile sig_atomic_t ended;
 static uint64_t booted_us;
 static uint64_t slept_us;
 static uint64_t moved_us;
+static bool drivers_on;
 static double duty[2], speed_rad_s[2], angle_rad[2];
 static uint8_t pages[BOARD_FLASH_PAGES][PAGE];
 static uint64_t flash_until_us;
@@ -180,7 +181,7 @@ static void move(void)
     const double share = exp(-dt_s / MOTOR_LAG_S);
     moved_us = now_us;
     for (int i = 0; i < 2; i++) {
-        const double pull_v = fabs(duty[i]) * SUPPLY_V - LOST_V;
+        const double pull_v = drivers_on ? fabs(duty[i]) * SUPPLY_V - LOST_V : 0.0;
         const double wanted = pull_v > 0.0 ? copysign(pull_v, duty[i]) / BACK_EMF_V_S : 0.0;
         const double before = speed_rad_s[i];
         speed_rad_s[i] = wanted + (before - wanted) * share;
@@ -193,6 +194,12 @@ void board_motors(board_t *board, int16_t left, int16_t right)
     move();
     duty[0] = left / (double)BOARD_DUTY_ONE;
     duty[1] = right / (double)BOARD_DUTY_ONE;
+}
+
+void board_drivers(board_t *board, bool enabled)
+{
+    move();
+    drivers_on = enabled;
 }
 
 void board_encoders(board_t *board, board_encoders_t *out)

@@ -3,7 +3,9 @@
  * brings about is always the same. Tests drive it, and it is what the fuzzer feeds (fuzz.c).
  *
  * A script is a row of records, integers little-endian:
- *   'B' u32 boot_id, u8 reset_cause, u8 flags   boot; flag 1: on CAN, 2: with empty flash
+ *   'B' u32 boot_id, u8 reset_cause, u8 flags   boot; flag 1: on CAN, 2: with empty flash,
+ *                                               4: without its crystal, 8: after a crash, 16: with a
+ *                                               flash that keeps nothing from now on
  *   'R' u16 x2 encoders, i16 x7 IMU, u16 x3 ranges, u8 contacts, u16 x4 power
  *                                               what the sensors read from now on (board.h)
  *   'S' u32 microseconds, u16 length, bytes     live for so long, then take what has come:
@@ -34,6 +36,8 @@ static struct {
     size_t out_length;
     int16_t left;
     int16_t right;
+    bool drivers;
+    bool worn; /* the flash keeps nothing */
     uint8_t reboots;
 
     board_encoders_t encoders;
@@ -51,6 +55,7 @@ static struct {
 static firmware_t device;
 
 static const char NAME[] = "virtual sweeper";
+static const board_crash_t CRASH = {0x08004D2Au, 0x08004C91u, 0x00010000u, 12345678u};
 
 /* ---- what board.h asks for ----------------------------------------------------------------- */
 
@@ -127,6 +132,11 @@ void board_motors(board_t *board, int16_t left, int16_t right)
     lives.right = right;
 }
 
+void board_drivers(board_t *board, bool enabled)
+{
+    lives.drivers = enabled;
+}
+
 void board_encoders(board_t *board, board_encoders_t *out)
 {
     *out = lives.encoders;
@@ -172,6 +182,10 @@ void board_flash_erase(board_t *board, unsigned page)
 void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length)
 {
     if (lives.supply_lost) {
+        return;
+    }
+    if (lives.worn) {
+        lives.flash_wait = 1;
         return;
     }
     if (lives.supply_left == 1u) {
@@ -224,6 +238,7 @@ static void boot(void)
     lives.flash_wait = 0;
     lives.supply_lost = false;
     lives.left = lives.right = 0;
+    lives.drivers = false;
     firmware_boot(&device, NULL);
 }
 
@@ -237,6 +252,9 @@ static void take_boot(reader_t *reader)
     lives.identity.reset_cause = reset_cause;
     lives.identity.node = 1;
     lives.identity.can = flags & 1u;
+    lives.identity.troubles = flags & 4u ? BOARD_TROUBLE_CLOCK : 0u;
+    lives.identity.crash = flags & 8u ? &CRASH : NULL;
+    lives.worn = flags & 16u;
     lives.identity.name = NAME;
     lives.identity.capabilities = SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU
         | SP_CAPABILITY_ULTRASONIC | SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER
@@ -358,6 +376,7 @@ static void tell(const writer_t *writer)
     }
     put(writer, (uint16_t)lives.left, 2);
     put(writer, (uint16_t)lives.right, 2);
+    put(writer, lives.drivers, 1);
     put(writer, lives.out_length, 4);
     writer->write(writer->to, lives.out, lives.out_length);
     lives.out_length = 0;

@@ -176,6 +176,17 @@ void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us)
     }
 }
 
+void commands_saved(firmware_t *firmware, bool saved)
+{
+    reply_t *const reply = &firmware->save_reply;
+    if (!saved) {
+        reply->accepted = false;
+        reply->reason = SP_NACK_REASON_NOT_SAVED;
+        (void)command_log_add(&firmware->commands, reply);
+    }
+    commands_answer(firmware, reply, firmware->now_us);
+}
+
 /* For a repeated command too: its value may be what was lost. */
 static void tell_value(firmware_t *firmware, uint8_t number, int64_t now_us)
 {

@@ -8,6 +8,8 @@
 
 #define V_STEP 0.0001f
 #define YAW_STEP 0.0002f
+/* After a latched stop the motors brake for half a second at rest, or a robot on a slope rolls on. */
+#define BRAKE_TICKS 50u
 
 void control_start(control_t *control, const parameters_t *parameters)
 {
@@ -26,6 +28,8 @@ void control_apply(control_t *control, const parameters_t *parameters)
     model_apply(&control->model, parameters);
     wheels_limit(&control->wheels, control->model.max_speed_m_s, control->model.max_yaw_rate_rad_s,
         parameters_value(parameters, PARAMETER_STOP_DECELERATION));
+    control->reflexes.at_cliff = parameters_value(parameters, PARAMETER_CLIFF_REFLEX) != 0.0f;
+    control->reflexes.at_bumper = parameters_value(parameters, PARAMETER_BUMPER_REFLEX) != 0.0f;
     control->battery_low_v = parameters_value(parameters, PARAMETER_BATTERY_LOW);
     control->battery_empty_v = parameters_value(parameters, PARAMETER_BATTERY_EMPTY);
 }
@@ -147,17 +151,13 @@ void control_forget_host(control_t *control)
 
 /* ---- time ---------------------------------------------------------------------------------- */
 
-static motors_t steps_of(duties_t duties)
+static int16_t steps_of(float duty)
 {
-    const motors_t motors = {
-        (int16_t)sp_round(duties.left * BOARD_DUTY_ONE, -BOARD_DUTY_ONE, BOARD_DUTY_ONE),
-        (int16_t)sp_round(duties.right * BOARD_DUTY_ONE, -BOARD_DUTY_ONE, BOARD_DUTY_ONE),
-    };
-    return motors;
+    return (int16_t)sp_round(duty * BOARD_DUTY_ONE, -BOARD_DUTY_ONE, BOARD_DUTY_ONE);
 }
 
 static velocity_t run_plan(
-    control_t *control, uint32_t tick, const readings_t *readings, const around_t *around)
+    control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
 {
     const velocity_t wanted =
         onboard_step(&control->plan, tick, control->now_us, readings, around, &control->log);
@@ -167,26 +167,53 @@ static velocity_t run_plan(
     return wanted;
 }
 
-/* What the wheels should do now, as state and latch say. */
-static motors_t drive(
-    control_t *control, uint32_t tick, const readings_t *readings, const around_t *around)
+/* Follow a velocity as far as the reflexes let it. */
+static duties_t follow(control_t *control, readings_t *readings, velocity_t wanted)
 {
-    const board_encoders_t *const counts = &readings->counts;
-    velocity_t wanted = {0.0f, 0.0f};
+    const float v_m_s = reflexes_limit(&control->reflexes, wanted.v_m_s,
+        readings_contacts(readings), &readings->counts);
+    return wheels_step(&control->wheels, v_m_s, wanted.yaw_rate_rad_s, &readings->counts,
+        (float)control->power.battery_mv / 1000.0f);
+}
+
+/* What the wheels should do now, as state and latch say. */
+static duties_t drive(
+    control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
+{
     if (control->latch.cause == SP_STOP_CAUSE_NONE) {
-        if (control->state == STATE_VELOCITY) {
-            wanted.v_m_s = (float)control->setpoints.first * V_STEP;
-            wanted.yaw_rate_rad_s = (float)control->setpoints.second * YAW_STEP;
-        } else if (control->state == STATE_BRINGUP) {
-            const motors_t as_told = {control->duties.first, control->duties.second};
-            wheels_coast(&control->wheels, counts);
+        if (control->state == STATE_VELOCITY
+            && watchdog_left_us(&control->setpoints, control->now_us) != 0) {
+            const velocity_t wanted = {(float)control->setpoints.first * V_STEP,
+                (float)control->setpoints.second * YAW_STEP};
+            return follow(control, readings, wanted);
+        }
+        if (control->state == STATE_BRINGUP) {
+            const duties_t as_told = {(float)control->duties.first / BOARD_DUTY_ONE,
+                (float)control->duties.second / BOARD_DUTY_ONE};
+            reflexes_rest(&control->reflexes);
+            wheels_coast(&control->wheels, &readings->counts, as_told);
             return as_told;
-        } else if (modes_planning(control->state)) {
-            wanted = run_plan(control, tick, readings, around);
+        }
+        if (modes_planning(control->state)) {
+            return follow(control, readings, run_plan(control, tick, readings, around));
         }
     }
-    return steps_of(wheels_step(&control->wheels, wanted.v_m_s, wanted.yaw_rate_rad_s, counts,
-        (float)control->power.battery_mv / 1000.0f));
+    reflexes_rest(&control->reflexes);
+    return wheels_release(&control->wheels, &readings->counts);
+}
+
+/* Enable the drivers in a driving mode; disable them once a robot that shall rest does. */
+static void switch_drivers(control_t *control, state_t state, const motors_t *motors)
+{
+    if (state != STATE_STOPPED && state != STATE_IDLE) {
+        control->drivers = true;
+        control->rest_ticks = 0;
+    } else if (control->drivers) {
+        const bool rests =
+            motors->left == 0 && motors->right == 0 && !wheels_moving(&control->wheels);
+        control->rest_ticks = rests ? (uint8_t)(control->rest_ticks + 1u) : 0u;
+        control->drivers = control->rest_ticks < (state == STATE_STOPPED ? BRAKE_TICKS : 1u);
+    }
 }
 
 static void tell_faults(control_t *control, uint16_t bits)
@@ -211,6 +238,9 @@ static void judge(control_t *control)
 {
     const state_t before = control->state;
     const char *why = health_stopping(&control->health);
+    if (why == NULL && reflexes_over(&control->reflexes, control->model.metres_per_count)) {
+        why = "no floor ahead";
+    }
     if (why == NULL && health_burning(&control->wheels)) {
         why = "motor stalled";
     }
@@ -229,8 +259,9 @@ static void judge(control_t *control)
 }
 
 motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
-    const readings_t *readings, const around_t *around)
+    readings_t *readings, const around_t *around)
 {
+    const state_t state = control->state;
     control->now_us = now_us;
     watchdog_t *const watchdog =
         control->state == STATE_BRINGUP ? &control->duties : &control->setpoints;
@@ -239,8 +270,11 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
     } else if (watchdog_left_us(watchdog, now_us) != 0) {
         control->expired = false;
     }
-    const motors_t motors = drive(control, tick, readings, around);
-    health_tick(&control->health, readings, &control->wheels);
+    const duties_t duties = drive(control, tick, readings, around);
+    motors_t motors = {steps_of(duties.left), steps_of(duties.right), false};
+    switch_drivers(control, state, &motors);
+    motors.drivers = control->drivers;
+    health_tick(&control->health, readings, &control->wheels, motors.left, motors.right);
     if (around != NULL) {
         health_around(&control->health, around, control->model.wheel_base_m,
             control->model.metres_per_count);
@@ -264,7 +298,17 @@ void control_power(control_t *control, const board_power_t *power)
 
 uint16_t control_faults(const control_t *control)
 {
-    return (uint16_t)(control->health.bits | (control->expired ? SP_FAULT_SETPOINT_EXPIRED : 0));
+    unsigned bits = control->health.bits;
+    if (control->expired) {
+        bits |= SP_FAULT_SETPOINT_EXPIRED;
+    }
+    if (reflexes_limited(&control->reflexes)) {
+        bits |= SP_FAULT_LIMITED;
+    }
+    if (!control->drivers) {
+        bits |= SP_FAULT_DRIVERS_OFF;
+    }
+    return (uint16_t)bits;
 }
 
 const watchdog_t *control_watchdog(const control_t *control)

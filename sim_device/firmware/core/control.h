@@ -13,6 +13,7 @@
 #include "onboard.h"
 #include "parameters.h"
 #include "readings.h"
+#include "reflexes.h"
 #include "watchdog.h"
 #include "wheels.h"
 
@@ -27,6 +28,9 @@ typedef struct {
     bool expired;         /* the setpoint ran out and no other has come */
     wheels_t wheels;
     health_t health;
+    reflexes_t reflexes;
+    bool drivers; /* enabled */
+    uint8_t rest_ticks;
     uint16_t told_bits;
     board_power_t power; /* as last measured */
     model_t model;
@@ -73,11 +77,12 @@ void control_forget_host(control_t *control);
 typedef struct {
     int16_t left; /* of BOARD_DUTY_ONE */
     int16_t right;
+    bool drivers; /* enabled */
 } motors_t;
 
 /* One control period. `around` is given in those in which the rangers were read, else NULL. */
 motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
-    const readings_t *readings, const around_t *around);
+    readings_t *readings, const around_t *around);
 
 /* Take a reading of the supply. */
 void control_power(control_t *control, const board_power_t *power);

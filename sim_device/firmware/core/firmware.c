@@ -44,7 +44,12 @@ void firmware_boot(firmware_t *firmware, board_t *board)
     readings_start(&firmware->readings, board, &firmware->parameters);
     line_start(&firmware->line, board, identity->node, identity->can);
     schedule_reset(&firmware->schedule);
+    if (identity->troubles & BOARD_TROUBLE_CLOCK) {
+        firmware->control.health.bits = SP_FAULT_CLOCK;
+        firmware->off_bus = identity->can;
+    }
     board_motors(firmware->board, 0, 0);
+    board_drivers(firmware->board, false);
 }
 
 /* ---- the control period -------------------------------------------------------------------- */
@@ -58,10 +63,15 @@ static void read_power(firmware_t *firmware)
 
 static void carry_on_saving(firmware_t *firmware)
 {
-    if (flash_store_step(&firmware->flash, firmware->board)) {
+    const flash_result_t result = flash_store_step(&firmware->flash, firmware->board);
+    if (result == FLASH_SAVED) {
         parameters_saved(&firmware->parameters, firmware->saving);
         log_add(&firmware->control.log, SP_LOG_LEVEL_INFO, "parameters saved");
-        commands_answer(firmware, &firmware->save_reply, firmware->now_us);
+        commands_saved(firmware, true);
+    } else if (result == FLASH_FAILED) {
+        log_add(&firmware->control.log, SP_LOG_LEVEL_ERROR,
+            "parameters not saved: the flash does not read back what was written");
+        commands_saved(firmware, false);
     }
 }
 
@@ -97,6 +107,7 @@ static void period(firmware_t *firmware)
     const motors_t motors = control_tick(&firmware->control, firmware->tick, firmware->now_us,
         &firmware->readings, sounded ? readings_around(&firmware->readings) : NULL);
     board_motors(firmware->board, motors.left, motors.right);
+    board_drivers(firmware->board, motors.drivers);
     carry_on_saving(firmware);
     /* The supply is looked after whether or not anybody is told. */
     if (due(firmware, POWER_PERIODS, POWER_PHASE)
@@ -143,6 +154,7 @@ static void reboot_if_wanted(firmware_t *firmware)
 {
     if (firmware->reboot_wanted && line_idle(&firmware->line)) { /* its ack has left */
         board_motors(firmware->board, 0, 0);
+        board_drivers(firmware->board, false);
         if (firmware->factory_reset) {
             flash_store_erase(firmware->board);
         }
@@ -154,8 +166,12 @@ static void reboot_if_wanted(firmware_t *firmware)
 void firmware_poll(firmware_t *firmware)
 {
     firmware->now_us = extend_us(firmware->now_us, board_now_us(firmware->board));
-    receive(firmware);
+    if (!firmware->off_bus) {
+        receive(firmware);
+    }
     run_period_if_due(firmware);
-    line_pump(&firmware->line);
+    if (!firmware->off_bus) {
+        line_pump(&firmware->line);
+    }
     reboot_if_wanted(firmware);
 }

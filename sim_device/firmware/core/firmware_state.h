@@ -37,6 +37,8 @@ struct firmware {
     control_t control;
     readings_t readings;
 
+    bool off_bus; /* on CAN without a crystal: it neither listens nor speaks */
+
     /* ---- session ---- */
     uint32_t session_id; /* 0: none */
     bool agreed;

@@ -1,5 +1,7 @@
 #include "flash_store.h"
 
+#include <string.h>
+
 #include "clock.h"
 
 #define MAGIC 0x52415053u /* "SPAR" */
@@ -88,18 +90,19 @@ void flash_store_begin(
     board_flash_erase(board, store->page);
 }
 
-bool flash_store_step(flash_store_t *store, board_t *board)
+flash_result_t flash_store_step(flash_store_t *store, board_t *board)
 {
     if (store->step == FLASH_IDLE || board_flash_busy(board)) {
-        return false;
+        return FLASH_NOTHING;
     }
     if (store->step == FLASH_ERASING) {
         store->step = FLASH_WRITING;
         board_flash_write(board, store->page, 0, store->record, 4u * store->words);
-        return false;
+        return FLASH_NOTHING;
     }
     store->step = FLASH_IDLE;
-    return true;
+    const uint8_t *const page = board_flash_page(board, store->page);
+    return memcmp(page, store->record, 4u * store->words) == 0 ? FLASH_SAVED : FLASH_FAILED;
 }
 
 void flash_store_erase(board_t *board)

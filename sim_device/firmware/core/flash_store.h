@@ -17,6 +17,9 @@
 
 typedef enum { FLASH_IDLE, FLASH_ERASING, FLASH_WRITING } flash_step_t;
 
+/* What came of a save in this period. */
+typedef enum { FLASH_NOTHING, FLASH_SAVED, FLASH_FAILED } flash_result_t;
+
 typedef struct {
     flash_step_t step;
     uint8_t page;
@@ -31,8 +34,8 @@ void flash_store_load(board_t *board, stored_t stored[PARAMETERS]);
 void flash_store_begin(
     flash_store_t *store, board_t *board, const stored_t image[PARAMETERS]);
 
-/* Once a control period: true as the save is complete. */
-bool flash_store_step(flash_store_t *store, board_t *board);
+/* Once a control period: tells as the save has ended, and whether what was written reads back. */
+flash_result_t flash_store_step(flash_store_t *store, board_t *board);
 
 /* Forget everything that is stored. It waits for the flash: to be called before a reset only. */
 void flash_store_erase(board_t *board);

@@ -10,7 +10,9 @@ const char *name_of_cause(uint8_t cause)
 void add_fault_names(text_t *line, uint16_t bits)
 {
     static const char *const names[] = {"imu", "encoder_left", "encoder_right", "ultrasonic",
-        "infrared", "motor_stall", "battery_low", "setpoint_expired", "lifted"};
+        "infrared", "motor_stall", "battery_low", "setpoint_expired", "lifted",
+        "encoder_left_reversed", "encoder_right_reversed", "encoders_swapped", "clock", "bumper",
+        "limited", "drivers_off"};
     const char *between = "";
     for (unsigned i = 0; i < sizeof names / sizeof names[0]; i++) {
         if ((unsigned)bits >> i & 1u) {

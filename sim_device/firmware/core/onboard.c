@@ -86,7 +86,7 @@ static velocity_t run(onboard_t *plan, const observation_t *observed, log_t *log
     return HALT;
 }
 
-velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, const readings_t *readings,
+velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings_t *readings,
     const around_t *around, log_t *log)
 {
     const bool decides = tick % DECIDE_PERIODS == 0;
@@ -100,7 +100,7 @@ velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, const re
     }
     if (decides && plan->state == PLAN_RUNS) {
         const observation_t observed = {now_us, plan->odometry.pose, plan->odometry.v_m_s,
-            plan->odometry.yaw_rate_rad_s, plan->ultrasonic_mm, board_contacts(readings->board)};
+            plan->odometry.yaw_rate_rad_s, plan->ultrasonic_mm, readings_contacts(readings)};
         plan->wanted = run(plan, &observed, log);
     } else if (decides && plan->state == PLAN_RESTS && plan->looked && now_us >= plan->move_us) {
         plan->state = PLAN_RUNS; /* from the next decision on */

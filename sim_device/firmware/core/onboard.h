@@ -50,7 +50,7 @@ void onboard_end(onboard_t *plan);
 
 /* One control period: readings in, the velocity wanted out; decisions go to the log. `around` is
  * given in the periods in which the rangers were read, else NULL. */
-velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, const readings_t *readings,
+velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings_t *readings,
     const around_t *around, log_t *log);
 
 /* Why the plan ended by itself; NULL while it has not. */

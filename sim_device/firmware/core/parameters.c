@@ -48,6 +48,8 @@ static const row_t table[PARAMETERS] = {
         {"infrared_right_scale ratio", 1.0f, 0.5f, 2.0f, F32, REBOOT},
     [PARAMETER_INFRARED_RIGHT_OFFSET] =
         {"infrared_right_offset m", 0.0f, -0.2f, 0.2f, F32, REBOOT},
+    [PARAMETER_CLIFF_REFLEX] = {"cliff_reflex bool", 1.0f, 0.0f, 1.0f, U32, 0},
+    [PARAMETER_BUMPER_REFLEX] = {"bumper_reflex bool", 1.0f, 0.0f, 1.0f, U32, 0},
 };
 
 static float from_raw(uint8_t kind, uint32_t raw)

@@ -39,6 +39,16 @@ void readings_begin(readings_t *readings)
     readings->counts.right = (uint16_t)(readings->counts.right - readings->zero.right);
     board_imu(readings->board, &readings->imu);
     readings->around_known = false;
+    readings->contacts_known = false;
+}
+
+uint8_t readings_contacts(readings_t *readings)
+{
+    if (!readings->contacts_known) {
+        readings->contacts_known = true;
+        readings->contacts = board_contacts(readings->board);
+    }
+    return readings->contacts;
 }
 
 const around_t *readings_around(readings_t *readings)
@@ -52,7 +62,7 @@ const around_t *readings_around(readings_t *readings)
             corrected(ranges->infrared_left_dmm, &readings->infrared_left, 1e4f);
         ranges->infrared_right_dmm =
             corrected(ranges->infrared_right_dmm, &readings->infrared_right, 1e4f);
-        readings->around.contacts = board_contacts(readings->board);
+        readings->around.contacts = readings_contacts(readings);
     }
     return &readings->around;
 }

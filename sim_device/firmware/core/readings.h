@@ -27,6 +27,8 @@ typedef struct {
     board_encoders_t zero;
     board_encoders_t counts; /* since boot */
     board_imu_t imu;
+    bool contacts_known;
+    uint8_t contacts;
     bool around_known;
     around_t around;
 } readings_t;
@@ -36,6 +38,9 @@ void readings_start(readings_t *readings, board_t *board, const parameters_t *pa
 
 /* Start a period: counts and IMU are read in each. */
 void readings_begin(readings_t *readings);
+
+/* SP_CONTACT_* in this period: both bumper halves and the cliff sensor. */
+uint8_t readings_contacts(readings_t *readings);
 
 /* Rangers, bumpers and cliff in this period, read when they are first asked for. */
 const around_t *readings_around(readings_t *readings);

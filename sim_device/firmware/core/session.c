@@ -80,6 +80,23 @@ static void report_troubles(firmware_t *firmware)
     }
 }
 
+static void tell_crash(firmware_t *firmware)
+{
+    const board_crash_t *const crash = board_identity(firmware->board)->crash;
+    if (crash == NULL) {
+        return;
+    }
+    text_t *const line = log_begin(&firmware->control.log, SP_LOG_LEVEL_ERROR);
+    text_add(line, "crash after ");
+    text_add_number(line, crash->uptime_us / 1000u);
+    text_add(line, " ms: pc 0x");
+    text_add_hex(line, crash->pc);
+    text_add(line, ", lr 0x");
+    text_add_hex(line, crash->lr);
+    text_add(line, ", cfsr 0x");
+    text_add_hex(line, crash->cfsr);
+}
+
 static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
     int64_t now_us)
 {
@@ -101,6 +118,7 @@ static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
         text_add(line, "session with ");
         text_add_foreign(line, hello->name, hello->name_length);
         report_troubles(firmware);
+        tell_crash(firmware);
     }
     session_hello(firmware, now_us);
 }

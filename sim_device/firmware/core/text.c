@@ -74,3 +74,25 @@ void text_add(text_t *text, const char *utf8)
 {
     text_add_foreign(text, utf8, strlen(utf8));
 }
+
+/* The last `digits` digits, or all that there are but leading zeros. */
+static void add_digits(text_t *text, uint32_t value, uint32_t base, size_t digits)
+{
+    char bytes[10];
+    size_t at = sizeof bytes;
+    do {
+        bytes[--at] = "0123456789abcdef"[value % base];
+        value /= base;
+    } while (value != 0 || sizeof bytes - at < digits);
+    add(text, bytes + at, sizeof bytes - at);
+}
+
+void text_add_number(text_t *text, uint32_t value)
+{
+    add_digits(text, value, 10u, 1u);
+}
+
+void text_add_hex(text_t *text, uint32_t value)
+{
+    add_digits(text, value, 16u, 8u);
+}

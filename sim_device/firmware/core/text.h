@@ -19,6 +19,10 @@ typedef struct {
 /* UTF-8, ended by a zero. */
 void text_add(text_t *text, const char *utf8);
 
+/* A number in decimal digits; and one in eight hexadecimal ones. */
+void text_add_number(text_t *text, uint32_t value);
+void text_add_hex(text_t *text, uint32_t value);
+
 /* Bytes of unknown origin: what is no UTF-8 becomes U+FFFD, as Unicode's section 3.9 recommends
  * (one for each longest piece that begins a character). */
 void text_add_foreign(text_t *text, const char *bytes, size_t length);

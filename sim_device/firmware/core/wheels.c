@@ -12,6 +12,9 @@
 /* A longer gap between samples is not integrated over. */
 #define SINCE_MAX_S 0.05f
 #define STALLED_MAX 60000u
+/* In the safe state the duty is 0 this long after the ramp would be: of the 0.1 s that it may take,
+ * the period in which it begins and its rounding are left out. */
+#define RELEASE_PERIODS 8.0f
 
 static float towards(float value, float wanted, float step)
 {
@@ -113,16 +116,49 @@ duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s,
         control(&wheels->left, wheels->v_m_s - turn, scale, since_s),
         control(&wheels->right, wheels->v_m_s + turn, scale, since_s),
     };
+    wheels->left.duty = duties.left;
+    wheels->right.duty = duties.right;
+    wheels->released = false;
     return duties;
 }
 
-void wheels_coast(wheels_t *wheels, const board_encoders_t *counts)
+void wheels_coast(wheels_t *wheels, const board_encoders_t *counts, duties_t duties)
 {
     (void)measure_both(wheels, counts);
     let_go(&wheels->left);
     let_go(&wheels->right);
+    wheels->left.duty = duties.left;
+    wheels->right.duty = duties.right;
     wheels->v_m_s = 0.0f;
     wheels->yaw_rate_rad_s = 0.0f;
+    wheels->released = false;
+}
+
+/* A duty nearer to 0; `target_m_s` is where the wheel's ramp was. */
+static float let_fall(const wheels_t *wheels, wheel_t *wheel, float target_m_s)
+{
+    if (!wheels->released) {
+        const float periods = absolute(target_m_s) / wheels->v_step_m_s + RELEASE_PERIODS;
+        wheel->fall = absolute(wheel->duty) / periods;
+    }
+    let_go(wheel);
+    wheel->duty = towards(wheel->duty, 0.0f, wheel->fall);
+    return wheel->duty;
+}
+
+duties_t wheels_release(wheels_t *wheels, const board_encoders_t *counts)
+{
+    const float turn = wheels->half_base_m * wheels->yaw_rate_rad_s;
+    (void)measure_both(wheels, counts);
+    const duties_t duties = {
+        let_fall(wheels, &wheels->left, wheels->v_m_s - turn),
+        let_fall(wheels, &wheels->right, wheels->v_m_s + turn),
+    };
+    wheels->v_m_s = towards(wheels->v_m_s, 0.0f, wheels->v_step_m_s);
+    wheels->yaw_rate_rad_s =
+        towards(wheels->yaw_rate_rad_s, 0.0f, wheels->v_step_m_s / wheels->half_base_m);
+    wheels->released = true;
+    return duties;
 }
 
 float wheels_yaw_rate_rad_s(const wheels_t *wheels)

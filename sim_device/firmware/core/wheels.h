@@ -11,6 +11,8 @@
 typedef struct {
     float speed_m_s;
     float integral;
+    float duty;       /* of the last period */
+    float fall;       /* what the duty loses in a period of the safe state */
     uint16_t stalled; /* periods for which it has been driven and has not turned */
     uint16_t count;
 } wheel_t;
@@ -24,7 +26,8 @@ typedef struct {
 typedef struct {
     wheel_t left;
     wheel_t right;
-    bool counted; /* there is a sample before */
+    bool counted;  /* there is a sample before */
+    bool released; /* the last period was one of the safe state */
     uint32_t sampled_us;
     float left_metres_per_count;
     float right_metres_per_count;
@@ -49,7 +52,11 @@ duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s,
     const board_encoders_t *counts, float supply_v);
 
 /* One period in which somebody else gives the duties. */
-void wheels_coast(wheels_t *wheels, const board_encoders_t *counts);
+void wheels_coast(wheels_t *wheels, const board_encoders_t *counts, duties_t duties);
+
+/* One period of the safe state: duties only fall, whatever the encoders say, to 0 within 0.1 s of
+ * when the ramp would be at rest. The next wheels_step() starts from zero integrators. */
+duties_t wheels_release(wheels_t *wheels, const board_encoders_t *counts);
 
 /* As the wheels turn, counter-clockwise. */
 float wheels_yaw_rate_rad_s(const wheels_t *wheels);

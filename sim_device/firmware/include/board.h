@@ -51,6 +51,14 @@ void board_reboot(board_t *board);
 /* Nothing can be saved. */
 #define BOARD_TROUBLE_FLASH 2u
 
+/* What a fault handler keeps in memory that a reset does not clear. */
+typedef struct {
+    uint32_t pc;   /* the instruction that faulted */
+    uint32_t lr;   /* where its function was called from */
+    uint32_t cfsr; /* what kind of fault: PM0214, section 4.4.10 */
+    uint32_t uptime_us;
+} board_crash_t;
+
 typedef struct {
     uint8_t uid[12];     /* the chip's 96-bit unique id */
     uint32_t boot_id;    /* random, new at each boot, not 0 */
@@ -59,6 +67,7 @@ typedef struct {
     bool can;            /* the host is on the CAN bus, not on the UART */
     uint16_t capabilities; /* SP_CAPABILITY_*: what is connected */
     uint8_t troubles;      /* BOARD_TROUBLE_*, found at the start */
+    const board_crash_t *crash; /* of the life before, with reset cause "crash"; else NULL */
     const char *name;    /* of board and firmware, as the host shows it; ASCII, at most 60 B */
 } board_identity_t;
 
@@ -101,6 +110,10 @@ void board_can_health(board_t *board, board_can_health_t *out);
 /* Duty of left and right, -BOARD_DUTY_ONE .. BOARD_DUTY_ONE, forward positive; 0 brakes (both ends
  * of the motor tied together). Holds until the next call. */
 void board_motors(board_t *board, int16_t left, int16_t right);
+
+/* Enable or disable both bridges (EN pins): disabled, both ends of each motor are open, whatever the
+ * duties say. Disabled from board_start() on; told each control period. */
+void board_drivers(board_t *board, bool enabled);
 
 /* ---- sensors ------------------------------------------------------------------------------- */
 
@@ -153,7 +166,7 @@ typedef struct {
 } board_ranges_t;
 void board_ranges(board_t *board, board_ranges_t *out);
 
-/* SP_CONTACT_*: bumper halves and cliff as they are now; asked for at 50 Hz while a plan runs. */
+/* SP_CONTACT_*: bumper halves and cliff as they are now; asked for each control period. */
 uint8_t board_contacts(board_t *board);
 
 /* Supply; asked for at 5 Hz. Currents are magnitudes. */

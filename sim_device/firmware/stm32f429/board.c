@@ -3,6 +3,7 @@
 
 #include "cortex_m4.h"
 #include "f429.h"
+#include "startup.h"
 #include "stm32f4.h"
 
 #define DRAIN_US 50000u /* a full queue at 921 600 baud takes 11 ms */
@@ -32,6 +33,12 @@ void board_start(firmware_t *firmware) {
     const bool precise = clocks_start();
     motors_start(); /* first of all: the bridges' inputs are low */
     identity.reset_cause = reset_cause();
+    identity.crash = startup_take_crash();
+    if (identity.reset_cause != SP_RESET_CAUSE_SOFTWARE) {
+        identity.crash = NULL; /* the supply was lost, or the watchdog came, since */
+    } else if (identity.crash != NULL) {
+        identity.reset_cause = SP_RESET_CAUSE_CRASH;
+    }
     for (unsigned i = 0; i < sizeof identity.uid; i++) {
         identity.uid[i] = (uint8_t)(DEVICE_UID[i / 4u] >> (8u * (i % 4u)));
     }

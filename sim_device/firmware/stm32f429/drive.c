@@ -1,4 +1,6 @@
 /* Motors by an L298N on TIM1, encoders on TIM3 and TIM4. RM0090 sections 17 and 18. */
+#include <stddef.h>
+
 #include "f429.h"
 #include "stm32f4.h"
 
@@ -24,10 +26,15 @@ void motors_start(void) {
     for (unsigned i = 0; i < sizeof pins; i++) {
         pin_alternate(PORT_E, pins[i], 1, PULL_DOWN, false);
     }
-    pin_write(PORT_E, 8, true);
-    pin_write(PORT_E, 10, true);
+    board_drivers(NULL, false);
     pin_output(PORT_E, 8);
     pin_output(PORT_E, 10);
+}
+
+/* ENA and ENB: low, the bridge's outputs are open. */
+void board_drivers(board_t *board, bool enabled) {
+    pin_write(PORT_E, 8, enabled);
+    pin_write(PORT_E, 10, enabled);
 }
 
 static void motor(volatile uint32_t *forward, volatile uint32_t *backward, int16_t duty) {

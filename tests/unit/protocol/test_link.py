@@ -335,7 +335,7 @@ def test_labels_never_raise() -> None:
     assert label(Mode, 1) == "velocity"
     assert label(Mode, 200) == "unknown(200)"
     assert flag_labels(Fault, 0) == []
-    assert flag_labels(Fault, Fault.IMU | Fault.LIFTED | 1 << 13) == ["imu", "lifted", "bit13"]
+    assert flag_labels(Fault, Fault.IMU | Fault.LIFTED | 1 << 16) == ["imu", "lifted", "bit16"]
 
 
 @pytest.mark.parametrize(

@@ -24,10 +24,12 @@ def framed(kind: int, payload: bytes) -> bytes:
 
 SENT = {
     link.Boot(1): framed(0x01, b"\x01"),
-    link.Request(70_000, 80_000, 60_000, -10_000, 2500, 7000): framed(
-        0x02, bytes.fromhex("70110100 80380100 60ea0000 f0d8 c409 581b")
+    link.Request(70_000, 80_000, 60_000, -10_000, 2500, 7000, drivers=True): framed(
+        0x02, bytes.fromhex("70110100 80380100 60ea0000 f0d8 c409 581b 01")
     ),
-    link.Motors(0xFFFF_FFFF, 1, -1): framed(0x03, bytes.fromhex("ffffffff 0100 ffff")),
+    link.Motors(0xFFFF_FFFF, 1, -1, drivers=False): framed(
+        0x03, bytes.fromhex("ffffffff 0100 ffff 00")
+    ),
     link.Erase(1): framed(0x04, b"\x01"),
     link.Write(1, 1020, b"\x01\x02\x03\x04"): framed(0x05, bytes.fromhex("01 fc03 01020304")),
     link.Reset(3): framed(0x06, b"\x03"),
@@ -61,11 +63,11 @@ def test_the_same_however_the_bytes_are_split(parts: list[bytes], cuts: list[int
 QUIET = st.binary(max_size=64).filter(lambda noise: b"\xa5" not in noise)
 
 
-@given(QUIET, st.integers(0, 25 * 8 - 1))
+@given(QUIET, st.integers(0, 26 * 8 - 1))
 def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
     frames = list(SENT.values())
     broken = bytearray(frames[1])
-    assert len(broken) == 25
+    assert len(broken) == 26
     broken[bit // 8] ^= 1 << bit % 8
     parser = link.Parser()
     found = list(parser.feed(noise + bytes(broken) + b"".join(frames) * 14))
@@ -91,7 +93,7 @@ def test_what_there_is_not_is_passed_over(kind: int, payload: bytes) -> None:
 
 def test_a_reset_forgets_half_a_frame() -> None:
     parser = link.Parser()
-    assert not list(parser.feed(SENT[link.Motors(0xFFFF_FFFF, 1, -1)][:-1]))
+    assert not list(parser.feed(SENT[link.Motors(0xFFFF_FFFF, 1, -1, drivers=False)][:-1]))
     parser.clear()
     assert list(parser.feed(SENT[link.Boot(1)])) == [link.Boot(1)]
 

@@ -76,8 +76,8 @@ class Chip:
         return self.sweeper.step(wire, now_us)
 
     def request(self, chip_us: int, sample_us: int, left: int = 0, right: int = 0) -> bytes:
-        numbers = (chip_us % WRAP, sample_us % WRAP, self.newest_us % WRAP, left, right, 7000)
-        return link.frame(link.FromChip.REQUEST, struct.pack("<IIIhhH", *numbers))
+        numbers = (chip_us % WRAP, sample_us % WRAP, self.newest_us % WRAP, left, right, 7000, 1)
+        return link.frame(link.FromChip.REQUEST, struct.pack("<IIIhhH?", *numbers))
 
     def heard(self) -> list[tuple[int, bytes]]:
         """Type and payload of what the plant has said since."""
@@ -178,7 +178,7 @@ def test_the_body_rolls_on_while_the_chip_is_silent(chip: Chip) -> None:
 def test_duties_hold_from_the_moment_they_are_set(chip: Chip) -> None:
     chip.boot()
     chip.step(2_000, chip.request(2_000, 10_000))
-    motors = link.frame(link.FromChip.MOTORS, struct.pack("<Ihh", 110_000, 10_000, -10_000))
+    motors = link.frame(link.FromChip.MOTORS, struct.pack("<Ihh?", 110_000, 10_000, -10_000, 1))
     chip.step(210_000, motors, chip.request(202_000, 210_000, 10_000, -10_000))
     truth = chip.sweeper.truth
     assert truth.tick_ms == 210
@@ -249,5 +249,5 @@ def test_a_chip_that_is_dead_is_reset(chip: Chip) -> None:
 def test_another_version_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qemu_sweeper, "QemuProcess", FakeQemu)
     monkeypatch.setattr(FakeQemu, "version", link.VERSION + 1)
-    with pytest.raises(QemuGoneError, match=r"firmware\.elf does not run: it speaks version 2"):
+    with pytest.raises(QemuGoneError, match=r"firmware\.elf does not run: it speaks version 3"):
         Chip()
