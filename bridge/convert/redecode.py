@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.record.encode.schemas import device_encoders
+from bridge.record.encode.schemas import DeviceEncoder, device_encoders
 from bridge.record.reader import MISREAD, LogReader
 from bridge.record.wire_records import RAW_TOPICS, in_order, wire_records
 from bridge.session.discovery import LISTEN_NS
@@ -23,8 +23,11 @@ from bridge.session.states import Data, Ping, SessionReady
 from bridge.session.timesync import TimeSync
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
+from protocol.imu import ImuScale
 from protocol.link import Received
+from protocol.messages.device import Imu, ImuInfo
 from protocol.messages.host import HostHello
+from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 
@@ -100,6 +103,8 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
     ids = _session_ids(records, link)
     session = Session(lambda: next(ids, 1), node=_node(reader), link=link)
     ingest, encoders = Ingest(TimeSync(), offset_ns), device_encoders()
+    imu = CATALOGUE.spec(Imu)
+    encoders[imu.name] = DeviceEncoder(imu, has_si=False)  # as in a log, until the scale is known
     session.open(HostNs(_opened_ns(reader, records) - offset_ns))
     for record in records:
         now_ns = HostNs(record.log_ns - offset_ns)
@@ -112,6 +117,9 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
             match event:
                 case Data():
                     made = ingest.take(event.received, now_ns)
+                    scale = ImuScale.of(made.message) if isinstance(made.message, ImuInfo) else None
+                    if scale is not None:
+                        encoders[imu.name] = DeviceEncoder(scale.declared(imu))
                     data = encoders[made.name].encode(made)
                     time_ns = made.log_ns if made.publish_ns is None else made.publish_ns
                     yield Decoded(f"/device/{made.name}", made.log_ns, time_ns, made.seq, data)

@@ -16,6 +16,7 @@ from bridge.convert.sources import readable
 from bridge.doctor.examination import Examination
 from bridge.doctor.findings import Finding
 from bridge.record.reader import LogReader
+from bridge.record.version_1 import Version1, is_version_1
 from bridge.record.wire_records import RAW_CAN, RAW_TOPICS, wire_record
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
@@ -109,6 +110,7 @@ class _Log:
         self._reader = reader
         self._topics: dict[str, _Topic] = {}
         self._raw = False
+        self._version_1 = Version1() if is_version_1(reader) else None
         self._examination = Examination()
         self._begin_ns: int | None = None
         self._late: list[str] = []
@@ -151,6 +153,8 @@ class _Log:
     def _take_raw(self, message: LogMessage) -> None:
         record = wire_record(message)
         if record is not None:
+            if self._version_1 is not None:
+                record = self._version_1.rewrite(record)
             examination = self._examination
             take = examination.sent if record.outgoing else examination.received
             take(record.data, record.log_ns)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.record.errors import LogReadError
+from bridge.record.version_1 import Version1, is_version_1
 from bridge.record.wire_records import RAW_TOPICS, in_order, wire_records
 from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
@@ -104,9 +105,10 @@ def load(reader: LogReader) -> RecordedRun:
 
     """
     loader = _Loader()
+    version_1 = Version1() if is_version_1(reader) else None
     for record in sorted(wire_records(reader.messages(RAW_TOPICS)), key=in_order):
         if not record.outgoing:
-            loader.take(record)
+            loader.take(record if version_1 is None else version_1.rewrite(record))
     if not loader.played:
         raise LogReadError(reader.path, "it contains no raw bytes of a robot")
     first, last = loader.played[0], loader.played[-1]

@@ -21,6 +21,7 @@ from protocol.can.transfers import (
 from protocol.generate import c_can, c_messages
 from protocol.generate.template import fill
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.schema.message import MAKERS_TYPES
 from protocol.uart.framing import (
     FLAG_AUTHENTICATED,
     MAX_DECODED,
@@ -50,6 +51,8 @@ def _header(catalogue: Catalogue) -> str:
         hash=f"{catalogue.hash:08X}",
         messages=len(catalogue.specs),
         max_node=MAX_NODE,
+        makers_first=f"0x{MAKERS_TYPES[0]:02X}",
+        makers_last=f"0x{MAKERS_TYPES[-1]:02X}",
         flag_authenticated=FLAG_AUTHENTICATED,
         header_size=FRAME_HEADER.size,
         min_decoded=MIN_DECODED,

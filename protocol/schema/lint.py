@@ -6,7 +6,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from protocol.schema.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
-from protocol.schema.message import MAX_TYPE, Direction, RateClass
+from protocol.schema.message import MAKERS_TYPES, MAX_TYPE, Direction, RateClass
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -46,6 +46,10 @@ def findings(specs: Iterable[MessageSpec]) -> list[str]:
 
 
 def _message(spec: MessageSpec) -> Iterator[str]:
+    if spec.cls.__module__.startswith("protocol."):
+        for claimed in sorted({spec.type_id, *(p.can_type for p in spec.can_parts)}):
+            if claimed in MAKERS_TYPES:
+                yield f"type {claimed:#x} is one of the makers' own messages"
     if not 0 <= spec.type_id <= MAX_TYPE:
         yield f"type {spec.type_id:#x} is out of range"
     if not spec.doc:

@@ -73,6 +73,8 @@ class Message:
 
 
 MAX_TYPE = 0x7E
+MAKERS_TYPES = range(0x50, 0x60)
+"""Types of makers' own messages; the project itself never uses them."""
 _ANY_CASE = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 

@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING
 
 import sweepctl_plugins
 from protocol.schema.lint import findings
-from protocol.schema.message import Direction, Message, specify
+from protocol.schema.message import MAKERS_TYPES, Direction, Message, specify
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from protocol.schema.message import MessageSpec
     from sweepctl_plugins import Plugin
-
-MAKERS_TYPES = range(0x50, 0x60)
-"""Types of makers' own messages; the project itself never uses them."""
 
 
 def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:

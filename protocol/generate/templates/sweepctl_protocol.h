@@ -145,6 +145,8 @@ static inline int32_t sp_round(float value, float low, float high)
 @to_all@
 /* ---- agreement ---------------------------------------------------------------------------- */
 
+#define SP_MAKERS_FIRST @makers_first@u /* types of makers' own messages */
+#define SP_MAKERS_LAST @makers_last@u
 #define SP_CATALOGUE_HASH 0x@hash@u /* of everything; sp_catalogue_hash() is what to send */
 #define SP_UNKNOWN_COUNT 255u /* a count in a reply: no such message or enumeration here */
 

@@ -144,6 +144,14 @@ def test_types_of_parts_are_held_against_all_others() -> None:
     ]
 
 
+def test_types_of_makers_are_theirs() -> None:
+    spec = replace(CATALOGUE.spec(Power), type_id=0x50, can_parts=(CanPart(0x50), CanPart(0x5F)))
+    theirs = type("Power", (Power,), {"__module__": "maker.messages"})
+    wanted = [f"power: type {t} is one of the makers' own messages" for t in ("0x50", "0x5f")]
+    assert [f for f in findings([spec]) if "makers" in f] == wanted
+    assert not [f for f in findings([replace(spec, cls=theirs)]) if "makers" in f]
+
+
 # ---- declaring ----------------------------------------------------------------------------
 
 
