@@ -93,7 +93,7 @@ static void send_hello(uint32_t now_us)
     };
     board_uid(hello.uid);
     SEND(hello, now_us, &hello);
-    if (device.session_id != 0) {
+    if (device.agreed) {
         send_imu_info(now_us);
     }
 }

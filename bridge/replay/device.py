@@ -256,16 +256,16 @@ class ReplayDevice:
         # Messages are encoded with this program's catalogue, not the recorded device's.
         _, uid, boot_id, _, *others = tuple(self.recording.hello)
         self._send(Hello(CATALOGUE.hash, uid, boot_id, self.session_id, *others), now_ns)
-        if self.session_id:
+        if self._begun_ns is not None:
             self._send(self._imu_info, now_ns)
 
     def _answer(self, message: Message, now_ns: HostNs) -> None:
         match message:
             case HostHello():
                 self.session_id = message.session_id
-                self._send_hello(now_ns)
                 if message.agreed and self._begun_ns is None:
                     self._begun_ns = now_ns
+                self._send_hello(now_ns)
             case TimeRequest():
                 self._send(TimeReply(message.ping, self._device_us(now_ns)), now_ns)
             case Describe() | DescribeEnum():

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 _F32 = struct.Struct("<f")
 _U32 = struct.Struct("<I")
-_TRUE, _FALSE = frozenset({"true", "on", "yes", "1"}), frozenset({"false", "off", "no", "0"})
 _VALUES = ("value", "default", "low", "high")
 
 
@@ -28,7 +27,7 @@ class Parameter:
     name: str
     unit: str
     kind: str
-    """``u32``, ``i32``, ``f32`` or ``bool``; ``unknown(7)`` for a kind that this version lacks."""
+    """``u32`` or ``f32``; ``unknown(7)`` for a kind that this version lacks."""
     value: float
     default: float
     low: float
@@ -92,7 +91,7 @@ class Parameter:
         if self.read_only:
             raise ParameterError(f"{self.name} is read-only and cannot be set")
         number = self._number(value)
-        if not self.low <= number <= self.high and self.kind != "bool":
+        if not self.low <= number <= self.high:
             unit = f" {self.unit}" if self.unit else ""
             raise ParameterError(
                 f"{self.name}: {number:g} is not in {self.low:g} to {self.high:g}{unit}"
@@ -100,11 +99,6 @@ class Parameter:
         return to_raw(self.kind, number)
 
     def _number(self, value: float | str) -> float:
-        if self.kind == "bool":
-            text = str(value).lower()
-            if text not in _TRUE | _FALSE:
-                raise ParameterError(f"{self.name}: {shown(value)} is neither true nor false")
-            return float(text in _TRUE)
         if isinstance(value, bool):  # float(True) is 1.0: 1 m/s for a top speed
             raise ParameterError(f"{self.name}: {shown(value)} is not a number")
         try:

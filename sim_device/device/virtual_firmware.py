@@ -298,9 +298,9 @@ class Firmware:
         catalogue_hash, keyed = self.link.codec.catalogue.hash, self.link.key is not None
         hello = self.identity.hello(catalogue_hash, self.session_id, keyed=keyed)
         self._send(hello, now_us)
-        if self.session_id:
-            if keyed:
-                self._send(self.keyring.challenge(), now_us)
+        if self.session_id and keyed:
+            self._send(self.keyring.challenge(), now_us)
+        if self.agreed:  # before any sample
             self._send(self._imu_info, now_us)
 
     def _close(self) -> None:

@@ -29,6 +29,7 @@ from bridge.session.records import (
     Severity,
     TruthRecord,
 )
+from protocol.imu import NOMINAL
 from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.schema.catalogue import CATALOGUE
 
@@ -118,6 +119,8 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
                 log_ns, log_ns - 900_000, 15_000, 1, next(sequence) % 256, at_us, name, message
             )
 
+        if step % 100 == 0:
+            yield device(NOMINAL.info())
         yield device(Encoders(int(left) % 65536, int(right) % 65536))
         gyro = int(math.degrees(w) * 131 + 6 * noise[0])
         yield device(Imu(int(90 * noise[1]), int(80 * noise[2]), 16384, -900, 3, -5, gyro))

@@ -41,7 +41,7 @@ void session_hello(firmware_t *firmware, int64_t now_us)
     memcpy(hello.uid, identity->uid, sizeof hello.uid);
     line_send(&firmware->line, SP_TYPE_HELLO, (uint32_t)now_us,
         sp_hello_encode(&hello, line_payload(&firmware->line), SP_PAYLOAD_MAX));
-    if (firmware->session_id != 0) {
+    if (firmware->agreed) { /* before any sample */
         session_imu_info(firmware, now_us);
     }
 }

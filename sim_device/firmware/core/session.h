@@ -13,7 +13,7 @@ void session_tick(firmware_t *firmware);
 /* Say who we are. */
 void session_hello(firmware_t *firmware, int64_t now_us);
 
-/* Say what a count of the IMU is worth: after each hello of a session, and once a second. */
+/* Say what a count of the IMU is worth: after each hello once a host has agreed, and once a second. */
 void session_imu_info(firmware_t *firmware, int64_t now_us);
 
 #endif

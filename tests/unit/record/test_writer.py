@@ -43,6 +43,7 @@ from bridge.session.records import (
     Severity,
     TruthRecord,
 )
+from protocol.imu import NOMINAL
 from protocol.messages.device import Encoders, Imu, Power, Range
 from protocol.schema.catalogue import CATALOGUE
 from support.synthetic_run import EPOCH_NS, PLAN, run_info, summary
@@ -186,8 +187,8 @@ def test_planner_command_event_log_and_clock(tmp_path: Path) -> None:
 
 def test_device_messages_keep_their_times_and_sequence(tmp_path: Path) -> None:
     imu = Imu(1, -2, 16384, 0, 131, -131, 262)
-    (topic, message, decoded), (ros_topic, ros_message, ros) = written(
-        tmp_path / "run.mcap", device(imu, t_us=0xFFFF_FFFF, seq=255)
+    _, (topic, message, decoded), (ros_topic, ros_message, ros) = written(
+        tmp_path / "run.mcap", device(NOMINAL.info()), device(imu, t_us=0xFFFF_FFFF, seq=255)
     )
     assert (topic, ros_topic) == ("/device/imu", "/ros/imu")
     assert (message.log_time, message.publish_time, message.sequence) == (NOW, NOW - 5000, 255)

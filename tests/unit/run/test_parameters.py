@@ -34,20 +34,6 @@ def test_a_float() -> None:
     assert Parameter.from_dict(speed.to_dict()) == speed
 
 
-def test_a_signed_number_travels_in_two_s_complement() -> None:
-    trim = reported(1, 0, 0xFFFF_FFFE, 0, 0xFFFF_FF9C, 100)
-    assert (trim.value, trim.low, trim.high) == (-2, -100, 100)
-    assert trim.raw(-3) == 0xFFFF_FFFD
-
-
-def test_a_switch() -> None:
-    switch = reported(3, 0, 1, 0, 0, 1)
-    assert switch.raw("on") == switch.raw(1) == switch.raw("TRUE") == 1
-    assert switch.raw("off") == switch.raw(0) == 0
-    with pytest.raises(ParameterError, match="true nor false"):
-        switch.raw("perhaps")
-
-
 @pytest.mark.parametrize("value", [0.2, 2.1, math.inf, math.nan, 1e300, "fast", "nan"])
 def test_what_a_float_does_not_take(value: float | str) -> None:
     with pytest.raises(ParameterError, match="top_speed"):

@@ -22,7 +22,7 @@ MS = 1_000_000
 
 def framed(node: int, type_id: int, seq: int, t_us: int, payload: bytes) -> bytes:
     """A frame as PROTOCOL.md describes it, made without ``protocol``."""
-    body = struct.pack("<BBBBI", 1 << 4, node, type_id, seq, t_us) + payload
+    body = struct.pack("<BBBBI", 2 << 4, node, type_id, seq, t_us) + payload
     return b"\0" + cobs_encode(body + struct.pack("<I", crc32(body))) + b"\0"
 
 
