@@ -9,12 +9,19 @@ import click
 
 from tools.cli import options
 from tools.cli.console import flush, inform, plain_console, write_json, write_line
+from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, port_options
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bridge.api.robot import Robot
     from bridge.session.monitor import Monitor
     from protocol.clock import HostNs
     from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
+
+_STATES_HZ = 4.0
+"""Rate at which the state of a robot is shown, Hz."""
 
 
 def _complete_type(
@@ -33,6 +40,12 @@ def _complete_type(
 )
 @port_options
 @click.argument("types", nargs=-1, metavar="[TYPE]...", shell_complete=_complete_type)
+@click.option(
+    "--agree",
+    is_flag=True,
+    help="Connect to the device, so that it sends its sensor data, and show its state. Nothing "
+    "moves.",
+)
 @click.option("--raw", is_flag=True, help="Also show each payload in hex.")
 @click.option(
     "--lines",
@@ -52,6 +65,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     *,
     port: PortAsked,
     types: tuple[str, ...],
+    agree: bool,
     raw: bool,
     lines: bool,
     jsonl: bool,
@@ -64,13 +78,16 @@ def command(  # noqa: PLR0913 - one parameter per option
     shown. On a serial line a device that no host is connected to sends only a hello each second. On
     a CAN bus the frames of both sides are shown.
 
+    With --agree the command completes the handshake, and the device sends its sensor data: the
+    state of an idle robot is shown four times a second. Nothing that is sent can move a wheel, and
+    a robot that another host left moving stops.
+
     If another sweepctl has the port open, its state is shown four times a second; TYPE, --raw and
     --node are then rejected. With --json one object is printed at the end.
     """
     from bridge.io.owner_client import has_owner
     from bridge.io.ports import link_of
     from bridge.session.monitor import Monitor, UnknownTypeError
-    from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
 
     if as_json and jsonl:
         raise click.UsageError(
@@ -80,23 +97,43 @@ def command(  # noqa: PLR0913 - one parameter per option
         monitor = Monitor(link_of(port.name), types=types, node=port.node)
     except UnknownTypeError as error:
         raise click.BadParameter(str(error), param_hint="'[TYPE]...'") from None
-    if as_json:
-        view: Nothing = Nothing()
-    elif jsonl:
-        view = JsonLines(raw=raw)
-    elif lines or raw or not plain_console().is_interactive:
-        view = TextLines(raw=raw)
-    else:
-        view = Table(monitor, port.name, types)
+    if agree and (types or raw):
+        raise click.UsageError("--agree shows the device's state: omit TYPE and --raw")
+    looker = _Looker(port.name, duration_s, as_json=as_json, jsonl=jsonl, lines=lines)
     if has_owner(port.name):
         _check_followed(port, types, raw=raw)
-        return _look_on(port.name, duration_s, as_json=as_json, jsonl=jsonl, lines=lines)
-    _listen(port, monitor, view, duration_s)
-    if as_json:
-        write_json(_account(monitor, port.name))
+        looker.look_on_owner()
+    elif agree:
+        looker.look_on_device(port)
     else:
-        view.sum_up(monitor)
+        view = _view(monitor, port.name, types, raw=raw, lines=lines, jsonl=jsonl, quiet=as_json)
+        _listen(port, monitor, view, duration_s)
+        if as_json:
+            write_json(_account(monitor, port.name))
+        else:
+            view.sum_up(monitor)
     return 0
+
+
+def _view(  # noqa: PLR0913 - how the traffic is shown
+    monitor: Monitor,
+    port: str,
+    types: tuple[str, ...],
+    *,
+    raw: bool,
+    lines: bool,
+    jsonl: bool,
+    quiet: bool,
+) -> Nothing | JsonLines | TextLines | Table:
+    from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
+
+    if quiet:
+        return Nothing()
+    if jsonl:
+        return JsonLines(raw=raw)
+    if lines or raw or not plain_console().is_interactive:
+        return TextLines(raw=raw)
+    return Table(monitor, port, types)
 
 
 def _listen(
@@ -148,35 +185,82 @@ def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> No
         )
 
 
-def _look_on(
-    port: str, duration_s: float | None, *, as_json: bool, jsonl: bool, lines: bool
-) -> int:
-    """Show the state that the port's owner reports; nothing is sent to the device."""
-    from bridge.io import clock
-    from bridge.io.owner_client import watch
-    from tools.cli.signals import until_signalled
-    from tools.live.monitor_view import OwnerTable
+def _states(robot: Robot) -> Iterator[dict[str, Any]]:
+    """Yield the state of a robot of this process until its session ends.
 
-    inform(f"another sweepctl has {port} open: its state is shown, not the traffic")
-    ended: list[bool] = []
-    newest: dict[str, Any] = {}
-    end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)
-    plain = jsonl or as_json or lines or not plain_console().is_interactive
-    table = None if plain else OwnerTable(port)
-    with until_signalled(lambda: ended.append(True)), table or contextlib.nullcontext():
-        for newest in watch(port, hz=4.0):
-            if jsonl:
-                write_json(newest)
-            elif table is not None:
-                table.show(newest)
-            elif not as_json:
-                write_line(_line(newest))
-            flush()
-            if ended or (end_ns is not None and clock.now() >= end_ns):
-                break
-    if as_json:
-        write_json({"port": port, "owner": newest})
-    return 0
+    Raises:
+        DeviceLostError: the device was lost for good.
+
+    """
+    from bridge.errors import DeviceLostError
+    from bridge.io import clock
+
+    while True:
+        known = robot.snapshot()
+        yield known
+        if known["run"] == "done":
+            raise DeviceLostError("the device was lost, and did not come back")
+        clock.pause(1.0 / _STATES_HZ)
+
+
+class _Looker:
+    """Shows the state of a robot until a signal comes or the time is over."""
+
+    def __init__(
+        self, port: str, duration_s: float | None, *, as_json: bool, jsonl: bool, lines: bool
+    ) -> None:
+        self._port, self._duration_s = port, duration_s
+        self._as_json, self._jsonl, self._lines = as_json, jsonl, lines
+
+    def look_on_owner(self) -> None:
+        """Show the state that the port's owner reports; nothing is sent to the device."""
+        from bridge.io.owner_client import watch
+
+        inform(f"another sweepctl has {self._port} open: its state is shown, not the traffic")
+        states = watch(self._port, hz=_STATES_HZ)
+        self._show(states, "state reported by another sweepctl", "owner")
+
+    def look_on_device(self, port: PortAsked) -> None:
+        """Connect to an idle device and show its state; nothing moves.
+
+        Raises:
+            PortError: the port cannot be opened.
+            NoDeviceError: no device answered.
+            DisagreementError: the device is incompatible.
+            DeviceLostError: the device was lost for good.
+
+        """
+        import bridge
+
+        with bridge.open(port.name, node=port.node, **port.how) as robot:
+            robot.wait_for_status()
+            self._show(_states(robot), "connected, moves nothing", "state")
+        set_done()
+
+    def _show(self, states: Iterator[dict[str, Any]], how: str, key: str) -> None:
+        from bridge.io import clock
+        from tools.cli.signals import until_signalled
+        from tools.live.monitor_view import StateTable
+
+        ended: list[bool] = []
+        newest: dict[str, Any] = {}
+        duration_s = self._duration_s
+        end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)
+        plain = self._jsonl or self._as_json or self._lines or not plain_console().is_interactive
+        table = None if plain else StateTable(self._port, how)
+        with until_signalled(lambda: ended.append(True)), table or contextlib.nullcontext():
+            for newest in states:
+                if self._jsonl:
+                    write_json(newest)
+                elif table is not None:
+                    table.show(newest)
+                elif not self._as_json:
+                    write_line(_line(newest))
+                flush()
+                if ended or (end_ns is not None and clock.now() >= end_ns):
+                    break
+        if self._as_json:
+            write_json({"port": self._port, key: newest})
 
 
 def _line(known: dict[str, Any]) -> str:

@@ -211,12 +211,12 @@ class Table(Nothing):
             self._live.stop()
 
 
-class OwnerTable:
-    """A table of the state that a port's owner reports, redrawn in place on a terminal."""
+class StateTable:
+    """A table of a robot's state, redrawn in place on a terminal."""
 
-    def __init__(self, port: str) -> None:
-        """Prepare; ``__enter__`` begins to draw."""
-        self._port = port
+    def __init__(self, port: str, how: str) -> None:
+        """Prepare; ``__enter__`` begins to draw. ``how`` is where the state comes from."""
+        self._title = f"{port} - {how}"
         self._console = plain_console()
         self._known: dict[str, Any] | None = None
         self._live = Live(self, console=self._console, auto_refresh=False, screen=False)
@@ -228,11 +228,11 @@ class OwnerTable:
 
     def __rich__(self) -> Group:
         """Return the table in its present state."""
-        title = Text(f"{self._port} - state reported by another sweepctl", "italic")
+        title = Text(self._title, "italic")
         table = RichTable(title=title, title_justify="left", show_header=False)
         table.add_column(style="dim", no_wrap=True)
         table.add_column(no_wrap=True, overflow="ellipsis")
-        for name, value in [] if self._known is None else owner_rows(self._known):
+        for name, value in [] if self._known is None else state_rows(self._known):
             table.add_row(name, Text(value))
         return Group(table, Text("Ctrl-C: end", style="dim"))
 
@@ -254,8 +254,8 @@ class OwnerTable:
             self._live.stop()
 
 
-def owner_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return an owner's snapshot as names and values; a dash is an unknown value."""
+def state_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return a robot's snapshot as names and values; a dash is an unknown value."""
     pose, ranges, imu, power = known["pose"], known["range"], known["imu"], known["power"]
     is_ready = known["session"] == "ready"
     degrees = math.degrees(pose["theta_rad"])

@@ -1,0 +1,62 @@
+"""``sweepctl monitor --agree``: an idle robot's sensors, with and without an owner of the port."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+import bridge
+from protocol.messages.values import Mode
+from support.cli import sweepctl
+from support.served import Served
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Served]:
+    with Served() as served:
+        yield served
+
+
+def test_an_idle_robot_shows_its_sensors_and_stands_still(served: Served) -> None:
+    before = served.device.truth.pose
+    done = sweepctl("monitor", served.port, "--agree", "--duration", "2", "--json")
+    assert done.status == 0, done.err
+    state = done.json["state"]
+    assert (state["session"], state["run"], state["mode"]) == ("ready", "waiting", "idle")
+    assert state["imu"]["accel_m_s2"][2] == pytest.approx(9.8, abs=0.6)
+    assert state["range"]["infrared_left_m"] is None or state["range"]["infrared_left_m"] > 0
+    assert state["power"]["battery_v"] > 10
+    assert served.device.firmware.mode is Mode.IDLE
+    assert served.device.truth.pose == before
+
+
+def test_each_state_is_a_line(served: Served) -> None:
+    done = sweepctl("monitor", served.port, "--agree", "--duration", "1", "--jsonl")
+    states = [json.loads(line) for line in done.out.splitlines()]
+    assert len(states) >= 2
+    assert all("imu" in state for state in states)
+    plain = sweepctl("monitor", served.port, "--agree", "--duration", "1")
+    assert plain.out.startswith("ready/waiting mode=idle stop=")
+
+
+def test_beside_an_owner_it_shows_the_owners_state(served: Served) -> None:
+    with bridge.open(served.port):
+        done = sweepctl("monitor", served.port, "--agree", "--duration", "1", "--json")
+    assert done.status == 0
+    assert done.json["owner"]["session"] == "ready"
+    assert "another sweepctl has" in done.err
+
+
+def test_what_does_not_go_with_it_is_rejected(served: Served) -> None:
+    for words in (("imu",), ("--raw",)):
+        done = sweepctl("monitor", served.port, "--agree", *words)
+        assert (done.status, "omit TYPE and --raw" in done.line) == (2, True)
+    done = sweepctl("monitor", "/dev/none-such", "--agree", "--json")
+    assert done.status == 3
