@@ -13,6 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
+from support.json_schema import check_output
 from support.processes import COMMAND, Done, environment
 from tools.cli.main import run
 from tools.cli.rooms import load_room
@@ -32,11 +33,15 @@ PATIENCE_S = 110.0
 
 
 def sweepctl(*arguments: str | Path) -> Done:
-    """Run the command in this process."""
+    """Run the command in this process; what ``--json`` prints must be as its schema describes."""
     out, err = io.StringIO(), io.StringIO()
+    words = [str(argument) for argument in arguments]
     with redirect_stdout(out), redirect_stderr(err):
-        status = run([str(argument) for argument in arguments])
-    return Done(status, out.getvalue(), err.getvalue())
+        status = run(words)
+    done = Done(status, out.getvalue(), err.getvalue())
+    if "--json" in words and done.out:
+        check_output(words, done.out)
+    return done
 
 
 def start(

@@ -1,0 +1,34 @@
+"""The table of the JSON Schemas in docs/json.md: ``python -m tools.dev.json_schemas``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tools.cli.console import write_line
+
+PATH = Path(__file__).parents[2] / "docs" / "json.md"
+_BEGIN, _END = "<!-- schemas: begin -->\n", "<!-- schemas: end -->\n"
+
+
+def with_schemas(text: str) -> str:
+    """Return the page with the present table."""
+    head, _, rest = text.partition(_BEGIN)
+    _, _, tail = rest.partition(_END)
+    rows = ["| commands | schema | what it describes |", "| --- | --- | --- |"]
+    for path in sorted((PATH.parent / "schemas").glob("*.json")):
+        schema = json.loads(path.read_text("utf-8"))
+        names = ", ".join(f"`{name}`" for name in schema["x-commands"])
+        shown = "any command that fails" if names == "`*`" else names
+        rows.append(f"| {shown} | [{path.name}](schemas/{path.name}) | {schema['title']} |")
+    return head + _BEGIN + "\n".join(rows) + "\n" + _END + tail
+
+
+def main() -> None:
+    """Write the page."""
+    PATH.write_text(with_schemas(PATH.read_text("utf-8")), "utf-8")
+    write_line(f"wrote {PATH}")
+
+
+if __name__ == "__main__":
+    main()
