@@ -22,7 +22,8 @@ NEEDS_ROBOT = frozenset(
     {
         *("bringup", "connect", "doctor", "drive", "key", "monitor", "reboot", "stop"),
         *("calibrate", "calibrate gyro", "calibrate odometry", "calibrate range"),
-        *("param", "param diff", "param get", "param list", "param save", "param set"),
+        *("param", "param diff", "param get", "param list"),
+        *("param reset", "param save", "param set"),
     }
 )
 """Commands whose examples need a robot on /dev/ttyUSB0."""
