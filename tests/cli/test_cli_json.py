@@ -72,6 +72,7 @@ OUTPUTS = (
     ("robot", "show", "robot.toml"),
     ("room", "check", "case-1"),
     ("room", "show", "case-1"),
+    ("config", "show"),
     ("ports",),
 )
 

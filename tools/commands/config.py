@@ -8,7 +8,7 @@ from tools.cli import options
 from tools.cli.console import plain_console, write_json
 
 
-@click.group("config", epilog="Example:  sweepctl config show")
+@click.group("config", epilog="Example:  sweepctl config show --json")
 def command() -> None:
     """Show defaults and named robots of the configuration files.
 
