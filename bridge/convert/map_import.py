@@ -34,6 +34,9 @@ _MAX_PIXELS = 64_000_000
 _YAML = (".yaml", ".yml")
 FORMATS = (*_YAML, ".svg")
 _MODES = ("trinary",)
+_SVG_TOLERANCE_M = 0.01
+_STEP = 0.75
+"""Tolerance of a ROS map in cells: a corner of a wall at 45° is 0.71 cells off its line."""
 _CURVE_STEPS = 16
 """Straight pieces for each curve of an SVG; those that are not needed are left out again."""
 _THRESHOLD_M = 0.005
@@ -48,14 +51,15 @@ class MapsMissingError(BridgeError):
 
 
 def import_map(
-    path: Path, *, scale_m: float | None, tolerance_m: float, start: Pose2 | None
+    path: Path, *, scale_m: float | None, tolerance_m: float | None, start: Pose2 | None
 ) -> FloorPlan:
     """Read a ROS map (``.yaml`` beside its image) or an SVG floor plan.
 
     Args:
         path: the file.
         scale_m: length of one unit of an SVG, m.
-        tolerance_m: corners closer than this to a straight line are left out, m.
+        tolerance_m: corners closer than this to a straight line are left out, m; None: the steps
+            of a map's slanted walls, and 1 cm of an SVG.
         start: start pose; None: that of the file, else the place with most room.
 
     Raises:
@@ -70,6 +74,7 @@ def import_map(
     if path.suffix.lower() == ".svg":
         if scale_m is None:
             raise FloorPlanError(f"{path}: an SVG needs a scale, the length of one unit in metres")
+        tolerance_m = _SVG_TOLERANCE_M if tolerance_m is None else tolerance_m
         return _svg_plan(path, scale_m, tolerance_m, start)
     raise FloorPlanError(f"{path}: the format is not one of {', '.join(FORMATS)}")
 
@@ -99,8 +104,10 @@ class _RosMap(NamedTuple):
     free: float
 
 
-def _ros_map(path: Path, tolerance_m: float, start: Pose2 | None) -> FloorPlan:
+def _ros_map(path: Path, tolerance_m: float | None, start: Pose2 | None) -> FloorPlan:
     about = _ros_yaml(path)
+    if tolerance_m is None:
+        tolerance_m = _STEP * about.resolution_m
     free = _free_cells(path.parent / about.image, about)
     labels, count = ndimage.label(free)  # cells that meet at an edge
     if not count:

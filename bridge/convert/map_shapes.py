@@ -69,19 +69,21 @@ def _turn(came: _Corner, step: _Corner) -> int:
 
 
 def simplified(polygon: Sequence[Point], tolerance_m: float) -> Polygon:
-    """Leave out corners that are within a tolerance of what remains (Douglas and Peucker)."""
+    """Leave out corners that are within a tolerance of what remains (Douglas and Peucker).
+
+    A polygon that would vanish, such as a single cell of a map, is kept as it is.
+    """
     points = np.asarray(polygon, dtype=np.float64)
+    whole = tuple((float(x), float(y)) for x, y in points)
     if tolerance_m <= 0.0 or len(points) < 4:  # noqa: PLR2004 - a triangle has no corner to spare
-        return tuple((float(x), float(y)) for x, y in points)
+        return whole
     far = int(np.argmax(np.hypot(*(points - points[0]).T)))
     closed = np.vstack([points, points[:1]])
-    kept = {
-        0,
-        far,
-        *_kept(closed, 0, far, tolerance_m),
-        *_kept(closed, far, len(points), tolerance_m),
-    }
-    return tuple((float(points[i][0]), float(points[i][1])) for i in sorted(kept - {len(points)}))
+    kept = {0, far}
+    for first, last in ((0, far), (far, len(points))):
+        kept |= _kept(closed, first, last, tolerance_m)
+    fewer = tuple(whole[i] for i in sorted(kept))
+    return fewer if len(fewer) > 2 else whole  # noqa: PLR2004 - two corners enclose nothing
 
 
 def _kept(points: NDArray[np.float64], first: int, last: int, tolerance_m: float) -> set[int]:

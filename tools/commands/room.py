@@ -180,10 +180,9 @@ def _print_rows(rows: list[tuple[str, str]]) -> None:
     "--tolerance",
     "tolerance_m",
     type=options.Number(0.0, 1.0),
-    default=0.02,
-    show_default=True,
     metavar="M",
-    help="Leave out corners that are within M metres of a straight outline.",
+    help="Leave out corners that are within M metres of a straight outline.  [default: 0.75 cells "
+    "of a ROS map, 0.01 for an SVG]",
 )
 @options.robot_option
 @options.start_option
@@ -194,7 +193,7 @@ def import_(  # noqa: PLR0913 - one parameter per option
     file: Path,
     out: Path,
     scale_m: float | None,
-    tolerance_m: float,
+    tolerance_m: float | None,
     robot: Path | None,
     start: Pose2 | None,
     force: bool,

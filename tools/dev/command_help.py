@@ -65,8 +65,9 @@ a wheel base wider than the robot), with exit status 2. What will not work well 
 below its minimum range at the hull) is a warning as a run begins. A room is a small
 [JSON file](rooms.md).
 
-**Environment**: with `NO_COLOR` set nothing is coloured. A run that owns its port can be reached by
-other shells through a Unix socket in the user's runtime directory (`XDG_RUNTIME_DIR`).
+**Environment**: with `NO_COLOR` set nothing is coloured. `SWEEPCTL_CONFIG` names the only
+[configuration file](configuration.md) that is read; empty: none. A run that owns its port can be
+reached by other shells through a Unix socket in the user's runtime directory (`XDG_RUNTIME_DIR`).
 
 **Completion**: `eval "$(sweepctl completion bash)"`, and the same for zsh and fish.
 """

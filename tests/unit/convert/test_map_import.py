@@ -187,6 +187,18 @@ def test_outlines_enclose_the_area_of_any_mask() -> None:
     assert area == pytest.approx(np.count_nonzero(mask))
 
 
+def test_slanted_walls_lose_their_steps_and_single_cells_stay(tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:60, :60]
+    cells = np.where(abs(rows - 30) + abs(columns - 30) < 25, FREE, WALL)
+    cells[30, 36] = WALL
+    path = ros_map(tmp_path, cells)
+    plan = import_map(path, scale_m=None, tolerance_m=None, start=None)
+    assert len(plan.walls) <= 8
+    assert len(read(path).walls) > 50
+    (cell,) = plan.obstacles
+    assert abs(signed_area_m2(cell)) == pytest.approx(0.01)
+
+
 def test_simplification_keeps_within_its_tolerance() -> None:
     circle = [(math.cos(t), math.sin(t)) for t in np.linspace(0.0, 2.0 * math.pi, 400)[:-1]]
     fewer = simplified(circle, 0.01)
