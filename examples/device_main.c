@@ -98,6 +98,14 @@ static void send_hello(uint32_t now_us)
     }
 }
 
+static void send_status(uint32_t now_us)
+{
+    const uint32_t left_us = device.setpoint_live ? device.until_us - now_us : 0u;
+    const sp_status_t status = {device.mode, device.stop_cause, device.faults,
+        (uint8_t)(left_us / 1000u), 0};
+    SEND(status, now_us, &status);
+}
+
 /* ---- safety ------------------------------------------------------------------------------- */
 
 static void let_go(void)
@@ -246,10 +254,15 @@ static void command(const sp_frame_t *frame, uint32_t now_us)
 
 /* ---- receiving ---------------------------------------------------------------------------- */
 
-static void greet(const sp_host_hello_t *hello, uint32_t now_us)
+/* Whether the hello is of the session. */
+static bool greet(const sp_host_hello_t *hello, uint32_t now_us)
 {
     if (hello->session_id == 0) {
-        return;
+        return false;
+    }
+    if (hello->session_id != device.session_id && hello->boot_id != device.boot_id) {
+        send_hello(now_us); /* a first hello, or one of another boot: only an answer */
+        return false;
     }
     if (hello->session_id != device.session_id) {
         if (device.session_id != 0) {
@@ -260,6 +273,7 @@ static void greet(const sp_host_hello_t *hello, uint32_t now_us)
     }
     device.agreed = device.agreed || (hello->agreed & 1u);
     send_hello(now_us);
+    return true;
 }
 
 static void handle(const sp_frame_t *frame, uint32_t now_us)
@@ -270,13 +284,19 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
         || sp_direction(frame->type) != SP_FROM_HOST) {
         return;
     }
-    device.heard_us = now_us;
+    if (frame->type == SP_TYPE_STOP_ALL) { /* from anybody: it keeps no session alive */
+        latch(SP_STOP_CAUSE_OPERATOR);
+        send_status(now_us);
+        return;
+    }
     if (frame->type == SP_TYPE_HOST_HELLO) {
         sp_host_hello_t hello;
-        if (sp_host_hello_decode(&hello, frame->payload, frame->length)) {
-            greet(&hello, now_us);
+        if (!sp_host_hello_decode(&hello, frame->payload, frame->length)
+            || !greet(&hello, now_us)) {
+            return;
         }
     }
+    device.heard_us = now_us;
     if (frame->type == SP_TYPE_STOP) { /* before any question of session or repetition */
         sp_stop_t stop;
         if (sp_stop_decode(&stop, frame->payload, frame->length)) {
@@ -357,10 +377,7 @@ static void stream(uint32_t tick, uint32_t now_us)
         SEND(encoders, now_us, &encoders);
     }
     if (tick % (TICKS_PER_SECOND / SP_STATUS_HZ) == 0) {
-        const uint32_t left_us = device.setpoint_live ? device.until_us - now_us : 0u;
-        const sp_status_t status = {device.mode, device.stop_cause, device.faults,
-            (uint8_t)(left_us / 1000u), 0};
-        SEND(status, now_us, &status);
+        send_status(now_us);
     }
 #if SP_WITH_SYNC
     if (tick % (TICKS_PER_SECOND / SP_SYNC_HZ) == 0) {
@@ -371,7 +388,7 @@ static void stream(uint32_t tick, uint32_t now_us)
 #if SP_WITH_LINK_COUNTERS
     if (tick % (TICKS_PER_SECOND / SP_LINK_COUNTERS_HZ) == 0) {
         const sp_link_counters_t counters = {(uint16_t)device.parser.frames,
-            (uint16_t)device.parser.damaged, device.stale};
+            (uint16_t)device.parser.damaged, device.stale, 0, 0, 0, 0, 0};
         SEND(link_counters, now_us, &counters);
     }
 #endif

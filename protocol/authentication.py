@@ -11,7 +11,7 @@ challenge, must advance, and wraps at 32 bits.
 
 UART: header flag bit 0, and after the payload ``counter u32 | tag 8 B``; the tag covers nonce,
 header, payload and counter. CAN: right after the frames of a message one frame of type
-``0x01``, ``counter (low 16 bits) | tag 6 B``; the tag covers nonce, identifier and data of all
+``0x0F``, ``counter (low 16 bits) | tag 6 B``; the tag covers nonce, identifier and data of all
 those frames as they went out, and the whole counter.
 """
 
@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 from protocol.errors import LocalError
 from protocol.messages import ALL_MESSAGES
+from protocol.messages.host import TimeRequest
 from protocol.schema.message import specify
 
 if TYPE_CHECKING:
@@ -31,13 +32,15 @@ if TYPE_CHECKING:
 KEY_SIZE = 16
 TRAILER = struct.Struct("<I8s")
 CAN_TRAILER = struct.Struct("<H6s")
-CAN_AUTH_TYPE = 0x01
-"""After stop, before everything else; no message of the catalogue."""
+CAN_AUTH_TYPE = 0x0F
+"""Of the frame with a message's tag; no message of the catalogue."""
 _COUNTER = struct.Struct("<I")
 _NONCE = struct.Struct("<III")
 _SPAN, _HALF, _SHORT = 1 << 32, 1 << 31, 1 << 16
 GUARDED_TYPES = frozenset(s.type_id for s in map(specify, ALL_MESSAGES) if s.needs_tag)
 """What needs a tag once a key is set: velocities, duties, and every command but stop."""
+SIGNED_TYPES = GUARDED_TYPES | {specify(TimeRequest).type_id}
+"""What a host signs: that, and its time requests, for only what is signed keeps a session alive."""
 
 
 class BadKeyError(LocalError):

@@ -20,6 +20,8 @@ FIRST_TIMEOUT_US = 100_000
 MIN_TIMEOUT_US = 20_000
 """Above an FTDI adapter's 16 ms latency timer, or every command would be sent twice."""
 MAX_TIMEOUT_US = 1_000_000
+STOP_REPEAT_US = 25_000
+"""Between two sendings of a stop that nobody has answered yet; it does not back off."""
 MAX_TRIES = 6
 """With the timeout doubling from 20 ms this is over a second of trying."""
 REMEMBERED = 16
@@ -99,7 +101,8 @@ class CommandSender:
     ) -> int:
         """Start a command made from its id; returns the id.
 
-        With ``forever`` it is repeated until answered, however long that takes: stop.
+        With ``forever`` it is repeated until answered, however long that takes, at a steady
+        pace: stop.
         """
         command_id = self._next_id
         while command_id in self._pending:  # a stop may have waited for a whole turn of the ids
@@ -116,8 +119,8 @@ class CommandSender:
         """Start a command whose message the caller writes now; its id, and that message."""
         command_id = self.issue(make, type_id, now_us, forever=forever)
         pending = self._pending[command_id]
+        pending.due_us = now_us + self._wait_us(pending)
         pending.tries = 1
-        pending.due_us = now_us + self.round_trip.timeout_us
         return command_id, pending.message
 
     def due(self, now_us: int) -> tuple[list[tuple[Message, bool]], list[Outcome]]:
@@ -133,11 +136,15 @@ class CommandSender:
                 continue
             if not pending.tries:
                 pending.first_us = now_us
-            backoff = 1 << min(pending.tries, 5)
-            pending.due_us = now_us + min(MAX_TIMEOUT_US, self.round_trip.timeout_us * backoff)
+            pending.due_us = now_us + self._wait_us(pending)
             messages.append((pending.message, pending.tries > 0))
             pending.tries += 1
         return messages, outcomes
+
+    def _wait_us(self, pending: Pending) -> int:
+        if pending.forever:
+            return STOP_REPEAT_US
+        return min(MAX_TIMEOUT_US, self.round_trip.timeout_us << min(pending.tries, 5))
 
     def reply(self, reply: Ack | Nack, now_us: int) -> Outcome | None:
         """Match a reply with its command; None for one that is not awaited."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.authentication import GUARDED_TYPES
+from protocol.authentication import SIGNED_TYPES
 from protocol.errors import LocalError
 from protocol.schema.codec import Codec
 from protocol.uart.framing import (
@@ -39,9 +39,9 @@ class Received(NamedTuple):
     spec: MessageSpec
 
 
-_Waiting = tuple[int, int, int, bytes, int]
-"""A frame to be: node, type, stamp, payload, flags. It takes its sequence number as it leaves,
-or a replaced one would be a gap; a bare tuple, for there is one for every message sent."""
+_Waiting = tuple[int, int, int, bytes, int, int]
+"""A frame to be: node, type, stamp, payload, flags, rank. It takes its sequence number as it
+leaves, or a replaced one would be a gap; a bare tuple, for there is one for every message sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +128,21 @@ class LinkBase:
         self.statistics.rejected += 1
         return Rejected(frame, reason)
 
-    def send(
-        self, message: Message, t_us: int, *, node: int, flags: int = 0, latest: bool = False
+    def send(  # noqa: PLR0913 - the frame, and how it waits
+        self,
+        message: Message,
+        t_us: int,
+        *,
+        node: int,
+        flags: int = 0,
+        latest: bool = False,
+        rank: int | None = None,
     ) -> bool:
         """Queue a message; False where the peer does not share its declaration.
 
         With ``latest`` a message of the same type that still waits is replaced: what is
-        cyclic must never queue up.
+        cyclic must never queue up. On CAN the lowest ``rank`` leaves first, and of equal ranks
+        the first that was queued. It is the message's type unless told otherwise.
 
         Raises:
             WrongDirectionError: the message belongs to the other side.
@@ -148,7 +156,7 @@ class LinkBase:
             return False
         if type_id not in self._own_types:
             raise WrongDirectionError(type(message).__name__)
-        if self.key is not None and self.key.begun and type_id in GUARDED_TYPES:
+        if self.key is not None and self.key.begun and type_id in SIGNED_TYPES:
             flags |= FLAG_AUTHENTICATED
         if flags or not 0 <= node <= MAX_NODE or len(payload) > MAX_PAYLOAD:
             check_frame(node, type_id, payload, flags)
@@ -159,7 +167,7 @@ class LinkBase:
             statistics.superseded += replaced
             statistics.frames_out -= replaced
             self._queue = kept
-        self._queue.append((node, type_id, t_us, payload, flags))
+        self._queue.append((node, type_id, t_us, payload, flags, type_id if rank is None else rank))
         statistics.frames_out += 1
         return True
 
@@ -171,7 +179,7 @@ class LinkBase:
         """
         if type_id in self.disabled:
             return False
-        self._queue.append((node, type_id, t_us, payload, 0))
+        self._queue.append((node, type_id, t_us, payload, 0, type_id))
         self.statistics.frames_out += 1
         return True
 

@@ -17,7 +17,7 @@ from bridge.run.mission import Phase
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from bridge.session.states import State
-from bridge.session.stop_request import StopRequest
+from bridge.session.stop_request import stop_request
 from protocol.clock import HostNs
 from protocol.messages.values import StopCause
 
@@ -267,7 +267,7 @@ class Pump:
     def _send_stop(self, cause: StopCause, end_ns: HostNs) -> StopCause:
         """Repeat a stop until it is confirmed; return the confirmed cause or ``NONE``."""
         session = self.host.session
-        stop = StopRequest(type(session.link), cause, new_command_id(), session.node)
+        stop = stop_request(type(session.link), cause, new_command_id(), session.node)
         try:
             if self._port is None:
                 self._port = self._reopen()

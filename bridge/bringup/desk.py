@@ -26,7 +26,7 @@ from bridge.session.event_kinds import EventKind
 from bridge.session.sample_times import SampleTimes
 from bridge.session.session import Session
 from bridge.session.states import CommandEnded, Data, Failed, SessionReady, State, StateChanged
-from bridge.session.stop_request import StopRequest
+from bridge.session.stop_request import stop_request
 from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.imu import ImuReader
 from protocol.messages.device import Encoders, Hello, LogText, ParameterValue, Status
@@ -418,7 +418,7 @@ class Desk:
     def _stop_without(self, cause: StopCause) -> bool:
         """Repeat a stop that needs no session; True once it is confirmed."""
         wire = self._wire
-        stop = StopRequest(wire.link, cause, self._new_session_id(), self.session.node)
+        stop = stop_request(wire.link, cause, self._new_session_id(), self.session.node)
         end_ns = wire.now() + round(CONFIRM_S * 1e9)
         while stop.confirmed_by is None and wire.now() < end_ns:
             going = stop.data_to_send(wire.now())

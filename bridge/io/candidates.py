@@ -193,7 +193,7 @@ class _HelloListener:
 
     def ask(self, now_ns: HostNs) -> None:
         """Send a hello to all nodes, which a device answers at once."""
-        hello = HostHello(CATALOGUE.hash, new_session_id(), 0, "sweepctl ports")
+        hello = HostHello(CATALOGUE.hash, new_session_id(), 0, 0, "sweepctl ports")
         self._link.send(hello, now_ns // 1000, node=NODE_ALL)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:  # noqa: ARG002 - the interface of an engine

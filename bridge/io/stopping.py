@@ -1,4 +1,4 @@
-"""Stop of a robot on a port without an owner and without a session.
+"""Stop of every robot on a port without an owner and without a session.
 
 A device obeys a stop from any sender at any time. The stop is sent as soon as the port is open and
 repeated until the device confirms it.
@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 
 from bridge.errors import NoDeviceError
 from bridge.io import clock
-from bridge.io.identifiers import new_command_id
 from bridge.io.port_loop import serve
 from bridge.io.ports import link_of
-from bridge.session.stop_request import REPEAT_NS, StopRequest
+from bridge.session.stop_request import REPEAT_NS, StopEverything, StopRequest
 from protocol.clock import HostNs
-from protocol.messages.values import StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,30 +26,38 @@ CONFIRM_S = 3.0
 """Maximum wait for the confirmation, s."""
 
 
-def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = None) -> int:
-    """Latch a stop with cause ``operator``; return the node that confirmed it.
+def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = None) -> list[int]:
+    """Latch a stop with cause ``operator`` on every device; return the nodes that confirmed it.
 
     Args:
         port: Name of the port.
         opened: Opens the port.
-        node: Device to stop; None: every device on the port.
+        node: Device whose confirmation is required; None: any device.
 
     Raises:
         PortError: the port cannot be opened, or is gone.
-        NoDeviceError: no confirmation within :data:`CONFIRM_S`.
+        NoDeviceError: a device that is heard, or ``node``, has not confirmed the stop within
+            :data:`CONFIRM_S`.
 
     """
-    stop = StopRequest(link_of(port), StopCause.OPERATOR, new_command_id(), node)
+    stop = StopEverything(link_of(port), node)
     handle = opened()
     try:
         send_until_confirmed(handle, stop, HostNs(clock.now() + round(CONFIRM_S * 1e9)))
     finally:
         handle.close()
     if stop.confirmed_by is None:
+        others = f" (confirmed by node {_listed(stop.confirmed)})" if stop.confirmed else ""
+        whose = f" from node {_listed(stop.missing)}" if stop.missing else ""
         raise NoDeviceError(
-            f"{port}: no confirmation of the stop within {CONFIRM_S:g} s; switch the robot off"
+            f"{port}: no confirmation of the stop{whose} within {CONFIRM_S:g} s{others}; "
+            "switch the robot off"
         )
-    return stop.confirmed_by
+    return stop.confirmed
+
+
+def _listed(nodes: list[int]) -> str:
+    return ", ".join(map(str, nodes))
 
 
 def send_until_confirmed(

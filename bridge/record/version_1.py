@@ -1,7 +1,7 @@
 """Reads the raw bytes of logs of protocol version 1 as version 2 would have sent them.
 
-Version 2 differs in the version nibble, in fields that were appended, and on CAN in the place of
-the short stamp: before the payload instead of behind it. Sweepctl 0.1 wrote such logs.
+Version 2 differs in the version nibble, in types, in fields that were added, and on CAN in the
+place of the short stamp: before the payload instead of behind it. Sweepctl 0.1 wrote such logs.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 from zlib import crc32
 
-from protocol.can.frames import T16, from_record, is_native, to_record
-from protocol.can.transfers import END, SEGMENT, START
+from protocol.can.frames import T16, T32, from_record, is_native, to_record
+from protocol.can.transfers import END, FLAG_WHOLE_STAMP, START, TRANSFER, segments
+from protocol.messages.device import Ack, Nack
+from protocol.messages.host import HostHello
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.message import Direction
 from protocol.uart.framing import CRC, Frame, UartParser, encode_frame
@@ -20,6 +22,34 @@ if TYPE_CHECKING:
     from bridge.record.wire_records import WireRecord
 
 _VERSION = 1
+_TYPES = {
+    0x00: 0x01,  # stop
+    0x01: 0x0F,  # tag on CAN
+    0x03: 0x0A,  # wheel_duty
+    0x0A: 0x70,  # get_parameter
+    0x0B: 0x71,  # set_parameter
+    0x0C: 0x72,  # save_parameters
+    0x0F: 0x73,  # set_key
+    0x12: 0x13,  # imu, and its parts on CAN
+    0x22: 0x14,
+    0x32: 0x15,
+    0x13: 0x16,  # encoders
+    0x14: 0x20,  # range
+    0x15: 0x24,  # power
+    0x16: 0x28,  # link_counters
+    0x17: 0x2C,  # planner_state, and its part on CAN
+    0x27: 0x2D,
+    0x1D: 0x79,  # log_text
+    0x1E: 0x78,  # parameter_value
+}
+"""Types that have changed: of version 2, by those of version 1."""
+_HOST_HELLO = CATALOGUE.by_class[HostHello].type_id
+_HELLO_BOOT = 8
+"""Where the boot id stands that version 2 has added to the host's hello."""
+_NO_BOOT = bytes(4)
+_REPLIES = {CATALOGUE.by_class[kind].type_id for kind in (Ack, Nack)}
+_COMMAND_TYPE = 2
+"""Where a reply names its command's type."""
 _FLAGS = 0x0F
 _PART_SIZES = {
     part.can_type: sum(f.wire.size for f in spec.fields if f.can_part == number)
@@ -60,12 +90,14 @@ class Version1:
         frame = from_record(data)
         if frame is None or not frame.data:
             return data
+        can_type = _TYPES.get(frame.can_type, frame.can_type)
+        frame = frame._replace(can_id=can_type << 4 | frame.node)
         size = _PART_SIZES.get(frame.can_type)
         if size is not None:
             payload, stamp = frame.data[: -T16.size], frame.data[-T16.size :]
             return to_record(frame._replace(data=stamp + payload.ljust(size, b"\0")))
         if frame.can_type in CATALOGUE.by_type and is_native(CATALOGUE.by_type[frame.can_type]):
-            return data  # the whole stamp stands in front in both versions
+            return to_record(frame)  # the whole stamp stands in front in both versions
         return b"".join(
             to_record(frame._replace(data=segment))
             for segment in self._segments(frame.can_id, frame.data)
@@ -87,11 +119,27 @@ class Version1:
             if CRC.pack(crc32(content)) != check:
                 return held  # damaged: it stays so
         if content[:1] and content[0] >> 4 == _VERSION:
-            content = bytes([PROTOCOL_VERSION << 4 | content[0] & _FLAGS]) + content[1:]
-        if len(held) > 1:
-            content += CRC.pack(crc32(content))
-        cut = [content[i : i + SEGMENT] for i in range(0, len(content), SEGMENT)]
-        return [part + segment[-1:] for part, segment in zip(cut, held, strict=True)]
+            head = 1 + (T32.size if content[0] & FLAG_WHOLE_STAMP else T16.size)
+            content = (
+                bytes([PROTOCOL_VERSION << 4 | content[0] & _FLAGS])
+                + content[1:head]
+                + _payload(can_id >> 4, content[head:])
+            )
+        return segments(content, tail & TRANSFER)
+
+
+def _payload(type_id: int, payload: bytes) -> bytes:
+    """Return the payload of a message of version 2."""
+    if type_id == _HOST_HELLO:
+        return payload[:_HELLO_BOOT] + _NO_BOOT + payload[_HELLO_BOOT:]
+    if type_id in _REPLIES and len(payload) > _COMMAND_TYPE:
+        command_type = payload[_COMMAND_TYPE]
+        named = bytes([_TYPES.get(command_type, command_type)])
+        return payload[:_COMMAND_TYPE] + named + payload[_COMMAND_TYPE + 1 :]
+    spec = CATALOGUE.by_type.get(type_id)
+    if spec is not None and spec.direction is Direction.DEVICE and spec.text_field is None:
+        return payload.ljust(spec.layout.size, b"\0")
+    return payload
 
 
 def _serial(stretch: bytes) -> bytes:
@@ -100,8 +148,7 @@ def _serial(stretch: bytes) -> bytes:
     if len(events) != 1 or not isinstance(events[0], Frame) or events[0].version != _VERSION:
         return stretch
     frame = events[0]
-    payload, spec = frame.payload, CATALOGUE.by_type.get(frame.type_id)
-    if spec is not None and spec.direction is Direction.DEVICE and spec.text_field is None:
-        payload = payload.ljust(spec.layout.size, b"\0")
+    type_id = _TYPES.get(frame.type_id, frame.type_id)
+    payload = _payload(type_id, frame.payload)
     flags = frame.version_flags & _FLAGS
-    return encode_frame(frame.node, frame.type_id, frame.seq, frame.t_us, payload, flags)[:-1]
+    return encode_frame(frame.node, type_id, frame.seq, frame.t_us, payload, flags)[:-1]

@@ -32,8 +32,16 @@ from protocol.messages.device import (
     Status,
     TimeReply,
 )
-from protocol.messages.host import ClearStop, Describe, DescribeEnum, HostHello, Stop, TimeRequest
-from protocol.messages.values import NackReason
+from protocol.messages.host import (
+    ClearStop,
+    Describe,
+    DescribeEnum,
+    HostHello,
+    Stop,
+    StopAll,
+    TimeRequest,
+)
+from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
@@ -270,6 +278,8 @@ class ReplayDevice:
                 self._send(TimeReply(message.ping, self._device_us(now_ns)), now_ns)
             case Describe() | DescribeEnum():
                 self._send(describe(CATALOGUE, message), now_ns)
+            case StopAll():
+                self._send(Status(Mode.IDLE, StopCause.OPERATOR, 0, 0, 0), now_ns)
             case Stop() | ClearStop():
                 type_id = CATALOGUE.spec(type(message)).type_id
                 self._send(Ack(message.command_id, type_id), now_ns)

@@ -109,6 +109,9 @@ class Outbox:
             FieldRangeError: a value does not fit its field; nothing is sent.
 
         """
+        if self.node is None:  # no device to send it to yet
+            self.counts.issued += 1
+            return self.commands.issue(make, type_id, now_ns // 1000, forever=forever)
         # Other due commands wait for the next `repeat`, which reports their outcomes.
         command_id, message = self.commands.start(make, type_id, now_ns // 1000, forever=forever)
         try:

@@ -41,7 +41,8 @@ from protocol.messages.device import (
     Nack,
     TimeReply,
 )
-from protocol.messages.host import ClearStop, HostHello, SetMode, Stop
+from protocol.messages.host import ClearStop, HostHello, SetMode, Stop, StopAll
+from protocol.messages.values import StopCause
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction, Message
@@ -323,9 +324,12 @@ class Session:
         """Latch a stop of this cause and repeat it until the device confirms it.
 
         It is sent in any state, because a device obeys a stop outside a session too. An unconfirmed
-        stop is sent again in the next session. Returns the command id.
+        stop is sent again in the next session. Before any device has answered, an operator's stop
+        goes to every device on the port. Returns the command id.
         """
         self._open_stop = max(cause, self._open_stop or 0)
+        if self._outbox.node is None and cause >= StopCause.OPERATOR:
+            self._outbox.send(StopAll(), now_ns)
         return self._command(Stop, cause, now_ns, forever=True)
 
     def clear_stop(self, cause: int, now_ns: HostNs) -> int:
@@ -454,7 +458,14 @@ class Session:
 
     def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
         self._outbox.send(
-            HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns
+            HostHello(
+                self._catalogue.hash,
+                self.session_id,
+                0 if self.hello is None else self.hello.boot_id,
+                agreed,
+                self._name,
+            ),
+            now_ns,
         )
 
     def _ask(self, now_ns: HostNs) -> None:

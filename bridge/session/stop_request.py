@@ -1,50 +1,57 @@
-"""A stop that is repeated until a device confirms it; needs no session. Sans-I/O.
+"""Stops that are repeated until confirmed and need no session. Sans-I/O.
 
 A device obeys a stop from any sender at any time. A program without a session, or with a failed
-loop, uses this one.
+loop, uses one of these.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 from protocol.clock import HostNs
-from protocol.link import NODE_ALL, LinkBase, Received
-from protocol.messages.device import Ack
-from protocol.messages.host import Stop
+from protocol.commands import STOP_REPEAT_US
+from protocol.link import NODE_ALL, LinkBase, Medium, Received
+from protocol.messages.device import Ack, Status
+from protocol.messages.host import Stop, StopAll
+from protocol.messages.values import StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
-    from protocol.messages.values import StopCause
+    from protocol.schema.message import Message
 
-REPEAT_NS = 50_000_000
+REPEAT_NS = STOP_REPEAT_US * 1000
 """Interval of the repeated stop, ns: above an FTDI adapter's latency of 16 ms, so that a reply
 arrives before the next stop leaves."""
+GATHER_NS = 200_000_000
+"""Time to hear of every device on a bus, ns: two periods of the slowest stream that each sends in a
+session. A device without a session stands still, and answers a stop at once."""
 _STOP = CATALOGUE.by_class[Stop].type_id
+_STATUS = CATALOGUE.by_class[Status].type_id
+_LATCH_FIELDS = 2
+"""Leading fields of the status that are read: a status of any later version has them."""
 
 
-class StopRequest:
-    """Sends a stop until :attr:`confirmed_by` is a node."""
+class StopRequest(ABC):
+    """Sends a stop until it is confirmed."""
 
-    def __init__(
-        self, link: type[LinkBase], cause: StopCause, command_id: int, node: int | None = None
-    ) -> None:
-        """Stop ``node``; None: every device on the port."""
-        self.confirmed_by: int | None = None
-        """Node of the device that confirmed the stop; None before that."""
+    def __init__(self, link: type[LinkBase], message: Message, node: int) -> None:
         self._link = link(Direction.HOST)
-        self._stop = Stop(command_id & 0xFFFF, cause)
-        self._node = node
+        self._message, self._node = message, node
         self._due_ns = 0
+
+    @property
+    @abstractmethod
+    def confirmed_by(self) -> int | None:
+        """Node of a device that confirmed the stop; None before it is confirmed."""
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
         """Return the stop's bytes if it is due, else no bytes."""
         if now_ns < self._due_ns:
             return b""
         self._due_ns = now_ns + REPEAT_NS
-        node = NODE_ALL if self._node is None else self._node
-        self._link.send(self._stop, now_ns // 1000, node=node)
+        self._link.send(self._message, now_ns // 1000, node=self._node)
         return self._link.data_to_send()
 
     def next_deadline(self) -> HostNs:
@@ -52,17 +59,96 @@ class StopRequest:
         return HostNs(self._due_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Handle bytes from the port."""
-        if not data:
-            return
-        for event in self._link.receive(data, now_ns // 1000):
-            if isinstance(event, Received) and self._confirms(event):
-                self.confirmed_by = event.frame.node
+        """Handle bytes from the port; none says that time has passed."""
+        for event in self._link.receive(data, now_ns // 1000) if data else ():
+            if isinstance(event, Received):
+                self._take(event)
 
-    def _confirms(self, event: Received) -> bool:
+    @abstractmethod
+    def _take(self, event: Received) -> None:
+        """Handle a device's message."""
+
+
+class AddressedStop(StopRequest):
+    """The owner's stop for its own device, with a cause; acknowledged by its id."""
+
+    def __init__(self, link: type[LinkBase], cause: StopCause, command_id: int, node: int) -> None:
+        super().__init__(link, Stop(command_id & 0xFFFF, cause), node)
+        self._command_id = command_id & 0xFFFF
+        self._confirmed_by: int | None = None
+
+    @property
+    def confirmed_by(self) -> int | None:
+        """Node of the device that confirmed the stop; None before that."""
+        return self._confirmed_by
+
+    def _take(self, event: Received) -> None:
         message = event.message
-        if not isinstance(message, Ack) or message.command_type != _STOP:
-            return False
-        return message.command_id == self._stop.command_id and (
-            self._node in {None, event.frame.node}
-        )
+        if (
+            isinstance(message, Ack)
+            and (message.command_type, message.command_id) == (_STOP, self._command_id)
+            and event.frame.node == self._node
+        ):
+            self._confirmed_by = event.frame.node
+
+
+class StopEverything(StopRequest):
+    """The stop of every device on the port: the same bytes from whoever sends it.
+
+    A device that is heard must show the latched cause ``operator``, or a graver one. On a bus that
+    is known only after :data:`GATHER_NS`.
+    """
+
+    def __init__(self, link: type[LinkBase], node: int | None = None) -> None:
+        """Wait for ``node``, and for every other device that is heard."""
+        super().__init__(link, StopAll(), NODE_ALL)
+        self._link.codec.limit(_STATUS, _LATCH_FIELDS)
+        self._latched: dict[int, bool] = {} if node is None else {node: False}
+        self._gathers = self._link.medium is Medium.CAN
+        self._begun_ns: HostNs | None = None
+        self._now_ns = HostNs(0)
+
+    @property
+    def confirmed(self) -> list[int]:
+        """Nodes of the devices that show the latched stop."""
+        return sorted(node for node, latched in self._latched.items() if latched)
+
+    @property
+    def missing(self) -> list[int]:
+        """Nodes of the devices that are known and do not."""
+        return sorted(node for node, latched in self._latched.items() if not latched)
+
+    @property
+    def confirmed_by(self) -> int | None:
+        """Lowest node of the devices, once all that are known show the latched stop."""
+        if not self.confirmed or self.missing or self._begun_ns is None:
+            return None
+        if self._gathers and self._now_ns - self._begun_ns < GATHER_NS:
+            return None
+        return self.confirmed[0]
+
+    def data_to_send(self, now_ns: HostNs) -> bytes:
+        """Return the stop's bytes if it is due, else no bytes."""
+        if self._begun_ns is None:
+            self._begun_ns = now_ns
+        return super().data_to_send(now_ns)
+
+    def receive(self, data: bytes, now_ns: HostNs) -> None:
+        """Handle bytes from the port; none says that time has passed."""
+        self._now_ns = now_ns
+        super().receive(data, now_ns)
+
+    def _take(self, event: Received) -> None:
+        node, message = event.frame.node, event.message
+        known = self._latched.setdefault(node, False)
+        if self._begun_ns is not None and isinstance(message, Status) and not known:
+            self._latched[node] = message.stop_cause >= StopCause.OPERATOR
+
+
+def stop_request(
+    link: type[LinkBase], cause: StopCause, command_id: int, node: int | None
+) -> StopRequest:
+    """Return the stop of a session's device; of every device if the session knows none yet."""
+    if node is None:
+        return StopEverything(link)
+    return AddressedStop(link, cause, command_id, node)

@@ -10,34 +10,42 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from protocol.authentication import Authenticator
+    from protocol.can.stamps import StampExtender
     from protocol.link import Received
 
 TOGETHER_US = 10_000
 """Message and tag are acted on when both have come within this."""
 
 
-class _Held(NamedTuple):
+class Held(NamedTuple):
+    """A message, what its tag covers, and by what the next stamp is judged once it has come."""
+
     came_us: int
     covered: Sequence[tuple[int, bytes]]
     event: Received
+    stamps: StampExtender
 
 
 class HeldMessages:
     """At most one for each node."""
 
     def __init__(self) -> None:
-        self._held: dict[int, _Held] = {}
+        self._held: dict[int, Held] = {}
 
     def hold(
-        self, event: Received, covered: Sequence[tuple[int, bytes]], now_us: int
+        self,
+        event: Received,
+        covered: Sequence[tuple[int, bytes]],
+        stamps: StampExtender,
+        now_us: int,
     ) -> Received | None:
         """Hold a message and what its tag covers; gives one held already, which has no tag."""
         node = event.frame.node
         before = self._held.get(node)
-        self._held[node] = _Held(now_us, covered, event)
+        self._held[node] = Held(now_us, covered, event, stamps)
         return None if before is None else before.event
 
-    def tagged(self, node: int, data: bytes, key: Authenticator, now_us: int) -> Received | None:
+    def tagged(self, node: int, data: bytes, key: Authenticator, now_us: int) -> Held | None:
         """A tag has come: the message that it belongs to, marked; None where it is of none."""
         held = self._held.pop(node, None)
         if held is None or now_us - held.came_us > TOGETHER_US:
@@ -46,7 +54,8 @@ class HeldMessages:
             return None
         frame = held.event.frame
         flags = frame.version_flags | FLAG_AUTHENTICATED
-        return held.event._replace(frame=frame._replace(version_flags=flags))
+        event = held.event._replace(frame=frame._replace(version_flags=flags))
+        return held._replace(event=event)
 
     def late(self, now_us: int) -> list[Received]:
         """Messages whose tag did not come in time; they are what they would be without."""

@@ -6,10 +6,12 @@ ports, wires and logs need not know what they carry.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.authentication import CAN_AUTH_TYPE, GUARDED_TYPES
+from protocol.authentication import CAN_AUTH_TYPE, SIGNED_TYPES
 from protocol.can.authentication import HeldMessages
 from protocol.can.frames import (
     RECORD,
@@ -45,6 +47,7 @@ from protocol.uart.framing import FLAG_AUTHENTICATED, Damage, DamagedFrame, Fram
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from protocol.can.stamps import StampExtender
     from protocol.link import LinkEvent
     from protocol.schema.codec import Codec
     from protocol.schema.message import Message, MessageSpec
@@ -54,8 +57,8 @@ DOUBLE_US = 500_000
 transfer ids come back no sooner."""
 _SPAN32, _HALF32 = 1 << 32, 1 << 31
 _VERSION = PROTOCOL_VERSION << 4
-_STOP = 0
 _ID_SIZE = 2
+_rank = itemgetter(5)
 
 
 @dataclass(slots=True)
@@ -99,6 +102,11 @@ class CanLink(LinkBase):
             if is_native(spec)
             for number, part in enumerate(spec.can_parts)
         }
+        self._bare = {
+            spec.type_id: spec
+            for spec in self.codec.catalogue
+            if spec.is_bare and spec.direction is not sends
+        }
         self._parts: dict[tuple[int, int], tuple[Part, ...]] = {}
         self._transfer_ids: dict[int, int] = {}
         self._slow_sent_us: dict[int, int] = {}
@@ -132,7 +140,8 @@ class CanLink(LinkBase):
             if frame is None:
                 self.statistics.foreign += 1
                 continue
-            event = self._frame(frame, now_us)
+            bare = self._bare.get(frame.can_type)
+            event = self._frame(frame, now_us) if bare is None else self._take_bare(frame, bare)
             if event is not None:
                 events.append(event)
             events += self._unmarked
@@ -166,13 +175,34 @@ class CanLink(LinkBase):
             return self._take_native(frame, native, now_us)
         return self._take_segment(frame, spec, now_us)
 
+    def _take_bare(self, frame: CanFrame, spec: MessageSpec) -> LinkEvent:
+        """A frame that says all by its identifier: taken whatever its data, and each time."""
+        self.statistics.bytes_in += _ID_SIZE + len(frame.data)
+        self.statistics.frames_in += 1
+        by_type = self.statistics.by_type
+        by_type[spec.type_id] = by_type.get(spec.type_id, 0) + 1
+        self._sender(frame.node).frames += 1
+        return self._interpret(spec, frame.node, _VERSION, 0, b"")
+
     def _tag(self, frame: CanFrame, now_us: int) -> LinkEvent:
         """A frame of no message: the tag of the one before it, or of a type that we do not know."""
         head = Frame(_VERSION, frame.node, frame.can_type, 0, 0, frame.data)
         if frame.can_type != CAN_AUTH_TYPE or self.key is None:
             return self._reject(head, "type")
-        tagged = self._held.tagged(frame.node, frame.data, self.key, now_us)
-        return self._reject(head, "key") if tagged is None else tagged
+        held = self._held.tagged(frame.node, frame.data, self.key, now_us)
+        if held is None:
+            return self._reject(head, "key")
+        self._sender(frame.node).stamps = held.stamps
+        return held.event
+
+    @property
+    def _guards(self) -> bool:
+        """Whether frames of the other end are judged by their tags."""
+        return self.key is not None and self.key.begun and self._sends is Direction.DEVICE
+
+    def _stamps_of(self, sender: Sender) -> StampExtender:
+        """What judges a frame's stamp; a copy where only a tag lets it judge the next one's."""
+        return copy(sender.stamps) if self._guards else sender.stamps
 
     def _sender(self, node: int) -> Sender:
         # A device's frames name it; whatever node a host's frames name, the host is one.
@@ -203,15 +233,16 @@ class CanLink(LinkBase):
 
     def _take_native(self, frame: CanFrame, native: _Native, now_us: int) -> LinkEvent | None:
         spec, data, sender = native.spec, frame.data, self._sender(frame.node)
+        stamps = self._stamps_of(sender)
         if spec.full_stamp:
             if len(data) < T32.size:
                 return self._malformed(frame, spec)
-            stamp_us: int | None = sender.stamps.whole(T32.unpack_from(data)[0], now_us)
+            stamp_us: int | None = stamps.whole(T32.unpack_from(data)[0], now_us)
             payload = data[T32.size :]
         else:
             if len(data) < T16.size:
                 return self._malformed(frame, spec)
-            stamp_us = sender.stamps.short(T16.unpack_from(data)[0], now_us)
+            stamp_us = stamps.short(T16.unpack_from(data)[0], now_us)
             payload = data[T16.size :]
         if stamp_us is None:
             self.statistics.stale += 1
@@ -226,17 +257,21 @@ class CanLink(LinkBase):
         event = self._interpret(spec, frame.node, _VERSION, stamp_us, payload)
         if isinstance(event, Received) and isinstance(event.message, Sync):
             self._count(sender, event.message.frame_count)
-        return self._guarded(event, frames, now_us)
+        return self._guarded(event, frames, stamps, now_us)
 
     def _guarded(
-        self, event: LinkEvent, covered: Sequence[tuple[int, bytes]], now_us: int
+        self,
+        event: LinkEvent,
+        covered: Sequence[tuple[int, bytes]],
+        stamps: StampExtender,
+        now_us: int,
     ) -> LinkEvent | None:
         """Hold back what needs a tag until it comes, where there is a key to check it with."""
-        if self.key is None or not self.key.begun or not isinstance(event, Received):
+        if not self._guards or not isinstance(event, Received):
             return event
-        if event.spec.type_id not in GUARDED_TYPES:
+        if event.spec.type_id not in SIGNED_TYPES:
             return event
-        before = self._held.hold(event, covered, now_us)
+        before = self._held.hold(event, covered, stamps, now_us)
         if before is not None:
             self._unmarked.append(before)
         return None
@@ -317,13 +352,15 @@ class CanLink(LinkBase):
         parsed = parse_content(whole)
         if parsed is None:
             return self._malformed(frame, spec)
-        stamps = self._sender(frame.node).stamps
+        sender = self._sender(frame.node)
+        stamps = self._stamps_of(sender)
         if parsed.whole:
+            sender.stamps.newest = parsed.stamp, now_us
             stamp_us: int | None = stamps.whole(parsed.stamp, now_us)
         else:
             stamp_us = stamps.short(parsed.stamp, now_us)
             if stamp_us is None and spec.cls is Stop:
-                stamp_us = stamps.sender_us(now_us)  # obeyed whenever it was said
+                stamp_us = stamps.sender_us(now_us)  # obeyed whenever it was sent
         if stamp_us is None:
             statistics.stale += 1
             return None
@@ -331,7 +368,7 @@ class CanLink(LinkBase):
         if self.key is not None:
             flags &= ~FLAG_AUTHENTICATED  # it is what the tag says, not what the frame says
         event = self._interpret(spec, frame.node, flags, stamp_us, parsed.payload)
-        return self._guarded(event, [(frame.can_id, whole)], now_us)
+        return self._guarded(event, [(frame.can_id, whole)], stamps, now_us)
 
     def forget_sequence(self) -> None:
         """Forget counts, clocks and halves: the peer has booted anew, as its hello says.
@@ -345,8 +382,15 @@ class CanLink(LinkBase):
 
     # ---- sending --------------------------------------------------------------------------
 
-    def send(
-        self, message: Message, t_us: int, *, node: int, flags: int = 0, latest: bool = False
+    def send(  # noqa: PLR0913 - the frame, and how it waits
+        self,
+        message: Message,
+        t_us: int,
+        *,
+        node: int,
+        flags: int = 0,
+        latest: bool = False,
+        rank: int | None = None,
     ) -> bool:
         """Queue a message, as on any link; here flags have three bits.
 
@@ -356,20 +400,24 @@ class CanLink(LinkBase):
         """
         if flags & FLAG_WHOLE_STAMP:
             raise FieldRangeError("frame", "flags", flags)
-        return super().send(message, t_us, node=node, flags=flags, latest=latest)
+        return super().send(message, t_us, node=node, flags=flags, latest=latest, rank=rank)
 
     def data_to_send(self) -> bytes:
-        """Fetch and forget what is queued, a stop first."""
+        """Fetch and forget what is queued, the most urgent first."""
         if not self._queue:
             return b""
         queue, self._queue = self._queue, []
-        queue.sort(key=lambda waiting: waiting[1] != _STOP)
+        queue.sort(key=_rank)
         records: list[bytes] = []
-        for node, type_id, t_us, payload, flags in queue:
+        for node, type_id, t_us, payload, flags, _ in queue:
             spec = self.codec.catalogue.by_type[type_id]
-            if is_native(spec):
-                frames = self._pack(spec, node, t_us, payload)
+            if spec.is_bare:
+                frames = [CanFrame(type_id << 4 | node, b"")]
+                self._frame_count += 1
                 covered: Sequence[tuple[int, bytes]] = frames
+            elif is_native(spec):
+                frames = self._pack(spec, node, t_us, payload)
+                covered = frames
             else:
                 can_id = type_id << 4 | node
                 transfer = self._transfer_ids.get(can_id, -1) + 1
@@ -397,7 +445,7 @@ class CanLink(LinkBase):
                     continue
                 self._slow_sent_us[part.can_type] = t_us
             self._frame_count += 1
-            if spec.cls is Sync:  # known only now: what was queued before it goes out before it
+            if spec.cls is Sync:  # known only now: it is the order of leaving that counts
                 payload = T32.pack(self._frame_count % _SPAN32)
             frames.append(CanFrame(part.can_type << 4 | node, pack(part, payload, t_us)))
         return frames

@@ -30,18 +30,18 @@ class StampExtender:
         """Sender's clock less ours, by the frame that took the shortest way."""
         self._at_us = 0
         """When that was judged."""
-        self._newest: tuple[int, int] | None = None
+        self.newest: tuple[int, int] | None = None
         """The last whole stamp as it came, and when."""
 
     def restart(self) -> None:
         """Begin anew with the newest whole stamp: the sender is another than before it."""
-        if self._newest is not None:
-            self._begin(*self._newest)
+        if self.newest is not None:
+            self._begin(*self.newest)
 
     def whole(self, t_us: int, now_us: int) -> int:
         """Take a 32-bit stamp; give it with wraps undone."""
         before = self._wire_us
-        self._newest = t_us, now_us
+        self.newest = t_us, now_us
         if before is None:
             self._begin(t_us, now_us)
             return t_us

@@ -140,6 +140,8 @@ def declaration(spec: MessageSpec) -> str:
 
 
 def _members(spec: MessageSpec) -> Iterator[str]:
+    if spec.is_bare:
+        yield "    uint8_t nothing; /* it says all by its type */"
     for field in spec.fields:
         yield comment(meaning(field), "    ")
         name = identifier(field.name)
@@ -154,6 +156,19 @@ def _members(spec: MessageSpec) -> Iterator[str]:
 
 def _frame_helper(spec: MessageSpec) -> list[str]:
     name = spec.name
+    if spec.is_bare:
+        return [
+            "/* Its number and stamp are 0: the same bytes whoever sends it. */",
+            f"static inline size_t sp_{name}_frame(",
+            f"    uint8_t *frame, sp_sender_t *sender, uint32_t t_us, const sp_{name}_t *message)",
+            "{",
+            "    sp_sender_t anybody = {sender->node, 0u, 0u, 0u};",
+            "    (void)t_us;",
+            "    (void)message;",
+            "    sender->frames++;",
+            f"    return sp_seal(frame, &anybody, SP_TYPE_{upper(spec)}, 0u, 0u);",
+            "}",
+        ]
     seal = f"sp_seal(frame, sender, SP_TYPE_{upper(spec)}, t_us, (size_t)length)"
     return [
         f"static inline size_t sp_{name}_frame(",
@@ -199,6 +214,9 @@ def _encode(spec: MessageSpec, name: str) -> Iterator[str]:
     size = f"SP_{upper(spec)}_SIZE"
     yield f"int sp_{name}_encode(const sp_{name}_t *message, uint8_t *payload, size_t capacity)"
     yield "{"
+    if spec.is_bare:
+        yield "    (void)message;\n    (void)payload;\n    (void)capacity;\n    return 0;\n}"
+        return
     text = spec.text_field
     if text is None:
         yield f"    if (capacity < {size}) {{"
@@ -233,6 +251,10 @@ def _decode(spec: MessageSpec, name: str) -> Iterator[str]:
     size = f"SP_{upper(spec)}_SIZE"
     yield f"bool sp_{name}_decode(sp_{name}_t *message, const uint8_t *payload, size_t length)"
     yield "{"
+    if spec.is_bare:
+        yield "    (void)payload;\n    (void)length;"
+        yield "    message->nothing = 0;\n    return true;\n}"
+        return
     # Of a bootstrap message more may follow: it is how its own successor would look.
     if spec.text_field is not None:
         yield f"    if (length < {size} || SP_PAYLOAD_MAX < length) {{"

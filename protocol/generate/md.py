@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from protocol.authentication import CAN_AUTH_TYPE, TRAILER
 from protocol.can.authentication import TOGETHER_US
 from protocol.can.frames import pack, parts_of
-from protocol.commands import REMEMBERED
+from protocol.commands import REMEMBERED, STOP_REPEAT_US
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
 from protocol.generate.template import fill
@@ -88,6 +88,7 @@ def _wire(catalogue: Catalogue) -> str:
         hashes="\n".join(hash_table(catalogue)),
         causes=", ".join(f"`{c.name.lower()}`" for c in by_gravity()),
         unnamed=latched_cause(StopCause.NONE, StopCause.NONE).name.lower(),
+        stop_repeat_ms=STOP_REPEAT_US // 1000,
         remembered=REMEMBERED,
         guarded=", ".join(f"`{s.name}`" for s in catalogue if s.needs_tag),
         free=", ".join(

@@ -123,7 +123,7 @@ def hash_table(catalogue: Catalogue) -> Iterator[str]:
         chain = catalogue.chains[spec.type_id]
         yield f"| `{spec.name}` | {len(spec.fields)} | {chain[0]:08x} | {chain[-1]:08x} |"
     yield ""
-    example = catalogue.specs[0]
+    example = next(spec for spec in catalogue if spec.fields)
     yield f"The chain of `{example.name}`, step by step:\n"
     yield "| hashed | value |"
     yield "|---|---|"

@@ -64,15 +64,15 @@ class Status(Message):
 
 
 @message(
-    0x12,
+    0x13,
     _DEVICE,
     _STREAM,
     default_hz=100,
     minimal=True,
     can_parts=(
-        CanPart(0x12, "acceleration"),
-        CanPart(0x22, "rotation"),
-        CanPart(0x32, "temperature", slow_us=1_000_000),
+        CanPart(0x13, "acceleration"),
+        CanPart(0x14, "rotation"),
+        CanPart(0x15, "temperature", slow_us=1_000_000),
     ),
 )
 class Imu(Message):
@@ -99,7 +99,7 @@ class Imu(Message):
     gyro_z_rad_s = si("gyro_z")
 
 
-@message(0x13, _DEVICE, _STREAM, default_hz=50, minimal=True)
+@message(0x16, _DEVICE, _STREAM, default_hz=50, minimal=True)
 class Encoders(Message):
     """Absolute wheel counts after ×4; they wrap at 16 bits."""
 
@@ -107,7 +107,7 @@ class Encoders(Message):
     right: Annotated[int, number(U16, "count", "right wheel, rising forward")]
 
 
-@message(0x14, _DEVICE, _STREAM, default_hz=20)
+@message(0x20, _DEVICE, _STREAM, default_hz=20)
 class Range(Message):
     """Distances and contacts around the robot."""
 
@@ -130,7 +130,7 @@ class Range(Message):
     infrared_right_m = si_or_none("infrared_right")
 
 
-@message(0x15, _DEVICE, _STREAM, default_hz=5)
+@message(0x24, _DEVICE, _STREAM, default_hz=5)
 class Power(Message):
     """Supply rails and motor currents."""
 
@@ -145,21 +145,43 @@ class Power(Message):
     motor_right_a = si("motor_right")
 
 
-@message(0x16, _DEVICE, _STREAM, default_hz=1)
+@message(
+    0x28,
+    _DEVICE,
+    _STREAM,
+    default_hz=1,
+    can_parts=(CanPart(0x28, "received"), CanPart(0x29, "dropped"), CanPart(0x2A, "can")),
+)
 class LinkCounters(Message):
     """What the device received and dropped since boot; each wraps."""
 
     received: Annotated[int, number(U16, "count", "intact frames")]
     damaged: Annotated[int, number(U16, "count", "frames with a bad check or form")]
     stale: Annotated[int, number(U16, "count", "setpoints refused as old or repeated")]
+    receive_dropped: Annotated[
+        int,
+        number(U16, "count", "lost for want of room as they came", can_part=1),
+    ]
+    send_dropped: Annotated[
+        int, number(U16, "count", "messages that were not sent for want of room", can_part=1)
+    ]
+    can_send_errors: Annotated[
+        int, number(U8, "count", "error counter of its CAN controller (TEC)", can_part=2)
+    ]
+    can_receive_errors: Annotated[
+        int, number(U8, "count", "error counter of its CAN controller (REC)", can_part=2)
+    ]
+    can_bus_offs: Annotated[
+        int, number(U16, "count", "times that its CAN controller left the bus", can_part=2)
+    ]
 
 
 @message(
-    0x17,
+    0x2C,
     _DEVICE,
     _STREAM,
     default_hz=5,
-    can_parts=(CanPart(0x17, "target"), CanPart(0x27, "lane")),
+    can_parts=(CanPart(0x2C, "target"), CanPart(0x2D, "lane")),
 )
 class PlannerState(Message):
     """The device's own planner: the paper's variables and where it drives to."""
@@ -235,7 +257,7 @@ class DescribeReply(Message):
     chain: Annotated[int, number(U32, "hash", "after min(asked, own) fields")]
 
 
-@message(0x1D, _DEVICE, _RARE)
+@message(0x79, _DEVICE, _RARE)
 class LogText(Message):
     """A line for people; at most 10 a second."""
 
@@ -243,7 +265,7 @@ class LogText(Message):
     line: Annotated[str, text("UTF-8")]
 
 
-@message(0x1E, _DEVICE, _RARE)
+@message(0x78, _DEVICE, _RARE)
 class ParameterValue(Message):
     """A parameter with all that is to be known of it; sent as get and set are carried out."""
 
@@ -265,7 +287,7 @@ class Challenge(Message):
     counter: Annotated[int, number(U32, "count", "random, new for each session")]
 
 
-@message(0x2C, _DEVICE, _RARE, default_hz=1, minimal=True)
+@message(0x1D, _DEVICE, _RARE, default_hz=1, minimal=True)
 class ImuInfo(Message):
     """What the counts of the IMU message are worth; sent after hello, and then at 1 Hz."""
 
@@ -280,7 +302,7 @@ class ImuInfo(Message):
     zero_deg_c = si("zero")
 
 
-@message(0x3C, _DEVICE, _RARE, bootstrap=True)
+@message(0x1E, _DEVICE, _RARE, bootstrap=True)
 class DescribeEnumReply(Message):
     """How the device numbers one enumeration."""
 

@@ -29,9 +29,14 @@ _STREAM, _COMMAND, _RARE = RateClass.STREAM, RateClass.COMMAND, RateClass.RARE
 _ID = number(U16, "id", "chosen by the host, counts up; names the command in its reply")
 
 
-@message(0x00, _HOST, _COMMAND, bootstrap=True, to_all=True, tagged=False)
+@message(0x00, _HOST, _RARE, bootstrap=True, to_all=True, tagged=False)
+class StopAll(Message):
+    """Every device stops and latches ``operator``; the same bytes from whoever sends it."""
+
+
+@message(0x01, _HOST, _COMMAND, bootstrap=True, tagged=False)
 class Stop(Message):
-    """Stop and latch; repeated until acknowledged, obeyed from anyone at any time."""
+    """The owner's stop: latched with its cause, repeated until acknowledged."""
 
     command_id: Annotated[int, _ID]
     cause: Annotated[int, number(U8, "enum", "why", enum=StopCause, low=1)]
@@ -53,7 +58,7 @@ class VelocitySetpoint(Message):
     time_to_live_s = si("time_to_live")
 
 
-@message(0x03, _HOST, _STREAM, default_hz=50)
+@message(0x0A, _HOST, _STREAM, default_hz=50)
 class WheelDuty(Message):
     """Motor duties, obeyed in bring-up mode only and capped there."""
 
@@ -79,6 +84,7 @@ class HostHello(Message):
 
     catalogue_hash: Annotated[int, number(U32, "hash", "of the host's whole catalogue")]
     session_id: Annotated[int, number(U32, "id", "random, new for each session", low=1)]
+    boot_id: Annotated[int, number(U32, "id", "of the device's hello; 0: not known yet")]
     agreed: Annotated[int, number(U8, "bits", "1: streams and commands may start", high=1)]
     name: Annotated[str, text("the host program and its version")]
 
@@ -123,7 +129,7 @@ class PlannerCommand(Message):
     planner: Annotated[int, number(U8, "enum", "which, at start", enum=OnboardPlanner)]
 
 
-@message(0x0A, _HOST, _COMMAND)
+@message(0x70, _HOST, _COMMAND)
 class GetParameter(Message):
     """Ask for one parameter; the value comes before the acknowledgement."""
 
@@ -131,7 +137,7 @@ class GetParameter(Message):
     parameter: Annotated[int, number(U8, "id", "number of the parameter, from 0 without gaps")]
 
 
-@message(0x0B, _HOST, _COMMAND)
+@message(0x71, _HOST, _COMMAND)
 class SetParameter(Message):
     """Change one parameter until the next boot; save makes it stay."""
 
@@ -141,7 +147,7 @@ class SetParameter(Message):
     value: Annotated[int, number(U32, "raw", "32 bits, read as the kind says")]
 
 
-@message(0x0C, _HOST, _COMMAND)
+@message(0x72, _HOST, _COMMAND)
 class SaveParameters(Message):
     """Store every parameter's present value."""
 
@@ -167,7 +173,7 @@ class Reboot(Message):
     kind: Annotated[int, number(U8, "enum", "how", enum=RebootKind)]
 
 
-@message(0x0F, _HOST, _COMMAND)
+@message(0x73, _HOST, _COMMAND)
 class SetKey(Message):
     """Set the key that motion is authenticated with; over a local UART only, never told again."""
 
@@ -182,7 +188,7 @@ class SetKey(Message):
         return f"SetKey(command_id={self.command_id})"
 
 
-@message(0x28, _HOST, _RARE, bootstrap=True, tagged=False)
+@message(0x0C, _HOST, _RARE, bootstrap=True, tagged=False)
 class DescribeEnum(Message):
     """Ask how the device numbers one enumeration."""
 

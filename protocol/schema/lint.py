@@ -71,6 +71,10 @@ def _stream(spec: MessageSpec) -> Iterator[str]:
         yield f"stream of {spec.layout.size} B exceeds {STREAM_PAYLOAD_MAX} B"
     if spec.default_hz <= 0:
         yield "a stream needs a default rate"
+    yield from _can_parts(spec)
+
+
+def _can_parts(spec: MessageSpec) -> Iterator[str]:
     for part in sorted({f.can_part for f in spec.fields}):
         size = sum(f.wire.size for f in spec.fields if f.can_part == part)
         if size > CAN_PAYLOAD_MAX:
@@ -81,6 +85,9 @@ def _stream(spec: MessageSpec) -> Iterator[str]:
         yield "a host's message has a slow CAN part: a device joins what comes at once"
     if MAX_TYPE >= spec.type_id >= 0 and spec.can_parts[0].can_type != spec.type_id:
         yield f"CAN part 0 has type {spec.can_parts[0].can_type:#x}, not the message's own"
+    own = spec.can_parts[0].can_type
+    if [p.can_type - own for p in spec.can_parts] != list(range(len(spec.can_parts))):
+        yield "CAN parts rank together: each type is one more than the one before"
     if len(spec.can_parts) > 1:
         yield from (f"CAN part {i} has no name" for i, p in enumerate(spec.can_parts) if not p.name)
 

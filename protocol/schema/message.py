@@ -149,6 +149,11 @@ class MessageSpec:
             lines.append(field.canonical() + ("|" if part is None else f"|{part:02x}"))
         return lines
 
+    @property
+    def is_bare(self) -> bool:
+        """Whether it says all by its type: its frame is the same whoever sends it."""
+        return not self.fields
+
     def prefix_layout(self, count: int) -> struct.Struct:
         """Layout of the first ``count`` fields, for a peer that knows only those."""
         return struct.Struct("<" + "".join(f.wire.code for f in self.fields[:count]))

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message, MessageSpec
 
 _HALF_SEQ = 128
-_STOP = "stop"
-"""Name of the message that needs no tag, and is not refused for a wrong one."""
+_STOPS = frozenset({"stop", "stop_all"})
+"""Names of the messages that need no tag, and are not refused for a wrong one."""
 _HELLO = "hello"
 """Name of the message that says which boot a device's sequence numbers are of."""
 _PLAIN_MASK = 0xF0 | FLAG_AUTHENTICATED
@@ -69,7 +69,7 @@ class Link(LinkBase):
         self._ordinary: list[_Ordinary | None] = [None] * 256
         """By type; None where it takes more to read the message, or it does not come in."""
         for spec in self.codec.catalogue:
-            if spec.direction is not sends and spec.text_field is None:
+            if spec.direction is not sends and spec.text_field is None and not spec.is_bare:
                 self._ordinary[spec.type_id] = _Ordinary(spec)
 
     # ---- receiving ------------------------------------------------------------------------
@@ -113,7 +113,7 @@ class Link(LinkBase):
         return found
 
     def _interpret(self, frame: Frame) -> LinkEvent:
-        version_flags, node, type_id, seq, *_ = frame
+        version_flags, _, type_id, *_ = frame
         if version_flags >> 4 != PROTOCOL_VERSION:
             return self._reject(frame, "version")
         codec = self.codec
@@ -123,17 +123,13 @@ class Link(LinkBase):
         statistics = self.statistics
         statistics.frames_in += 1
         statistics.by_type[type_id] = statistics.by_type.get(type_id, 0) + 1
-        sender = node & self._sender_mask
-        booted = spec is not None and spec.name == _HELLO and self._booted(sender, spec, frame)
-        if booted or self._expected_seq[sender] in {seq, _UNKNOWN}:
-            self._expected_seq[sender] = (seq + 1) & 0xFF
-        else:
-            self._out_of_sequence(sender, seq)
+        if spec is None or not spec.is_bare:  # that has no number: anybody may have sent it
+            self._count(spec, frame)
         if spec is None:
             return self._reject(frame, "type")
         genuine = True
         if version_flags & FLAG_AUTHENTICATED and type_id not in self.disabled:
-            if spec.name == _STOP:  # obeyed from anyone, so whatever its tag; it is not genuine
+            if spec.name in _STOPS:  # obeyed from anyone, so whatever its tag; it is not genuine
                 frame = frame._replace(version_flags=version_flags & ~FLAG_AUTHENTICATED)
             else:
                 frame, genuine = self._opened(frame)
@@ -150,6 +146,15 @@ class Link(LinkBase):
         frame = frame._replace(payload=payload)
         covered = HEADER.pack(*frame[:-1]) + payload
         return frame, self.key is not None and self.key.check(covered, trailer)
+
+    def _count(self, spec: MessageSpec | None, frame: Frame) -> None:
+        """Find what is missing by a frame's number."""
+        sender, seq = frame.node & self._sender_mask, frame.seq
+        booted = spec is not None and spec.name == _HELLO and self._booted(sender, spec, frame)
+        if booted or self._expected_seq[sender] in {seq, _UNKNOWN}:
+            self._expected_seq[sender] = (seq + 1) & 0xFF
+        else:
+            self._out_of_sequence(sender, seq)
 
     def _booted(self, sender: int, spec: MessageSpec, frame: Frame) -> bool:
         """Whether a hello is of another boot than the one before: its numbers begin anew."""
@@ -182,9 +187,13 @@ class Link(LinkBase):
             return b""
         # With a leading delimiter on an idle line, a damaged tail costs no intact neighbour.
         data = b"\0"
-        for node, type_id, t_us, payload, flags in self._queue:  # hardly ever more than one
+        by_type = self.codec.catalogue.by_type
+        for node, type_id, t_us, payload, flags, _ in self._queue:  # hardly ever more than one
             version_flags, stamp_us = OWN_VERSION | flags, t_us & 0xFFFF_FFFF
             content = payload
+            if not payload and by_type[type_id].is_bare:  # the same frame whoever sends it
+                data += self._encoder.frame(OWN_VERSION, node, type_id, 0, 0, payload)
+                continue
             if flags & FLAG_AUTHENTICATED and self.key is not None:
                 head = HEADER.pack(version_flags, node, type_id, self._seq, stamp_us)
                 content += self.key.sign(head + payload)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import sweepctl_plugins
 from protocol.messages.device import Encoders, Imu, LinkCounters, Status, Sync
@@ -27,10 +27,22 @@ _LOAD_US = LOAD_TICKS * 1_000_000 // TICK_HZ
 _TIME_TO_LIVE_MS_MAX = 250
 
 
+class LineHealth(NamedTuple):
+    """Counters of the line's queues and of its CAN controller, as in the link counters."""
+
+    receive_dropped: int = 0
+    send_dropped: int = 0
+    can_send_errors: int = 0
+    can_receive_errors: int = 0
+    can_bus_offs: int = 0
+
+
 class Telemetry:
     """Packs each stream's readings, by the stream's name."""
 
     def __init__(self, link: LinkBase, sampler: Sampler, control: Control) -> None:
+        self.line_health: Callable[[], LineHealth] = LineHealth
+        """What the line's queues and its CAN controller count."""
         self.stale = 0
         """Setpoints refused so far."""
         self._link, self._sampler, self._control = link, sampler, control
@@ -90,6 +102,7 @@ class Telemetry:
             statistics.frames_in & 0xFFFF,
             statistics.damaged + statistics.rejected & 0xFFFF,
             self.stale & 0xFFFF,
+            *self.line_health(),
         )
 
     def _status(self, now_us: int) -> Message:

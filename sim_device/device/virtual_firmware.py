@@ -12,7 +12,7 @@ from protocol.can.link import CanLink
 from protocol.commands import CommandLog
 from protocol.imu import NOMINAL, ImuScale
 from protocol.link import LinkBase, Received, addresses
-from protocol.messages.device import Ack, Nack, TimeReply
+from protocol.messages.device import Ack, Nack, ParameterValue, TimeReply
 from protocol.messages.host import (
     Describe,
     DescribeEnum,
@@ -22,6 +22,7 @@ from protocol.messages.host import (
     SetKey,
     SetParameter,
     Stop,
+    StopAll,
     TimeRequest,
     VelocitySetpoint,
     WheelDuty,
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
 
 TICK_US = 1_000_000 // streams.TICK_HZ
 _TICK_MS = TICK_US // 1000
+_VALUE = CATALOGUE.by_class[ParameterValue].type_id
 HELLO_TICKS = 100
 NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is off"
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
@@ -105,6 +107,8 @@ class Firmware:
         self.identity = identity
         self.agreed = False
         self.session_id = 0
+        self._status_wanted = False
+        """A stop from anybody is to be answered with the status."""
         self.link = link(Direction.DEVICE, codec=Codec(catalogue))
         self._flash = flash or Flash()
         self.parameters = ParameterStore(parameters.table(model, identity.node), self._flash.load())
@@ -173,7 +177,6 @@ class Firmware:
                     if self.link.key is not None and self.keyring.refuses(frame):
                         self._reject(message, frame, now_us)  # nor does it keep a session alive
                         continue
-                    self._heard_us = now_us
                     self._handle(as_ours(message, spec), frame, now_us)
 
     def data_to_send(self) -> bytes:
@@ -191,19 +194,26 @@ class Firmware:
             return
         self._send(Nack(command_id, frame.type_id, NackReason.NOT_AUTHENTICATED), now_us)
 
-    def _send(self, message: Message, now_us: int) -> None:
+    def _send(self, message: Message, now_us: int, rank: int | None = None) -> None:
         if message.__class__ not in self._declared:
             declared = as_declared(message, self.link.codec.catalogue)
             if declared is None:
                 return
             message = declared
-        self.link.send(message, now_us + self._clock.offset_us, node=self.identity.node)
+        stamp_us = now_us + self._clock.offset_us
+        self.link.send(message, stamp_us, node=self.identity.node, rank=rank)
 
     def _handle(self, message: Message, frame: Frame, now_us: int) -> None:
-        if message.__class__ is HostHello:
-            self._open(message, now_us)
-            self._extra_delay_us(frame, now_us)
+        if message.__class__ is StopAll:  # from anybody: it keeps no session alive
+            self.stop(StopCause.OPERATOR)
+            self._status_wanted = True
             return
+        if message.__class__ is HostHello and not self._open(message, now_us):
+            return
+        genuine = bool(frame.version_flags & FLAG_AUTHENTICATED)
+        if genuine or self.link.key is None or not self.agreed:
+            # With a key, a session that may move something lives by what only its host can send.
+            self._heard_us = now_us
         if isinstance(message, Stop):
             # Obeyed before any question of session or repetition; nor is it the session's frame,
             # by whose delays setpoints are judged, for anyone may have sent it.
@@ -242,15 +252,17 @@ class Firmware:
         )
         if reply is None:
             return
+        rank = None
         if isinstance(message, GetParameter | SetParameter) and isinstance(reply, Ack):
             # For a repeated command too: its value may be what was lost.
             value = self.parameters.describe(message.parameter)
             if value is not None:
                 self._send(value, now_us)
+                rank = _VALUE  # the acknowledgement stays behind it
         if self._flash.busy and isinstance(message, SaveParameters):
             self._saving = self.parameters.image(), reply
             return
-        self._send(reply, now_us)
+        self._send(reply, now_us, rank)
         if isinstance(message, SetKey) and self.link.key is not None:
             self._send(self.keyring.challenge(), now_us)
 
@@ -275,10 +287,14 @@ class Firmware:
             self._strange_us = now_us
             self._hello(now_us)
 
-    def _open(self, hello: HostHello, now_us: int) -> None:
+    def _open(self, hello: HostHello, now_us: int) -> bool:
+        """Take a host's hello; False where it is of no session."""
         if not hello.session_id:
-            return  # 0 says "no session", whose host is never missed
+            return False  # 0 says "no session", whose host is never missed
         if hello.session_id != self.session_id:
+            if hello.boot_id != self.identity.boot_id:
+                self._hello(now_us)  # a first hello, or one of another boot: only an answer
+                return False
             if self.session_id:
                 self.stop(StopCause.LINK, Event.NEW_SESSION)
             self.session_id = hello.session_id
@@ -287,12 +303,14 @@ class Firmware:
             self._forget_host()
         if hello.agreed and not self.agreed:
             self.agreed = True
+            self._heard_us = now_us
             self.log(LogLevel.INFO, f"session with {hello.name}")
             if self.identity.crystal_failed:
                 self.log(LogLevel.WARNING, NO_CRYSTAL)
             if self.identity.crash is not None:
                 self.log(LogLevel.ERROR, self.identity.crash.text)
         self._hello(now_us)
+        return True
 
     def _hello(self, now_us: int) -> None:
         catalogue_hash, keyed = self.link.codec.catalogue.hash, self.link.key is not None
@@ -383,6 +401,7 @@ class Firmware:
         if self._flash.busy:
             self._carry_on_saving(now_us)
         due = self.schedule.due(tick)
+        self._answer_stop(due, now_us)
         # The supply is looked after whether or not anybody is told.
         if tick % POWER_TICKS == POWER_PHASE or "power" in due:
             self.control.on_power(sampler.power())
@@ -398,6 +417,12 @@ class Firmware:
         elif tick % HELLO_TICKS == 0:
             self._hello(now_us)
         return duties
+
+    def _answer_stop(self, due: tuple[str, ...], now_us: int) -> None:
+        """Send the status after a stop from anybody, unless it is due anyway."""
+        stopped, self._status_wanted = self._status_wanted, False
+        if stopped and not (self.agreed and "status" in due):
+            self._send_streams(("status",), now_us)
 
     def _send_line(self, now_us: int) -> None:
         """Send a line for people, if one may be sent now."""

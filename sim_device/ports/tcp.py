@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from protocol.messages.host import Stop
+from protocol.messages.host import Stop, StopAll
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.uart.framing import Frame, UartParser, encode_frame
 from sim_device.line.line import FIFO_BYTES
@@ -30,7 +30,7 @@ STOPPING_S = 5.0
 """How long a client that has sent a stop hears the device: ``sweepctl stop`` waits for 3 s."""
 WAITING_MAX = 4
 """Clients beside the host; one more ends the wait of the first of them."""
-_STOP = CATALOGUE.by_class[Stop].type_id
+_STOPS = frozenset(CATALOGUE.by_class[stop].type_id for stop in (StopAll, Stop))
 _READ_MAX = 4096
 """Bytes of a waiting client that are looked at: some 20 frames of the longest kind."""
 
@@ -243,7 +243,7 @@ class TcpPort(DevicePort):
             return b""
         data, frames = received
         client.data = (client.data + data)[:_READ_MAX]
-        stops = [f for f in frames if f.type_id == _STOP and f.version == PROTOCOL_VERSION]
+        stops = [f for f in frames if f.type_id in _STOPS and f.version == PROTOCOL_VERSION]
         if stops and client.stopped_s is None:
             self._notify(f"{client.who} stops the robot")
         if stops:
@@ -254,7 +254,7 @@ class TcpPort(DevicePort):
             return b""
         newest = stops[-1]
         node, seq, t_us, flags = newest.node, newest.seq, newest.t_us, newest.flags
-        return b"\0" + encode_frame(node, _STOP, seq, t_us, newest.payload, flags)
+        return b"\0" + encode_frame(node, newest.type_id, seq, t_us, newest.payload, flags)
 
     def _decide(self, client: _Client) -> None:
         """Make a client that wants more than a stop the host, or refuse it."""

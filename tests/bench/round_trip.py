@@ -49,7 +49,7 @@ FAR_END = Path(__file__).with_name("far_end.py")
 WARM = 20
 PERIOD_S = 0.02
 """The control loop's: what a program on a robot asks for, it asks for once in a period."""
-LINK = 0x16
+LINK = 0x28
 """Whose rate the commands set: any will do."""
 
 

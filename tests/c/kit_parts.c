@@ -186,6 +186,49 @@ static void the_bus_is_shared_out(void)
     CHECK((parts.can_last.data[parts.can_last.length - 1u] & 0x40u) != 0); /* a transfer's end */
 }
 
+/* The lowest type leaves first, of one type the first that was queued: parts of a message stay
+ * together. A sync counts the frames that have left by then, or were dropped. */
+static void the_bus_serves_the_most_urgent_first(void)
+{
+    static line_t line;
+    const sp_imu_t imu = {1, 2, 3, 4, 5, 6, 7};
+    const sp_sync_t sync = {0};
+    line_start(&line, NULL, 3, true);
+    parts.can_room = 0;
+    parts.can_written = 0;
+    memset(line_payload(&line), 'x', 120);
+    line_stream(&line, SP_TYPE_LOG_TEXT, 0, 20); /* 5 frames */
+    memset(line_payload(&line), 'x', 120);
+    line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120);
+    memset(line_payload(&line), 'x', 120);
+    line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120); /* finds no room: 19 frames are missing */
+    line_send_after(&line, SP_TYPE_ACK, SP_TYPE_LOG_TEXT, 0, encode(&line, 1));
+    for (uint32_t t_us = 0; t_us < 20000; t_us += 10000) {
+        line_stream(&line, SP_TYPE_IMU, t_us,
+            sp_imu_encode(&imu, line_payload(&line), SP_PAYLOAD_MAX));
+    }
+    line_send(&line, SP_TYPE_ACK, 0, encode(&line, 2));
+    line_stream(&line, SP_TYPE_SYNC, 0, sp_sync_encode(&sync, line_payload(&line), SP_PAYLOAD_MAX));
+    CHECK(line.dropped == 1);
+    parts.can_room = 1;
+    line_pump(&line);
+    CHECK(parts.can_last.id == (SP_TYPE_SYNC << 4 | 3) && parts.can_last.data[4] == 1u + 19u);
+    parts.can_room = 5; /* acceleration and rotation twice, the slow temperature once */
+    line_pump(&line);
+    CHECK(sp_can_direction((uint8_t)(parts.can_last.id >> 4)) == SP_FROM_DEVICE);
+    CHECK(sp_direction((uint8_t)(parts.can_last.id >> 4)) == SP_UNKNOWN); /* a part of the IMU's */
+    parts.can_room = 1;
+    line_pump(&line);
+    CHECK(parts.can_last.id == (SP_TYPE_ACK << 4 | 3) && parts.can_last.data[3] == 2);
+    CHECK(line.waiting_count == 5 + 19 + 1);
+    parts.can_room = 1;
+    line_pump(&line);
+    CHECK(parts.can_last.id == (SP_TYPE_LOG_TEXT << 4 | 3) && (parts.can_last.data[7] & 0x80u) != 0);
+    parts.can_room = 1000;
+    line_pump(&line);
+    CHECK(parts.can_last.id == (SP_TYPE_ACK << 4 | 3) && parts.can_last.data[3] == 1);
+}
+
 static void a_full_text_takes_nothing_more(void)
 {
     static text_t text;
@@ -218,6 +261,7 @@ int main(void)
     the_uart_is_shared_out();
     departure_is_the_line_s();
     the_bus_is_shared_out();
+    the_bus_serves_the_most_urgent_first();
     a_full_text_takes_nothing_more();
     return 0;
 }

@@ -113,7 +113,7 @@ def test_session_zero_opens_nothing(device: Probe) -> None:
     device.greet()
     device.session_id, session = 0, device.session_id
     mark = len(device.heard)
-    device.send(HostHello(CATALOGUE.hash, 0, 1, "conformance"))
+    device.send(HostHello(CATALOGUE.hash, 0, device.boot_id, 1, "conformance"))
     device.listen(0.3, alive=False)
     device.session_id = session
     named = {h.session_id for h in device.of(Hello, mark)}

@@ -23,7 +23,7 @@ DUTY = 0.3
 def ready(device: Probe, mode: Mode = Mode.BRINGUP) -> None:
     device.agree()
     device.needs(WheelDuty)
-    device.refusal(lambda i: SetStreamRate(i, 0x13, 1000))
+    device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.free()
     reason = device.refusal(lambda i: SetMode(i, mode))
     without = reason in {NackReason.UNSUPPORTED, NackReason.BAD_VALUE}

@@ -67,7 +67,7 @@ def test_before_agreement_everything_but_stop_is_rejected(device: Probe) -> None
         lambda i: GetParameter(i, 0),
         lambda i: SetParameter(i, 0, 0, 1),
         SaveParameters,
-        lambda i: SetStreamRate(i, 0x12, 10),
+        lambda i: SetStreamRate(i, 0x13, 10),
         lambda i: Reboot(i, 0),
     )
     for make in commands:

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from support.probe import Probe
 
 SEED = 20_240
-TIME_REQUEST, STOP, SET_MODE, STATUS = 0x07, 0x00, 0x06, 0x11
-UNKNOWN_TYPES = (0x01, 0x0F, 0x3F, 0x7E)
+TIME_REQUEST, STOP, SET_MODE, STATUS = 0x07, 0x01, 0x06, 0x11
+UNKNOWN_TYPES = (0x03, 0x0F, 0x3F, 0x7E)
 FUZZ_BYTES = 12_000
 """A second at what the slowest line that we know of carries."""
 
@@ -231,7 +231,7 @@ def bus_frames(device: Probe, message: Message, transfer_id: int) -> Iterable[tu
 def test_a_segment_that_is_lost_loses_its_message_only(device: Probe) -> None:
     quiet(device)
     known = device.hello
-    hello = HostHello(0, 0x1234_5678, 1, "a name of several segments")
+    hello = HostHello(0, 0x1234_5678, device.boot_id, 1, "a name of several segments")
     frames = list(bus_frames(device, hello, 3))
     assert len(frames) > 3
     mark = len(device.heard)
@@ -249,7 +249,7 @@ def test_a_segment_that_is_lost_loses_its_message_only(device: Probe) -> None:
 @pytest.mark.link("can")
 def test_a_transfer_with_a_wrong_check_is_not_obeyed(device: Probe) -> None:
     quiet(device)
-    hello = HostHello(0, 0x1234_5678, 1, "a name of several segments")
+    hello = HostHello(0, 0x1234_5678, device.boot_id, 1, "a name of several segments")
     mark = len(device.heard)
     frames = list(bus_frames(device, hello, 5))
     can_id, data = frames[2]
@@ -277,7 +277,9 @@ def test_random_frames_leave_it_alive(device: Probe) -> None:
     """Of any length on any identifier but those of commands that could do harm."""
     quiet(device)
     rng = random.Random(SEED)
-    types = [t for t in range(0x7F) if t not in {0x0B, 0x0C, 0x0E, STOP, 0x05, SET_MODE, 0x09}]
+    types = [
+        t for t in range(0x7F) if t not in {0x71, 0x72, 0x0E, 0x00, STOP, 0x05, SET_MODE, 0x09}
+    ]
     for _ in range(700):
         can_id = rng.choice(types) << 4 | rng.choice([device.node or 1, 0, 9])
         device.write_frame(can_id, rng.randbytes(rng.randrange(9)))
@@ -385,7 +387,9 @@ def test_another_nodes_messages_are_passed_over(device: Probe) -> None:
     command_id = device.next_id()
     device.send(Stop(command_id, StopCause.HARDWARE), node=other)
     device.send(TimeRequest(0x99), node=other)
-    device.send(HostHello(CATALOGUE.hash, 0x0BAD_CAFE, 1, "another host"), node=other)
+    device.send(
+        HostHello(CATALOGUE.hash, 0x0BAD_CAFE, device.boot_id, 1, "another host"), node=other
+    )
     device.listen(0.2)
     assert device.status().stop_cause == StopCause.NONE, "it obeyed a stop for another node"
     assert not device.replies(command_id, STOP, mark), "it answered for another node"

@@ -33,7 +33,7 @@ RAMP_S = 0.5
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
     """Free, in a driving mode, at rest, with encoders that come often."""
     device.agree()
-    device.refusal(lambda i: SetStreamRate(i, 0x13, 1000))
+    device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.enter(mode)
     assert device.until(lambda: at_rest(device), 3.0), "it moves and was not told to"
 
@@ -235,7 +235,7 @@ def test_another_session_ends_it_and_latches(device: Probe) -> None:
     turning(device, 0.4)
     gone_us = now_us()
     device.agree()
-    device.refusal(lambda i: SetStreamRate(i, 0x13, 1000))
+    device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.forget()
     mark = now_us()
     turning(device, 0.3)
@@ -257,7 +257,7 @@ def test_it_keeps_to_its_top_speed(device: Probe) -> None:
     allowed = max(value_of(limit.kind, limit.low), 0.6)
     try:
         assert put(device, limit, raw_of(limit.kind, allowed)) is None
-        device.refusal(lambda i: SetStreamRate(i, 0x13, 1000))
+        device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
         device.enter(Mode.VELOCITY)
         device.keep_saying(lambda: device.setpoint(0.0, 6.0), 1.0)
         metres = math.pi * value["wheel_diameter"] / value["counts_per_turn"]

@@ -41,8 +41,8 @@ def command(device: Probe, action: PlannerAction, planner: int | None = None) ->
 def ready(device: Probe) -> None:
     device.agree()
     device.needs(Capability.ONBOARD_PLANNER)
-    device.refusal(lambda i: SetStreamRate(i, 0x13, 500))
-    device.refusal(lambda i: SetStreamRate(i, 0x17, 200))
+    device.refusal(lambda i: SetStreamRate(i, 0x16, 500))
+    device.refusal(lambda i: SetStreamRate(i, 0x2C, 200))
 
 
 def start(device: Probe) -> None:
@@ -137,7 +137,7 @@ def test_a_silent_host_ends_it(device: Probe) -> None:
     device.session_id = 0
     device.listen(2.0, alive=False)
     device.agree()
-    device.refusal(lambda i: SetStreamRate(i, 0x13, 500))
+    device.refusal(lambda i: SetStreamRate(i, 0x16, 500))
     device.forget()
     device.listen(0.1)
     assert not moves(device, 0.2)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages.device import Ack
-from protocol.messages.host import ClearStop, Describe, SetMode, Stop, TimeRequest
+from protocol.messages.device import Ack, Status
+from protocol.messages.host import ClearStop, Describe, SetMode, Stop, StopAll, TimeRequest
 from protocol.messages.values import Mode, NackReason, StopCause, by_gravity
 from support.probe import now_us
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from support.probe import Probe
 
 GRAVE = (StopCause.SUPERVISE, StopCause.OPERATOR, StopCause.HARDWARE)
-STOP = 0x00
+STOP = 0x01
 
 
 def clear(device: Probe, cause: int) -> NackReason | None:
@@ -49,12 +49,38 @@ def test_every_repetition_is_acknowledged(device: Probe) -> None:
     assert device.replies(command_id, STOP, mark) == [Ack(command_id, STOP)] * 4
 
 
-def test_it_is_obeyed_when_addressed_to_all(device: Probe) -> None:
+def reported(device: Probe, cause: StopCause, mark: int) -> bool:
+    """Whether a status with this cause has come."""
+    return any(status.stop_cause == cause for status in device.of(Status, mark))
+
+
+def test_a_stop_of_every_device_is_latched_as_the_operators(device: Probe) -> None:
     device.agree()
     device.free()
-    command_id = device.next_id()
-    assert device.reply_to(Stop(command_id, StopCause.OPERATOR), node=0) == Ack(command_id, STOP)
-    assert device.status().stop_cause == StopCause.OPERATOR
+    mark = len(device.heard)
+    device.send(StopAll(), node=0)
+    assert device.until(lambda: reported(device, StopCause.OPERATOR, mark), 1.0), "no status of it"
+    assert device.status().mode == Mode.IDLE
+    assert not device.of(Ack, mark), "it has no id: nothing is acknowledged"
+    device.free()
+
+
+@pytest.mark.slow
+def test_a_stop_of_every_device_is_answered_outside_a_session(device: Probe) -> None:
+    device.agree()
+    device.session_id = 0
+    device.listen(1.3, alive=False)  # the session is over
+    for _ in range(2):  # equal bytes, a moment later
+        mark = len(device.heard)
+        device.send(StopAll(), node=0)
+        answered = device.until(
+            lambda m=mark: reported(device, StopCause.OPERATOR, m),  # type: ignore[misc]  # bound now
+            0.5,
+            alive=False,
+        )
+        assert answered, "its status is the answer"
+    device.agree()
+    device.free()
 
 
 @pytest.mark.slow

@@ -99,7 +99,7 @@ def test_a_rate_ends_with_the_session_that_set_it(device: Probe) -> None:
         (0x19, 100, "ack is no stream"),
         (0x02, 100, "the host's own stream"),
         (0x7E, 100, "no such message"),
-        (0x12, 10_001, "above what is declared"),
+        (0x13, 10_001, "above what is declared"),
         (0x10, 39, "sync below 4 Hz: stamps on CAN could not be extended"),
     ],
 )

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from protocol.schema.message import Message
 
-_FRAMED = b"\0" + encode_frame(1, 0x13, 7, 5, b"\1\2\3\4")
+_FRAMED = b"\0" + encode_frame(1, 0x16, 7, 5, b"\1\2\3\4")
 _HELD_MAX = 200_000
 """Bytes that a reader may keep, its tables of the catalogue included; a frame has 254."""
 _LONG = 600

@@ -120,7 +120,7 @@ def test_long_captures_take_the_quick_way_to_the_same(parts: list[tuple[int, byt
     for seed, odd in parts:  # enough frames of one length that they are checked column by column
         rng = np.random.default_rng(seed)
         payloads = rng.integers(0, rng.choice([2, 256]), (300, 14), dtype=np.uint8)
-        sent = [b"\0" + encode_frame(1, 0x12, i, i, p.tobytes()) for i, p in enumerate(payloads)]
+        sent = [b"\0" + encode_frame(1, 0x13, i, i, p.tobytes()) for i, p in enumerate(payloads)]
         hurt = bytearray(b"".join(sent))
         for place in rng.integers(0, len(hurt), 40):
             hurt[place] ^= 1 << int(rng.integers(8))

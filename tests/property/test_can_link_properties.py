@@ -197,7 +197,7 @@ def test_open_transfers_are_bounded() -> None:
     hello = 0x1B
     for turn in range(200):
         for node in range(16):
-            for can_type in (hello, 0x1D, 0x1E, 0x18):
+            for can_type in (hello, 0x79, 0x78, 0x18):
                 tail = 0xA0 if turn == 0 else (0x20 if turn % 2 == 0 else 0)
                 link.receive(RECORD.pack(can_type << 4 | node, 8, bytes(7) + bytes([tail])), turn)
     assert link.held_bytes <= MAX_OPEN * (MAX_CONTENT + CRC.size)

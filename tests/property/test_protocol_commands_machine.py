@@ -21,7 +21,7 @@ from protocol.schema.message import Direction, Message
 from protocol.uart.link import Link
 from support.hostile import BitFlips, Delayed, Duplicating, Lossy, Pipe, Wire
 
-TYPES = {Stop: 0x00, ClearStop: 0x05, SetMode: 0x06}
+TYPES = {Stop: 0x01, ClearStop: 0x05, SetMode: 0x06}
 LONGEST_US = MAX_TRIES * MAX_TIMEOUT_US
 """No command that may end without an answer takes longer."""
 

@@ -14,7 +14,14 @@ from bridge.session.session import Session
 from bridge.session.states import CommandEnded, Data, SessionReady, State
 from protocol.clock import HostNs
 from protocol.messages.device import Encoders, Hello, Imu, Status
-from protocol.messages.host import ClearStop, SaveParameters, SetMode, Stop, VelocitySetpoint
+from protocol.messages.host import (
+    ClearStop,
+    SaveParameters,
+    SetMode,
+    Stop,
+    StopAll,
+    VelocitySetpoint,
+)
 from protocol.messages.values import Fault, Mode, NackReason, StopCause
 from protocol.uart.framing import Frame, UartParser
 from support.c_build import C_TESTS, generate
@@ -285,8 +292,10 @@ def test_what_is_addressed_to_all_neither_drives_nor_releases_it(device: Device)
     send_to_all(VelocitySetpoint(1000, 0, 200, 1), SetMode(901, Mode.IDLE))
     assert device.drive == (0.0, 0.0)
     assert bench.status().mode == Mode.VELOCITY
-    send_to_all(Stop(902, StopCause.SUPERVISE), Stop(903, StopCause.SESSION_END))
-    assert bench.status().stop_cause == StopCause.SUPERVISE
+    send_to_all(Stop(902, StopCause.SUPERVISE))
+    assert bench.status().stop_cause == StopCause.NONE, "it names one device"
+    send_to_all(StopAll())
+    assert bench.status().stop_cause == StopCause.OPERATOR
 
 
 def test_a_new_host_starts_from_nothing(device: Device) -> None:
@@ -370,7 +379,7 @@ def test_what_it_does_not_do_is_rejected(device: Device) -> None:
     bench = Bench(device)
     bench.open()
     session = bench.session
-    session.commands.issue(SaveParameters, 0x0C, bench.now_us + HOST_AHEAD_US)
+    session.commands.issue(SaveParameters, 0x72, bench.now_us + HOST_AHEAD_US)
     assert bench.outcome() == (False, NackReason.UNSUPPORTED)
 
 

@@ -17,9 +17,9 @@ from bridge.session.states import CommandEnded, Data, Failed, Ping, SessionReady
 from protocol.can.link import CanLink, CanStatistics
 from protocol.can.load import loads
 from protocol.messages.device import Encoders, Imu, Range, Sync
-from protocol.messages.host import Stop, VelocitySetpoint
+from protocol.messages.host import Stop, StopAll, VelocitySetpoint
 from protocol.messages.values import Mode, StopCause
-from protocol.schema.message import Direction
+from protocol.schema.message import Direction, Message
 from support.can_bus import BITRATE, Bus, BusWire
 from support.ends import Collector, Ends, HostEnd, SessionEnd, check_safe, session_end, sweeper
 
@@ -124,7 +124,14 @@ def test_measured_load_at_default_rates_is_below_thirty_percent_and_as_computed(
     assert load < 0.30
 
 
-def test_stop_wins_arbitration_over_a_bus_that_is_full() -> None:
+@pytest.mark.parametrize(
+    ("stop", "node", "can_id"),
+    [(StopAll(), 0, 0x000), (Stop(1, StopCause.OPERATOR), 1, 0x011)],
+    ids=["of all", "addressed"],
+)
+def test_stop_wins_arbitration_over_a_bus_that_is_full(
+    stop: Message, node: int, can_id: int
+) -> None:
     bus = Bus()
     for name in ("host", "chatter", "device"):
         bus.join(name)
@@ -134,11 +141,11 @@ def test_stop_wins_arbitration_over_a_bus_that_is_full() -> None:
     bus.request("chatter", chatter.data_to_send(), 0)
     bus.run(10_000)
     host.send(VelocitySetpoint(1, 1, 100, 1), 10_000, node=1)
-    host.send(Stop(1, StopCause.OPERATOR), 10_000, node=0)
+    host.send(stop, 10_000, node=node)
     bus.request("host", host.data_to_send(), 10_000)
     bus.run(12_000)
     at_us, _, frame = next(row for row in bus.log if row[1] == "host")
-    assert frame.can_id == 0
+    assert frame.can_id == can_id
     longest_us = 135 * 1e6 / BITRATE
     assert at_us - 10_000 <= 2 * longest_us, "one frame that was under way, and its own"
 

@@ -108,7 +108,7 @@ def tcp_a_stop_beside_the_host(tmp_path: Path) -> None:
         with Command("connect", device.port, *how, cwd=tmp_path) as host:
             host.prints("run is driving")
             # As from another machine: here `stop` would ask the process that has the port.
-            assert stop_device(device.port, partial(open_port, device.port)) == 1
+            assert stop_device(device.port, partial(open_port, device.port)) == [1]
             ended = host.end()
         device.prints("stops the robot")
         assert ended.status == 5, ended.err
@@ -122,7 +122,7 @@ def tcp_a_silent_client_gives_way(tmp_path: Path) -> None:
         with socket.create_connection((host, int(number))) as silent:
             device.prints(f"127.0.0.1:{silent.getsockname()[1]} is connected")
             time.sleep(SILENT_S)
-            assert stop_device(device.port, partial(open_port, device.port)) == 1
+            assert stop_device(device.port, partial(open_port, device.port)) == [1]
             ended = connect(tmp_path, device.port, "--duration", "1", "--json", "--out", "r.mcap")
             assert ended.status == 0, ended.err
             assert b"\0ended: this sweeper had no frame from here for 3 s" in read_all(silent)

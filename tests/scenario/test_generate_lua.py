@@ -159,7 +159,7 @@ def test_damaged_vectors_are_marked(dissect: Dissect) -> None:
 
 
 def test_damage_is_found_by_a_display_filter(tshark: Tshark, tmp_path: Path) -> None:
-    good = encode_frame(1, 0x13, 0, 0, bytes(4))[:-1]
+    good = encode_frame(1, 0x16, 0, 0, bytes(4))[:-1]
     bad = good[:-1] + bytes([good[-1] ^ 1])
     write_pcap(tmp_path / "x.pcap", USER0, [Packet(good), Packet(bad), Packet(good)])
     out = tshark.run(
@@ -200,7 +200,7 @@ def test_stream_vectors_give_their_events(step: int, dissect: Dissect) -> None:
 
 
 def test_both_directions_of_a_line_are_kept_apart(tshark: Tshark, tmp_path: Path) -> None:
-    frames = [encode_frame(1, 0x13, seq, 0, bytes(4)) for seq in range(3)]
+    frames = [encode_frame(1, 0x16, seq, 0, bytes(4)) for seq in range(3)]
     halves = [
         Packet(frames[0], 0, 1),
         Packet(frames[1][:9], 1, 1),
@@ -216,7 +216,7 @@ def test_both_directions_of_a_line_are_kept_apart(tshark: Tshark, tmp_path: Path
 
 
 def test_a_packet_cut_by_the_capture_is_marked(dissect: Dissect) -> None:
-    wire = encode_frame(1, 0x13, 0, 0, bytes(4))[:-1]
+    wire = encode_frame(1, 0x16, 0, 0, bytes(4))[:-1]
     (seen,) = dissect(USER0, [Packet(wire, cut=3)])
     assert (seen.get("damage"), seen.experts) == ("cut", {"cut"})
 
@@ -225,7 +225,7 @@ def test_peers_with_fewer_and_more_fields_show_what_they_share(
     dissect: Dissect,
 ) -> None:
     older, newer, bare = (
-        encode_frame(1, 0x13, 0, 0, payload)[:-1] for payload in (b"\1\2", b"\1\2\3\4\5\6", b"")
+        encode_frame(1, 0x16, 0, 0, payload)[:-1] for payload in (b"\1\2", b"\1\2\3\4\5\6", b"")
     )
     less, more, none = dissect(USER0, [Packet(older), Packet(newer), Packet(bare)])
     assert (less.number("encoders.left"), less.get("encoders.right")) == (0x0201, None)

@@ -123,11 +123,11 @@ def test_a_tag_shows_its_counter_and_whose_it_is(dissect: Dissect) -> None:
     frames = [record for record in records if record is not None]
     setpoint, tag = dissect(SOCKETCAN, can_packets(frames))
     assert setpoint.number("velocity_setpoint.v.raw") == 2000
-    assert (tag.number("type"), tag.number("node")) == (0x01, 4)
+    assert (tag.number("type"), tag.number("node")) == (0x0F, 4)
     assert tag.number("auth.counter") == 0x3457
     assert (tag.get("auth.tag") or "").replace(":", "") == frames[1].data[2:].hex()
     assert tag.experts == set()
-    (short,) = dissect(SOCKETCAN, [Packet(socketcan(0x014, bytes(7)))])
+    (short,) = dissect(SOCKETCAN, [Packet(socketcan(0x0F4, bytes(7)))])
     assert (short.get("damage"), short.experts) == ("length", {"bad_length"})
 
 
@@ -232,8 +232,8 @@ def test_a_transfer_of_another_version_is_not_read(dissect: Dissect) -> None:
 def test_other_frames_of_a_bus_are_left_alone(dissect: Dissect) -> None:
     packets = [
         Packet(socketcan(0x7F1, bytes(8))),
-        Packet(socketcan(0x121, bytes(8), extended=True)),
-        Packet(socketcan(0x121, bytes(8))),
+        Packet(socketcan(0x131, bytes(8), extended=True)),
+        Packet(socketcan(0x131, bytes(8))),
     ]
     assert [s.packet for s in dissect(SOCKETCAN, packets)] == [3]
 

@@ -19,6 +19,7 @@ from protocol.uart.link import Link
 from sim_device.sweeper import VirtualSweeper
 from support.kit_build import the_kit
 from support.kit_robot import KitRobot
+from support.kit_script import Boot
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,7 +38,7 @@ ROOM = {
 RUNNING = 5
 STEP_S = 0.1
 LEAVE: list[Message] = [
-    HostHello(0, 7, 1, "test"),
+    HostHello(0, 7, Boot().boot_id, 1, "test"),
     ClearStop(1, StopCause.SESSION_END),
     SetMode(2, Mode.ONBOARD),
     PlannerCommand(3, PlannerAction.START, 0),

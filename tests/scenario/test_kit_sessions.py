@@ -36,7 +36,7 @@ from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import Frame, UartParser
 from support.kit_build import the_kit
 from support.kit_compare import compare
-from support.kit_script import LoseSupply, Readings, Step
+from support.kit_script import Boot, LoseSupply, Readings, Step
 from support.kit_sessions import Writer, f32
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ COMMANDS: list[Message] = [
     *(PlannerCommand(0, action, OnboardPlanner.PAPER) for action in range(5)),
     PlannerCommand(0, PlannerAction.START, 9),
     Stop(0, StopCause.SUPERVISE),
-    HostHello(0, 99, 1, "another"),
+    HostHello(0, 99, Boot().boot_id, 1, "another"),
 ]
 LIFTED = Readings(imu=(0, 0, 20_000, 0, 0, 0, 0), contacts=4)
 
@@ -88,7 +88,7 @@ class Numbered(Writer):
 
     def go(self, state: int) -> None:
         """From wherever it stands, latched perhaps, to a state."""
-        self.inform(HostHello(0, 7, 1, "test"))
+        self.inform(HostHello(0, 7, Boot().boot_id, 1, "test"))
         self.command(Stop(0, StopCause.OPERATOR))
         for cause in (StopCause.OPERATOR, StopCause.HARDWARE):
             self.command(ClearStop(0, cause))
@@ -149,7 +149,7 @@ def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int)
     """Only a stop and a hello are not, and they need not be: one device is meant by node 0."""
     commands = [c for c in COMMANDS if not isinstance(c, Stop | HostHello)]
     commands += [GetParameter(0, SPEED), SetParameter(0, SPEED, 2, NEW), SaveParameters(0)]
-    commands += [SetStreamRate(0, 0x12, 0), Reboot(0, RebootKind.NORMAL)]
+    commands += [SetStreamRate(0, 0x13, 0), Reboot(0, RebootKind.NORMAL)]
     writer = Numbered()
     writer.go(state)
     reached = len(writer.acts)
@@ -264,10 +264,10 @@ def test_an_older_host_leaves_out_last_fields() -> None:
     """It has said so in its describe; what is longer or shorter than that is refused."""
     writer = Writer()
     writer.begin()
-    for type_id, fields in ((0x02, 3), (0x06, 1), (0x09, 2), (0x0B, 3), (0x0D, 2)):
+    for type_id, fields in ((0x02, 3), (0x06, 1), (0x09, 2), (0x71, 3), (0x0D, 2)):
         writer.inform(Describe(type_id, fields))
     for payload in (b"\x10\x00", b"\x11\x00\x01", b"\x12", b"\x13\0\1\0\0\0\0\0\0"):
-        for type_id in (0x02, 0x06, 0x09, 0x0B, 0x0D):
+        for type_id in (0x02, 0x06, 0x09, 0x71, 0x0D):
             writer.frame(1, type_id, payload)
             writer.wait(50_000)
     compare(writer.acts)
@@ -279,7 +279,7 @@ NAMES = [
     b"\xf0\x9f\xa7\xb9 broom",
     b"\xed\xa0\x80",
     b"a\xc3\xa9\xc3" * 30,
-    b"x" * 230,
+    b"x" * 228,
     b"\xf4\x90\x80\x80",
 ]
 
@@ -330,6 +330,7 @@ def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() 
     writer.inform(SetParameter(5, 8, 2, f32(14.0)), Reboot(6, RebootKind.NORMAL))
     writer.wait(50_000)
     kept = len(writer.acts)
+    writer.reboots = 1
     writer.begin(8)
     writer.inform(SetMode(1, Mode.IDLE), GetParameter(2, SPEED), GetParameter(3, 8))
     writer.inform(Reboot(4, RebootKind.FACTORY_RESET))
@@ -341,7 +342,7 @@ def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() 
     assert reported[-1].reboots == 2
 
 
-VELOCITY_SETPOINT, STOP, FLAG_AUTHENTICATED = 0x02, 0x00, 1
+VELOCITY_SETPOINT, STOP, FLAG_AUTHENTICATED = 0x02, 0x01, 1
 
 
 def test_what_claims_a_tag_is_rejected_without_a_key_but_for_a_stop() -> None:

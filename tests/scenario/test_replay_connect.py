@@ -17,8 +17,8 @@ from bridge.session.states import Data, Ping, State
 from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Received
-from protocol.messages.device import Ack, DescribeReply, Hello, ImuInfo, Nack, TimeReply
-from protocol.messages.host import Describe, HostHello, SetMode, Stop, TimeRequest
+from protocol.messages.device import Ack, DescribeReply, Hello, ImuInfo, Nack, Status, TimeReply
+from protocol.messages.host import Describe, HostHello, SetMode, Stop, StopAll, TimeRequest
 from protocol.messages.values import NackReason
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame
@@ -76,29 +76,34 @@ def test_it_sends_hello_and_waits_for_a_host_that_agrees(log: Path) -> None:
     before = messages(peer.wait(3.0))
     assert {type(message) for message in before} == {Hello}
     assert 3 <= len(before) <= 4
-    (hello,) = messages(peer.send(HostHello(before[0].catalogue_hash, 77, 0, "me")))  # type: ignore[attr-defined]  # a Hello
+    (hello,) = messages(peer.send(HostHello(before[0].catalogue_hash, 77, 0, 0, "me")))  # type: ignore[attr-defined]  # a Hello
     assert isinstance(hello, Hello)
     assert hello.session_id == 77
     assert messages(peer.wait(0.5)) in ([], [hello])
-    peer.send(HostHello(hello.catalogue_hash, 77, 1, "me"))
+    peer.send(HostHello(hello.catalogue_hash, 77, 0, 1, "me"))
     assert len(messages(peer.wait(1.0))) > 150
 
 
 def test_it_answers_what_is_addressed_to_it(log: Path) -> None:
     """Node 0 is for stop, hello and time alone; what is for another node is not for it."""
     peer = Peer(replay_device(LogReader(log)))
-    asked = [HostHello(0, 5, 0, "me"), TimeRequest(3), Stop(7, 4), SetMode(8, 1), Describe(1, 1)]
+    asked = [HostHello(0, 5, 0, 0, "me"), TimeRequest(3), Stop(7, 4), SetMode(8, 1)]
+    asked += [Describe(1, 1), StopAll()]
     answered: dict[int, set[type[Message]]] = {
         node: {type(m) for message in asked for m in messages(peer.send(message, node))} - {Hello}
         for node in (0, 1, 2)
     }
-    assert answered == {0: {TimeReply, Ack}, 1: {TimeReply, Ack, Nack, DescribeReply}, 2: set()}
+    assert answered == {
+        0: {TimeReply, Status},
+        1: {TimeReply, Status, Ack, Nack, DescribeReply},
+        2: set(),
+    }
 
 
 def test_every_message_comes_again_as_it_was(log: Path) -> None:
     recording = load(LogReader(log))
     peer = Peer(replay_device(LogReader(log)))
-    events = peer.send(HostHello(0, 5, 1, "me")) + peer.wait(recording.duration_s)
+    events = peer.send(HostHello(0, 5, 0, 1, "me")) + peer.wait(recording.duration_s)
     played = [e for e in events if isinstance(e, Received)]
     reported = [e for e in played if not isinstance(e.message, Hello | ImuInfo)]
     assert len(reported) == len(recording.played) > 2000
@@ -113,7 +118,7 @@ def test_every_message_comes_again_as_it_was(log: Path) -> None:
 
 def test_its_clock_is_never_behind_its_stamps(log: Path) -> None:
     peer = Peer(replay_device(LogReader(log)))
-    peer.send(HostHello(0, 5, 1, "me"))
+    peer.send(HostHello(0, 5, 0, 1, "me"))
     for ping in range(20):
         newest = max((e.frame.t_us for e in peer.wait(0.25) if isinstance(e, Received)), default=0)
         reply = next(
@@ -128,7 +133,7 @@ def test_its_clock_is_never_behind_its_stamps(log: Path) -> None:
 
 def test_it_stops_and_cannot_be_driven(log: Path) -> None:
     peer = Peer(replay_device(LogReader(log)))
-    peer.send(HostHello(0, 5, 1, "me"))
+    peer.send(HostHello(0, 5, 0, 1, "me"))
     (ack,) = [m for m in messages(peer.send(Stop(11, 1))) if isinstance(m, Ack)]
     assert ack.command_id == 11
     (nack,) = [m for m in messages(peer.send(SetMode(12, 1))) if isinstance(m, Nack)]
@@ -138,7 +143,7 @@ def test_it_stops_and_cannot_be_driven(log: Path) -> None:
 def test_after_its_end_the_robot_stands(log: Path) -> None:
     device = replay_device(LogReader(log))
     peer = Peer(device)
-    peer.send(HostHello(0, 5, 1, "me"))
+    peer.send(HostHello(0, 5, 0, 1, "me"))
     peer.wait(device.recording.duration_s + 0.1)
     assert device.is_over
     after = messages(peer.wait(1.0))
@@ -157,7 +162,7 @@ def test_damaged_bytes_come_again(tmp_path: Path) -> None:
     damaged = sum(p.is_damaged for p in recording.played)
     assert damaged > 5
     peer = Peer(replay_device(LogReader(log)))
-    events = peer.send(HostHello(0, 5, 1, "me")) + peer.wait(recording.duration_s)
+    events = peer.send(HostHello(0, 5, 0, 1, "me")) + peer.wait(recording.duration_s)
     assert sum(isinstance(e, DamagedFrame) for e in events) >= damaged * 0.9
     received = [e for e in events if isinstance(e, Received)]
     intact = [e for e in received if not isinstance(e.message, Hello | ImuInfo)]

@@ -142,7 +142,7 @@ class Reciting(Sound):
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
-        if isinstance(message, DescribeReply) and message.described_type == 0x12:
+        if isinstance(message, DescribeReply) and message.described_type == 0x13:
             return [self.saying(frame, message, chain=message.chain ^ 1)]
         return [frame]
 
@@ -346,7 +346,7 @@ class Fickle(Sound):
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
-        if isinstance(message, Ack) and message.command_type == 0x00:
+        if isinstance(message, Ack) and message.command_type == 0x01:
             return [self.saying(frame, message, command_type=t) for t in (0x00, 0x0C)]
         return [frame]
 

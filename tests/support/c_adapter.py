@@ -42,6 +42,8 @@ def _message(spec: MessageSpec) -> Iterator[str]:
     yield "    return true;\n}"
     yield f"static size_t frame_{n}(uint8_t *f, sp_sender_t *s, uint32_t t, char **w) {{"
     yield f"    sp_{n}_t m;"
+    if spec.is_bare:
+        yield "    (void)w; m.nothing = 0;"
     for index, field in enumerate(spec.fields):
         yield f"    {_fill(field, index)}"
     yield f"    return sp_{n}_frame(f, s, t, &m);\n}}"

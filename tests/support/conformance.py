@@ -135,7 +135,7 @@ def identify(probe: Probe) -> HelloMessage | str:
     end_us = now_us() + round(LISTEN_S * 1e6)
     wanted, probe.node = probe.node, None
     while now_us() < end_us and not found:
-        probe.send(HostHello(CATALOGUE.hash, 0x00C0FFEE, 0, "conformance"), node=wanted or 0)
+        probe.send(HostHello(CATALOGUE.hash, 0x00C0FFEE, 0, 0, "conformance"), node=wanted or 0)
         probe.listen(0.4, alive=False)
         for heard in probe.heard:
             if isinstance(heard.message, Hello) and wanted in {None, heard.frame.node}:

@@ -36,6 +36,10 @@ class Bench:
     def firmware(self) -> Firmware:
         return self.device.firmware
 
+    @property
+    def boot_id(self) -> int:
+        return self.firmware.identity.boot_id
+
     def send(self, *messages: Message, node: int = 1, stamp_us: int | None = None) -> list[Message]:
         for message in messages:
             self.link.send(message, self.now_us if stamp_us is None else stamp_us, node=node)
@@ -55,8 +59,8 @@ class Bench:
         return messages
 
     def join(self, session: int = SESSION) -> None:
-        self.send(HostHello(CATALOGUE.hash, session, 0, "test"))
-        self.send(HostHello(CATALOGUE.hash, session, 1, "test"))
+        self.send(HostHello(CATALOGUE.hash, session, self.boot_id, 0, "test"))
+        self.send(HostHello(CATALOGUE.hash, session, self.boot_id, 1, "test"))
 
     def free(self) -> None:
         self.join()

@@ -60,6 +60,14 @@ class Writer:
         self._can = can
         self._printed: list[bytes] = []
         self.counter = 0
+        self.reboots = 0
+        """Since then, by a command or a lost supply."""
+
+    @property
+    def boot_id(self) -> int:
+        """Of the boot that the script is in."""
+        boots = [act for act in self.acts if isinstance(act, Boot)]
+        return (boots or [Boot()])[-1].boot_id + self.reboots
 
     def wait(self, for_us: int) -> None:
         """Say nothing for so long."""
@@ -109,12 +117,12 @@ class Writer:
 
     def hello(self, name: bytes) -> None:
         """A hello whose name may be no UTF-8."""
-        self.frame(1, HELLO, struct.pack("<IIB", 1, 9, 1) + name)
+        self.frame(1, HELLO, struct.pack("<IIIB", 1, 9, self.boot_id, 1) + name)
 
     def begin(self, session_id: int = 7) -> None:
         """From nothing to driving."""
-        self.inform(HostHello(0, session_id, 0, "first"))
-        self.inform(HostHello(0, session_id, 1, "first"))
+        self.inform(HostHello(0, session_id, self.boot_id, 0, "first"))
+        self.inform(HostHello(0, session_id, self.boot_id, 1, "first"))
         self.inform(ClearStop(0xFFF0, StopCause.SESSION_END), SetMode(0xFFF1, Mode.VELOCITY))
 
     def drive(self, v: int, yaw_rate: int, times: int) -> None:
@@ -155,7 +163,7 @@ _commands: st.SearchStrategy[Message] = st.one_of(
     st.builds(
         SetStreamRate,
         _ids,
-        st.integers(0x0F, 0x19),
+        st.integers(0x0F, 0x2C),
         st.sampled_from([0, 1, 16, 39, 40, 80, 333, 400, 500, 1000, 2000, 10_000, 10_001]),
     ),
     st.builds(Reboot, _ids, st.integers(0, 3)),

@@ -54,10 +54,15 @@ class Probe(WireProbe):
 
     # ---- session --------------------------------------------------------------------------
 
+    @property
+    def boot_id(self) -> int:
+        """What a hello must name to open a session; 0: the device has not said it yet."""
+        return 0 if self.hello is None else self.hello.boot_id
+
     def send_hello(self, *, agreed: int = 0, session_id: int | None = None) -> int:
         """Say hello in our session, or in another."""
         session = self.session_id if session_id is None else session_id
-        return self.send(HostHello(CATALOGUE.hash, session, agreed, "conformance"))
+        return self.send(HostHello(CATALOGUE.hash, session, self.boot_id, agreed, "conformance"))
 
     def greet(self) -> Hello:
         """Open a session of our own and hear the device's answer; nothing is agreed yet."""
@@ -65,17 +70,14 @@ class Probe(WireProbe):
         mark = len(self.heard)
         for _ in range(5):
             self.send_hello()
-            found = self.wait_for(
-                Hello,
-                TRY_S,
-                mark=mark,
-                such=lambda h: h.session_id == self.session_id,
-                alive=False,
-            )
-            if found is not None:
-                assert isinstance(found.message, Hello)
-                self.node, self.hello = found.frame.node, found.message
+            found = self.wait_for(Hello, TRY_S, mark=mark, alive=False)
+            if found is None:
+                continue
+            assert isinstance(found.message, Hello)
+            self.node, self.hello = found.frame.node, found.message
+            if found.message.session_id == self.session_id:
                 return found.message
+            mark = len(self.heard)
         raise AssertionError("the device does not answer a hello")
 
     def agree(self, *, quick_status: bool = True) -> Hello:
@@ -213,7 +215,7 @@ class Probe(WireProbe):
     def counters(self) -> LinkCounters:
         """What the device counts of the link, as of now."""
         self.needs(LinkCounters)
-        if self.refusal(lambda i: SetStreamRate(i, 0x16, 200)) is None:
+        if self.refusal(lambda i: SetStreamRate(i, 0x28, 200)) is None:
             ping = self.ping()
             found = self.wait_for(LinkCounters)
         else:

@@ -171,7 +171,8 @@ Row = tuple[str, str] | tuple[str, str, str, float] | tuple[str, str, str, float
 """Name and wire type; then the SI property and the value of one count; then the sentinel."""
 
 LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
-    0x00: ("stop", "host", [("command_id", "u16"), ("cause", "u8")]),
+    0x00: ("stop_all", "host", []),
+    0x01: ("stop", "host", [("command_id", "u16"), ("cause", "u8")]),
     0x02: (
         "velocity_setpoint",
         "host",
@@ -182,7 +183,7 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("counter", "u8"),
         ],
     ),
-    0x03: (
+    0x0A: (
         "wheel_duty",
         "host",
         [
@@ -195,7 +196,13 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
     0x04: (
         "host_hello",
         "host",
-        [("catalogue_hash", "u32"), ("session_id", "u32"), ("agreed", "u8"), ("name", "text")],
+        [
+            ("catalogue_hash", "u32"),
+            ("session_id", "u32"),
+            ("boot_id", "u32"),
+            ("agreed", "u8"),
+            ("name", "text"),
+        ],
     ),
     0x05: ("clear_stop", "host", [("command_id", "u16"), ("cause", "u8")]),
     0x06: ("set_mode", "host", [("command_id", "u16"), ("mode", "u8")]),
@@ -206,20 +213,20 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
         "host",
         [("command_id", "u16"), ("action", "u8"), ("planner", "u8")],
     ),
-    0x0A: ("get_parameter", "host", [("command_id", "u16"), ("parameter", "u8")]),
-    0x0B: (
+    0x70: ("get_parameter", "host", [("command_id", "u16"), ("parameter", "u8")]),
+    0x71: (
         "set_parameter",
         "host",
         [("command_id", "u16"), ("parameter", "u8"), ("kind", "u8"), ("value", "u32")],
     ),
-    0x0C: ("save_parameters", "host", [("command_id", "u16")]),
+    0x72: ("save_parameters", "host", [("command_id", "u16")]),
     0x0D: (
         "set_stream_rate",
         "host",
         [("command_id", "u16"), ("stream_type", "u8"), ("rate", "u16", "rate_hz", 0.1)],
     ),
     0x0E: ("reboot", "host", [("command_id", "u16"), ("kind", "u8")]),
-    0x0F: (
+    0x73: (
         "set_key",
         "host",
         [
@@ -242,7 +249,7 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("load", "u8"),
         ],
     ),
-    0x12: (
+    0x13: (
         "imu",
         "device",
         [
@@ -255,8 +262,8 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("gyro_z", "i16", "gyro_z_rad_s", DPS),
         ],
     ),
-    0x13: ("encoders", "device", [("left", "u16"), ("right", "u16")]),
-    0x14: (
+    0x16: ("encoders", "device", [("left", "u16"), ("right", "u16")]),
+    0x20: (
         "range",
         "device",
         [
@@ -266,7 +273,7 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("contacts", "u8"),
         ],
     ),
-    0x15: (
+    0x24: (
         "power",
         "device",
         [
@@ -276,12 +283,21 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("motor_right", "u8", "motor_right_a", 0.02),
         ],
     ),
-    0x16: (
+    0x28: (
         "link_counters",
         "device",
-        [("received", "u16"), ("damaged", "u16"), ("stale", "u16")],
+        [
+            ("received", "u16"),
+            ("damaged", "u16"),
+            ("stale", "u16"),
+            ("receive_dropped", "u16"),
+            ("send_dropped", "u16"),
+            ("can_send_errors", "u8"),
+            ("can_receive_errors", "u8"),
+            ("can_bus_offs", "u16"),
+        ],
     ),
-    0x17: (
+    0x2C: (
         "planner_state",
         "device",
         [
@@ -324,8 +340,8 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("chain", "u32"),
         ],
     ),
-    0x1D: ("log_text", "device", [("level", "u8"), ("line", "text")]),
-    0x1E: (
+    0x79: ("log_text", "device", [("level", "u8"), ("line", "text")]),
+    0x78: (
         "parameter_value",
         "device",
         [
@@ -341,8 +357,8 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
         ],
     ),
     0x1F: ("challenge", "device", [("counter", "u32")]),
-    0x28: ("describe_enum", "host", [("enumeration", "u32"), ("member_count", "u8")]),
-    0x2C: (
+    0x0C: ("describe_enum", "host", [("enumeration", "u32"), ("member_count", "u8")]),
+    0x1D: (
         "imu_info",
         "device",
         [
@@ -352,7 +368,7 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("zero", "i16", "zero_deg_c", 0.01),
         ],
     ),
-    0x3C: (
+    0x1E: (
         "describe_enum_reply",
         "device",
         [("enumeration", "u32"), ("member_count", "u8"), ("chain", "u32")],

@@ -70,8 +70,11 @@ class WireHost:
     # ---- what a host asks -----------------------------------------------------------------
 
     def join(self, session: int = SESSION) -> None:
-        self.send(HostHello(CATALOGUE.hash, session, 0, "frames"))
-        self.send(HostHello(CATALOGUE.hash, session, 1, "frames"))
+        self.send(HostHello(CATALOGUE.hash, session, 0, 0, "frames"))
+        hello = self.newest[Hello]
+        assert isinstance(hello, Hello)
+        for agreed in (0, 1):
+            self.send(HostHello(CATALOGUE.hash, session, hello.boot_id, agreed, "frames"))
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:
         """A command and its answer, which must come at once."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from typing import cast
 
 import click
 
@@ -19,8 +20,9 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     """Stop the robot on PORT at once and latch the stop.
 
     If another sweepctl has the port open, it stops the robot and ends its run. Otherwise the port
-    is opened and the stop is sent until the device confirms it. Without --node every robot on a bus
-    is stopped. The robot moves again only with --clear-stop.
+    is opened and the stop is sent until every device that is heard confirms it. On a bus every
+    robot is stopped; with --node that robot must confirm it too. The robot moves again only with
+    --clear-stop.
 
     Exit status: 0 the device has confirmed the stop; 3 it has not, even after Ctrl-C.
     """
@@ -31,7 +33,9 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
 
     def by_wire() -> dict[str, object]:
         opened = Opener(port, PortOptions(**how))  # type: ignore[arg-type]  # as declared there
-        return {"by": "wire", "confirmed": True, "node": stop_device(port, opened, node)}
+        nodes = stop_device(port, opened, node)
+        first = node if node is not None else nodes[0]
+        return {"by": "wire", "confirmed": True, "node": first, "nodes": nodes}
 
     found: dict[str, object]
     try:
@@ -55,5 +59,7 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     if not found["confirmed"]:
         complain(f"{port}: {found['ending']}")
         return 3
-    inform(f"{port}: stopped, confirmed by the device")
+    nodes = cast("list[int]", found.get("nodes", []))
+    several = f"nodes {', '.join(map(str, nodes))}" if len(nodes) > 1 else "the device"
+    inform(f"{port}: stopped, confirmed by {several}")
     return 0

@@ -19,7 +19,7 @@ from bridge.run.mission import Resume
 from bridge.run.options import HostOptions
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import RoomRecord, Severity, TruthRecord
-from bridge.session.stop_request import StopRequest
+from bridge.session.stop_request import stop_request
 from protocol.messages.values import StopCause
 from protocol.uart.link import Link
 from sim_device.line.line import STRAIGHT
@@ -172,7 +172,7 @@ def _log_faults(rig: Rig | None, sink: Sink) -> None:
 
 def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> None:
     """Stop the virtual robot without the host, whose code has failed, and record the crash."""
-    stop = StopRequest(type(host.session.link), CRASH_CAUSE, _CRASH_STOP_ID, host.session.node)
+    stop = stop_request(type(host.session.link), CRASH_CAUSE, _CRASH_STOP_ID, host.session.node)
     begun_ns = host_ns(device.next_deadline_us())
     with contextlib.suppress(Exception):  # the virtual device itself may have failed
         end_us = device.next_deadline_us() + round(CONFIRM_S * 1e6)

@@ -861,6 +861,19 @@ sp_event_t sp_can_receive(
     if (in->id > 0x7FFu || in->length > 8u) {
         return event;
     }
+    if (type == SP_TYPE_STOP_ALL) {
+        /* It says all by its identifier: taken whatever its data, and each time. */
+        frame->version = SP_VERSION;
+        frame->flags = 0;
+        frame->type = type;
+        frame->node = in->id & 0x0Fu;
+        frame->seq = 0;
+        frame->t_us = 0;
+        frame->payload = receiver->single;
+        frame->length = 0;
+        receiver->frames++;
+        return SP_FRAME;
+    }
     if (sp_can_doubled(receiver, in, now_us)) {
         receiver->doubled++;
         return event;

@@ -165,9 +165,12 @@ static int carry_out(firmware_t *firmware, const sp_frame_t *frame)
 void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us)
 {
     uint8_t *const payload = line_payload(&firmware->line);
+    const bool with_value =
+        reply->type == SP_TYPE_GET_PARAMETER || reply->type == SP_TYPE_SET_PARAMETER;
     if (reply->accepted) {
         const sp_ack_t ack = {reply->command_id, reply->type};
-        line_send(&firmware->line, SP_TYPE_ACK, (uint32_t)now_us,
+        line_send_after(&firmware->line, SP_TYPE_ACK,
+            with_value ? SP_TYPE_PARAMETER_VALUE : SP_TYPE_ACK, (uint32_t)now_us,
             sp_ack_encode(&ack, payload, SP_PAYLOAD_MAX));
     } else {
         const sp_nack_t nack = {reply->command_id, reply->type, reply->reason};

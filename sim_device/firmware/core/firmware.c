@@ -75,10 +75,12 @@ static void carry_on_saving(firmware_t *firmware)
     }
 }
 
-static void tell(firmware_t *firmware)
+/* `stopped`: a stop from anybody is to be answered. */
+static void tell(firmware_t *firmware, bool stopped)
 {
     for (unsigned i = 0; i < STREAMS; i++) {
-        if (schedule_due(&firmware->schedule, (stream_t)i, firmware->tick, firmware->ticks)) {
+        if ((i == STREAM_STATUS && stopped)
+            || schedule_due(&firmware->schedule, (stream_t)i, firmware->tick, firmware->ticks)) {
             telemetry_send(firmware, (stream_t)i);
         }
     }
@@ -88,7 +90,7 @@ static void tell(firmware_t *firmware)
     const log_line_t *const line = log_take(&firmware->control.log, firmware->now_us);
     if (line != NULL) {
         const sp_log_text_t text = {line->level, line->text.bytes, line->text.length};
-        line_send(&firmware->line, SP_TYPE_LOG_TEXT, (uint32_t)firmware->now_us,
+        line_stream(&firmware->line, SP_TYPE_LOG_TEXT, (uint32_t)firmware->now_us,
             sp_log_text_encode(&text, line_payload(&firmware->line), SP_PAYLOAD_MAX));
     }
 }
@@ -117,9 +119,16 @@ static void period(firmware_t *firmware)
     if (due(firmware, LOAD_PERIODS, 0)) {
         telemetry_measure_load(firmware);
     }
+    const bool stopped = firmware->status_wanted;
+    firmware->status_wanted = false;
     if (firmware->agreed) {
-        tell(firmware);
-    } else if (due(firmware, PERIODS_PER_SECOND, 0)) {
+        tell(firmware, stopped);
+        return;
+    }
+    if (stopped) {
+        telemetry_send(firmware, STREAM_STATUS);
+    }
+    if (due(firmware, PERIODS_PER_SECOND, 0)) {
         session_hello(firmware, firmware->now_us);
     }
 }

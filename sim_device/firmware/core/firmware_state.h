@@ -42,6 +42,7 @@ struct firmware {
     /* ---- session ---- */
     uint32_t session_id; /* 0: none */
     bool agreed;
+    bool status_wanted; /* a stop from anybody is to be answered with the status */
     int64_t heard_us; /* last valid frame of a host */
     bool strange_known;
     int64_t strange_us; /* last hello to a host of a session that we do not know */

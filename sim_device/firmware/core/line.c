@@ -25,7 +25,21 @@ static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, 
     board_uart_write(line->board, line->frame + skip, whole - skip);
 }
 
-static void send_can(line_t *line, uint8_t type, uint32_t t_us, size_t length, size_t kept)
+/* The last entry leaves first: before those of a higher rank, behind those of its own. */
+static void queue_can(line_t *line, const sp_can_frame_t *frame, uint8_t rank)
+{
+    uint8_t i = line->waiting_count;
+    while (i != 0 && line->waiting[i - 1u].rank <= rank) {
+        line->waiting[i] = line->waiting[i - 1u];
+        i--;
+    }
+    line->waiting[i].frame = *frame;
+    line->waiting[i].rank = rank;
+    line->waiting_count++;
+}
+
+static void send_can(
+    line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, size_t length, size_t kept)
 {
     /* At most: a periodic message has a frame for each stretch of it, three; another one its
      * content, head and CRC of 9 B, seven to a frame. */
@@ -39,35 +53,40 @@ static void send_can(line_t *line, uint8_t type, uint32_t t_us, size_t length, s
     line->dropped += !room;
     while (sp_can_next(&line->can_sender, &message, &frame)) {
         if (room) {
-            line->waiting[(line->first_waiting + line->waiting_count) % LINE_CAN_WAITING] = frame;
-            line->waiting_count++;
+            queue_can(line, &frame, rank);
+        } else {
+            line->can_gone++;
         }
     }
     line_pump(line);
 }
 
-void line_send(line_t *line, uint8_t type, uint32_t t_us, int payload_length)
+static void send(line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, int length, bool keeps)
 {
-    if (payload_length < 0) {
+    if (length < 0) {
         return;
     }
     if (line->can) {
-        send_can(line, type, t_us, (size_t)payload_length, 0);
+        send_can(line, type, rank, t_us, (size_t)length, keeps ? LINE_KEPT_FRAMES : 0u);
     } else {
-        send_uart(line, type, t_us, (size_t)payload_length, 0);
+        send_uart(line, type, t_us, (size_t)length, keeps ? LINE_KEPT_BYTES : 0u);
     }
+}
+
+void line_send(line_t *line, uint8_t type, uint32_t t_us, int payload_length)
+{
+    send(line, type, type, t_us, payload_length, false);
+}
+
+void line_send_after(
+    line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, int payload_length)
+{
+    send(line, type, rank, t_us, payload_length, false);
 }
 
 void line_stream(line_t *line, uint8_t type, uint32_t t_us, int payload_length)
 {
-    if (payload_length < 0) {
-        return;
-    }
-    if (line->can) {
-        send_can(line, type, t_us, (size_t)payload_length, LINE_KEPT_FRAMES);
-    } else {
-        send_uart(line, type, t_us, (size_t)payload_length, LINE_KEPT_BYTES);
-    }
+    send(line, type, type, t_us, payload_length, true);
 }
 
 uint32_t line_sent(const line_t *line)
@@ -77,9 +96,19 @@ uint32_t line_sent(const line_t *line)
 
 void line_pump(line_t *line)
 {
-    while (line->waiting_count != 0
-        && board_can_write(line->board, &line->waiting[line->first_waiting])) {
-        line->first_waiting = (uint8_t)((line->first_waiting + 1u) % LINE_CAN_WAITING);
+    while (line->waiting_count != 0) {
+        sp_can_frame_t *const next = &line->waiting[line->waiting_count - 1u].frame;
+        if (next->id >> 4 == SP_TYPE_SYNC) {
+            /* Known only now: frames leave in another order than they were made. */
+            const uint32_t count = line->can_gone + 1u;
+            for (unsigned i = 0; i < 4u; i++) {
+                next->data[4u + i] = (uint8_t)(count >> (8u * i));
+            }
+        }
+        if (!board_can_write(line->board, next)) {
+            return;
+        }
+        line->can_gone++;
         line->waiting_count--;
     }
 }

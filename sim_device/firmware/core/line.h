@@ -31,9 +31,12 @@ typedef struct {
 
     sp_can_sender_t can_sender;
     sp_can_receiver_t can_receiver;
-    sp_can_frame_t waiting[LINE_CAN_WAITING];
-    uint8_t first_waiting;
+    struct {
+        sp_can_frame_t frame;
+        uint8_t rank;
+    } waiting[LINE_CAN_WAITING]; /* the last one leaves first */
     uint8_t waiting_count;
+    uint32_t can_gone; /* frames that have left or were dropped */
 } line_t;
 
 void line_start(line_t *line, board_t *board, uint8_t node, bool can);
@@ -50,7 +53,12 @@ static inline uint8_t *line_payload(line_t *line)
  * as sent, so that the host sees that it is missing. */
 void line_send(line_t *line, uint8_t type, uint32_t t_us, int payload_length);
 
-/* The same for what is sent periodically: a next one comes. */
+/* The same for what must not overtake an earlier message of this type (a lower type leaves first).
+ */
+void line_send_after(
+    line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, int payload_length);
+
+/* The same for what is sent periodically, or may be missing: it leaves room for replies. */
 void line_stream(line_t *line, uint8_t type, uint32_t t_us, int payload_length);
 
 /* Frames sent so far, for the sync message and the load. */

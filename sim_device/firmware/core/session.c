@@ -97,11 +97,17 @@ static void tell_crash(firmware_t *firmware)
     text_add_hex(line, crash->cfsr);
 }
 
-static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
+/* Whether the hello is of the session. */
+static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
     int64_t now_us)
 {
     if (hello->session_id == 0) {
-        return; /* it says "no session", whose host is never missed */
+        return false; /* it says "no session", whose host is never missed */
+    }
+    if (hello->session_id != firmware->session_id
+        && hello->boot_id != board_identity(firmware->board)->boot_id) {
+        session_hello(firmware, now_us); /* a first hello, or one of another boot: only an answer */
+        return false;
     }
     if (hello->session_id != firmware->session_id) {
         if (firmware->session_id != 0) {
@@ -121,6 +127,7 @@ static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
         tell_crash(firmware);
     }
     session_hello(firmware, now_us);
+    return true;
 }
 
 static void reply_time(firmware_t *firmware, const sp_time_request_t *request, int64_t arrived_us)
@@ -200,7 +207,6 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
     if (!for_us(firmware, frame)) {
         return;
     }
-    firmware->heard_us = arrived_us;
     const uint8_t *const payload = frame->payload;
     const size_t length = frame->length;
     union {
@@ -212,15 +218,22 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
         sp_describe_t describe;
         sp_describe_enum_t describe_enum;
     } message;
+    if (frame->type == SP_TYPE_STOP_ALL) {
+        /* From anybody: it keeps no session alive. */
+        control_stop(&firmware->control, SP_STOP_CAUSE_OPERATOR, EVENT_STOP);
+        firmware->status_wanted = true;
+        return;
+    }
     if (frame->type == SP_TYPE_HOST_HELLO) {
         /* A new session's first: its delay is that of the new host. */
-        if (sp_host_hello_decode(&message.hello, payload, length)) {
-            greet(firmware, &message.hello, frame, arrived_us);
+        if (!sp_host_hello_decode(&message.hello, payload, length)
+            || !greet(firmware, &message.hello, frame, arrived_us)) {
+            return;
         }
     }
+    firmware->heard_us = arrived_us;
     if (frame->type == SP_TYPE_STOP) {
-        /* Anyone may have sent it: it is not the session's frame, by whose delays setpoints are
-         * judged. */
+        /* Obeyed whoever has sent it: setpoints are not judged by its delay. */
         if (sp_stop_decode(&message.stop, payload, length)) {
             stop(firmware, &message.stop, arrived_us);
         }

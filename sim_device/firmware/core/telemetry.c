@@ -85,8 +85,12 @@ static int status(const firmware_t *firmware, uint8_t *payload)
 
 static int link_counters(const firmware_t *firmware, uint8_t *payload)
 {
+    board_can_health_t can = {0};
+    board_can_health(firmware->board, &can);
     const sp_link_counters_t message = {(uint16_t)firmware->line.intact,
-        (uint16_t)line_damaged(&firmware->line), firmware->stale};
+        (uint16_t)line_damaged(&firmware->line), firmware->stale,
+        (uint16_t)firmware->inbox.dropped, (uint16_t)firmware->line.dropped, can.send_errors,
+        can.receive_errors, can.offs};
     return sp_link_counters_encode(&message, payload, SP_PAYLOAD_MAX);
 }
 

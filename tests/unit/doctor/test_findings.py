@@ -200,8 +200,8 @@ def test_what_the_device_counts_and_reports() -> None:
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, count=60)
-    line.inform(LinkCounters(65_500, 0, 0))
-    line.inform(LinkCounters(100, 3, 40))
+    line.inform(LinkCounters(65_500, 0, 0, 0, 0, 0, 0, 0))
+    line.inform(LinkCounters(100, 3, 40, 0, 0, 0, 0, 0))
     line.inform(Status(0, StopCause.HARDWARE, 0, 0, 95))
     line.inform(Power(16_000, 160, 5, 5))  # 4.0 V on the logic's rail
     assert sorted(line.kinds) == [

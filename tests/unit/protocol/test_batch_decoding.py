@@ -81,7 +81,7 @@ def test_a_stretch_of_many_chunks_is_one_damage_where_it_began() -> None:
 
 def big_capture(size: int) -> Iterator[bytes]:
     rng = np.random.default_rng(1)
-    frames = [b"\0" + encode_frame(1, 0x12, i, i, rng.bytes(14)) for i in range(1000)]
+    frames = [b"\0" + encode_frame(1, 0x13, i, i, rng.bytes(14)) for i in range(1000)]
     block = b"".join(frames) + rng.bytes(200) + b"\x11" * 100_000
     for _ in range(size // len(block)):
         yield block
@@ -113,7 +113,7 @@ def test_endless_garbage_is_not_kept() -> None:
     finally:
         tracemalloc.stop()
     assert held < 100_000
-    result = decoder.feed(b"\0" + encode_frame(1, 0x13, 0, 0, bytes(4)))
+    result = decoder.feed(b"\0" + encode_frame(1, 0x16, 0, 0, bytes(4)))
     assert result.damaged.tolist() == [(0, 16 * MIB, 1)]
     assert result.messages["encoders"]["offset"].tolist() == [16 * MIB + 1]
 

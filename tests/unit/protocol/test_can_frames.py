@@ -32,7 +32,14 @@ from protocol.messages.device import (
     Sync,
     TimeReply,
 )
-from protocol.messages.host import PlannerCommand, SetParameter, Stop, TimeRequest, VelocitySetpoint
+from protocol.messages.host import (
+    PlannerCommand,
+    SetParameter,
+    Stop,
+    StopAll,
+    TimeRequest,
+    VelocitySetpoint,
+)
 from protocol.schema.message import Direction, Message
 
 HOST, DEVICE = Direction.HOST, Direction.DEVICE
@@ -51,28 +58,42 @@ def frames_of(sends: Direction, *messages: Message, node: int = 1, flags: int = 
     return [f"{f.can_id:03x}#{f.data.hex()}" for f in frames if f is not None]
 
 
-def test_stop_is_one_frame_and_the_first_of_all() -> None:
-    assert frames_of(HOST, Stop(0x0102, 3), node=0) == [f"000#10{T16}020103e0"]
-    assert frames_of(HOST, Stop(0x0102, 3), node=5, flags=2) == [f"005#12{T16}020103e0"]
-    busy = [VelocitySetpoint(1, 2, 200, 4), TimeRequest(1), Stop(9, 1)]
-    assert frames_of(HOST, *busy)[0].startswith("001#")
+def test_stops_are_one_frame_and_the_first_of_all() -> None:
+    assert frames_of(HOST, StopAll(), node=0) == ["000#"], "nothing in it differs between senders"
+    assert frames_of(HOST, Stop(0x0102, 3), node=5) == [f"015#20{T16}020103e0"]
+    assert frames_of(HOST, Stop(0x0102, 3), node=5, flags=2) == [f"015#22{T16}020103e0"]
+    busy = [VelocitySetpoint(1, 2, 200, 4), TimeRequest(1), Stop(9, 1), StopAll()]
+    assert [f[:3] for f in frames_of(HOST, *busy)] == ["001", "011", "021", "071"]
+
+
+def test_the_queue_leaves_by_rank_and_of_one_rank_in_its_order() -> None:
+    link = CanLink(DEVICE)
+    imu = Imu(1, 2, 3, 4, 5, 6, 7)
+    link.send(LogText(0, "x" * 20), 0, node=1)
+    link.send(Ack(1, 2), 0, node=1, rank=0x79)  # stays behind the line, which it must not overtake
+    for t_us in (0, 160):
+        link.send(imu, t_us, node=1)
+    link.send(Ack(3, 4), 0, node=1)
+    data = link.data_to_send()
+    ids = [RECORD.unpack(data[i : i + 16])[0] >> 4 for i in range(0, len(data), 16)]
+    assert ids == [0x15, 0x13, 0x14, 0x13, 0x14, 0x19, *[0x79] * 5, 0x19]
 
 
 @pytest.mark.parametrize(
     ("message", "frames"),
     [
-        (Encoders(0x1234, 0x5678), [f"131#{T16}34127856"]),
-        (Power(16000, 200, 3, 4), [f"151#{T16}803ec80304"]),
+        (Encoders(0x1234, 0x5678), [f"161#{T16}34127856"]),
+        (Power(16000, 200, 3, 4), [f"241#{T16}803ec80304"]),
         (
             Imu(1, 2, 3, 4, 5, 6, 7),
-            [f"321#{T16}0400", f"121#{T16}010002000300", f"221#{T16}050006000700"],
+            [f"151#{T16}0400", f"131#{T16}010002000300", f"141#{T16}050006000700"],
         ),
         (
             PlannerState(1, 2, 3, -1, 5, 6, 7, 3),
-            [f"171#{T16}01020300ffff", f"271#{T16}050006000703"],
+            [f"2c1#{T16}01020300ffff", f"2d1#{T16}050006000703"],
         ),
         (Sync(99), ["101#5634120001000000"]),  # the stamp whole, and the frames sent by now
-        (Ack(7, 2), [f"191#10{T16}070002e0"]),
+        (Ack(7, 2), [f"191#20{T16}070002e0"]),
     ],
     ids=lambda v: type(v).__name__ if isinstance(v, Message) else "",
 )
@@ -83,20 +104,20 @@ def test_device_frames(message: Message, frames: list[str]) -> None:
 def test_host_frames() -> None:
     assert frames_of(HOST, VelocitySetpoint(-2, 3, 200, 9)) == [f"021#{T16}feff0300c809"]
     assert frames_of(HOST, TimeRequest(7), TimeRequest(8)) == [
-        "071#185634120007e0",  # one byte of payload leaves room for the whole stamp
-        "071#185634120008e1",
+        "071#285634120007e0",  # one byte of payload leaves room for the whole stamp
+        "071#285634120008e1",
     ]
-    assert frames_of(HOST, PlannerCommand(1, 2, 3)) == [f"091#10{T16}01000203e0"]
+    assert frames_of(HOST, PlannerCommand(1, 2, 3)) == [f"091#20{T16}01000203e0"]
 
 
 def test_a_transfer_of_several_frames_ends_with_its_crc() -> None:
-    whole = bytes.fromhex("185634120001000203") + (77).to_bytes(4, "little")
+    whole = bytes.fromhex("285634120001000203") + (77).to_bytes(4, "little")
     ends = crc32(whole).to_bytes(4, "little")
     body = whole + ends
     assert frames_of(HOST, SetParameter(1, 2, 3, 77)) == [
-        f"0b1#{body[:7].hex()}a0",
-        f"0b1#{body[7:14].hex()}00",
-        f"0b1#{body[14:].hex()}60",
+        f"711#{body[:7].hex()}a0",
+        f"711#{body[7:14].hex()}00",
+        f"711#{body[14:].hex()}60",
     ]
 
 

@@ -21,7 +21,7 @@ from protocol.messages.device import Ack, Nack
 from protocol.messages.host import ClearStop, SetMode, Stop
 from protocol.messages.values import NackReason
 
-STOP, CLEAR, MODE = 0x00, 0x05, 0x06
+STOP, CLEAR, MODE = 0x01, 0x05, 0x06
 
 
 def mode(command_id: int) -> SetMode:

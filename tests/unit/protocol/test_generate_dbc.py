@@ -65,20 +65,22 @@ def test_identifiers_lengths_senders_and_cycles_are_those_of_the_bus(db: Databas
         for m in db.messages
     }
     assert reported == {
-        0x011: ("auth_tag", 8, ["host"], None, False),
+        0x0F1: ("auth_tag", 8, ["host"], None, False),
         0x021: ("velocity_setpoint", 8, ["host"], 20, False),
-        0x031: ("wheel_duty", 8, ["host"], 20, False),
+        0x0A1: ("wheel_duty", 8, ["host"], 20, False),
         0x101: ("sync", 8, ["device"], 100, False),
         0x111: ("status", 8, ["device"], 100, False),
-        0x121: ("imu_acceleration", 8, ["device"], 10, False),
-        0x221: ("imu_rotation", 8, ["device"], 10, False),
-        0x321: ("imu_temperature", 4, ["device"], 1000, False),
-        0x131: ("encoders", 6, ["device"], 20, False),
-        0x141: ("range", 7, ["device"], 50, False),
-        0x151: ("power", 7, ["device"], 200, False),
-        0x161: ("link_counters", 8, ["device"], 1000, False),
-        0x171: ("planner_state_target", 8, ["device"], 200, False),
-        0x271: ("planner_state_lane", 8, ["device"], 200, False),
+        0x131: ("imu_acceleration", 8, ["device"], 10, False),
+        0x141: ("imu_rotation", 8, ["device"], 10, False),
+        0x151: ("imu_temperature", 4, ["device"], 1000, False),
+        0x161: ("encoders", 6, ["device"], 20, False),
+        0x201: ("range", 7, ["device"], 50, False),
+        0x241: ("power", 7, ["device"], 200, False),
+        0x281: ("link_counters_received", 8, ["device"], 1000, False),
+        0x291: ("link_counters_dropped", 6, ["device"], 1000, False),
+        0x2A1: ("link_counters_can", 6, ["device"], 1000, False),
+        0x2C1: ("planner_state_target", 8, ["device"], 200, False),
+        0x2D1: ("planner_state_lane", 8, ["device"], 200, False),
     }
     assert [n.name for n in db.nodes] == ["host", "device"]
     assert [m.name for m in db.messages if m.send_type != "Cyclic"] == ["auth_tag"]
@@ -105,18 +107,18 @@ def test_every_periodic_field_is_a_signal_with_its_text_and_receiver(db: Databas
     [
         (0x021, "v", ("m/s", 0.0001, 0, -3.2768, 3.2767)),
         (0x021, "time_to_live", ("s", 0.001, 0, 0, 0.25)),
-        (0x031, "left", ("duty", 0.0001, 0, -1, 1)),
+        (0x0A1, "left", ("duty", 0.0001, 0, -1, 1)),
         (0x111, "load", ("%", 1, 0, 0, 100)),
-        (0x121, "accel_z", ("m/s2", 9.80665 / 16384, 0, -19.6133, 9.80665 * 32767 / 16384)),
-        (0x221, "gyro_z", ("deg/s", 1 / 131, 0, -32768 / 131, 32767 / 131)),
-        (0x321, "temperature", ("degC", 1 / 340, 36.53, 36.53 - 32768 / 340, 36.53 + 32767 / 340)),
-        (0x131, "left", (None, 1, 0, 0, 65535)),
-        (0x141, "ultrasonic", ("m", 0.001, 0, 0, 4)),
-        (0x141, "infrared_left", ("m", 0.00125, 0, 0, 0.3175)),
-        (0x151, "battery", ("V", 0.001, 0, 0, 65.535)),
-        (0x151, "motor_left", ("A", 0.02, 0, 0, 5.1)),
-        (0x271, "length", ("m", 0.02, 0, 0, 5.1)),
-        (0x141, "t16", ("s", 16e-6, 0, 0, 65535 * 16e-6)),
+        (0x131, "accel_z", ("m/s2", 9.80665 / 16384, 0, -19.6133, 9.80665 * 32767 / 16384)),
+        (0x141, "gyro_z", ("deg/s", 1 / 131, 0, -32768 / 131, 32767 / 131)),
+        (0x151, "temperature", ("degC", 1 / 340, 36.53, 36.53 - 32768 / 340, 36.53 + 32767 / 340)),
+        (0x161, "left", (None, 1, 0, 0, 65535)),
+        (0x201, "ultrasonic", ("m", 0.001, 0, 0, 4)),
+        (0x201, "infrared_left", ("m", 0.00125, 0, 0, 0.3175)),
+        (0x241, "battery", ("V", 0.001, 0, 0, 65.535)),
+        (0x241, "motor_left", ("A", 0.02, 0, 0, 5.1)),
+        (0x2D1, "length", ("m", 0.02, 0, 0, 5.1)),
+        (0x201, "t16", ("s", 16e-6, 0, 0, 65535 * 16e-6)),
         (0x101, "t_us", ("us", 1, 0, 0, 0xFFFFFFFF)),
     ],
 )
@@ -138,7 +140,7 @@ def test_the_stamp_stands_before_the_payload(db: Database) -> None:
     }
     assert stamps.pop(0x101) == (0, 32, False)
     assert stamps == {
-        m.frame_id: (0, 16, False) for m in db.messages if m.frame_id not in {0x011, 0x101}
+        m.frame_id: (0, 16, False) for m in db.messages if m.frame_id not in {0x0F1, 0x101}
     }
 
 
@@ -153,7 +155,7 @@ def test_a_signed_setpoint_s_tag_is_read(db: Database) -> None:
         setpoint, tag = (from_record(data[at : at + 16]) for at in (0, 16))
         assert setpoint is not None
         assert tag is not None
-        assert (setpoint.can_id, tag.can_id) == (0x021, 0x011)
+        assert (setpoint.can_id, tag.can_id) == (0x021, 0x0F1)
         reported = described(db, tag.can_id).decode(tag.data)
         wanted.append(int.from_bytes(tag.data[2:], "little"))
         assert reported == {"counter": counter, "tag": wanted[-1]}
@@ -167,9 +169,9 @@ def test_values_have_their_names_and_nothing_there_has_one(db: Database) -> None
 
     assert names(0x111, "mode") == {0: "idle", 1: "velocity", 2: "bringup", 3: "onboard"}
     assert names(0x111, "stop_cause")[4] == "operator"
-    assert names(0x171, "phase")[8] == "finished"
-    assert names(0x141, "ultrasonic") == {65535: "none"}
-    assert names(0x141, "infrared_right") == {255: "none"}
+    assert names(0x2C1, "phase")[8] == "finished"
+    assert names(0x201, "ultrasonic") == {65535: "none"}
+    assert names(0x201, "infrared_right") == {255: "none"}
     assert names(0x111, "faults") == {}  # bits, which add up: named in the comment
     assert "5 motor_stall" in str(described(db, 0x111).get_signal_by_name("faults").comment)
 

@@ -206,8 +206,8 @@ def test_a_payload_of_a_wrong_length_is_rejected() -> None:
 
 def test_fields_agreed_on_reach_the_message() -> None:
     ours = Link(Direction.HOST, codec=Codec())
-    ours.codec.limit(0x15, 2)
-    data = ref.frame_bytes(flags=0, node=1, type_id=0x15, seq=9, t_us=0, payload=b"\x80\x3e\xc8")
+    ours.codec.limit(0x24, 2)
+    data = ref.frame_bytes(flags=0, node=1, type_id=0x24, seq=9, t_us=0, payload=b"\x80\x3e\xc8")
     (message,) = messages(ours.receive(data))
     assert tuple(message) == (16000, 200, None, None)
 
@@ -247,8 +247,8 @@ def test_losses_and_reordering_by_sequence(order: list[int], lost: int, reordere
 
 def test_unknown_and_disabled_types_keep_their_place_in_the_sequence() -> None:
     ours = host()
-    ours.disabled.add(0x15)
-    for seq, type_id in enumerate([0x10, 0x77, 0x15, 0x10]):
+    ours.disabled.add(0x24)
+    for seq, type_id in enumerate([0x10, 0x77, 0x24, 0x10]):
         ours.receive(
             ref.frame_bytes(flags=0, node=1, type_id=type_id, seq=seq, t_us=0, payload=bytes(4))
         )
@@ -269,7 +269,7 @@ def test_a_host_has_one_sequence_whatever_node_its_frames_name() -> None:
     for i in range(50):
         theirs.receive(frames(ours, SetMode(i, 1), node=1)[0])
         if i % 10 == 0:
-            theirs.receive(frames(ours, HostHello(0, 1, 1, ""), node=0)[0])
+            theirs.receive(frames(ours, HostHello(0, 1, 0, 1, ""), node=0)[0])
     assert (theirs.statistics.lost, theirs.statistics.reordered) == (0, 0)
 
 

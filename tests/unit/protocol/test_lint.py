@@ -10,7 +10,7 @@ import pytest
 
 from protocol.errors import UnknownMessageError
 from protocol.messages.device import Imu, LogText, Power, Range, Status
-from protocol.messages.host import SetMode
+from protocol.messages.host import SetMode, VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
 from protocol.schema.lint import findings
@@ -54,7 +54,7 @@ def test_ours_is_clean() -> None:
 def test_type_and_name_declared_twice() -> None:
     imu = CATALOGUE.spec(Imu)
     assert findings([imu, imu]) == [
-        "type 0x12 is declared 2 times",
+        "type 0x13 is declared 2 times",
         "name imu is declared 2 times",
     ]
 
@@ -134,13 +134,26 @@ def test_a_stream_too_long_for_its_frame_and_for_the_types_of_its_parts() -> Non
 
 
 def test_types_of_parts_are_held_against_all_others() -> None:
-    types = {"acceleration": 0x12, "rotation": 0x13, "temperature": 0x27, "more": 0x7F}
-    parts = tuple(CanPart(can_type, name) for name, can_type in types.items())
-    changed = [replace(s, can_parts=parts) if s.cls is Imu else s for s in CATALOGUE]
-    assert findings(changed) == [
-        "CAN part type 0x27 is declared 2 times",
-        "CAN part type 0x13 is a message's too",
+    def findings_of(*types: int) -> list[str]:
+        parts = tuple(CanPart(t, f"part {t}") for t in types)
+        return findings([replace(s, can_parts=parts) if s.cls is Imu else s for s in CATALOGUE])
+
+    apart = "imu: CAN parts rank together: each type is one more than the one before"
+    assert findings_of(0x13, 0x14, 0x15) == []
+    assert findings_of(0x13, 0x16, 0x29, 0x7F) == [
+        "CAN part type 0x29 is declared 2 times",
+        "CAN part type 0x16 is a message's too",
         "CAN part type 0x7f is out of range",
+        apart,
+    ]
+    assert findings_of(0x13, 0x15, 0x14) == [apart]
+
+
+def test_a_host_s_message_has_no_slow_part() -> None:
+    spec = CATALOGUE.spec(VelocitySetpoint)
+    parts = (CanPart(0x02, "one"), CanPart(0x03, "two", slow_us=1))
+    assert findings([replace(spec, can_parts=parts)]) == [
+        "velocity_setpoint: a host's message has a slow CAN part: a device joins what comes at once"
     ]
 
 

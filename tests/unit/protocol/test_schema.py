@@ -27,7 +27,7 @@ from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import I16, U8, U16, U32, Field, number, si, si_or_none
 from protocol.schema.message import CanPart, Direction, Message, MessageSpec, RateClass, message
 
-POWER = 0x15
+POWER = 0x24
 ENUMS_OF_STATUS = ("Fault|bits", "Mode|enum", "StopCause|enum")
 
 
@@ -89,7 +89,7 @@ def test_chain_of_encoders_written_out() -> None:
     start = zlib.crc32(b"encoders|device|stream\n")
     left = zlib.crc32(b"left|u16|1|count||0..65535||\n", start)
     right = zlib.crc32(b"right|u16|1|count||0..65535||\n", left)
-    assert CATALOGUE.chains[0x13] == (start, left, right)
+    assert CATALOGUE.chains[0x16] == (start, left, right)
 
 
 def test_chain_of_scaled_fields_written_out() -> None:
@@ -99,11 +99,11 @@ def test_chain_of_scaled_fields_written_out() -> None:
     text += b"".join(
         b"accel_%b|i16|196133/327680000|m/s2||%b||\n" % (axis, whole) for axis in (b"x", b"y", b"z")
     )
-    text += b"temperature|i16|1/340+3653/100|degC||%b||32\n" % whole
+    text += b"temperature|i16|1/340+3653/100|degC||%b||15\n" % whole
     text += b"".join(
-        b"gyro_%b|i16|1/131|deg/s||%b||22\n" % (axis, whole) for axis in (b"x", b"y", b"z")
+        b"gyro_%b|i16|1/131|deg/s||%b||14\n" % (axis, whole) for axis in (b"x", b"y", b"z")
     )
-    assert CATALOGUE.chains[0x12][-1] == zlib.crc32(text)
+    assert CATALOGUE.chains[0x13][-1] == zlib.crc32(text)
     text = b"power|device|stream\nbattery|u16|1/1000|V||0..65535||\n"
     text += b"logic|u8|1/40|V||0..255||\nmotor_left|u8|1/50|A||0..255||\n"
     assert CATALOGUE.chains[POWER][3] == zlib.crc32(text)
@@ -111,7 +111,7 @@ def test_chain_of_scaled_fields_written_out() -> None:
 
 def test_chain_of_a_sentinel_and_of_an_enumeration_written_out() -> None:
     text = b"range|device|stream\nultrasonic|u16|1/1000|m|65535|0..4000||\n"
-    assert CATALOGUE.chains[0x14][1] == zlib.crc32(text)
+    assert CATALOGUE.chains[0x20][1] == zlib.crc32(text)
     text = b"status|device|stream\nmode|u8|1|enum|||Mode|\n"
     assert CATALOGUE.chains[0x11][1] == zlib.crc32(text)
     mode = CATALOGUE.enums[zlib.crc32(b"Mode|enum\n")]
@@ -124,7 +124,7 @@ def test_chain_of_a_sentinel_and_of_an_enumeration_written_out() -> None:
 
 def test_whole_hash_is_that_of_all_last_chain_values() -> None:
     small = Catalogue([Encoders, Power])
-    lines = f"13:{small.chains[0x13][-1]:08x}\n15:{small.chains[POWER][-1]:08x}\n"
+    lines = f"16:{small.chains[0x16][-1]:08x}\n24:{small.chains[POWER][-1]:08x}\n"
     assert small.hash == zlib.crc32(lines.encode())
     assert Catalogue([Power, Encoders]).hash == small.hash  # whatever the order of declaration
 
@@ -229,8 +229,8 @@ def test_questions_are_few_and_asked_again_until_answered() -> None:
     assert comparison.questions(2) == comparison.questions(2)
     assert len(comparison.questions(2)) == 2
     asked = comparison.questions(9)[:3]
-    assert asked == [Describe(0x11, 5), Describe(0x12, 7), Describe(POWER, 4)]
-    comparison.answer(describe(CATALOGUE, Describe(0x12, 7)))
+    assert asked == [Describe(0x11, 5), Describe(0x13, 7), Describe(POWER, 4)]
+    comparison.answer(describe(CATALOGUE, Describe(0x13, 7)))
     assert comparison.questions(2) == [Describe(0x11, 5), Describe(POWER, 4)]
     enums = [CATALOGUE.enums[zlib.crc32(f"{n}\n".encode())] for n in ENUMS_OF_STATUS]
     assert comparison.questions(9)[2:] == [DescribeEnum(e.key, len(e.members)) for e in enums]
@@ -239,7 +239,7 @@ def test_questions_are_few_and_asked_again_until_answered() -> None:
 
 def test_what_was_not_asked_and_what_comes_twice_is_passed_over() -> None:
     comparison = Comparison(Catalogue([Power]))
-    assert not comparison.answer(describe(CATALOGUE, Describe(0x12, 7)))
+    assert not comparison.answer(describe(CATALOGUE, Describe(0x13, 7)))
     assert not comparison.answer(DescribeEnumReply(1, 2, 3))
     assert not comparison.outcome
     comparison.answer(describe(CATALOGUE, Describe(POWER, 4)))

@@ -98,7 +98,7 @@ def test_other_bytes_are_recorded_as_they_are() -> None:
 
 def test_a_bus_frame_of_a_key_is_recorded_without_it() -> None:
     sink = Collector()
-    frame = RECORD.pack(0x0F << 4 | 1, 8, KEYS[0][:8])
+    frame = RECORD.pack(0x73 << 4 | 1, 8, KEYS[0][:8])
     HostRecords(sink, 0, "", bus=True).can(frame, 0, outgoing=True)
     (record,) = sink.records
     assert isinstance(record, RawCan)

@@ -257,7 +257,7 @@ def test_an_operators_stop_from_elsewhere_ends_the_run() -> None:
 
 def test_a_sensor_that_falls_silent_stops_the_robot() -> None:
     ends, host = started()
-    ends.device.firmware.schedule.set_rate(0x14, 0)  # a sensor that hangs
+    ends.device.firmware.schedule.set_rate(0x20, 0)  # a sensor that hangs
     assert ends.run(2.0, lambda: host.mission.done)
     assert "range" in ending(host).reason
     assert ending(host).exit_status == 5

@@ -241,4 +241,4 @@ def test_a_message_is_looked_into_only_where_it_is_whole() -> None:
     assert not understood(Encoders(1, None))  # type: ignore[arg-type]  # as from an older peer
     assert understood(Status(0, 0, 0, None, None))  # type: ignore[arg-type]  # not looked into
     assert not understood(Status(0, 0, None, None, None))  # type: ignore[arg-type]  # needed
-    assert understood(LinkCounters(None, None, None))  # type: ignore[arg-type]  # only recorded
+    assert understood(LinkCounters(*[None] * 8))  # type: ignore[arg-type]  # only recorded

@@ -13,10 +13,10 @@ from protocol.authentication import (
     key_words,
 )
 from protocol.can.link import CanLink
-from protocol.messages.host import ClearStop, GetParameter, HostHello, SetKey, Stop
+from protocol.messages.host import ClearStop, GetParameter, HostHello, SetKey, Stop, StopAll
 from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
-from protocol.schema.message import Direction
+from protocol.schema.message import Direction, Message
 from protocol.uart.link import Link
 from support.ends import Ends, HostEnd, SessionEnd, check_safe, spinning_host, sweeper
 
@@ -157,7 +157,10 @@ def test_recorded_motion_of_one_session_moves_nothing_in_another(boot_id: int | 
         ends.reboot_device(boot_id)
         ends.run(1.5)
     stood_us = ends.moving_us
-    hello = HostHello(CATALOGUE.hash, end.session.session_id, 1, "thief")  # hellos are not signed
+    boot = ends.device.firmware.identity.boot_id
+    hello = HostHello(
+        CATALOGUE.hash, end.session.session_id, boot, 1, "thief"
+    )  # hellos are not signed
     thief = Link(Direction.HOST)
     for _ in range(3):
         thief.send(hello, ends.host_ns // 1000, node=1)
@@ -262,11 +265,12 @@ def test_a_run_reports_what_it_lacks() -> None:
     assert "not_authenticated" in runner.mission.ending.reason
 
 
-def test_the_stop_needs_no_key_even_without_a_session() -> None:
+@pytest.mark.parametrize(("stop", "node"), [(StopAll(), 0), (Stop(9, StopCause.OPERATOR), 1)])
+def test_a_stop_needs_no_key_even_without_a_session(stop: Message, node: int) -> None:
     made = device(KEY)
     made.step(b"", 500_000)
     link = Link(Direction.HOST)
-    link.send(Stop(9, StopCause.OPERATOR), 1, node=0)
+    link.send(stop, 1, node=node)
     link.send(ClearStop(10, StopCause.OPERATOR), 2, node=1)
     made.step(link.data_to_send(), 510_000)
     assert made.firmware.latch.cause is StopCause.OPERATOR

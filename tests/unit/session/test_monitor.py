@@ -26,7 +26,7 @@ def framed(node: int, type_id: int, seq: int, t_us: int, payload: bytes) -> byte
     return b"\0" + cobs_encode(body + struct.pack("<I", crc32(body))) + b"\0"
 
 
-RANGE = framed(3, 0x14, 7, 1_500_000, struct.pack("<HBBB", 1234, 80, 255, 0b101))
+RANGE = framed(3, 0x20, 7, 1_500_000, struct.pack("<HBBB", 1234, 80, 255, 0b101))
 
 
 def test_a_message_is_reported_with_its_units_and_names() -> None:
@@ -115,7 +115,7 @@ def test_rates_are_those_of_the_last_two_seconds() -> None:
 def test_lost_frames_are_counted_by_their_numbers() -> None:
     monitor = Monitor()
     for seq in (1, 2, 6):
-        monitor.receive(framed(3, 0x13, seq, 0, struct.pack("<HH", 1, 2)), HostNs(0))
+        monitor.receive(framed(3, 0x16, seq, 0, struct.pack("<HH", 1, 2)), HostNs(0))
     assert monitor.lost == 3
 
 
@@ -145,9 +145,9 @@ def test_a_missing_node_is_reported_once_with_those_that_answer(
     monitor, lines = Monitor(node=9), TextLines(raw=False)
     second = 1_000_000_000
     for at in range(1, 6):
-        monitor.receive(framed(3, 0x13, at, 1, struct.pack("<HH", 1, 2)), HostNs(at * second))
+        monitor.receive(framed(3, 0x16, at, 1, struct.pack("<HH", 1, 2)), HostNs(at * second))
         lines.tick(monitor, HostNs(at * second))
-    monitor.receive(framed(4, 0x13, 1, 1, struct.pack("<HH", 1, 2)), HostNs(6 * second))
+    monitor.receive(framed(4, 0x16, 1, 1, struct.pack("<HH", 1, 2)), HostNs(6 * second))
     lines.tick(monitor, HostNs(6 * second))
     printed = capsys.readouterr().err.splitlines()
     assert printed == [
@@ -162,7 +162,7 @@ def test_a_silence_is_reported_once_and_again_after_it_was_broken(
     monitor, lines = Monitor(), TextLines(raw=False)
     second = 1_000_000_000
     for at in range(1, 20):
-        data = framed(3, 0x13, at, 1, struct.pack("<HH", 1, 2)) if at == 8 else b""
+        data = framed(3, 0x16, at, 1, struct.pack("<HH", 1, 2)) if at == 8 else b""
         monitor.receive(data, HostNs(at * second))
         lines.tick(monitor, HostNs(at * second))
     printed = capsys.readouterr().err.splitlines()

@@ -1,4 +1,4 @@
-"""A stop on a port that nobody owns: repeated until a device confirms it, or for three seconds."""
+"""Stops without a session: repeated until the devices confirm them, or for three seconds."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ import pytest
 from bridge.errors import NoDeviceError, PortError
 from bridge.io import clock
 from bridge.io.stopping import CONFIRM_S, send_until_confirmed, stop_device
-from bridge.session.stop_request import REPEAT_NS, StopRequest
+from bridge.session.stop_request import REPEAT_NS, AddressedStop, StopEverything, stop_request
+from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import NODE_ALL, Received
-from protocol.messages.device import Ack, Nack
-from protocol.messages.host import Stop
+from protocol.messages.device import Ack, Nack, Status, Sync
+from protocol.messages.host import Stop, StopAll
 from protocol.messages.values import NackReason, StopCause
 from protocol.schema.catalogue import CATALOGUE
-from protocol.schema.message import Direction
+from protocol.schema.message import Direction, Message
 from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+LATCHED = Status(0, StopCause.OPERATOR, 0, 0, 0)
 STOP = CATALOGUE.by_class[Stop].type_id
 MS = 1_000_000
 BEGAN_NS = 5_000 * MS
@@ -34,7 +36,7 @@ class Line:
 
     def __init__(
         self,
-        answer: Callable[[Received], Ack | Nack | None],
+        answer: Callable[[Received], Message | None],
         *,
         takes: int = 1000,
         latency_ms: int = 1,
@@ -88,99 +90,138 @@ class Line:
         self.closed = True
 
 
-def confirms(event: Received) -> Ack:
+def confirms(event: Received) -> Status:
+    assert isinstance(event.message, StopAll)
+    return LATCHED
+
+
+def acknowledges(event: Received) -> Ack:
     assert isinstance(event.message, Stop)
     return Ack(event.message.command_id, STOP)
 
 
-def stop(line: Line, monkeypatch: pytest.MonkeyPatch, node: int | None = None) -> int:
+def stop(line: Line, monkeypatch: pytest.MonkeyPatch, node: int | None = None) -> list[int]:
     monkeypatch.setattr(clock, "now", lambda: HostNs(line.now_ns))
     return stop_device("/dev/ttyX", lambda: line, node)
 
 
 def test_the_node_that_confirms_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(confirms)
-    assert stop(line, monkeypatch) == 4
+    assert stop(line, monkeypatch) == [4]
     assert line.closed
     (event,) = line.heard
-    assert isinstance(event.message, Stop)
-    assert event.message.cause == StopCause.OPERATOR
-    assert event.frame.node == NODE_ALL
-    assert event.frame.t_us == BEGAN_NS // 1000
+    assert event.message == StopAll()
+    assert (event.frame.node, event.frame.seq, event.frame.t_us) == (NODE_ALL, 0, 0)
 
 
-def test_each_stop_has_a_command_id_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    ids = set()
-    for _ in range(60):
-        line = Line(confirms)
-        stop(line, monkeypatch)
-        message = line.heard[0].message
-        assert isinstance(message, Stop)
-        ids.add(message.command_id)
-    assert len(ids) > 30
-    assert max(ids) >= 0x8000, "drawn from all of them"
-
-
-def test_one_device_of_several_is_asked_for_by_its_node(monkeypatch: pytest.MonkeyPatch) -> None:
-    line = Line(confirms)
-    assert stop(line, monkeypatch, node=4) == 4
-    assert line.heard[0].frame.node == 4
-    other = Line(confirms, node=5)
+def test_whoever_sends_it_the_bytes_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that two senders on one bus never disturb each other."""
+    line = Line(lambda _: None)
+    line.now_ns += 123_456_789
     with pytest.raises(NoDeviceError):
+        stop(line, monkeypatch, node=9)
+    assert len(set(line.written.split(b"\0")) - {b""}) == 1
+    for link in (Link, CanLink):
+        bytes_of = set()
+        for began_ms in range(0, 500, 7):
+            request = StopEverything(link)
+            bytes_of |= {
+                request.data_to_send(HostNs(began_ms * MS + i * REPEAT_NS)) for i in range(9)
+            }
+        assert len(bytes_of) == 1
+
+
+def test_another_device_s_confirmation_is_not_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert stop(Line(confirms), monkeypatch, node=4) == [4]
+    other = Line(confirms, node=5)
+    with pytest.raises(NoDeviceError) as error:
         stop(other, monkeypatch, node=4)
+    assert str(error.value) == (
+        "/dev/ttyX: no confirmation of the stop from node 4 within 3 s (confirmed by node 5); "
+        "switch the robot off"
+    )
 
 
-def test_it_is_repeated_twenty_times_a_second_until_confirmed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_it_is_repeated_each_25_ms_until_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 0
 
-    def after_three(event: Received) -> Ack | None:
+    def after_three(event: Received) -> Status | None:
         nonlocal count
         count += 1
         return confirms(event) if count > 3 else None
 
     line = Line(after_three)
-    assert stop(line, monkeypatch) == 4
-    assert REPEAT_NS == 50 * MS
-    assert line.heard_ms == pytest.approx([0.0, 50.0, 100.0, 150.0], abs=0.001)
-    assert len({e.message for e in line.heard}) == 1, "one command, repeated as it was"
+    assert stop(line, monkeypatch) == [4]
+    assert REPEAT_NS == 25 * MS
+    assert line.heard_ms == pytest.approx([0.0, 25.0, 50.0, 75.0], abs=0.001)
 
 
 @pytest.mark.parametrize(
-    "answer",
+    ("answer", "whose"),
     [
-        lambda _: None,
-        lambda e: Ack(e.message.command_id ^ 1, STOP),
-        lambda e: Ack(e.message.command_id, STOP + 1),
-        lambda e: Nack(e.message.command_id, STOP, NackReason.BAD_VALUE),
+        (lambda _: None, ""),
+        (lambda _: Ack(0, 0), " from node 4"),
+        (lambda _: Status(0, StopCause.NONE, 0, 0, 0), " from node 4"),
+        (lambda _: Status(0, StopCause.SESSION_END, 0, 0, 0), " from node 4"),
     ],
-    ids=["silent", "another command", "another type", "refused"],
+    ids=["silent", "another message", "free", "latched before, with a lesser cause"],
 )
 def test_what_is_no_confirmation_is_none(
-    answer: Callable[[Received], Ack | Nack | None], monkeypatch: pytest.MonkeyPatch
+    answer: Callable[[Received], Message | None], whose: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     line = Line(answer)
     with pytest.raises(NoDeviceError) as error:
         stop(line, monkeypatch)
     assert str(error.value) == (
-        "/dev/ttyX: no confirmation of the stop within 3 s; switch the robot off"
+        f"/dev/ttyX: no confirmation of the stop{whose} within 3 s; switch the robot off"
     )
     assert line.closed
     assert len(line.heard) == round(CONFIRM_S * 1e9 / REPEAT_NS)
     assert line.now_ns - BEGAN_NS == pytest.approx(CONFIRM_S * 1e9, abs=10)
 
 
+def test_on_a_bus_every_device_that_is_heard_must_confirm() -> None:
+    request = StopEverything(CanLink)
+    devices = {node: CanLink(Direction.DEVICE) for node in (2, 3)}
+
+    def report(node: int, cause: StopCause, at_ms: int) -> None:
+        device, now_ns = devices[node], HostNs(at_ms * MS)
+        device.send(Sync(0), now_ns // 1000, node=node)
+        device.send(Status(0, cause, 0, 0, 0), now_ns // 1000, node=node)
+        request.receive(device.data_to_send(), now_ns)
+
+    request.data_to_send(HostNs(1000 * MS))
+    report(3, StopCause.OPERATOR, 1005)
+    report(3, StopCause.NONE, 1100)  # it is free again by then: it was latched
+    assert (request.confirmed_by, request.confirmed) == (None, [3]), "others may still be silent"
+    report(2, StopCause.LINK, 1190)
+    request.receive(b"", HostNs(1300 * MS))
+    assert (request.confirmed_by, request.missing) == (None, [2])
+    report(2, StopCause.HARDWARE, 1310)
+    assert (request.confirmed_by, request.missing) == (2, [])
+    assert request.confirmed == [2, 3]
+
+
+def test_a_status_of_a_later_version_confirms_too() -> None:
+    spec = CATALOGUE.by_class[Status]
+    request, newer = StopEverything(Link), Link(Direction.DEVICE)
+    request.data_to_send(HostNs(BEGAN_NS))
+    payload = spec.layout.pack(0, StopCause.OPERATOR, 0, 0, 0) + b"more"
+    newer.send_payload(spec.type_id, payload, 0, 1)
+    request.receive(newer.data_to_send(), HostNs(BEGAN_NS))
+    assert request.confirmed_by == 1
+
+
 def test_a_confirmation_of_the_last_stop_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(confirms, latency_ms=2_999)
-    assert stop(line, monkeypatch) == 4
+    assert stop(line, monkeypatch) == [4]
 
 
 def test_it_sleeps_until_the_next_one_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(lambda _: None)
     with pytest.raises(NoDeviceError):
         stop(line, monkeypatch)
-    assert line.waits_s == pytest.approx([0.05] * 60, abs=1e-6)
+    assert line.waits_s == pytest.approx([0.025] * 120, abs=1e-6)
 
 
 def test_what_was_not_taken_of_a_stop_is_replaced_by_the_next(
@@ -188,15 +229,15 @@ def test_what_was_not_taken_of_a_stop_is_replaced_by_the_next(
 ) -> None:
     line = Line(confirms, takes=5)
     monkeypatch.setattr(clock, "now", lambda: HostNs(line.now_ns))
-    request = StopRequest(Link, StopCause.SUPERVISE, 7)
+    request = AddressedStop(Link, StopCause.SUPERVISE, 7, 4)
     sent: list[tuple[bytes, int]] = []
     end_ns = HostNs(BEGAN_NS + 1000 * MS)
     send_until_confirmed(line, request, end_ns, lambda data, at: sent.append((data, at)))
     assert request.confirmed_by is None
     assert b"".join(data for data, _ in sent) == line.written
-    assert [len(data) for data, _ in sent] == [5] * 20
+    assert [len(data) for data, _ in sent] == [5] * 40
     times = [at - BEGAN_NS for _, at in sent]
-    assert times == pytest.approx([50 * MS * i for i in range(20)], abs=30)
+    assert times == pytest.approx([25 * MS * i for i in range(40)], abs=60)
     assert line.heard == []
 
 
@@ -204,7 +245,7 @@ def test_what_the_port_did_not_take_follows_within_the_turn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Something that comes meanwhile ends the wait, and the rest goes out before the next stop."""
-    line = Line(confirms, takes=12)
+    line = Line(acknowledges, takes=12)
     monkeypatch.setattr(clock, "now", lambda: HostNs(line.now_ns))
     noise = iter([b"\1", b"\2", b"\3"])
     silent = line.wait
@@ -214,7 +255,7 @@ def test_what_the_port_did_not_take_follows_within_the_turn(
         return next(noise, b"") or silent(timeout_s)
 
     monkeypatch.setattr(line, "wait", wait)
-    request = StopRequest(Link, StopCause.OPERATOR, 7)
+    request = AddressedStop(Link, StopCause.OPERATOR, 7, 4)
     send_until_confirmed(line, request, HostNs(BEGAN_NS + 1000 * MS))
     assert request.confirmed_by == 4
     assert len(line.heard) == 1
@@ -232,12 +273,12 @@ def test_a_port_that_vanishes_is_given_back_and_reported(monkeypatch: pytest.Mon
 def test_without_time_left_nothing_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(confirms)
     monkeypatch.setattr(clock, "now", lambda: HostNs(line.now_ns))
-    send_until_confirmed(line, StopRequest(Link, StopCause.OPERATOR, 1), HostNs(BEGAN_NS))
+    send_until_confirmed(line, AddressedStop(Link, StopCause.OPERATOR, 1, 4), HostNs(BEGAN_NS))
     assert line.written == b""
 
 
 def test_nothing_goes_out_before_the_next_stop_is_due() -> None:
-    request = StopRequest(Link, StopCause.OPERATOR, 0x1_FEDC)
+    request = AddressedStop(Link, StopCause.OPERATOR, 0x1_FEDC, 4)
     first = request.data_to_send(HostNs(BEGAN_NS))
     assert request.next_deadline() == BEGAN_NS + REPEAT_NS
     assert request.data_to_send(HostNs(BEGAN_NS + REPEAT_NS - 1)) == b""
@@ -245,3 +286,36 @@ def test_nothing_goes_out_before_the_next_stop_is_due() -> None:
     (event,) = Link(Direction.DEVICE).receive(first)
     assert isinstance(event, Received)
     assert event.message == Stop(0xFEDC, StopCause.OPERATOR), "its low 16 bits"
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        lambda _: None,
+        lambda e: Ack(e.message.command_id ^ 1, STOP),
+        lambda e: Ack(e.message.command_id, STOP + 1),
+        lambda e: Nack(e.message.command_id, STOP, NackReason.BAD_VALUE),
+        lambda _: LATCHED,
+    ],
+    ids=["silent", "another command", "another type", "refused", "a status"],
+)
+def test_an_addressed_stop_is_confirmed_by_its_id_alone(
+    answer: Callable[[Received], Message | None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for heard, confirmed in ((acknowledges, 4), (answer, None)):
+        line = Line(heard)
+        monkeypatch.setattr(clock, "now", lambda at=line: HostNs(at.now_ns))
+        request = AddressedStop(Link, StopCause.LINK, 7, 4)
+        send_until_confirmed(line, request, HostNs(BEGAN_NS + 200 * MS))
+        assert request.confirmed_by == confirmed
+    assert {event.frame.node for event in line.heard} == {4}
+    elsewhere = Line(acknowledges, node=5)
+    monkeypatch.setattr(clock, "now", lambda: HostNs(elsewhere.now_ns))
+    request = AddressedStop(Link, StopCause.LINK, 7, 4)
+    send_until_confirmed(elsewhere, request, HostNs(BEGAN_NS + 200 * MS))
+    assert request.confirmed_by is None
+
+
+def test_a_session_without_a_device_stops_every_device() -> None:
+    assert isinstance(stop_request(Link, StopCause.SUPERVISE, 1, None), StopEverything)
+    assert isinstance(stop_request(Link, StopCause.SUPERVISE, 1, 3), AddressedStop)

@@ -27,7 +27,7 @@ from support.ends import sweeper
 
 KEY = bytes(range(1, 17))
 SESSION = 77
-STOP, HOST_HELLO = 0x00, 0x04
+STOP, HOST_HELLO = 0x01, 0x04
 SPAN_US = 1 << 32
 LATE_US = 9_900_000
 
@@ -57,13 +57,17 @@ class Line:
         link.send(message, (self.now_us - late_us) % SPAN_US, node=1)
         self.wait(20_000, link.data_to_send())
 
+    @property
+    def boot_id(self) -> int:
+        return self.device.firmware.identity.boot_id
+
     def begin(self) -> None:
-        self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, 0, "host"))
+        self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, self.boot_id, 0, "host"))
         hello = next(m for m in reversed(self.heard) if isinstance(m, Hello))
         if self.host.key is not None:
             challenge = next(m for m in reversed(self.heard) if isinstance(m, Challenge))
             self.host.key.begin(hello.boot_id, SESSION, challenge.counter)
-        self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, 1, "host"))
+        self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, self.boot_id, 1, "host"))
         self.inform(self.host, ClearStop(1, StopCause.SESSION_END))
         self.inform(self.host, SetMode(2, Mode.VELOCITY))
 

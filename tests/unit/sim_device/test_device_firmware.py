@@ -7,7 +7,15 @@ from collections import Counter
 import pytest
 
 from protocol.messages.device import Ack, Hello, LogText, Nack, TimeReply
-from protocol.messages.host import ClearStop, Describe, HostHello, SetMode, Stop, TimeRequest
+from protocol.messages.host import (
+    ClearStop,
+    Describe,
+    HostHello,
+    SetMode,
+    Stop,
+    StopAll,
+    TimeRequest,
+)
 from protocol.messages.values import Mode, NackReason, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, RateClass
@@ -41,7 +49,7 @@ def test_streams_do_not_come_in_bursts() -> None:
 def test_hello_is_sent_each_second_until_agreed() -> None:
     bench = Bench()
     assert kinds(bench.run(5.0)) == ["Hello"] * 5
-    bench.send(HostHello(CATALOGUE.hash, SESSION, 0, "test"))
+    bench.send(HostHello(CATALOGUE.hash, SESSION, bench.boot_id, 0, "test"))
     hellos = bench.run(0.9)
     assert "Status" not in kinds(hellos)
     bench.join()
@@ -50,7 +58,7 @@ def test_hello_is_sent_each_second_until_agreed() -> None:
 
 def test_hello_names_device_boot_and_session() -> None:
     bench = Bench()
-    (hello,) = bench.send(HostHello(1, SESSION, 0, "test"))
+    hello = bench.send(HostHello(1, SESSION, bench.boot_id, 0, "test"))[0]
     assert isinstance(hello, Hello)
     assert hello.session_id == SESSION
     assert hello.boot_id == bench.firmware.identity.boot_id != 0
@@ -58,7 +66,7 @@ def test_hello_names_device_boot_and_session() -> None:
     assert hello.reset_cause == ResetCause.POWER_ON
     bench.device.reset(ResetCause.BROWN_OUT, boot_id=99)
     bench.run(0.5)
-    again = bench.send(HostHello(1, SESSION, 0, "test"))[-1]
+    again = bench.send(HostHello(1, SESSION, bench.boot_id, 0, "test"))[0]
     assert isinstance(again, Hello)
     assert (again.boot_id, again.reset_cause) == (99, ResetCause.BROWN_OUT)
     assert again.uid == hello.uid
@@ -67,16 +75,16 @@ def test_hello_names_device_boot_and_session() -> None:
 def test_a_session_of_id_0_is_none() -> None:
     """Nobody would ever be missed in it."""
     bench = Bench()
-    bench.send(HostHello(CATALOGUE.hash, 0, 1, "test"))
+    bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))
     assert not bench.firmware.agreed
     bench.join()
-    bench.send(HostHello(CATALOGUE.hash, 0, 1, "test"))
+    bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))
     assert bench.firmware.session_id == SESSION
 
 
 def test_a_host_may_have_any_name() -> None:
     bench = Bench()
-    bench.send(HostHello(CATALOGUE.hash, SESSION, 1, "🤖" * 57))
+    bench.send(HostHello(CATALOGUE.hash, SESSION, bench.boot_id, 1, "🤖" * 57))
     logs = [m for m in bench.run(1.0, bench.ping) if isinstance(m, LogText)]
     assert logs
     assert all(m.line.startswith("session with 🤖") for m in logs[:1])
@@ -89,8 +97,11 @@ def test_frames_for_another_node_are_not_obeyed_nor_count_as_a_host() -> None:
     assert not bench.firmware.latch.latched
     bench.run(1.5, lambda: _ping_node(bench, 2))
     assert bench.cause() is StopCause.LINK
-    assert kinds(bench.send(Stop(9, StopCause.OPERATOR), node=0)) == ["Ack"]
+    bench.send(Stop(9, StopCause.OPERATOR), node=0)
+    assert bench.cause() is StopCause.LINK, "it is for one device alone"
+    assert bench.send(StopAll(), node=0) == []
     assert bench.cause() is StopCause.OPERATOR
+    assert kinds(bench.run(0.01)) == ["Status"], "its answer, though nobody has agreed"
 
 
 def _ping_node(bench: Bench, node: int) -> None:
@@ -101,7 +112,7 @@ def test_commands_before_agreement_are_rejected() -> None:
     bench = Bench()
     rejected = bench.send(ClearStop(1, StopCause.SESSION_END), SetMode(2, Mode.VELOCITY))
     assert [m.reason for m in rejected if isinstance(m, Nack)] == [NackReason.NO_SESSION] * 2
-    bench.send(HostHello(CATALOGUE.hash, SESSION, 0, "test"))
+    bench.send(HostHello(CATALOGUE.hash, SESSION, bench.boot_id, 0, "test"))
     (again,) = bench.send(ClearStop(3, StopCause.SESSION_END))
     assert isinstance(again, Nack)
 
@@ -138,7 +149,7 @@ def test_a_stop_of_an_unknown_cause_is_the_operators(raw: int) -> None:
 
 def test_describe_answers_for_unknown_messages() -> None:
     bench = Bench()
-    assert kinds(bench.send(Describe(0x7D, 3), Describe(0x12, 255))) == ["DescribeReply"] * 2
+    assert kinds(bench.send(Describe(0x7D, 3), Describe(0x13, 255))) == ["DescribeReply"] * 2
 
 
 def test_time_requests_are_stamped_twice() -> None:

@@ -61,7 +61,7 @@ def test_a_new_session_finds_it_latched() -> None:
     bench = Bench()
     bench.free()
     bench.run(0.5, bench.drive)
-    bench.send(HostHello(CATALOGUE.hash, SESSION + 1, 1, "another"))
+    bench.send(HostHello(CATALOGUE.hash, SESSION + 1, bench.boot_id, 1, "another"))
     assert bench.firmware.latch.cause is StopCause.LINK
     assert bench.firmware.mode is Mode.IDLE
     bench.run(1.0, bench.drive)

@@ -213,7 +213,7 @@ def test_a_save_is_answered_when_it_is_done_and_not_before() -> None:
     assert not host.send(SaveParameters(7)), "asked again: still at it"
     assert host.run(1.0, lambda: bool(host.of(Ack)))
     assert ERASE_MS <= (host.now_us - asked_us) / 1000 <= ERASE_MS + 30
-    assert host.of(Ack) == [Ack(7, 0x0C)]
+    assert host.of(Ack) == [Ack(7, 0x72)]
     assert [m for m in host.send(SaveParameters(7)) if isinstance(m, Ack)], "and repeated"
     host.device.reset(ResetCause.PIN)
     assert host.device.firmware.parameters.value("max_speed") == pytest.approx(0.25)
@@ -229,7 +229,7 @@ def test_a_brown_out_in_the_middle_of_a_save_leaves_what_was(after_ms: int) -> N
     host.send(SetParameter(8, NUMBERS["max_speed"], F32, to_raw(F32, 0.1)))
     host.send(SaveParameters(9))
     host.run(after_ms / 1000)
-    done = Ack(9, 0x0C) in host.of(Ack)
+    done = Ack(9, 0x72) in host.of(Ack)
     host.device.reset(ResetCause.BROWN_OUT, off_s=0.1)
     assert host.device.firmware.parameters.value("max_speed") == pytest.approx(
         0.1 if done else 0.25

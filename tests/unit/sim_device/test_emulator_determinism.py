@@ -28,7 +28,7 @@ HOST_BOOT_US = 7_000_000
 MIXED_US = (1, 999, 20_000, 7, 13_337)
 
 
-def host_words() -> list[tuple[int, bytes]]:
+def host_words(boot_id: int) -> list[tuple[int, bytes]]:
     """What a host says and when: agreement, leave to move, three seconds of setpoints."""
     link = Link(Direction.HOST)
     printed: list[tuple[int, bytes]] = []
@@ -37,7 +37,7 @@ def host_words() -> list[tuple[int, bytes]]:
         link.send(message, at_us + HOST_BOOT_US, node=1)  # type: ignore[arg-type]  # a message
         printed.append((at_us, link.data_to_send()))
 
-    inform(350_000, HostHello(link.codec.catalogue.hash, 77, 1, "determinism"))
+    inform(350_000, HostHello(link.codec.catalogue.hash, 77, boot_id, 1, "determinism"))
     inform(400_000, ClearStop(1, StopCause.SESSION_END))
     inform(420_000, SetMode(2, Mode.VELOCITY))
     for number, at_us in enumerate(range(450_000, LASTS_US, 20_000)):
@@ -54,7 +54,7 @@ def device_bytes(seed: int, *, faults: bool, steps_us: tuple[int, ...] = ()) -> 
     device = VirtualSweeper(load_room("case-1"), seed=seed, noise="harsh")
     specs = [parse_fault(text) for text in FAULTS] if faults else []
     rig = Rig(device, LineSettings(), specs, seed=seed)
-    words = host_words()
+    words = host_words(device.firmware.identity.boot_id)
     out = b""
     now_us = turn = 0
     while now_us < LASTS_US:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 30.0
 STOP = Stop(7, StopCause.OPERATOR)
-HELLO = HostHello(CATALOGUE.hash, 9, 0, "test")
+HELLO = HostHello(CATALOGUE.hash, 9, 0, 0, "test")
 
 
 class Served:

@@ -117,7 +117,7 @@ def test_rates_are_differences_of_counts() -> None:
     someone = host()
     rates, statistics = Rates(someone.snapshot), someone.session.link.statistics
     rates.look(10_000_000_000)
-    statistics.by_type.update({0x12: 200, 0x14: 40})
+    statistics.by_type.update({0x13: 200, 0x20: 40})
     statistics.bytes_in = 5000
     rates.look(10_500_000_000)
     assert rates.hz == {}, "a second must pass"
