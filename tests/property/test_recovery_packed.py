@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from bridge.coverage.recovery import packed
 from bridge.coverage.recovery.evidence_kernels import SURE
+from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.window import Buffers, Window
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MODEL, OPTIONS = RobotModel(), RecoveryOptions()
+GEOMETRY = PlannerGeometry.from_model(MODEL, OPTIONS)
 LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 place = st.tuples(
     st.floats(-0.8, 0.8, allow_nan=False),
@@ -85,7 +87,7 @@ def seen_by_the_planner(memory: EvidenceMap) -> tuple[NDArray[Any], NDArray[Any]
 
 def around(there: NDArray[Any]) -> NDArray[Any]:
     """Where things forbid the axle."""
-    reach = (MODEL.radius_m - OPTIONS.body_margin_m) / OPTIONS.cell_m
+    reach = GEOMETRY.inflation_cells
     rows, columns = np.indices(there.shape)
     blocked = np.zeros(there.shape, dtype=bool)
     for row, column in np.argwhere(there).tolist():

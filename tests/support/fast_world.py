@@ -114,7 +114,17 @@ class FastWorld:
         self.poses.append((self.time_s, x, y, th))
         if self.time_s >= self._next_s - 1e-9:
             self._next_s += _RANGES_EVERY_S
-            sense(self._edges, self._corners, s, self._out, self.model.ultrasonic.cone_rad)
+            front, side = self.model.ultrasonic, self.model.infrared_left
+            sense(
+                self._edges,
+                self._corners,
+                s,
+                self._out,
+                front.cone_rad,
+                front.x_m,
+                side.x_m,
+                side.y_m,
+            )
             sonar: float | None = float(self._out[0]) + noise.ultrasonic_m * self._normal()
             if self._out[0] > 4.0 or (noise.dropout and self._rng.random() < noise.dropout):
                 sonar = None

@@ -120,13 +120,23 @@ def move(  # noqa: PLR0913, PLR0917 - a kernel
     state[9] = 1.0 if right else 0.0
 
 
-def sense(
-    edges: FloatGrid, corners: FloatGrid, state: Floats, out: Floats, cone: cython.double
+def sense(  # noqa: PLR0913, PLR0917 - a kernel
+    edges: FloatGrid,
+    corners: FloatGrid,
+    state: Floats,
+    out: Floats,
+    cone: cython.double,
+    front_m: cython.double,
+    side_x_m: cython.double,
+    side_y_m: cython.double,
 ) -> None:
-    """``out``: ranges of the ultrasonic, the left and the right infrared."""
+    """``out``: ranges of the ultrasonic, the left and the right infrared.
+
+    The ultrasonic is ``front_m`` ahead of the axle, the left infrared at ``side_x_m, side_y_m``.
+    """
     x, y, th = state[0], state[1], state[2]
     c, s = cos(th), sin(th)
-    ux, uy = x + 0.12 * c, y + 0.12 * s
+    ux, uy = x + front_m * c, y + front_m * s
     near = 1e9
     for k in range(9):
         r, cosine = _ray(edges, ux, uy, th + cone * (k / 8.0 - 0.5))
@@ -146,6 +156,7 @@ def sense(
     out[0] = near
     for k in range(2):
         side = 1.0 - 2.0 * k
-        px, py = x + 0.05 * c - side * 0.10 * s, y + 0.05 * s + side * 0.10 * c
+        px = x + side_x_m * c - side * side_y_m * s
+        py = y + side_x_m * s + side * side_y_m * c
         r, _ = _ray(edges, px, py, th + side * 0.5 * _PI)
         out[1 + k] = r

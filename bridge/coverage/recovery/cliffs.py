@@ -15,28 +15,28 @@ from bridge.motion.geometry import Pose2
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bridge.coverage.recovery.geometry import PlannerGeometry
+
 SPAN_RAD = math.radians(55.0)
 """Angle between the heading and the outer spots, rad."""
-WHEEL_M = 0.22
-"""Distance that the axle keeps from missing floor, m: half the wheel base, and the reach of a cliff
-between two spots."""
 _INSIDE_M = 0.01
 """Distance from the rim to the spots, m."""
 _SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
 """Distance (m) and turn (rad) within which a cliff seen again adds nothing."""
 _FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
 """Distance ahead (m, both bounds) and aside (m) of a mark within which seen floor removes it."""
-_NEAR_M, _SLOW_M_S = 0.35, 0.10
-"""Distance from a cliff (m) within which the speed is limited (m/s): stopping from 0.28 m/s takes
-5 of the 9 cm that the outer spots look ahead of the wheels."""
+_SLOW_M_S = 0.10
+"""Speed near a cliff, m/s: stopping from 0.28 m/s takes 5 of the 9 cm that the outer spots look
+ahead of the wheels."""
 
 
 class Cliffs:
     """Poses at which the floor ahead was missing, and the spots concerned."""
 
-    def __init__(self, radius_m: float) -> None:
-        """Begin without a cliff; ``radius_m`` is the footprint's radius."""
-        self._radius_m = radius_m
+    def __init__(self, geometry: PlannerGeometry) -> None:
+        """Begin without a cliff."""
+        self._radius_m = geometry.radius_m
+        self._near_m = geometry.cliff_slow_m
         self.poses: list[Pose2] = []
         self.rims: list[tuple[float, float]] = []
         """Middle of the front rim at each pose, m."""
@@ -64,7 +64,7 @@ class Cliffs:
 
     def see_floor(self, pose: Pose2) -> None:
         """All of the spots see floor at a pose: it is not missing where they look."""
-        if not self.marks or not self.beside(pose.x_m, pose.y_m, _NEAR_M):
+        if not self.marks or not self.beside(pose.x_m, pose.y_m, self._near_m):
             return
         spots = self._spots(pose)
         self.marks = [
@@ -84,7 +84,7 @@ class Cliffs:
 
     def pace(self, pose: Pose2) -> float:
         """Fastest forward speed, m/s: infinite where no edge is near."""
-        return _SLOW_M_S if self.beside(pose.x_m, pose.y_m, _NEAR_M) else math.inf
+        return _SLOW_M_S if self.beside(pose.x_m, pose.y_m, self._near_m) else math.inf
 
     def _spots(self, pose: Pose2) -> list[tuple[float, float]]:
         reach_m = self._radius_m - _INSIDE_M

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.planner import PlannerRecord, Step
+    from bridge.coverage.recovery.geometry import PlannerGeometry
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.search import Chooser
     from bridge.motion.geometry import Pose2
@@ -66,8 +67,13 @@ class RecoveryContext:
             segments,
             OccludedRegions(model.cleaning_width_m),
             Lookout(model, options, evidence, record, segments, obs=obs),
-            StuckPolicy(model, options, evidence, record),
+            StuckPolicy(options, evidence, record),
         )
+
+    @property
+    def geometry(self) -> PlannerGeometry:
+        """The sizes of the robot."""
+        return self.map.geometry
 
     @property
     def obs(self) -> Observation:

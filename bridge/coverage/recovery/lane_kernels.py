@@ -5,7 +5,7 @@ Lanes are looked for in images of the map turned to the lanes' direction, row by
 
 # Kernels are long loops over plain numbers: a call out of them, or an object into them, costs more
 # than it explains.
-# ruff: noqa: C901, PLR0912, PLR0913, PLR0917
+# ruff: noqa: C901, PLR0912, PLR0913, PLR0915, PLR0917
 
 from __future__ import annotations
 
@@ -35,6 +35,20 @@ class LanePrices:
     """Cells for each edge cell that the lane leaves behind."""
     heading_rad = cython.declare(cython.double, visibility="public")
     """Of the image's rows, in the frame of the robot's heading."""
+    cell_cm = cython.declare(cython.double, visibility="public")
+    """Edge of a cell, cm."""
+    cost_cm = cython.declare(cython.double, visibility="public")
+    """Length of a path for each unit of its cost, cm."""
+    near_cost = cython.declare(cython.double, visibility="public")
+    """Cost of a path up to which there is no path to drive first."""
+    min_cells = cython.declare(cython.int, visibility="public")
+    """New cells that a lane must promise."""
+    gap_cells = cython.declare(cython.int, visibility="public")
+    """Swept cells over which a lane continues."""
+    half_cells = cython.declare(cython.int, visibility="public")
+    """Rows on each side of a lane's own row that it sweeps."""
+    ahead_cells = cython.declare(cython.int, visibility="public")
+    """Cells by which the mouth is ahead of the axle."""
 
     def __init__(
         self,
@@ -43,10 +57,19 @@ class LanePrices:
         stop_s: cython.double,
         frontier: cython.double,
         heading_rad: cython.double,
+        cell_cm: cython.double,
+        near_cost: cython.double,
+        min_cells: cython.int,
+        gap_cells: cython.int,
+        half_cells: cython.int,
+        ahead_cells: cython.int = 0,
     ) -> None:
-        """Take each price."""
+        """Take each price and size; a cell is ten units of a path's cost."""
         self.speed_cm_s, self.turn_s_rad, self.stop_s = speed_cm_s, turn_s_rad, stop_s
         self.frontier, self.heading_rad = frontier, heading_rad
+        self.cell_cm, self.cost_cm, self.near_cost = cell_cm, 0.1 * cell_cm, near_cost
+        self.min_cells, self.gap_cells, self.half_cells = min_cells, gap_cells, half_cells
+        self.ahead_cells = ahead_cells
 
 
 @cython.final
@@ -58,7 +81,7 @@ class BestLane:
     """New cells per second, the frontier's price taken off; 0: there is no lane."""
     row = cython.declare(cython.int, visibility="public")
     first = cython.declare(cython.int, visibility="public")
-    """Column; so ``last``."""
+    """First column of the axle; ``last`` is its last one."""
     last = cython.declare(cython.int, visibility="public")
     backwards = cython.declare(cython.bint, visibility="public")
     """Whether it begins at ``last``."""
@@ -124,10 +147,10 @@ def _judge(
     heading: cython.double,
 ) -> cython.void:
     """Price one candidate and keep it if it is the best so far."""
-    length = (last - first + 1) * 2.0
+    length = (last - first + 1) * prices.cell_cm
     direction = prices.heading_rad + (_PI if backwards else 0.0)
-    time = (path * 0.2 + length) / prices.speed_cm_s + prices.stop_s
-    if path > 40.0:  # noqa: PLR2004 - 8 cm: there is a way to go first
+    time = (path * prices.cost_cm + length) / prices.speed_cm_s + prices.stop_s
+    if path > prices.near_cost:  # there is a path to drive first
         off = _between(bearing, heading)
         off2 = _between(direction, bearing)
         time += (off + off2) * prices.turn_s_rad + prices.stop_s
@@ -146,9 +169,6 @@ def _judge(
 def scan_lanes(
     target: Layer,
     ways: IntGrid,
-    least: cython.int,
-    gap: cython.int,
-    half: cython.int,
     here_row: cython.double,
     here_col: cython.double,
     heading: cython.double,
@@ -162,12 +182,21 @@ def scan_lanes(
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
+    half: cython.int = prices.half_cells
+    gap: cython.int = prices.gap_cells
     r: cython.int
     k: cython.int
     first: cython.int
     last: cython.int
     new: cython.int
     edges: cython.int
+    fresh: cython.int
+    begin: cython.int
+    end: cython.int
+    back: cython.int
+    behind: cython.int
+    step: cython.int
+    j: cython.int
     for k in range(cols):
         sums[k] = 0
     for r in range(min(2 * half, rows)):
@@ -197,18 +226,37 @@ def scan_lanes(
                             continue
                         edges += 1 if target[out, k] else -1
                 k += 1
-            if new < least:
+            if new < prices.min_cells:
                 continue
             for backwards in range(2):
+                # the mouth is ahead of the axle, so the axle begins and ends farther back
+                step = -1 if backwards else 1
                 begin = last if backwards else first
+                end = first if backwards else last
+                fresh = new
+                back = 0
+                while (
+                    back < prices.ahead_cells
+                    and 0 <= begin - step < cols
+                    and ways[r, begin - step] >= 0
+                ):
+                    begin -= step
+                    back += 1
+                for j in range(prices.ahead_cells - back):
+                    behind = (last if backwards else first) + step * j
+                    if first <= behind <= last:
+                        fresh -= sums[behind]
+                if fresh < prices.min_cells:
+                    continue
+                end -= step * prices.ahead_cells
                 ahead = atan2(r + 0.5 - here_row, begin + 0.5 - here_col)
                 _judge(
                     best,
                     r,
-                    first,
-                    last,
+                    min(begin, end),
+                    max(begin, end),
                     backwards == 1,
-                    new,
+                    fresh,
                     edges,
                     ways[r, begin],
                     prices.heading_rad + ahead,

@@ -18,21 +18,12 @@ if TYPE_CHECKING:
 
 _CHECK_M = 0.05
 """Path between two checks whether a perimeter pass is closed, m."""
-_AHEAD_M = (0.03, 0.25)
-"""Strip ahead of the axle that such a check looks at, m."""
-_BAND_M = (0.03, 0.065)
-"""Distance of that strip from the axle's line, m: the part of the mouth next to the wall."""
-_SEEN_M = 0.20
-"""Infrared range of a wall that takes a part of the lane's own band, m."""
 _MOSTLY = 0.8
 """Unswept share of the floor before such a wall that ends a lane."""
 CLOSED_M = 0.25
 """Path before a perimeter pass can be closed, m: it may begin on floor that a lane has swept."""
 _STRAIGHT_RAD_S = 0.3
 """Yaw rate below which wall following is straight, rad/s."""
-ROUND_RAD_S = 0.5
-"""Yaw rate from which wall following rounds a corner, rad/s: a corner takes 0.54. Lower rates may
-come from infrared noise."""
 _STEADY_RAD_S = 0.1
 """Yaw rate below which the heading counts for the walls' main direction, rad/s."""
 _STEADY_M_S = 0.05
@@ -54,8 +45,8 @@ _REPORTED_SHARE = 0.5
 """Share of it that remains at such an event."""
 _MOUNT_AHEAD_M = 0.03
 """Floor ahead of a side infrared that counts as beside the lane, m."""
-_BESIDE_M = (0.015, 0.065)
-"""Distance of that floor from the rim, m."""
+_ROUNDING_M = 1e-9
+"""Rounding error of a sum of lengths, m."""
 
 
 class WallFollowing:
@@ -105,6 +96,7 @@ class Lookout:
     ) -> None:
         """Start with the observation at which the plan begins."""
         self._model, self._options = model, options
+        self._geometry = evidence.geometry
         self._map, self._record, self._segments = evidence, record, segments
         self._brake = Braking(_BRAKE_SHARE * model.max_accel_m_s2, _LATENCY_S)
         self.obs = obs
@@ -146,8 +138,10 @@ class Lookout:
 
     def fresh_along(self, pose: Pose2, side: int) -> float:
         """Return the unswept share of the strip next to a wall on the left (1) or right (-1)."""
-        low, high = _BAND_M
-        return self._map.fresh(pose, _AHEAD_M, (low, high) if side > 0 else (-high, -low))
+        low, high = self._geometry.band_m
+        return self._map.fresh(
+            pose, self._geometry.band_ahead_m, (low, high) if side > 0 else (-high, -low)
+        )
 
     @property
     def grid_rad(self) -> float:
@@ -164,7 +158,7 @@ class Lookout:
         if obs.v_m_s > _BRISK_M_S:
             wall.brisk_s = obs.time_s
         last, wall.last_pose = wall.last_pose, obs.pose
-        rounds_corner = abs(obs.yaw_rate_rad_s) >= ROUND_RAD_S
+        rounds_corner = abs(obs.yaw_rate_rad_s) >= self._geometry.round_rad_s
         self._segments.follow(obs.pose, wall.side, straight=not rounds_corner)
         if last is None:
             return False
@@ -226,10 +220,12 @@ class Lookout:
             (1, self._model.infrared_left, obs.infrared_left_m),
             (-1, self._model.infrared_right, obs.infrared_right_m),
         ):
-            if range_m is None or range_m > _SEEN_M:
+            if range_m is None:
                 continue
-            off = range_m + abs(mount.y_m) - self._model.radius_m
-            low, high = max(off, 0.0) + _BESIDE_M[0], max(off, 0.0) + _BESIDE_M[1]
+            gap_m = range_m + abs(mount.y_m) - self._model.radius_m
+            if gap_m > self._geometry.beside_lane_gap_m + _ROUNDING_M:
+                continue
+            low, high = (max(gap_m, 0.0) + edge_m for edge_m in self._geometry.beside_lane_m)
             ahead = (0.0, mount.x_m + _MOUNT_AHEAD_M)
             band = (low, high) if side > 0 else (-high, -low)
             if self._map.fresh(obs.pose, ahead, band) > _MOSTLY:

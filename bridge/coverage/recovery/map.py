@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.coverage.recovery import packed
-from bridge.coverage.recovery.cliffs import SPAN_RAD, WHEEL_M, Cliffs
+from bridge.coverage.recovery.cliffs import SPAN_RAD, Cliffs
 from bridge.coverage.recovery.evidence_kernels import (
     MOST,
     SURE,
@@ -20,6 +20,7 @@ from bridge.coverage.recovery.evidence_kernels import (
     pace,
     sweep,
 )
+from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.motion.control.hidden_ahead import TOUCH_M_S
 from bridge.motion.legs import StopReason
 
@@ -59,14 +60,10 @@ _OVERLAP_RAD = math.radians(10.0)
 """Half angle of a contact that presses both switches, rad."""
 _ABEAM_RAD = math.radians(60.0)
 """Bearing beyond which a followed wall is near the rim anyway, rad."""
-_RIM_CELLS = 1.75
-"""Distance from the rim within which evidence may be the contact, cells."""
 _BESIDE = 0.9
 """Share of the radius beyond which an obstacle aside is the followed wall, round a corner."""
 _BESIDE_STRAIGHT = 0.6
 """The same along a straight wall."""
-_KNOWN_M = 0.10
-"""Distance from the axle's path within which there is floor, m: it lies between the wheels."""
 _LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 
 
@@ -79,12 +76,12 @@ class EvidenceMap:
     def __init__(self, model: RobotModel, options: RecoveryOptions, pose: Pose2) -> None:
         """Begin with nothing but the robot's place."""
         self._model, self._options = model, options
-        cell = options.cell_m
-        self._per_m = 1.0 / cell
-        self.half = (0.5 * model.cleaning_width_m - options.mouth_margin_m) * self._per_m
-        self._ahead = model.mouth_offset_m * self._per_m
-        self._reach = (model.radius_m - options.body_margin_m) * self._per_m
-        self._inner = (model.radius_m - 0.02) * self._per_m
+        self.geometry = geometry = PlannerGeometry.from_model(model, options)
+        self._cell_m = geometry.cell_m
+        self._per_m = 1.0 / geometry.cell_m
+        self._ahead = geometry.ahead_m * self._per_m
+        self._reach = geometry.inflation_cells
+        self._inner = geometry.clear_cells
         size = round(2.0 * _FIRST_M * self._per_m)
         self.x0_m = pose.x_m - _FIRST_M
         self.y0_m = pose.y_m - _FIRST_M
@@ -96,7 +93,7 @@ class EvidenceMap:
         self._last = (x, y, pose.theta_rad)
         self._visited_at = (x, y)
         self._low, self._high = [x, y], [x, y]
-        self.cliffs = Cliffs(model.radius_m)
+        self.cliffs = Cliffs(geometry)
         self._guessed: list[tuple[float, float]] = []
         """Points, m, that only a bump put into the map."""
         self._readings: tuple[float | None, float | None] = (None, None)
@@ -115,7 +112,7 @@ class EvidenceMap:
 
     def to_metres(self, column: float, row: float) -> tuple[float, float]:
         """Point at a column and a row with fractions."""
-        cell = self._options.cell_m
+        cell = self._cell_m
         return self.x0_m + column * cell, self.y0_m + row * cell
 
     def box(self, margin_m: float | None = None) -> tuple[int, int, int, int]:
@@ -148,7 +145,15 @@ class EvidenceMap:
         turned = abs(math.remainder(pose.theta_rad - lth, math.tau))
         if abs(x - lx) + abs(y - ly) > _MOVED_CELLS or turned > _TURNED_RAD:
             self.new_cells += sweep(
-                self.swept, lx, ly, lth, x, y, pose.theta_rad, self.half, self._ahead
+                self.swept,
+                lx,
+                ly,
+                lth,
+                x,
+                y,
+                pose.theta_rad,
+                self.geometry.mouth_cells,
+                self._ahead,
             )
             self._last = (x, y, pose.theta_rad)
             bx, by = self._visited_at
@@ -211,7 +216,7 @@ class EvidenceMap:
         low, high = _pressed(left=left, right=right)
         seen = self._touched(pose, low, high)
         bearing = 0.5 * (low + high) if seen is None else seen
-        rim = self._model.radius_m + 0.25 * self._options.cell_m
+        rim = self._model.radius_m + 0.25 * self._cell_m
         point = pose.transform(rim * math.cos(bearing), rim * math.sin(bearing))
         self.add_point(*point)
         if (seen is None and left != right) or self._is_guess(point):
@@ -224,8 +229,9 @@ class EvidenceMap:
 
     def add_cliff(self, pose: Pose2) -> None:
         """Enter a cliff ahead of a pose."""
+        near_m = self.geometry.known_floor_m
         self.cliffs.add(
-            pose, lambda x_m, y_m: bool(self.visited[self._disc(x_m, y_m, _KNOWN_M)].any())
+            pose, lambda x_m, y_m: bool(self.visited[self._disc(x_m, y_m, near_m)].any())
         )
 
     def places(self) -> tuple[Layer, Layer]:
@@ -242,7 +248,7 @@ class EvidenceMap:
             theta = pose.theta_rad
             bump_area(shut, x, y, theta - SPAN_RAD, theta + SPAN_RAD, reach)
         for mark in self.cliffs.marks:
-            shut[self._disc(mark.x_m, mark.y_m, WHEEL_M)] = 1
+            shut[self._disc(mark.x_m, mark.y_m, self.geometry.cliff_m)] = 1
         return self.blocked | shut, self.visited & (1 - shut)
 
     def abandon(self, x_m: float, y_m: float, radius_m: float) -> None:
@@ -325,7 +331,7 @@ class EvidenceMap:
 
         """
         x, y = self.to_cells(pose.x_m, pose.y_m)
-        cell = self._options.cell_m
+        cell = self._cell_m
         rim_m = self._model.radius_m + 0.5 * cell
         beside = (_BESIDE_STRAIGHT if straight else _BESIDE) * self._model.radius_m
         known = pace(
@@ -399,10 +405,11 @@ class EvidenceMap:
         """Return the bearing of the evidence nearest to the rim between two bearings, if any."""
         x, y = self.to_cells(pose.x_m, pose.y_m)
         radius = self._model.radius_m * self._per_m
-        reach = math.ceil(radius + _RIM_CELLS)
+        near = self.geometry.rim_cells
+        reach = math.ceil(radius + near)
         r0, c0 = max(int(y) - reach, 0), max(int(x) - reach, 0)
         part = self.wall[r0 : int(y) + reach + 1, c0 : int(x) + reach + 1]
-        best, found = _RIM_CELLS, None
+        best, found = near, None
         for row, col in np.argwhere(part > 0).tolist():
             dx, dy = col + c0 + 0.5 - x, row + r0 + 0.5 - y
             bearing = math.remainder(math.atan2(dy, dx) - pose.theta_rad, math.tau)
@@ -413,7 +420,7 @@ class EvidenceMap:
 
     def _is_guess(self, point: tuple[float, float]) -> bool:
         """Whether only an earlier bump put an obstacle there."""
-        return any(math.dist(point, guess) < self._options.cell_m for guess in self._guessed)
+        return any(math.dist(point, guess) < self._cell_m for guess in self._guessed)
 
     def _extend(self, x: float, y: float) -> None:
         self._low = [min(self._low[0], x), min(self._low[1], y)]
@@ -456,8 +463,8 @@ class EvidenceMap:
         right, up = step if x > cols - rim else 0, step if y > rows - rim else 0
         for name in _LAYERS:
             setattr(self, name, np.pad(getattr(self, name), ((down, up), (left, right))))
-        self.x0_m -= left * self._options.cell_m
-        self.y0_m -= down * self._options.cell_m
+        self.x0_m -= left * self._cell_m
+        self.y0_m -= down * self._cell_m
         lx, ly, lth = self._last
         self._last = (lx + left, ly + down, lth)
         self._visited_at = (self._visited_at[0] + left, self._visited_at[1] + down)

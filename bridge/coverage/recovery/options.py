@@ -1,4 +1,7 @@
-"""Options of the recovery planner."""
+"""Options of the recovery planner: what experiments tuned, as far as possible relative to a robot.
+
+:mod:`bridge.coverage.recovery.geometry` makes the sizes of one robot of them.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,23 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RecoveryOptions:
-    """Lengths in m, angles in rad; areas in cells where stated. Tuned on drawn rooms."""
+    """Tuned on drawn rooms. Lengths in m, angles in rad; shares have no unit."""
 
-    cell_m: float = 0.02
-    mouth_margin_m: float = 0.01
-    """Length by which each end of the mouth counts less, for the pose's uncertainty."""
-    body_margin_m: float = 0.006
-    """Length by which obstacles are inflated less than the footprint's radius: passages that the
-    robot just fits through must stay open in a map of 2 cm cells."""
+    cells_per_width: float = 8.0
+    """Cells of the map per width of the mouth: 2 cm for the paper's robot."""
+    mouth_margin: float = 1.0 / 16.0
+    """Share of its width by which each end of the mouth counts less, for the pose's uncertainty:
+    1 cm for the paper's robot, and never more."""
+    inflation_margin_cells: float = 0.3
+    """Cells by which obstacles are inflated less than the footprint's radius: passages that the
+    robot just fits through must stay open in the map."""
     infrared_trust_m: float = 0.22
     """Infrared range beyond which readings are too noisy for the map."""
     perimeter_gap_m: float = 0.0005
     """Gap between rim and wall on a perimeter pass; 5 mm cost 1-2 % of the sweepable floor. Not 0:
     a robot that presses on a wall slips sideways, which no wheel measures."""
-    stop_range_m: float = 0.048
-    """Ultrasonic reading at which a lane ends: 8 mm between rim and wall."""
+    stop_gap_m: float = 0.008
+    """Gap between rim and wall at which a lane ends."""
     margin_m: float = 0.5
     """Distance from the driven path within which floor is assumed."""
     back_off_m: float = 0.015
@@ -30,34 +35,42 @@ class RecoveryOptions:
     """Distance of backing off from a cliff, repeated until there is floor ahead."""
     fresh_share: float = 0.15
     """Unswept share of the strip ahead below which a perimeter pass ends."""
-    min_cells: int = 7
-    """New cells that a lane must promise: 28 cm²."""
-    min_rate: float = 15.0
-    """New cells per second that a choice must promise; a full lane gives 70."""
-    hole_rate: float = 1.0
-    """New cells per second that suffice for a hole into which a disc of 4 cm fits; slivers are
-    left."""
-    gap_cells: int = 14
-    """Swept cells over which a lane continues."""
-    frontier: float = 2.0
-    """Cost of each cell edge of new frontier, cells: it prevents slivers."""
-    perimeter_cells: float = 500.0
-    """New cells that a perimeter pass is assumed to promise."""
+    min_area: float = 0.109375
+    """New floor that a lane must promise, in widths of the mouth squared: 28 cm² for 16 cm."""
+    min_rate: float = 3.0 / 14.0
+    """Sweep rate that a choice must promise, in sweep rates of a full lane at cruise speed."""
+    ahead_patience: float = 4.0
+    """Growth of the patience with small pieces, for each width of the mouth that it is ahead of the
+    axle: the promised sweep rate is divided by one more. A mouth ahead leaves a piece at each
+    corner, and each takes a short lane of its own."""
+    near_rate: float = 3.0 / 7.0
+    """Sweep rate at which a choice is taken without a wider search, in the same unit."""
+    hole_rate: float = 1.0 / 70.0
+    """Sweep rate that suffices for a hole into which a disc of half the mouth's width fits, in the
+    same unit; slivers are left."""
+    gap_m: float = 0.28
+    """Length of swept floor over which a lane continues."""
+    frontier: float = 0.25
+    """Cost of new frontier, in widths of the mouth times its length: it prevents slivers."""
+    perimeter_length_m: float = 10.0 / 7.0
+    """Length of a full strip that a perimeter pass is assumed to promise."""
+    retry_length_m: float = 0.625
+    """Length of a full strip of new floor after which a fruitless attempt may be repeated."""
     perimeter_pace: float = 1.2
-    """Speed along a straight wall, times the cruise speed. A bend is followed at the cruise speed,
+    """Speed along a straight wall, in cruise speeds. A bend is followed at the cruise speed,
     because the ultrasonic does not see what stands behind it."""
-    lane_speed_m_s: float = 0.28
-    """Speed on a lane."""
-    travel_speed_m_s: float = 0.28
-    """Speed in transit."""
-    turn_s_rad: float = 0.85
-    """Cost of a turn, s/rad. With 0.62, the cost of flowing legs, runs are as long."""
-    stop_s: float = 0.9
-    """Cost of a stop, s. With 0.7 runs are as long."""
-    looks: tuple[int, ...] = (1100, 2600, 1 << 24)
-    """Path costs (1 m is 500) up to which the search looks, one after another."""
-    near_rate: float = 30.0
-    """New cells per second at which a choice is taken without a wider search."""
+    lane_pace: float = 1.4
+    """Speed on a lane and in transit, in cruise speeds."""
+    top_share: float = 14.0 / 15.0
+    """Highest share of the robot's top speed on a lane: the rest is for control."""
+    turn_share: float = 1.7
+    """Cost of a turn relative to the time at the highest yaw rate. With 1.24, the cost of flowing
+    legs, runs are as long."""
+    stop_share: float = 9.0 / 7.0
+    """Cost of a stop relative to the time of braking from a lane's speed. With 1, runs are as
+    long."""
+    looks_m: tuple[float, ...] = (2.2, 5.2)
+    """Path lengths up to which the search looks, one after another, before it looks everywhere."""
     slice_cells: int = 50_000
     """Work of a search in one control step, cells: about 2 ms. On a large floor the robot stands
     for some steps."""

@@ -123,16 +123,23 @@ class RecoveryPlanner(ScriptedPlanner):
         new_cells, context.recovering = context.map.new_cells - before, None
         if region is not None:
             closed = arrived and context.occlusions.swept(region, begin, context.lane_m)
-            new_m2 = new_cells * self.options.cell_m**2
+            new_m2 = context.geometry.area_m2(new_cells)
             ended = events.recovery_ended(region, new_m2, arrived=arrived, closed=closed)
             self.record.emit(ended)
         context.stuck.take(choice, new_cells, context.pose, arrived=arrived)
 
     def _end(self, context: RecoveryContext, reason: str) -> str:
         context.enter("finished")
+        beside_cm2 = round(self._chooser.beside_walls_m2 * 1e4)
+        if context.geometry.ahead_cells and beside_cm2 > 0:
+            reason += (
+                f"; {beside_cm2} cm² beside walls are left: the mouth, ahead of the axle, reaches "
+                "them only by turning towards the wall, which sweeps too little for its time"
+            )
         self.record.end_figures = {
-            "swept_m2": round(context.map.new_cells * self.options.cell_m**2, 2),
+            "swept_m2": round(context.geometry.area_m2(context.map.new_cells), 2),
             "left_cm2": round(self._chooser.left_m2 * 1e4),
             "occlusions_open": len(context.occlusions.open),
+            "beside_walls_cm2": beside_cm2,
         }
         return reason

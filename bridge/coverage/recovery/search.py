@@ -26,6 +26,7 @@ from bridge.coverage.recovery.window_kernels import (
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
+    from bridge.coverage.recovery.geometry import PlannerGeometry
     from bridge.coverage.recovery.map import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.motion.geometry import Pose2
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
 """Cost per cell of a box's half girth beyond which nothing in it is farther."""
-_PARTED_CELLS = 50
-"""Visited but unreachable cells (1 m) from which the evidence must be wrong."""
 _COPYING, _MARKING, _TURNING, _SCANNING = 0.2, 0.3, 0.4, 0.3
 """Work per cell of a window, relative to settling one cell in the path search."""
 
@@ -69,6 +68,8 @@ class Chooser:
         self.left_m2 = 0.0
         """Reachable floor that is neither swept nor abandoned, as far as the last search looked,
         m²."""
+        self.beside_walls_m2 = 0.0
+        """Further such floor that the mouth reaches only as the robot turns towards a wall, m²."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
         """Return the best choice from a pose at once; ``None``: none is worth it."""
@@ -87,19 +88,20 @@ class Chooser:
 
         Yield when a control step has done enough.
         """
-        options = self._options
+        options, geometry = self._options, memory.geometry
         column, row = memory.to_cells(pose.x_m, pose.y_m)
         box = memory.box()
-        parts = [_clip(box, int(row), int(column), options.looks[0] // STRAIGHT), box]
+        parts = [_clip(box, int(row), int(column), geometry.path_costs[0] // STRAIGHT), box]
         choice: Choice | None = None
         self._spent = self.left_m2 = 0.0
         self.parted_at = None
-        for k, most in enumerate(options.looks):
+        for k, most in enumerate(geometry.path_costs):
             part = parts[min(k, 1)]
             if k < len(parts):
                 yield from self._spend(_COPYING * _size(part))
                 window = Window(memory, part, options.tries, self._buffers)
-                start = free_cell(window.open, *window.cell(pose.x_m, pose.y_m))
+                here = window.cell(pose.x_m, pose.y_m)
+                start = free_cell(window.open, *here, geometry.snap_cells)
                 self.shut_in = start is None
                 if start is None:
                     return None
@@ -108,14 +110,16 @@ class Chooser:
                 self._spent = 0.0
                 yield
             self._spent += window.settled
-            choice = yield from self._best(window, most, pose, grid_rad, memory.half)
-            if choice is not None and choice.rate_m2_s >= options.near_rate * options.cell_m**2:
+            choice = yield from self._best(window, most, pose, grid_rad, geometry)
+            near_m2_s = geometry.area_m2(geometry.near_rate)
+            if choice is not None and choice.rate_m2_s >= near_m2_s:
                 break
             if part == box and most >= _ENOUGH * (part[1] - part[0] + part[3] - part[2]):
                 break
         if choice is None:
-            choice = yield from self._best(window, most, pose, grid_rad, memory.half, holes=True)
+            choice = yield from self._best(window, most, pose, grid_rad, geometry, holes=True)
         if choice is None:
+            self.beside_walls_m2 = geometry.area_m2(_turning(window, most, geometry)) - self.left_m2
             self.parted_at = _parted(memory, window, pose)
             self.shut_in = self.parted_at is not None
         return choice
@@ -134,12 +138,13 @@ class Chooser:
         box = memory.box()
         yield from self._spend(_COPYING * _size(box))
         window = Window(memory, box, options.tries, self._buffers)
-        start = free_cell(window.open, *window.cell(pose.x_m, pose.y_m))
+        here = window.cell(pose.x_m, pose.y_m)
+        start = free_cell(window.open, *here, memory.geometry.snap_cells)
         goals = [free_cell(window.open, *window.cell(*point), 1) for point in points]
         if start is None:
             return None
         window.begin(start)
-        for most in options.looks[:-1]:
+        for most in memory.geometry.path_costs[:-1]:
             while not window.go_on(most, int(options.slice_cells - self._spent)):
                 self._spent = 0.0
                 yield
@@ -167,44 +172,44 @@ class Chooser:
         most: int,
         pose: Pose2,
         grid_rad: float,
-        half: float,
+        geometry: PlannerGeometry,
         *,
         holes: bool = False,
     ) -> Generator[None, None, Choice | None]:
-        options = self._options
-        min_rate = options.hole_rate if holes else options.min_rate
-        speed = options.lane_speed_m_s * 100.0
+        min_rate = geometry.hole_rate if holes else geometry.min_rate
         x, y = window.place(pose)
         yield from self._spend(_MARKING * window.cells)
-        left = mark_targets(window.dist, most, window.done, window.target, window.ways)
-        self.left_m2 = left * options.cell_m**2
+        left = mark_targets(
+            window.dist,
+            most,
+            window.done,
+            window.target,
+            window.ways,
+            geometry.target_cells_2,
+        )
+        self.left_m2 = geometry.area_m2(left)
         if holes:
             yield from self._spend(_MARKING * window.cells)
-            left = keep_holes(window.target, self._buffers.layer("hole", window.target.shape))
+            hole = self._buffers.layer("hole", window.target.shape)
+            left = keep_holes(window.target, hole, geometry.hole_cells)
         perimeter = BestPerimeter()
-        prices = PerimeterCosts(speed, options.turn_s_rad, options.stop_s, options.perimeter_cells)
+        prices = _perimeter_costs(geometry)
         ways = window.perimeter_lengths
         scan_outlines(window.open, ways, window.done, y, x, pose.theta_rad, prices, perimeter)
         best = BestLane(), BestLane()
         image: Turned | None = None
-        if left >= options.min_cells:
+        if left >= geometry.min_cells:
             yield from self._spend(_TURNING * window.cells)
             image = Turned(window, grid_rad, self._buffers)
             for across in range(2):
                 yield from self._spend(_SCANNING * window.cells)
-                lane_prices = LanePrices(
-                    speed, options.turn_s_rad, options.stop_s, options.frontier, across * _QUARTER
-                )
                 target, ways = image.rows(across=across)
                 scan_lanes(
                     target,
                     ways,
-                    options.min_cells,
-                    options.gap_cells,
-                    round(half - 0.5),
                     *image.place(x, y, across=across),
                     pose.theta_rad - grid_rad,
-                    lane_prices,
+                    _lane_prices(geometry, across * _QUARTER),
                     best[across],
                     self._buffers.ints("sums", (1, target.shape[1])).ravel(),
                 )
@@ -212,23 +217,24 @@ class Chooser:
         if score < min_rate:
             return None
         if perimeter.score == score or image is None:
-            return self._perimeter_choice(window, perimeter)
+            return self._perimeter_choice(window, perimeter, geometry)
         across = int(best[1].score > best[0].score)
         return self._lane(window, image, best[across], across)
 
-    def _perimeter_choice(self, window: Window, found: BestPerimeter) -> Choice:
-        area = self._options.cell_m**2
+    def _perimeter_choice(
+        self, window: Window, found: BestPerimeter, geometry: PlannerGeometry
+    ) -> Choice:
         return Choice(
             "perimeter",
             window.path(found.row, found.col),
             found.bearing_rad + _QUARTER,
             0.0,
-            self._options.perimeter_cells * area,
-            found.score * area,
+            geometry.area_m2(geometry.perimeter_cells),
+            geometry.area_m2(found.score),
         )
 
     def _lane(self, window: Window, image: Turned, found: BestLane, across: int) -> Choice:
-        area = self._options.cell_m**2
+        geometry = window.geometry
         begin, end = (found.last, found.first) if found.backwards else (found.first, found.last)
         x, y = image.point(found.row + 0.5, begin + 0.5, across=across)
         heading = image.angle_rad + across * _QUARTER + (math.pi if found.backwards else 0.0)
@@ -238,10 +244,46 @@ class Chooser:
             # the lane's own line, not the nearest cell's centre
             (*path[:-1], window.metres(x, y)),
             heading,
-            (abs(end - begin) + 1) * self._options.cell_m,
-            found.new * area,
-            found.score * area,
+            (abs(end - begin) + 1) * geometry.cell_m,
+            geometry.area_m2(found.new),
+            geometry.area_m2(found.score),
         )
+
+
+def _turning(window: Window, most: int, geometry: PlannerGeometry) -> int:
+    """Return the number of cells left that the mouth reaches, also by turning in place."""
+    return mark_targets(
+        window.dist, most, window.done, window.target, window.ways, geometry.turning_cells_2
+    )
+
+
+def _perimeter_costs(geometry: PlannerGeometry) -> PerimeterCosts:
+    return PerimeterCosts(
+        speed_cm_s=geometry.lane_speed_m_s * 100.0,
+        turn_s_rad=geometry.turn_s_rad,
+        stop_s=geometry.stop_s,
+        cells=geometry.perimeter_cells,
+        full_rate=geometry.full_rate,
+        cell_cm=geometry.cell_m * 100.0,
+        near_cost=geometry.near_cost,
+        beside_cells=geometry.beside_cells,
+    )
+
+
+def _lane_prices(geometry: PlannerGeometry, heading_rad: float) -> LanePrices:
+    return LanePrices(
+        speed_cm_s=geometry.lane_speed_m_s * 100.0,
+        turn_s_rad=geometry.turn_s_rad,
+        stop_s=geometry.stop_s,
+        frontier=geometry.frontier,
+        heading_rad=heading_rad,
+        cell_cm=geometry.cell_m * 100.0,
+        near_cost=geometry.near_cost,
+        min_cells=geometry.min_cells,
+        gap_cells=geometry.gap_cells,
+        half_cells=geometry.lane_cells,
+        ahead_cells=geometry.ahead_cells,
+    )
 
 
 def _parted(memory: EvidenceMap, window: Window, pose: Pose2) -> Point | None:
@@ -256,7 +298,7 @@ def _parted(memory: EvidenceMap, window: Window, pose: Pose2) -> Point | None:
     blocked, visited = memory.places()
     was_there = (visited[part] > 0) & (memory.inflated[part] == 0) & (blocked[part] == 0)
     cells = np.argwhere(was_there & (window.dist < 0))
-    if len(cells) < _PARTED_CELLS:
+    if len(cells) < memory.geometry.parted_cells:
         return None
     x, y = window.place(pose)
     row, column = cells[np.hypot(cells[:, 0] + 0.5 - y, cells[:, 1] + 0.5 - x).argmin()].tolist()

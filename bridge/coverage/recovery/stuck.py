@@ -16,10 +16,7 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.search import Choice
     from bridge.coverage.recovery.window import Point
     from bridge.motion.legs import LegResult
-    from bridge.motion.robot_model import RobotModel
 
-FLOOR_CELLS = 250
-"""New cells after which a fruitless attempt may be repeated: a tenth of a square metre."""
 _MAX_FRUITLESS = 20
 """Fruitless decisions in a row after which evidence is cleared."""
 _MAX_BLOCKED = 6
@@ -28,7 +25,8 @@ _SPARED = 8
 """Fruitless decisions in a row below which a block far from the target does not count
 against it."""
 _FAR_M = 0.4
-"""Distance of such a block from the target, m."""
+"""Distance of such a block from the target for the paper's robot, m; it grows with the robot, as
+do the next three."""
 _MAX_CLEARED = 3
 """Times that evidence is cleared without new floor."""
 _CLEAR_RADIUS_M = 0.6
@@ -38,22 +36,14 @@ _BLOCKED_RADIUS_M = 0.3
 the robot there, and the robot bumps into cleared chair legs again."""
 _BUMP_RADIUS_M = 0.2
 """Radius around bumps in which targets get one more try, m."""
-_SAME_PLACE_M = 0.15
-"""Distance within which two blocks are at one place, m."""
 _AGAIN = 2
 """Blocks at one place from which the passage is closed in the map, and followed."""
 _CLOSED_M = 0.03
 """Radius by which each block closes the passage, m."""
-_WORTH_M2 = 0.03
-"""New floor that makes a search for the passage worth its 5 s, m²."""
 _WALL_M = 0.2
 """Radius in which wall cells are counted, m."""
-_MIN_WALL_CELLS = 12
-"""Wall cells (24 cm of wall) that make following worthwhile: a chair leg leads round itself."""
 _LITTLE = 0.3
 """Share of the promised floor below which an attempt is fruitless for its target."""
-_PERIMETER_CELLS = 40.0
-"""New cells that a perimeter pass promises."""
 
 
 class Verdict(Enum):
@@ -69,13 +59,12 @@ class StuckPolicy:
 
     def __init__(
         self,
-        model: RobotModel,
         options: RecoveryOptions,
         evidence: EvidenceMap,
         record: PlannerRecord,
     ) -> None:
         """Begin with no attempt."""
-        self._model, self._options = model, options
+        self._options, self._geometry = options, evidence.geometry
         self._map, self._record = evidence, record
         self._fruitless = 0
         """Decisions in a row that swept next to nothing."""
@@ -83,7 +72,7 @@ class StuckPolicy:
         """Times that evidence was cleared since the last new floor."""
         self._cleared_at = 0
         """New cells at the last time."""
-        self._bumps_cleared_at = -FLOOR_CELLS
+        self._bumps_cleared_at = -self._geometry.floor_cells
         """New cells when evidence of bumps was cleared last."""
         self._blocks = 0
         """Blocks in a row at ``_blocked_at``."""
@@ -95,10 +84,10 @@ class StuckPolicy:
 
     def clear_bumps(self) -> bool:
         """Clear evidence that only bumps gave, before the end; whether there was any."""
-        if self._map.new_cells - self._bumps_cleared_at < FLOOR_CELLS:
+        if self._map.new_cells - self._bumps_cleared_at < self._geometry.floor_cells:
             return False
         self._bumps_cleared_at = self._map.new_cells
-        if not self._map.clear_bumps(_BUMP_RADIUS_M):
+        if not self._map.clear_bumps(_BUMP_RADIUS_M * self._geometry.scale):
             return False
         self._blocks = self._fruitless = 0
         self._record.decide("clear", "before the end: evidence that only bumps gave is cleared")
@@ -118,11 +107,12 @@ class StuckPolicy:
             return Verdict.GO_ON
         place = self._uncertain_place(pose, parted_at)
         self._blocks = 0
-        if self._map.new_cells - self._cleared_at > FLOOR_CELLS:
+        if self._map.new_cells - self._cleared_at > self._geometry.floor_cells:
             self._cleared = 0
         if self._cleared < _MAX_CLEARED:
-            radius_m = _CLEAR_RADIUS_M if stuck else _BLOCKED_RADIUS_M
-            self._map.clear(place, radius_m, _CLEAR_RADIUS_M)
+            scale = self._geometry.scale
+            radius_m = (_CLEAR_RADIUS_M if stuck else _BLOCKED_RADIUS_M) * scale
+            self._map.clear(place, radius_m, _CLEAR_RADIUS_M * scale)
             self._record.decide(
                 "clear",
                 f"{'nothing leads anywhere' if stuck else 'the robot is blocked again and again'}: "
@@ -142,13 +132,13 @@ class StuckPolicy:
     def blocked(self, result: LegResult, heading_rad: float) -> None:
         """Take a block of a transit on a heading, rad, and close the passage a little more."""
         pose, last = result.pose, self._blocked_at
-        again = last is not None and pose.distance_m(last) < _SAME_PLACE_M
+        again = last is not None and pose.distance_m(last) < self._geometry.same_place_m
         self._blocks = self._blocks + 1 if again else 1
         self._blocked_at = pose
         if self._blocks >= _AGAIN:
-            radius_m = min(_CLOSED_M * self._blocks, self._model.radius_m)
+            radius_m = min(_CLOSED_M * self._blocks, self._geometry.radius_m)
             c, s = math.cos(heading_rad), math.sin(heading_rad)
-            ahead_m = radius_m + self._options.cell_m
+            ahead_m = radius_m + self._geometry.cell_m
             self._map.block(pose.x_m + ahead_m * c, pose.y_m + ahead_m * s, radius_m)
             self._record.decide(
                 "passage-shut",
@@ -173,16 +163,16 @@ class StuckPolicy:
         left, right = result.bumper_left, result.bumper_right
         if result.reason is not StopReason.BUMPER or left == right:
             return False
-        if self._blocks < _AGAIN or new_m2 <= _WORTH_M2:
+        if self._blocks < _AGAIN or new_m2 <= self._geometry.worth_m2:
             return False
         pose, floor = result.pose, self._map.new_cells
-        bearing, rim_m = self._map.bearing_rad(result), self._model.radius_m
+        bearing, rim_m = self._map.bearing_rad(result), self._geometry.radius_m
         contact = pose.transform(rim_m * math.cos(bearing), rim_m * math.sin(bearing))
-        if self._map.occupied(*contact, _WALL_M) < _MIN_WALL_CELLS:
+        if self._map.occupied(*contact, _WALL_M) < self._geometry.min_wall_cells:
             return False
         for before, side, cells in self._passages:
-            inflated = side == left and before.distance_m(pose) < _SAME_PLACE_M
-            if inflated and floor - cells < FLOOR_CELLS:
+            inflated = side == left and before.distance_m(pose) < self._geometry.same_place_m
+            if inflated and floor - cells < self._geometry.floor_cells:
                 return False
         self._passages.append((pose, left, floor))
         self._left_path_at = pose
@@ -200,7 +190,7 @@ class StuckPolicy:
 
         """
         self._judge_target(choice, new_cells, pose, arrived=arrived)
-        fruitless = new_cells < self._options.min_cells
+        fruitless = new_cells < self._geometry.min_cells
         self._fruitless = self._fruitless + 1 if fruitless else 0
 
     def _judge_target(self, choice: Choice, new_cells: int, pose: Pose2, *, arrived: bool) -> None:
@@ -209,20 +199,22 @@ class StuckPolicy:
         A block far from the target speaks against the passage, which ``blocked`` closes: there may
         be another path.
         """
-        promised = choice.new_m2 / self._options.cell_m**2
+        promised = choice.new_m2 / self._geometry.cell_m**2
         if choice.kind == "perimeter":
-            promised = _PERIMETER_CELLS
+            promised = self._geometry.fruitful_cells
         if new_cells > _LITTLE * promised:
             return
         x, y = choice.path[-1]
-        far = math.dist((self._left_path_at or pose)[:2], (x, y)) > _FAR_M
+        far = math.dist((self._left_path_at or pose)[:2], (x, y)) > _FAR_M * self._geometry.scale
         if far and not arrived and self._fruitless < _SPARED:
             return
         c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
         done_m = 0.0
         if arrived:  # floor beyond an obstacle may be reached from elsewhere
             done_m = min(max((pose.x_m - x) * c + (pose.y_m - y) * s, 0.0), choice.length_m)
-        at_m, width_m = 0.0, self._model.cleaning_width_m
+        at_m, width_m = 0.0, self._geometry.width_m
+        if choice.kind == "lane":  # the mouth is ahead of the axle
+            x, y = x + self._geometry.ahead_m * c, y + self._geometry.ahead_m * s
         while at_m <= done_m:
             self._map.abandon(x + at_m * c, y + at_m * s, 0.5 * width_m)
             at_m += width_m

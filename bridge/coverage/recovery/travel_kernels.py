@@ -18,7 +18,7 @@ _DIAGONAL = cython.declare(cython.int, 14)
 _TIGHT = cython.declare(cython.int, 3)
 _RING = cython.declare(cython.int, 64)
 STRAIGHT, DIAGONAL = _STRAIGHT, _DIAGONAL
-"""Cost of a step between cells; a cell is 2 cm."""
+"""Cost of a step between cells."""
 TIGHT = _TIGHT
 """A step next to where the axle cannot be costs this many times more."""
 RING = _RING

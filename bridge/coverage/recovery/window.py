@@ -29,9 +29,6 @@ _ROOM = 16384
 _CORNERS = 400
 _WAY = 8192
 """Maximum length of a path, cells: five times across the largest room."""
-_SNAP_CELLS = 6
-_EDGE_M = 0.42
-"""Distance from a cliff within which no perimeter pass begins, m."""
 
 
 class Buffers:
@@ -77,6 +74,7 @@ class Window:
         shape = (r1 - r0, c1 - c0)
         self.x0_m, self.y0_m = memory.to_metres(c0, r0)
         self.cell_m = memory.to_metres(c0 + 1, r0)[0] - self.x0_m
+        self.geometry = memory.geometry
         self.open = buffers.layer("open", shape)
         self.done = buffers.layer("done", shape)
         self.dist = buffers.ints("dist", shape)
@@ -115,7 +113,8 @@ class Window:
         rows, cols = np.ogrid[: ways.shape[0], : ways.shape[1]]
         for point in self._cliffs:
             row, col = self.cell(*point)
-            ways[(rows - row) ** 2 + (cols - col) ** 2 < (_EDGE_M / self.cell_m) ** 2] = -1
+            near = self.geometry.cliff_perimeter_m / self.cell_m
+            ways[(rows - row) ** 2 + (cols - col) ** 2 < near**2] = -1
         return ways
 
     def place(self, pose: Pose2) -> tuple[float, float]:
@@ -217,7 +216,7 @@ class Turned:
         return u * c - v * s, u * s + v * c
 
 
-def free_cell(open_: Layer, row: int, col: int, reach: int = _SNAP_CELLS) -> tuple[int, int] | None:
+def free_cell(open_: Layer, row: int, col: int, reach: int) -> tuple[int, int] | None:
     """The passable cell nearest to one."""
     rows, cols = open_.shape
     for off in range(reach + 1):

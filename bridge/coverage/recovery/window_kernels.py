@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 import cython
-from cython.cimports.libc.math import atan2, fabs
+from cython.cimports.libc.math import atan2, fabs, sqrt
 
 if TYPE_CHECKING or cython.compiled:
     from cython.cimports.bridge.motion.arrays import IntGrid, Layer
@@ -33,7 +33,15 @@ class PerimeterCosts:
     stop_s = cython.declare(cython.double, visibility="public")
     """For each stop."""
     cells = cython.declare(cython.double, visibility="public")
-    """What an outline promises to sweep."""
+    """What a perimeter pass promises to sweep."""
+    full_rate = cython.declare(cython.double, visibility="public")
+    """Cells that the mouth sweeps in a second."""
+    cost_cm = cython.declare(cython.double, visibility="public")
+    """Length of a path for each unit of its cost, cm."""
+    near_cost = cython.declare(cython.double, visibility="public")
+    """Cost of a path up to which there is no path to drive first."""
+    beside_cells = cython.declare(cython.int, visibility="public")
+    """Radius of the floor beside the wall that is looked at: the mouth's half width, cells."""
 
     def __init__(
         self,
@@ -41,10 +49,16 @@ class PerimeterCosts:
         turn_s_rad: cython.double,
         stop_s: cython.double,
         cells: cython.double,
+        full_rate: cython.double,
+        cell_cm: cython.double,
+        near_cost: cython.double,
+        beside_cells: cython.int,
     ) -> None:
-        """Take each price."""
+        """Take each price; ``cell_cm``: edge of a cell, ten units of a path's cost."""
         self.speed_cm_s, self.turn_s_rad = speed_cm_s, turn_s_rad
-        self.stop_s, self.cells = stop_s, cells
+        self.stop_s, self.cells, self.full_rate = stop_s, cells, full_rate
+        self.cost_cm, self.near_cost = 0.1 * cell_cm, near_cost
+        self.beside_cells = beside_cells
 
 
 @cython.final
@@ -118,13 +132,19 @@ def copy_window(
 
 
 def mark_targets(
-    dist: IntGrid, most: cython.int, done: Layer, target: Layer, ways: IntGrid
+    dist: IntGrid,
+    most: cython.int,
+    done: Layer,
+    target: Layer,
+    ways: IntGrid,
+    near_2: cython.int,
 ) -> cython.int:
     """What is worth sweeping, and how far the axle has to go; the number of targets.
 
-    A cell is a target if nothing is done with it and it is within the mouth's half width (three
-    and a half cells) of where the axle can be. ``ways``: -1 where it cannot.
+    A cell is a target if nothing is done with it and it is within the mouth's half width (its
+    square is ``near_2`` cells) of where the axle can be. ``ways``: -1 where it cannot.
     """
+    near: cython.int = int(sqrt(near_2))
     rows: cython.int = dist.shape[0]
     cols: cython.int = dist.shape[1]
     r: cython.int
@@ -141,8 +161,8 @@ def mark_targets(
             else:
                 ways[r, c] = -1
                 target[r, c] = 0
-    for r in range(3, rows - 3):
-        for c in range(3, cols - 3):
+    for r in range(max(near, 1), rows - max(near, 1)):
+        for c in range(max(near, 1), cols - max(near, 1)):
             if ways[r, c] < 0 or (
                 ways[r - 1, c] >= 0
                 and ways[r + 1, c] >= 0
@@ -151,10 +171,10 @@ def mark_targets(
             ):
                 continue
             # only the reach of a cell at the edge goes beyond what was counted above
-            for i in range(-3, 4):
-                for j in range(-3, 4):
+            for i in range(-near, near + 1):
+                for j in range(-near, near + 1):
                     if (
-                        i * i + j * j <= 12  # noqa: PLR2004 - 3.5 cells, squared
+                        i * i + j * j <= near_2
                         and done[r + i, c + j] == 0
                         and target[r + i, c + j] == 0
                     ):
@@ -163,30 +183,34 @@ def mark_targets(
     return count
 
 
-def keep_holes(target: Layer, hole: Layer) -> cython.int:
-    """Leave of the targets those of pieces into which a disc of 4 cm fits; their number.
+def keep_holes(target: Layer, hole: Layer, width: cython.int) -> cython.int:
+    """Leave of the targets those of pieces into which a disc of a diameter fits; their number.
 
-    It is looked for as a block of four by four cells (of 2 cm) without its corners. ``hole`` is
-    room for the result.
+    The disc is a block of ``width`` by ``width`` cells without those whose centres it does not
+    cover. ``hole`` is room for the result.
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
     r: cython.int
     c: cython.int
+    i: cython.int
+    j: cython.int
     whole: cython.bint
     for r in range(rows):
         for c in range(cols):
             hole[r, c] = 0
-    for r in range(rows - 3):
-        for c in range(cols - 3):
+    for r in range(rows - width + 1):
+        for c in range(cols - width + 1):
             whole = True
-            for n in range(16):
-                if (n // 4 % 3 or n % 4 % 3) and not target[r + n // 4, c + n % 4]:
+            for n in range(width * width):
+                i, j = 2 * (n // width) - width + 1, 2 * (n % width) - width + 1
+                if i * i + j * j <= width * width and not target[r + n // width, c + n % width]:
                     whole = False
                     break
             if whole:
-                for n in range(16):
-                    hole[r + n // 4, c + n % 4] = target[r + n // 4, c + n % 4]
+                for n in range(width * width):
+                    i, j = n // width, n % width
+                    hole[r + i, c + j] = target[r + i, c + j]
     count: cython.int = 0
     for r in range(rows):
         for c in range(cols):
@@ -215,15 +239,16 @@ def scan_outlines(
     fresh: cython.int
     seen: cython.int
     path: cython.double
-    for r in range(5, rows - 5):
-        for c in range(5, cols - 5):
+    near: cython.int = prices.beside_cells
+    for r in range(near + 1, rows - near - 1):
+        for c in range(near + 1, cols - near - 1):
             if open_[r, c] != 1 or ways[r, c] < 0 or done[r, c] & _SWEPT:
                 continue
             fresh = seen = 0
             wall_x = wall_y = 0.0
-            for i in range(-4, 5):
-                for j in range(-4, 5):
-                    if i * i + j * j > 16:  # noqa: PLR2004 - the mouth's half width in cells
+            for i in range(-near, near + 1):
+                for j in range(-near, near + 1):
+                    if i * i + j * j > near * near:
                         continue
                     if open_[r + i, c + j] == 0:
                         wall_x += j
@@ -234,9 +259,10 @@ def scan_outlines(
             if fresh * 10 < seen * 7 or (wall_x == 0.0 and wall_y == 0.0):
                 continue
             path = ways[r, c]
-            time = path * 0.2 / prices.speed_cm_s + 2.0 * prices.stop_s + prices.cells / 70.0
+            time = path * prices.cost_cm / prices.speed_cm_s + 2.0 * prices.stop_s
+            time += prices.cells / prices.full_rate
             bearing = atan2(r + 0.5 - here_row, c + 0.5 - here_col)
-            if path > 40.0:  # noqa: PLR2004 - 8 cm
+            if path > prices.near_cost:
                 off = fabs((bearing - heading + _PI) % (2.0 * _PI) - _PI)
                 time += off * prices.turn_s_rad
             score = prices.cells / time

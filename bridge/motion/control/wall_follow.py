@@ -129,6 +129,9 @@ class WallFollower:
         self._tune = tune = tuning or FollowTuning()
         self._speed = min(speed, model.max_speed_m_s)
         self._gap_m = distance_m if distance_m > 0.0 else -tune.press_m
+        blind_m = mount.min_range_m - mount.hull_distance_m(model.radius_m)
+        if blind_m > 0.0:
+            self._gap_m = max(self._gap_m, blind_m + _SEEN_M)
         self._max_rate = 0.75 * model.max_yaw_rate_rad_s
         self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
         self._room = RoomAhead(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
@@ -376,6 +379,9 @@ class WallFollower:
         return HALT
 
 
+_SEEN_M = 0.002
+"""Gap to a wall beyond the least that the infrared measures, m: at that least it reads the same
+nearer to the wall, so that the robot would press against it."""
 _TOUCH_WAY_M = 0.01
 """Last path to a contact, driven at the contact speed whatever the ranges are, m."""
 _THIN_M = 0.08

@@ -10,7 +10,8 @@ import pytest
 from bridge.coverage.planner import Step
 from bridge.coverage.recovery.behaviours.contact import drive, follow_obstacle
 from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter
-from bridge.coverage.recovery.cliffs import SPAN_RAD, WHEEL_M, Cliffs
+from bridge.coverage.recovery.cliffs import SPAN_RAD, Cliffs
+from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
+GEOMETRY = PlannerGeometry.from_model(MODEL, RecoveryOptions())
 QUARTER = 0.5 * math.pi
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 BRAKE = Braking(0.3, 0.1)
@@ -52,7 +54,7 @@ def open_at(memory: EvidenceMap, x_m: float, y_m: float) -> bool:
 
 
 def test_the_spots_may_all_be_without_a_floor() -> None:
-    edges = Cliffs(MODEL.radius_m)
+    edges = Cliffs(GEOMETRY)
     assert not edges
     edges.add(ORIGIN, nowhere)
     assert edges
@@ -68,11 +70,11 @@ def test_the_spots_may_all_be_without_a_floor() -> None:
 
 
 def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
-    edges = Cliffs(MODEL.radius_m)
+    edges = Cliffs(GEOMETRY)
     edges.add(ORIGIN, lambda _x, y: y > 0.05)
     assert len(edges.marks) == 2
     assert all(mark.y_m < 0.05 for mark in edges.marks)
-    edges = Cliffs(MODEL.radius_m)
+    edges = Cliffs(GEOMETRY)
     edges.add(ORIGIN, lambda _x, _y: True)
     assert len(edges.marks) == 3, "one of them is wrong"
 
@@ -90,7 +92,7 @@ def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
 )
 def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -> None:
     for turned in (0.0, 2.0):
-        edges = Cliffs(MODEL.radius_m)
+        edges = Cliffs(GEOMETRY)
         edges.add(Pose2(1.0, 2.0, turned), nowhere)
         at = Pose2(1.0, 2.0, turned).transform(x_m, y_m)
         edges.see_floor(Pose2(*at, turned))
@@ -98,7 +100,7 @@ def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -
 
 
 def test_what_is_abandoned_is_gone() -> None:
-    edges = Cliffs(MODEL.radius_m)
+    edges = Cliffs(GEOMETRY)
     edges.add(ORIGIN, nowhere)
     edges.add(Pose2(1.0, 0.0, 0.0), nowhere)
     edges.clear(Pose2(0.1, 0.0, 0.0), 0.3)
@@ -130,13 +132,15 @@ def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> No
     assert open_at(memory, -0.03, 0.01)
     memory.add_cliff(ORIGIN)
     for y_m in (0.0, 0.02):  # the two rows that its way lies between
-        assert not open_at(memory, SPOT_M - WHEEL_M + 0.02, y_m), "though it has been there"
-    assert open_at(memory, SPOT_M - WHEEL_M - 0.03, 0.01)
+        assert not open_at(memory, SPOT_M - GEOMETRY.cliff_m + 0.02, y_m), (
+            "though it has been there"
+        )
+    assert open_at(memory, SPOT_M - GEOMETRY.cliff_m - 0.03, 0.01)
     # beside the outer spots the wheels might pass over an edge
     assert not open_at(memory, AHEAD_M, ASIDE_M + 0.19)
     assert open_at(memory, AHEAD_M, ASIDE_M + 0.25)
     assert not memory.clear_bumps(0.2), "it is no bump"
-    assert not open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M - 0.03)
+    assert not open_at(memory, AHEAD_M, ASIDE_M + GEOMETRY.cliff_m - 0.03)
     # which spot it was may become known: that it was one of them stays
     memory.cliffs.marks.clear()
     assert not open_at(memory, 0.10, 0.01)
@@ -155,7 +159,7 @@ def test_where_the_robot_was_beside_a_spot_there_is_floor(y_m: float, marks: int
 def test_floor_beyond_opens_what_was_shut() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     memory.add_cliff(ORIGIN)
-    beside_m = ASIDE_M + WHEEL_M - 0.03
+    beside_m = ASIDE_M + GEOMETRY.cliff_m - 0.03
     memory.update(seen(Pose2(0.03, 0.0, 0.0), 1.0, cliff=True))
     assert not open_at(memory, AHEAD_M, beside_m)
     memory.update(seen(Pose2(0.03, 0.0, 0.0), 1.1))

@@ -79,7 +79,7 @@ def test_the_shortest_way_to_one_of_some_points_is_found_in_slices(slice_cells: 
 
 
 def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far() -> None:
-    options = RecoveryOptions(looks=(200, 600, 1 << 24))  # 0.4 m, then 1.2 m
+    options = RecoveryOptions(looks_m=(0.4, 1.2))
     chooser, memory, here = Chooser(options), swept_lane(options), Pose2(2.0, 0.0, 0.0)
     beside = [(1.6, 0.3), (1.2, 0.0), (0.2, 0.0)]
     assert in_slices(chooser.path_to(memory, here, beside[:1]))[0] is not None

@@ -10,6 +10,7 @@ import pytest
 from bridge.coverage.planner import Finish, Step
 from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter
 from bridge.coverage.recovery.behaviours.transit import transit
+from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import Behaviours, RecoveryPlanner
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 MODEL = RobotModel()
 OPTIONS = RecoveryOptions()
+GEOMETRY = PlannerGeometry.from_model(MODEL, OPTIONS)
 HERE = Pose2(0.0, 0.0, 0.0)
 BEYOND = (1.0, 0.0)
 MIDDLE_DEG = 38.5
@@ -51,8 +53,8 @@ class AtDoor:
     def stand(self, pose: Pose2, wall_m: float = 0.6) -> None:
         """Be somewhere, so much of a wall known ahead, but not at the rim."""
         self.context.lookout.obs = seen(pose)
-        for k in range(round(wall_m / OPTIONS.cell_m)):
-            self.map.add_point(*pose.transform(0.25, 0.5 * wall_m - k * OPTIONS.cell_m))
+        for k in range(round(wall_m / GEOMETRY.cell_m)):
+            self.map.add_point(*pose.transform(0.25, 0.5 * wall_m - k * GEOMETRY.cell_m))
 
     def goes(
         self,

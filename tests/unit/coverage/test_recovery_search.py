@@ -134,7 +134,7 @@ def test_targets_are_what_the_mouth_reaches_from_where_the_axle_can_be() -> None
     done = np.zeros((30, 30), dtype=np.uint8)
     done[15, 15] = SWEPT
     target, ways = np.zeros((30, 30), dtype=np.uint8), np.zeros((30, 30), dtype=np.int32)
-    count = mark_targets(dist, 100, done, target, ways)
+    count = mark_targets(dist, 100, done, target, ways, 12)
     row, col = np.indices(dist.shape)
     off_row, off_col = np.clip(row, 10, 19) - row, np.clip(col, 10, 19) - col
     expected = (off_row**2 + off_col**2 <= 12) & (done == 0)
@@ -150,7 +150,7 @@ def test_the_perimeter_pass_begins_beside_the_unswept_wall() -> None:
     done = np.zeros((40, 40), dtype=np.uint8)
     done[:, :20] = SWEPT
     ways = np.where(open_ > 0, 10, -1).astype(np.int32)
-    best, prices = BestPerimeter(), PerimeterCosts(28.0, 0.85, 0.9, 500.0)
+    best, prices = BestPerimeter(), PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4)
     scan_outlines(open_, ways, done, 20.0, 20.0, 0.0, prices, best)
     assert best.score > 0.0
     assert best.row == 8
@@ -181,8 +181,8 @@ def best_lane(target: np.ndarray, here: tuple[float, float]) -> BestLane:
     best = BestLane()
     sums = np.zeros(target.shape[1], dtype=np.int32)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading
-    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0)
-    scan_lanes(target, ways, 7, 10, 3, here[0], here[1], 0.0, prices, best, sums)
+    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 3)
+    scan_lanes(target, ways, here[0], here[1], 0.0, prices, best, sums)
     return best
 
 
@@ -216,10 +216,10 @@ def test_of_what_is_left_only_pieces_that_hold_a_disc_are_holes() -> None:
     target[20:24, 20:23] = 1
     hole = np.ones_like(target)
     before = target.copy()
-    assert keep_holes(target, hole) == 14
+    assert keep_holes(target, hole, 4) == 14
     assert (target[10:14, 10:14] == before[10:14, 10:14]).all()
     assert target.sum() == 14
-    assert keep_holes(target, hole) == 14, "twice is once"
+    assert keep_holes(target, hole, 4) == 14, "twice is once"
 
 
 def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
@@ -237,7 +237,7 @@ def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
         if choice is not None:
             x, y = choice.path[-1]
             assert math.hypot(x - 2.4, y) < 0.3
-            assert choice.rate_m2_s < RecoveryOptions().min_rate * 4e-4
+            assert choice.rate_m2_s < memory.geometry.area_m2(memory.geometry.min_rate)
 
 
 def test_nothing_left_is_no_choice() -> None:

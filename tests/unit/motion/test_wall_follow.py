@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 
-from bridge.coverage.recovery.lookout import ROUND_RAD_S
+from bridge.coverage.recovery.geometry import PlannerGeometry
+from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.control.wall_follow import FollowState, FollowStep, Side, WallFollower
@@ -70,12 +71,13 @@ def follow(  # noqa: PLR0913 - a room, a start and a wish
     obstacles: tuple[Polygon, ...] = (),
     noise: WorldNoise = IDEAL,
     seed: int = 0,
+    model: RobotModel = MODEL,
 ) -> Followed:
     """Drive in the small world, through the velocity smoothing."""
     plan = FloorPlan("t", HALL, obstacles, Pose2(*start))
-    world = KinematicWorld(plan, MODEL, random.Random(seed), noise)
+    world = KinematicWorld(plan, model, random.Random(seed), noise)
     world.rest(1.0)
-    run = Followed(world, WallFollower(MODEL, side, distance_m))
+    run = Followed(world, WallFollower(model, side, distance_m))
     smooth_v = VelocitySmoother(MODEL.max_accel_m_s2, 0.6)
     smooth_w = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
     obs = world.observe()
@@ -231,7 +233,10 @@ def test_it_goes_round_a_box(noise: WorldNoise, side: Side) -> None:
     fastest = max(command.v_m_s for command in rounding)
     assert 0.025 < fastest * math.cos(72.0 * DEGREE) < 0.03
     # an outline's rim passes it 5 mm off, by which rate a planner knows that it is a corner
-    assert fastest / (RADIUS_M + 0.005) > ROUND_RAD_S
+    assert (
+        fastest / (RADIUS_M + 0.005)
+        > PlannerGeometry.from_model(MODEL, RecoveryOptions()).round_rad_s
+    )
 
 
 def test_it_follows_a_round_column() -> None:
@@ -385,3 +390,19 @@ def test_speed_respects_the_way_left_to_a_wall_ahead() -> None:
 def test_settings_without_meaning_are_rejected(distance_m: float, speed: float) -> None:
     with pytest.raises(ValueError, match="must be"):
         WallFollower(MODEL, Side.LEFT, distance_m, speed_m_s=speed)
+
+
+def test_an_infrared_blind_at_the_hull_keeps_the_gap_that_it_can_measure() -> None:
+    """A reading below the least range says nothing: at a smaller gap the robot would press."""
+    mounts = {
+        name: replace(getattr(MODEL, name), min_range_m=0.060)
+        for name in ("infrared_left", "infrared_right")
+    }
+    model = replace(MODEL, **mounts)
+    blind_m = 0.060 - model.infrared_left.hull_distance_m(RADIUS_M)
+    start = (1.0, 6.0 - RADIUS_M - 0.03, 0.0)
+    run = follow(start, Side.LEFT, 0.0005, 15.0, model=model)
+    settled = run.gaps[len(run.gaps) // 2 :]
+    assert blind_m < min(settled)
+    assert max(settled) < blind_m + 0.01
+    assert run.touch_s == 0.0

@@ -112,9 +112,9 @@ def lane_kernels(m: Any) -> list[object]:
         target, ways = np.zeros((70, 90), np.uint8), np.zeros((70, 90), np.int32)
         m.turn_images(target_in, ways_in, angle, -3.0, 5.0, target, ways)
         for heading in (0.0, 3.0):
-            best, prices = m.BestLane(), m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5)
+            best, prices = m.BestLane(), m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5, 2.0, 40.0, 7, 10, 3)
             sums = np.zeros(90, np.int32)
-            m.scan_lanes(target, ways, 7, 10, 3, 12.5, 40.0, heading, prices, best, sums)
+            m.scan_lanes(target, ways, 12.5, 40.0, heading, prices, best, sums)
             given += [*public(best), sums]
         given += [target, ways]
     return given
@@ -149,13 +149,16 @@ def window_kernels(m: Any) -> list[object]:
     m.copy_window(inflated, blocked, visited, swept, wall, tried, 2, 5, 6, open_, done)
     dist = np.where(open_ > 0, rng.integers(0, 300, open_.shape), -1).astype(np.int32)
     ways = np.zeros_like(dist)
-    given: list[object] = [m.mark_targets(dist, 250, done, target, ways)]
+    given: list[object] = [m.mark_targets(dist, 250, done, target, ways, 12)]
     for heading in (0.0, 2.9):
-        best, prices = m.BestPerimeter(), m.PerimeterCosts(28.0, 0.85, 0.9, 500.0)
+        best, prices = (
+            m.BestPerimeter(),
+            m.PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4),
+        )
         m.scan_outlines(open_, ways, done, 20.0, 20.0, heading, prices, best)
         given += public(best)
     marked = target.copy()
-    return [*given, open_, done, ways, marked, m.keep_holes(target, hole), target]
+    return [*given, open_, done, ways, marked, m.keep_holes(target, hole, 4), target]
 
 
 def raster_kernel(m: Any) -> list[object]:
@@ -355,7 +358,7 @@ def fast_world_kernel(m: Any) -> list[object]:
     given: list[object] = []
     for k in range(150):
         m.move(walls, state, 0.3 if k % 50 < 40 else -0.1, 0.4, 0.17, 1.518)
-        m.sense(walls, CORNERS, state, out, 0.26)
+        m.sense(walls, CORNERS, state, out, 0.26, 0.12, 0.05, 0.10)
         given += [state.copy(), out.copy()]
     return given
 

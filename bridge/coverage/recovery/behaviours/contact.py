@@ -16,10 +16,8 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.legs import Drive
 
-_AHEAD_M, _BESIDE_M = (0.02, 0.075), (-0.04, 0.04)
-"""Floor before an obstacle, along and across the direction to it, m."""
 _UNSWEPT = 0.4
-"""Unswept share of that floor from which the obstacle's perimeter is followed."""
+"""Unswept share of the floor before an obstacle from which the obstacle's perimeter is followed."""
 
 Part = Generator[Leg, Step, LegResult]
 
@@ -37,7 +35,7 @@ def drive(context: RecoveryContext, leg: Drive) -> Part:
     lookout.on_lane = False
     result = step.result
     if is_lane:
-        new_m2 = (context.map.new_cells - before) * context.options.cell_m**2
+        new_m2 = context.geometry.area_m2(context.map.new_cells - before)
         context.record.emit(events.lane_ended(result, new_m2))
     if result.reason is StopReason.CANCELLED:
         context.record.decide("obstacle", "beside the lane, its perimeter not yet followed")
@@ -60,7 +58,8 @@ def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Le
     bearing = context.map.bearing_rad(result)
     left = bearing > 0.0
     towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
-    if context.map.fresh(towards, _AHEAD_M, _BESIDE_M) < _UNSWEPT:
+    ahead_m, beside_m = context.geometry.contact_ahead_m, context.geometry.contact_beside_m
+    if context.map.fresh(towards, ahead_m, (-beside_m, beside_m)) < _UNSWEPT:
         return False
     away = bearing + (-QUARTER if left else QUARTER)
     yield from turn(context, pose.theta_rad + away)

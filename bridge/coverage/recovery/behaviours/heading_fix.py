@@ -94,7 +94,7 @@ class HeadingFix:
             start.heading_rad,
             HEADING_RUN_M,
             speed_m_s=_RUN_M_S,
-            stop_range_m=context.options.stop_range_m,
+            stop_range_m=context.geometry.stop_range_m,
             wary=True,
             purpose="heading-fix",
         )

@@ -61,7 +61,7 @@ def follow_perimeter(
     context.record.decide("perimeter-begin", f"wall on the {'left' if left else 'right'}")
     stuck = again = 0
     side, bumped_m = 1 if left else -1, -math.inf
-    speed_m_s = options.perimeter_pace * context.model.cruise_speed_m_s
+    speed_m_s = context.geometry.perimeter_speed_m_s
     while True:
         wall.begin_leg(side)
         begun_m, begun_s = wall.distance_m, context.obs.time_s

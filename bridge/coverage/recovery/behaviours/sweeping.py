@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.search import Choice
     from bridge.motion.legs import Leg, LegResult
 
-_NEAR_M = 0.28
-"""Infrared range within which the first wall is followed at once, m."""
 _FRESHER = 0.1
 """Difference of the unswept shares that decides for the left side."""
 
@@ -30,13 +28,14 @@ def approach_wall(context: RecoveryContext) -> Generator[Leg, Step]:
     """Find the first wall and follow it."""
     obs = context.obs
     left, right = obs.infrared_left_m, obs.infrared_right_m
-    if right is not None and right < _NEAR_M and (left is None or right <= left):
+    near_m = context.geometry.approach_range_m
+    if right is not None and right < near_m and (left is None or right <= left):
         yield from follow_perimeter(context, left=False)
         return
-    if left is not None and left < _NEAR_M:
+    if left is not None and left < near_m:
         yield from follow_perimeter(context, left=True)
         return
-    stop_m = context.options.stop_range_m
+    stop_m = context.geometry.stop_range_m
     leg = Drive(obs.pose.theta_rad, stop_range_m=stop_m, wary=True, purpose="lane")
     result = yield from drive(context, leg)
     yield from follow_obstacle(context, result)
@@ -50,9 +49,9 @@ def sweep_lane(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step,
     context.enter("lane", choice.path[-1])
     leg = Drive(
         choice.heading_rad,
-        choice.length_m + 0.5 * context.options.cell_m,
-        speed_m_s=context.options.lane_speed_m_s,
-        stop_range_m=context.options.stop_range_m,
+        choice.length_m + 0.5 * context.geometry.cell_m,
+        speed_m_s=context.geometry.lane_speed_m_s,
+        stop_range_m=context.geometry.stop_range_m,
         wary=True,
         purpose="lane",
     )

@@ -31,12 +31,10 @@ _NO_LEG_M = 0.01
 """Piece of a path that is too short to drive, m."""
 _BLOCKED_M = 0.03
 """Missing length from which a piece of a path was blocked, m."""
-_NEAR_M = 0.15
-"""Distance from the beginning of a wall within which a contact is that wall, m: the robot's place
-is uncertain, too."""
 _CONTACT = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 _PASSAGE_M = 0.4
-"""Least path along what blocked the robot twice, m: round a door's edge and through."""
+"""Least path along what blocked the robot twice, for the paper's robot, m: round a door's edge and
+through."""
 
 
 def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
@@ -66,7 +64,6 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
     """
     context.enter("transit", choice.path[-1])
     context.stuck.begin_transit()
-    options = context.options
     for k, (x, y) in enumerate(choice.path):
         heading, distance = course(context.pose, x, y)
         if distance < _NO_LEG_M:
@@ -78,8 +75,8 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
         leg = Drive(
             heading,
             distance,
-            speed_m_s=options.travel_speed_m_s,
-            stop_range_m=options.stop_range_m,
+            speed_m_s=context.geometry.lane_speed_m_s,
+            stop_range_m=context.geometry.stop_range_m,
             end_m_s=end_speed(choice, k, heading),
             wary=True,
             purpose="transit",
@@ -89,7 +86,9 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
             reason = f"the path to the {choice.kind} ended early: {result.reason}"
             context.record.decide("blocked", reason)
             if choice.kind == "heading-fix":
-                inflated = math.dist(context.pose[:2], choice.path[-1]) < _NEAR_M
+                inflated = (
+                    math.dist(context.pose[:2], choice.path[-1]) < context.geometry.same_place_m
+                )
                 return inflated and result.reason in _CONTACT
             if not (yield from follow_obstacle(context, result)):
                 context.stuck.blocked(result, heading)
@@ -107,4 +106,6 @@ def _seek_passage(
     left = result.bumper_left
     away = context.map.bearing_rad(result) + (-QUARTER if left else QUARTER)
     yield from turn(context, result.pose.theta_rad + away)
-    yield from follow_perimeter(context, left=left, touching=True, min_m=_PASSAGE_M)
+    yield from follow_perimeter(
+        context, left=left, touching=True, min_m=_PASSAGE_M * context.geometry.scale
+    )
