@@ -644,6 +644,8 @@ function sweepctl_can.dissector(tvb, pinfo, tree)
     summary = add_native(root, frame, tvb)
   elseif type_id == CAN_AUTH_TYPE then
     summary = add_tag(root, tvb)
+  elseif MESSAGES[type_id] and #MESSAGES[type_id].fields == 0 then
+    summary = MESSAGES[type_id].name
   elseif tvb:len() == 0 then
     summary = (TYPE_NAMES[type_id] or "?") .. " " .. mark(root, "length", "no tail byte")
   else

@@ -102,7 +102,7 @@ def test_a_bus_frame_of_a_key_is_recorded_without_it() -> None:
     HostRecords(sink, 0, "", bus=True).can(frame, 0, outgoing=True)
     (record,) = sink.records
     assert isinstance(record, RawCan)
-    assert (record.can_id, record.data) == (0xF1, b"XXXXXXXX")
+    assert (record.can_id, record.data) == (0x731, b"XXXXXXXX")
 
 
 def test_no_record_of_a_session_that_sets_a_key_has_it() -> None:
