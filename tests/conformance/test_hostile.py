@@ -222,7 +222,7 @@ def bus_frames(device: Probe, message: Message, transfer_id: int) -> Iterable[tu
     """The segments of a message that is none of the periodic ones."""
     spec = CATALOGUE.by_class[type(message)]
     _, payload = device.link.codec.encode(message)
-    whole = content(0x10, now_us(), payload)
+    whole = content(PROTOCOL_VERSION << 4, now_us(), payload)
     can_id = spec.type_id << 4 | (device.node or 0)
     return [(can_id, data) for data in segments(whole, transfer_id)]
 
@@ -323,7 +323,7 @@ def test_an_unknown_type_is_passed_over(device: Probe, type_id: int) -> None:
     device.ping()
     mark = len(device.heard)
     if device.on_can:
-        whole = content(0x10, now_us(), bytes(4))
+        whole = content(PROTOCOL_VERSION << 4, now_us(), bytes(4))
         for data in segments(whole, 1):
             device.write_frame(type_id << 4 | (device.node or 0), data)
     else:

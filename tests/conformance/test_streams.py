@@ -12,7 +12,7 @@ from protocol.can.frames import RECORD
 from protocol.messages.device import Encoders, Imu, ImuInfo, LogText, Range, Sync
 from protocol.messages.host import ClearStop, Describe, SetStreamRate
 from protocol.messages.values import Capability, NackReason, StopCause
-from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.message import Direction, RateClass
 from support.probe import since
 from support.reference_codec import RefDamage, RefFrame, parse_stream
@@ -205,7 +205,7 @@ def test_sequence_numbers_count_every_frame(device: Probe) -> None:
     assert len(frames) > 50
     for before, after in pairwise(frames):
         assert after.seq == (before.seq + 1) % 256, "a gap in the sequence"
-    assert {(f.version, f.node) for f in frames} == {(1, device.node)}
+    assert {(f.version, f.node) for f in frames} == {(PROTOCOL_VERSION, device.node)}
     assert all(f.flags & ~1 == 0 for f in frames), "a flag that has no meaning"
 
 

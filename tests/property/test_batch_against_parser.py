@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from protocol.errors import PayloadError
-from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.codec import Codec
 from protocol.uart.batch import REASONS, BatchResult, decode_capture
 from protocol.uart.framing import DamagedFrame, UartParser, encode_frame
@@ -45,8 +45,10 @@ def streamed(stream: bytes) -> list[Event]:
 def interpreted(frame: Frame) -> Event:
     head = (frame.flags, frame.node, frame.seq, frame.t_us)
     spec = CATALOGUE.by_type.get(frame.type_id)
-    reason = "version" if frame.version != 1 else "type" if spec is None else "payload"
-    if spec is not None and frame.version == 1:
+    reason = (
+        "version" if frame.version != PROTOCOL_VERSION else "type" if spec is None else "payload"
+    )
+    if spec is not None and frame.version == PROTOCOL_VERSION:
         try:
             return (*head, spec.name, *Codec().decode(spec, frame.payload))
         except PayloadError:

@@ -57,7 +57,7 @@ def test_round_trip_and_the_reference_agree(spec: MessageSpec, data: st.DataObje
     )
 
     (frame,) = UartParser().feed(framed)
-    assert frame == Frame(0x10 + flags, node, type_id, seq, t_us, payload)
+    assert frame == Frame(0x20 + flags, node, type_id, seq, t_us, payload)
     back = Codec().decode(spec, payload)
     assert back == message
     assert type(back) is spec.cls
@@ -139,7 +139,7 @@ def test_a_header_carries_what_fits_and_rejects_the_rest(
         assert raised.value.field in unfit
     else:
         (frame,) = UartParser().feed(encode_frame(node, type_id, 0, 0, bytes(size), flags))
-        assert frame == Frame(0x10 + flags, node, type_id, 0, 0, bytes(size))
+        assert frame == Frame(0x20 + flags, node, type_id, 0, 0, bytes(size))
 
 
 # ---- older and newer peers ----------------------------------------------------------------

@@ -31,7 +31,7 @@ from protocol.messages.host import (
     VelocitySetpoint,
 )
 from protocol.messages.values import Fault, StopCause, by_gravity
-from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.codec import Codec
 from protocol.uart.framing import Frame, UartParser, encode_frame
 from sim_device.sweeper import VirtualSweeper
@@ -210,7 +210,7 @@ class Forgetful(Sound):
         own = self.own_id()
         self._own = {own}
         type_id, payload = self.codec.encode(ClearStop(own, self._cause))
-        return _bytes(Frame(0x10, 1, type_id, 0, 0, payload))
+        return _bytes(Frame(PROTOCOL_VERSION << 4, 1, type_id, 0, 0, payload))
 
 
 class Batching(Sound):
@@ -298,7 +298,7 @@ class TransmitOnly(Sound):
             return b""
         self._reply_us = self.now_us
         type_id, payload = self.codec.encode(TimeRequest(0))
-        return _bytes(Frame(0x10, 1, type_id, 0, self.now_us, payload))
+        return _bytes(Frame(PROTOCOL_VERSION << 4, 1, type_id, 0, self.now_us, payload))
 
 
 class Careless(Sound):
@@ -423,7 +423,7 @@ class Hasty(Sound):
         message = self.message(frame)
         if isinstance(message, SaveParameters):
             ack = self.codec.encode(Ack(message.command_id, frame.type_id))
-            self._answers += _bytes(Frame(0x10, 1, ack[0], 0, self.now_us, ack[1]))
+            self._answers += _bytes(Frame(PROTOCOL_VERSION << 4, 1, ack[0], 0, self.now_us, ack[1]))
         return [frame]
 
     def to_host(self, data: bytes) -> bytes:
