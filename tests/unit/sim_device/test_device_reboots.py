@@ -83,13 +83,11 @@ def test_a_factory_reset_forgets_them() -> None:
     assert value.flags == 0
 
 
-@pytest.mark.parametrize(
-    ("kind", "reason"), [(2, NackReason.UNSUPPORTED), (3, NackReason.BAD_VALUE)]
-)
-def test_a_boot_that_there_is_not(kind: int, reason: NackReason) -> None:
+@pytest.mark.parametrize("kind", [2, 3])
+def test_a_boot_that_there_is_not(kind: int) -> None:
     desk = Desk()
     firmware = desk.ends.device.firmware
-    assert desk.ask(lambda i: Reboot(i, kind)) is reason
+    assert desk.ask(lambda i: Reboot(i, kind)) is NackReason.BAD_VALUE
     desk.ends.run(1.0)
     assert desk.ends.device.firmware is firmware
 
