@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.config import load_robot
-from bridge.floor_plan.floor_plan import FloorPlan
+from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError
 from bridge.motion.geometry import Pose2
 from tools.cli.rooms import load_room
 from tools.experiment.layouts import LAYOUT, layout_plan
@@ -102,10 +102,16 @@ class Trial:
         """The room, with a start at which the robot fits if the room is generated.
 
         Raises:
-            FloorPlanError: there is no such room, or its file is invalid.
+            FloorPlanError: there is no such room, its file is invalid, or the robot of a robot file
+                does not fit at its start.
 
         """
-        return room_of(self.room, self.model.radius_m)
+        try:
+            return room_of(self.room, self.model.radius_m if self.robot else 0.0)
+        except FloorPlanError as error:
+            if not self.robot:
+                raise
+            raise FloorPlanError(f"{self.label}: {error}") from None
 
 
 def robot_label(robot: str) -> str:
@@ -166,7 +172,7 @@ def room_of(name: str, radius_m: float = 0.0) -> FloorPlan:
         return layout_plan(name.removeprefix(LAYOUT))
     kind, _, number = name.removeprefix(GENERATED).partition(":")
     if not name.startswith(GENERATED) or kind not in KINDS or not number.isdecimal():
-        return load_room(name)
+        return load_room(name, radius_m or None)
     return generate_room(
         int(number), np.random.default_rng([_DRAWN_FROM, int(number)]), kind, radius_m
     )

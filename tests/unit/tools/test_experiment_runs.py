@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.floor_plan.floor_plan import FloorPlanError
 from bridge.motion.robot_model import RobotModel
 from tools.experiment.limits import CAUSES
 from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES
@@ -155,3 +156,11 @@ def test_a_large_robot_fits_at_the_start_of_a_generated_room() -> None:
     start = (plan.start.x_m, plan.start.y_m)
     assert all(distance_m(polygon, *start) > radius_m for polygon in (plan.walls, *plan.obstacles))
     assert room_of(name, 0.10) == room_of(name)
+
+
+def test_a_robot_that_does_not_fit_at_the_start_is_reported_before_any_run(tmp_path: Path) -> None:
+    large = tmp_path / "large.toml"
+    large.write_text("robot_diameter_m = 0.5\n")
+    (trial,) = with_robots(grid_trials(["case-2"], ["recovery"], ["none"], [0], None), [str(large)])
+    with pytest.raises(FloorPlanError, match=r"case-2 .* robot large.*start.*0\.25 m"):
+        _ = trial.plan
