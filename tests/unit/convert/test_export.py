@@ -129,7 +129,7 @@ def test_csv_has_the_same_values(log: Path, tmp_path: Path) -> None:
 
 def test_a_damaged_log(log: Path, tmp_path: Path) -> None:
     data = bytearray(log.read_bytes())
-    data[len(data) // 2] ^= 0xFF
+    data[len(data) // 3] ^= 0xFF
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(data[: len(data) * 9 // 10])
     result = export(broken, tmp_path / "out", topics=["/pose"])

@@ -22,6 +22,7 @@ class Reader:
 
     def __init__(self, *messages: tuple[str, Any]) -> None:
         self.problems: list[str] = []
+        self.run: dict[str, str] = {}
         self._messages = [
             LogMessage(channel(topic, decoded), 1_000 * i, 0, 0, b"")  # type: ignore[arg-type]  # as much of a channel as is read
             for i, (topic, decoded) in enumerate(messages)

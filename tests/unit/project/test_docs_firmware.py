@@ -16,7 +16,7 @@ from protocol.clock import HostNs
 from protocol.generate import render
 from protocol.messages.host import Stop
 from protocol.schema.agreement import Match, MessageAgreement
-from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.fields import U8, number
 from support.ends import Ends, session_end, sweeper
 from support.peers import catalogue, variant
@@ -90,9 +90,9 @@ def with_a_device(*, transmit_only: bool = False, less_of_stop: bool = False) ->
     return failed
 
 
-def of_version_2() -> bytes:
+def of_a_later_version() -> bytes:
     """A frame whose check holds, of the version after ours."""
-    body = bytes([2 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
+    body = bytes([PROTOCOL_VERSION + 1 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
     encoded: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
     return b"\0" + encoded + b"\0"
 
@@ -101,7 +101,7 @@ FAILURES: dict[str, Callable[[], Failed]] = {
     "silence": on_a_line,
     "garbage": lambda: on_a_line(bytes(range(200))),
     "echo": lambda: on_a_line(echo=True),
-    "version": lambda: on_a_line(of_version_2()),
+    "version": lambda: on_a_line(of_a_later_version()),
     "deaf": lambda: with_a_device(transmit_only=True),
     "disagreement": lambda: with_a_device(less_of_stop=True),
 }
