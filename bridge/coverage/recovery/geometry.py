@@ -190,7 +190,7 @@ class PlannerGeometry:
             cliff_m=_exact(0.5 * model.wheel_base_m + 0.105 * scale),
             cliff_slow_m=_exact(radius_m + 0.19),
             cliff_perimeter_m=_exact(radius_m + 0.26),
-            lane_cells=max(round(half - 0.5), 1),
+            lane_cells=max(min(round(half - 0.5), int(_exact(0.5 * width_m / cell_m - 0.5))), 1),
             ahead_cells=round(ahead_m / cell_m),
             target_cells_2=int(half * half),
             turning_cells_2=int((ahead_m**2 + half_m**2) / cell_m**2),
