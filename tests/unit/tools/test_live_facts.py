@@ -111,6 +111,7 @@ def test_the_plain_line_of_a_lost_robot_has_no_speed_either(lost: SimulatedSweep
 
 def test_a_silent_encoder_leaves_no_frozen_speed() -> None:
     sweeper = SimulatedSweeper(Settings(noise="none"))
+    sweeper.run(0.05)  # the first encoder sample comes after the handshake
     assert "speed +0.00 m/s" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9)
     assert "speed -" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9 + 0.7)
 
