@@ -109,6 +109,18 @@ def test_nothing_is_streamed_before_agreement(device: Probe) -> None:
     assert not reported, f"sent without agreement: {sorted(reported)}"
 
 
+def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
+    """Such as one that was recorded: it is answered, so that its host learns of this boot."""
+    hello = device.agree()
+    for boot_id in (0, hello.boot_id ^ 1):
+        mark = len(device.heard)
+        device.send(HostHello(CATALOGUE.hash, 0x0BAD_B007, boot_id, 1, "recorded"))
+        found = device.wait_for(Hello, AT_ONCE_S, mark=mark)
+        assert found is not None, f"no answer within {AT_ONCE_S} s"
+        assert isinstance(found.message, Hello)
+        assert found.message.session_id == device.session_id, "it was let in"
+
+
 def test_session_zero_opens_nothing(device: Probe) -> None:
     device.greet()
     device.session_id, session = 0, device.session_id

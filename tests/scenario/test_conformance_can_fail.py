@@ -44,6 +44,11 @@ FOUND_BY = {
     "obliging": {"test_node_0_is_for_stop_hello_and_time_alone"},
     "newest": {"test_the_graver_of_two_stops_that_coincide_is_latched"},
     "fickle": {"test_saved_values_survive_a_reboot_and_others_do_not"},
+    "selective": {
+        "test_a_stop_of_every_device_is_latched_as_the_operators",
+        "test_a_stop_of_every_device_is_answered_outside_a_session",
+    },
+    "hospitable": {"test_a_hello_of_another_boot_opens_no_session"},
     "enabled": {"test_the_drivers_are_disabled_at_rest"},
     "suspicious": {"test_encoders_that_agree_with_their_motors_are_no_fault"},
     "reckless": {"test_at_a_cliff_it_does_not_go_ahead"},

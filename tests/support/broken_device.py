@@ -27,6 +27,7 @@ from protocol.messages.host import (
     HostHello,
     SaveParameters,
     Stop,
+    StopAll,
     TimeRequest,
     VelocitySetpoint,
 )
@@ -347,7 +348,24 @@ class Fickle(Sound):
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
         if isinstance(message, Ack) and message.command_type == 0x01:
-            return [self.saying(frame, message, command_type=t) for t in (0x00, 0x0C)]
+            return [self.saying(frame, message, command_type=t) for t in (0x01, 0x72)]
+        return [frame]
+
+
+class Selective(Sound):
+    """It obeys its owner's stop alone."""
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        return [] if isinstance(self.message(frame), StopAll) else [frame]
+
+
+class Hospitable(Sound):
+    """It opens a session for a host that names another boot."""
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, HostHello):
+            return [self.saying(frame, message, boot_id=self.device.firmware.identity.boot_id)]
         return [frame]
 
 
@@ -467,6 +485,8 @@ DEFECTS = {
         Obliging,
         Newest,
         Fickle,
+        Selective,
+        Hospitable,
         Edge,
         Pressed,
         Crashed,
