@@ -5,6 +5,8 @@ No allocation, no I/O, no recursion; everything that is kept stands in structs o
 
 from __future__ import annotations
 
+from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
+from protocol.can.authentication import TOGETHER_US
 from protocol.can.frames import STAMP_SHIFT
 from protocol.can.link import DOUBLE_US
 from protocol.can.stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US
@@ -65,6 +67,12 @@ def _header(catalogue: Catalogue) -> str:
         latch_rule=c_messages.latch_rule(catalogue),
         declarations="\n".join(c_messages.declaration(spec) for spec in catalogue),
         to_all=c_messages.to_all(catalogue),
+        needs_tag=c_messages.needs_tag(catalogue),
+        may_have_tag=c_messages.may_have_tag(catalogue),
+        auth_type=CAN_AUTH_TYPE,
+        trailer=TRAILER.size,
+        can_trailer=CAN_TRAILER.size,
+        together_us=TOGETHER_US,
         slow_parts=max(1, len(c_can.slow_parts(catalogue))),
         host_parts=c_can.host_parts(catalogue),
     )

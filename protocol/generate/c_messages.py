@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from protocol.authentication import SIGNED_TYPES
 from protocol.generate.c_text import (
     c_type,
     comment,
@@ -69,13 +70,37 @@ def latch_rule(catalogue: Catalogue) -> str:
 
 def to_all(catalogue: Catalogue) -> str:
     """Which messages may have node 0."""
-    cases = [
-        guarded(spec, f"    case SP_TYPE_{upper(spec)}:\n") for spec in catalogue if spec.to_all
-    ]
-    return (
+    return _one_of(
         "/* Whether a message may be addressed to SP_NODE_ALL. A device passes over every other\n"
-        " * message for that node, as it does over those for another node. */\n"
-        "static inline bool sp_to_all(uint8_t type)\n"
+        " * message for that node, as it does over those for another node. */\n",
+        "sp_to_all",
+        [spec for spec in catalogue if spec.to_all],
+    )
+
+
+def needs_tag(catalogue: Catalogue) -> str:
+    """Which messages a device with a key takes with a tag only."""
+    return _one_of(
+        "/* Whether a device that has a key takes a message only with its tag. */\n",
+        "sp_needs_tag",
+        [spec for spec in catalogue if spec.needs_tag],
+    )
+
+
+def may_have_tag(catalogue: Catalogue) -> str:
+    """Which messages a host with a key signs."""
+    return _one_of(
+        "/* Whether a host that has a key signs a message. */\n",
+        "sp_may_have_tag",
+        [spec for spec in catalogue if spec.type_id in SIGNED_TYPES],
+    )
+
+
+def _one_of(comment: str, name: str, specs: list[MessageSpec]) -> str:
+    """A function that is true of the types of these messages."""
+    cases = [guarded(spec, f"    case SP_TYPE_{upper(spec)}:\n") for spec in specs]
+    return (
+        f"{comment}static inline bool {name}(uint8_t type)\n"
         "{\n"
         "    switch (type) {\n" + "".join(cases) + "        return true;\n"
         "    default:\n"

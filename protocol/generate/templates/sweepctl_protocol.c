@@ -885,12 +885,15 @@ sp_event_t sp_can_receive(
     frame->node = in->id & 0x0Fu;
     frame->seq = 0;
     bool complete = false;
+    receiver->content = NULL;
     if (span->type == type) {
         complete = sp_can_periodic(receiver, in, now_us, frame);
     } else {
         size_t length = 0;
         const uint8_t *const content = sp_can_segment(receiver, in, now_us, &length, &event);
         complete = content != NULL && sp_can_parse(receiver, content, length, now_us, frame);
+        receiver->content = content;
+        receiver->content_length = length;
     }
     if (complete) {
         receiver->frames++;

@@ -49,6 +49,12 @@ extern "C" {
 #define SP_BODY_MAX @max_decoded@u
 #define SP_PAYLOAD_MAX @max_payload@u
 #define SP_FRAME_MAX @max_frame@u /* both delimiters included */
+/* Of a frame with SP_FLAG_AUTHENTICATED: counter and tag, behind its payload. On CAN they come in a
+ * frame of their own type, at most so long after the message. */
+#define SP_TRAILER_SIZE @trailer@u
+#define SP_CAN_TRAILER_SIZE @can_trailer@u
+#define SP_CAN_TAG_TYPE @auth_type@u
+#define SP_CAN_TAG_US @together_us@u
 
 /* Who sends: one for each port. */
 typedef struct {
@@ -143,6 +149,8 @@ static inline int32_t sp_round(float value, float low, float high)
 
 @declarations@
 @to_all@
+@needs_tag@
+@may_have_tag@
 /* ---- agreement ---------------------------------------------------------------------------- */
 
 #define SP_MAKERS_FIRST @makers_first@u /* types of makers' own messages */
@@ -251,6 +259,8 @@ typedef struct {
     bool stamped;
     uint8_t next_recent;
     uint8_t single[7]; /* content of a single frame */
+    const uint8_t *content; /* of the message just received, which its tag covers; NULL: periodic */
+    size_t content_length;
 #if SP_CAN_HOST_PARTS > 1
     uint32_t incomplete; /* messages of which a part did not come */
     sp_can_joined_t joined;

@@ -9,6 +9,12 @@
 
 /* Each gives DONE or SP_NACK_REASON_*. */
 
+/* Every command begins with its id. */
+static uint16_t id_of(const sp_frame_t *frame)
+{
+    return (uint16_t)(frame->payload[0] | frame->payload[1] << 8);
+}
+
 static int clear_stop(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_clear_stop_t clear;
@@ -93,6 +99,35 @@ static int save_parameters(firmware_t *firmware)
         return SP_NACK_REASON_OTHER_MODE;
     }
     parameters_image(&firmware->parameters, firmware->saving);
+    for (unsigned i = 0; i < KEY_WORDS; i++) {
+        const stored_t word = {firmware->line.authentication.words[i], true};
+        firmware->saving[PARAMETERS + i] = word;
+    }
+    flash_store_begin(&firmware->flash, firmware->board, firmware->saving);
+    return DONE;
+}
+
+/* Beside the parameters as they are stored, not as they are now. It counts once it stands. */
+static int set_key(firmware_t *firmware, const sp_frame_t *frame)
+{
+    sp_set_key_t set;
+    if (!sp_set_key_decode(&set, frame->payload, frame->length)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
+    if (!idle(firmware)) {
+        return SP_NACK_REASON_OTHER_MODE;
+    }
+    /* Over a wire that one must stand beside the robot to reach, and no other. */
+    if (firmware->line.can
+        || (board_identity(firmware->board)->troubles & BOARD_TROUBLE_FLASH) != 0) {
+        return SP_NACK_REASON_UNSUPPORTED;
+    }
+    const uint32_t words[KEY_WORDS] = {set.key_0, set.key_1, set.key_2, set.key_3};
+    parameters_stored(&firmware->parameters, firmware->saving);
+    for (unsigned i = 0; i < KEY_WORDS; i++) {
+        const stored_t word = {words[i], true};
+        firmware->saving[PARAMETERS + i] = word;
+    }
     flash_store_begin(&firmware->flash, firmware->board, firmware->saving);
     return DONE;
 }
@@ -155,8 +190,8 @@ static int carry_out(firmware_t *firmware, const sp_frame_t *frame)
         return set_stream_rate(firmware, frame);
     case SP_TYPE_REBOOT:
         return reboot(firmware, frame);
-    case SP_TYPE_SET_KEY: /* this firmware has no authentication, and says so in its hello */
-        return SP_NACK_REASON_UNSUPPORTED;
+    case SP_TYPE_SET_KEY:
+        return set_key(firmware, frame);
     default:
         return SP_NACK_REASON_UNKNOWN_COMMAND;
     }
@@ -179,17 +214,6 @@ void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us)
     }
 }
 
-void commands_saved(firmware_t *firmware, bool saved)
-{
-    reply_t *const reply = &firmware->save_reply;
-    if (!saved) {
-        reply->accepted = false;
-        reply->reason = SP_NACK_REASON_NOT_SAVED;
-        (void)command_log_add(&firmware->commands, reply);
-    }
-    commands_answer(firmware, reply, firmware->now_us);
-}
-
 /* For a repeated command too: its value may be what was lost. */
 static void tell_value(firmware_t *firmware, uint8_t number, int64_t now_us)
 {
@@ -200,14 +224,70 @@ static void tell_value(firmware_t *firmware, uint8_t number, int64_t now_us)
     }
 }
 
+void commands_use_key(firmware_t *firmware, const stored_t stored[FLASH_VALUES])
+{
+    uint32_t words[KEY_WORDS];
+    for (unsigned i = 0; i < KEY_WORDS; i++) {
+        words[i] = stored[PARAMETERS + i].value; /* 0 where it is not known */
+    }
+    authentication_use(&firmware->line.authentication, words);
+}
+
+void commands_challenge(firmware_t *firmware, int64_t now_us)
+{
+    const sp_challenge_t challenge = {authentication_challenge(&firmware->line.authentication)};
+    if (firmware->line.authentication.begun) {
+        line_send(&firmware->line, SP_TYPE_CHALLENGE, (uint32_t)now_us,
+            sp_challenge_encode(&challenge, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+    }
+}
+
+void commands_saved(firmware_t *firmware, bool saved)
+{
+    reply_t *const reply = &firmware->save_reply;
+    const bool key = reply->type == SP_TYPE_SET_KEY;
+    if (!saved) {
+        reply->accepted = false;
+        reply->reason = SP_NACK_REASON_NOT_SAVED;
+        (void)command_log_add(&firmware->commands, reply);
+        log_add(&firmware->control.log, SP_LOG_LEVEL_ERROR,
+            key ? "key not stored: the flash does not read back what was written"
+                : "parameters not saved: the flash does not read back what was written");
+        commands_answer(firmware, reply, firmware->now_us);
+        return;
+    }
+    parameters_saved(&firmware->parameters, firmware->saving);
+    if (key) {
+        commands_use_key(firmware, firmware->saving);
+        authentication_open(&firmware->line.authentication,
+            board_identity(firmware->board)->boot_id, firmware->session_id);
+    }
+    log_add(&firmware->control.log, SP_LOG_LEVEL_INFO, key ? "key stored" : "parameters saved");
+    commands_answer(firmware, reply, firmware->now_us);
+    if (key) {
+        commands_challenge(firmware, firmware->now_us);
+    }
+}
+
+void commands_refuse(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us)
+{
+    if (frame->type == SP_TYPE_VELOCITY_SETPOINT || frame->type == SP_TYPE_WHEEL_DUTY) {
+        firmware->stale++;
+        return;
+    }
+    const reply_t reply = {firmware->session_id, id_of(frame), frame->type, true, false,
+        SP_NACK_REASON_NOT_AUTHENTICATED};
+    commands_answer(firmware, &reply, now_us);
+}
+
 void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us)
 {
-    const bool saves = frame->type == SP_TYPE_SAVE_PARAMETERS;
+    const bool saves =
+        frame->type == SP_TYPE_SAVE_PARAMETERS || frame->type == SP_TYPE_SET_KEY;
     if (saves && flash_store_busy(&firmware->flash)) {
         return; /* asked again before it is done: the answer is to come */
     }
-    /* Every command begins with its id. */
-    const uint16_t id = (uint16_t)(frame->payload[0] | frame->payload[1] << 8);
+    const uint16_t id = id_of(frame);
     const reply_t *reply =
         command_log_find(&firmware->commands, firmware->session_id, id, frame->type);
     if (reply == NULL) {

@@ -31,7 +31,7 @@ void firmware_can_received(
 void firmware_boot(firmware_t *firmware, board_t *board)
 {
     const board_identity_t *const identity = board_identity(board);
-    stored_t stored[PARAMETERS];
+    stored_t stored[FLASH_VALUES];
     memset(firmware, 0, offsetof(firmware_t, inbox));
     inbox_clear(&firmware->inbox);
     firmware->board = board;
@@ -43,6 +43,7 @@ void firmware_boot(firmware_t *firmware, board_t *board)
     control_start(&firmware->control, &firmware->parameters);
     readings_start(&firmware->readings, board, &firmware->parameters);
     line_start(&firmware->line, board, identity->node, identity->can);
+    commands_use_key(firmware, stored);
     schedule_reset(&firmware->schedule);
     if (identity->troubles & BOARD_TROUBLE_CLOCK) {
         firmware->control.health.bits = SP_FAULT_CLOCK;
@@ -64,14 +65,8 @@ static void read_power(firmware_t *firmware)
 static void carry_on_saving(firmware_t *firmware)
 {
     const flash_result_t result = flash_store_step(&firmware->flash, firmware->board);
-    if (result == FLASH_SAVED) {
-        parameters_saved(&firmware->parameters, firmware->saving);
-        log_add(&firmware->control.log, SP_LOG_LEVEL_INFO, "parameters saved");
-        commands_saved(firmware, true);
-    } else if (result == FLASH_FAILED) {
-        log_add(&firmware->control.log, SP_LOG_LEVEL_ERROR,
-            "parameters not saved: the flash does not read back what was written");
-        commands_saved(firmware, false);
+    if (result != FLASH_NOTHING) {
+        commands_saved(firmware, result == FLASH_SAVED);
     }
 }
 

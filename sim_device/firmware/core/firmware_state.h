@@ -50,7 +50,7 @@ struct firmware {
 
     /* ---- parameters on their way to the flash ---- */
     flash_store_t flash;
-    stored_t saving[PARAMETERS];
+    stored_t saving[FLASH_VALUES];
     reply_t save_reply; /* given when they stand */
 
     /* ---- a reboot that was accepted ---- */

@@ -8,6 +8,17 @@
 #define HEAD_WORDS 3u
 #define NO_PAGE BOARD_FLASH_PAGES
 
+/* How a value is found in a later firmware: CRC-32 of its name. */
+static uint32_t key_of(uint8_t number)
+{
+    uint8_t name[] = "authentication 0";
+    if (number < PARAMETERS) {
+        return parameters_key(number);
+    }
+    name[sizeof name - 2u] = (uint8_t)('0' + (number - PARAMETERS));
+    return sp_crc32_update(0, name, sizeof name - 1u);
+}
+
 static uint32_t word(const uint8_t *page, size_t index)
 {
     const uint8_t *const p = page + 4u * index;
@@ -44,10 +55,10 @@ static unsigned newest(board_t *board)
     return whole(second) != 0 && signed32(word(second, 1) - word(first, 1)) > 0 ? 1u : 0u;
 }
 
-void flash_store_load(board_t *board, stored_t stored[PARAMETERS])
+void flash_store_load(board_t *board, stored_t stored[FLASH_VALUES])
 {
     const unsigned page_number = newest(board);
-    for (uint8_t i = 0; i < PARAMETERS; i++) {
+    for (uint8_t i = 0; i < FLASH_VALUES; i++) {
         stored[i].known = false;
         stored[i].value = 0;
     }
@@ -57,8 +68,8 @@ void flash_store_load(board_t *board, stored_t stored[PARAMETERS])
     const uint8_t *const page = board_flash_page(board, page_number);
     const size_t entries = whole(page);
     for (size_t entry = 0; entry < entries; entry++) {
-        for (uint8_t i = 0; i < PARAMETERS; i++) {
-            if (word(page, HEAD_WORDS + 2u * entry) == parameters_key(i)) {
+        for (uint8_t i = 0; i < FLASH_VALUES; i++) {
+            if (word(page, HEAD_WORDS + 2u * entry) == key_of(i)) {
                 stored[i].known = true;
                 stored[i].value = word(page, HEAD_WORDS + 2u * entry + 1u);
             }
@@ -67,14 +78,14 @@ void flash_store_load(board_t *board, stored_t stored[PARAMETERS])
 }
 
 void flash_store_begin(
-    flash_store_t *store, board_t *board, const stored_t image[PARAMETERS])
+    flash_store_t *store, board_t *board, const stored_t image[FLASH_VALUES])
 {
     const unsigned page = newest(board);
     const uint32_t number = page == NO_PAGE ? 0u : word(board_flash_page(board, page), 1) + 1u;
     uint32_t entries = 0;
-    for (uint8_t i = 0; i < PARAMETERS; i++) {
+    for (uint8_t i = 0; i < FLASH_VALUES; i++) {
         if (image[i].known) {
-            put_word(store->record, HEAD_WORDS + 2u * entries, parameters_key(i));
+            put_word(store->record, HEAD_WORDS + 2u * entries, key_of(i));
             put_word(store->record, HEAD_WORDS + 2u * entries + 1u, image[i].value);
             entries++;
         }

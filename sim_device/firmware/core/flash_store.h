@@ -8,12 +8,14 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "authentication.h"
 #include "board.h"
 #include "parameters.h"
 
 /* A record, little-endian words: magic, number of the save, number of entries; then key and value
  * of each; then the CRC-32 of all before it. */
-#define FLASH_RECORD_WORDS (3u + 2u * PARAMETERS + 1u)
+#define FLASH_VALUES (PARAMETERS + KEY_WORDS)
+#define FLASH_RECORD_WORDS (3u + 2u * FLASH_VALUES + 1u)
 
 typedef enum { FLASH_IDLE, FLASH_ERASING, FLASH_WRITING } flash_step_t;
 
@@ -27,12 +29,12 @@ typedef struct {
     uint8_t record[4u * FLASH_RECORD_WORDS];
 } flash_store_t;
 
-/* What the newest whole record says of each parameter. */
-void flash_store_load(board_t *board, stored_t stored[PARAMETERS]);
+/* What the newest whole record says of each parameter and, behind them, of the key. */
+void flash_store_load(board_t *board, stored_t stored[FLASH_VALUES]);
 
 /* Start to save; flash_store_step() carries it on. */
 void flash_store_begin(
-    flash_store_t *store, board_t *board, const stored_t image[PARAMETERS]);
+    flash_store_t *store, board_t *board, const stored_t image[FLASH_VALUES]);
 
 /* Once a control period: tells as the save has ended, and whether what was written reads back. */
 flash_result_t flash_store_step(flash_store_t *store, board_t *board);

@@ -141,29 +141,63 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
     sp_can_frame_t in;
     while (inbox_take_frame(inbox, &in, arrived_us)) {
         const uint32_t doubled = line->can_receiver.doubled;
+        const stamps_t before = stamps_of(&line->can_receiver);
         const sp_event_t event = sp_can_receive(&line->can_receiver, &in, *arrived_us, frame);
         const sp_direction_t sender = sp_can_direction((uint8_t)(in.id >> 4));
         if (line->can_receiver.doubled == doubled && sender != SP_FROM_DEVICE) {
             line->intact++; /* on a bus they are counted as they come */
-            line->refused += sender == SP_UNKNOWN;
+            if (sender == SP_UNKNOWN) {
+                if (held_tagged(&line->held, &line->authentication, &in, *arrived_us, frame)) {
+                    stamps_set(&line->can_receiver, &line->held.stamps);
+                    return true;
+                }
+                line->refused++;
+            } else {
+                held_note(&line->held, &line->can_receiver, &in);
+            }
         }
-        if (event == SP_FRAME) {
+        if (line->authentication.keyed) {
+            frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* it is what the tag says */
+        }
+        if (line->authentication.begun) { /* only a tag lets a stamp judge the next one's */
+            line->held.coming = stamps_of(&line->can_receiver);
+            stamps_set(&line->can_receiver, &before);
+        }
+        if (event != SP_FRAME) {
+            continue;
+        }
+        if (!line->authentication.begun || !sp_may_have_tag(frame->type)
+            || held_swap(&line->held, *arrived_us, frame)) {
             return true;
         }
     }
     return false;
 }
 
-/* There is no key here to check a tag with. A stop needs none; on a bus the tag is a frame of its
- * own. */
-static bool claims_a_tag(const line_t *line, const sp_frame_t *frame)
+/* Whether a frame of the UART that says it has a tag has one of our key; it goes on without it. A stop
+ * needs none; on a bus the tag is a frame of its own. */
+static bool genuine(line_t *line, sp_frame_t *frame)
 {
-    return !line->can && (frame->flags & SP_FLAG_AUTHENTICATED) != 0
-        && frame->type != SP_TYPE_STOP;
+    if (line->can || (frame->flags & SP_FLAG_AUTHENTICATED) == 0) {
+        return true;
+    }
+    if (frame->type == SP_TYPE_STOP || frame->type == SP_TYPE_STOP_ALL) {
+        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* whatever its tag */
+        return true;
+    }
+    if (frame->length < SP_TRAILER_SIZE) {
+        return false;
+    }
+    frame->length = (uint8_t)(frame->length - SP_TRAILER_SIZE);
+    return authentication_check(&line->authentication, frame->payload - SP_HEADER_SIZE,
+        SP_HEADER_SIZE + (size_t)frame->length, frame->payload + frame->length, SP_TRAILER_SIZE);
 }
 
 bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us)
 {
+    if (held_late(&line->held, board_now_us(line->board), frame, arrived_us)) {
+        return true;
+    }
     while (line->can ? next_can(line, inbox, frame, arrived_us)
                      : next_uart(line, inbox, frame, arrived_us)) {
         const sp_direction_t sender = sp_direction(frame->type);
@@ -172,7 +206,7 @@ bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arr
             continue;
         }
         line->intact += !line->can;
-        if (sender == SP_FROM_HOST && !claims_a_tag(line, frame)) {
+        if (sender == SP_FROM_HOST && genuine(line, frame)) {
             return true;
         }
         line->refused++;

@@ -7,7 +7,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "authentication.h"
 #include "board.h"
+#include "held.h"
 #include "inbox.h"
 #include "sweepctl_protocol.h"
 
@@ -31,6 +33,8 @@ typedef struct {
 
     sp_can_sender_t can_sender;
     sp_can_receiver_t can_receiver;
+    authentication_t authentication;
+    held_t held;
     struct {
         sp_can_frame_t frame;
         uint8_t rank;

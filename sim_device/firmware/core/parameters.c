@@ -157,6 +157,11 @@ void parameters_image(const parameters_t *parameters, stored_t image[PARAMETERS]
     }
 }
 
+void parameters_stored(const parameters_t *parameters, stored_t image[PARAMETERS])
+{
+    memcpy(image, parameters->stored, sizeof parameters->stored);
+}
+
 void parameters_saved(parameters_t *parameters, const stored_t image[PARAMETERS])
 {
     memcpy(parameters->stored, image, sizeof parameters->stored);

@@ -61,6 +61,9 @@ bool parameters_describe(
 /* Change a present value: -1, or a refusal's reason (SP_NACK_REASON_*). */
 int parameters_set(parameters_t *parameters, uint8_t number, uint8_t kind, uint32_t value);
 
+/* What is stored now. */
+void parameters_stored(const parameters_t *parameters, stored_t image[PARAMETERS]);
+
 /* What is to be stored to keep every present value that can be set. */
 void parameters_image(const parameters_t *parameters, stored_t image[PARAMETERS]);
 

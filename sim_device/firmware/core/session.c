@@ -31,7 +31,8 @@ void session_hello(firmware_t *firmware, int64_t now_us)
         .boot_id = identity->boot_id,
         .session_id = firmware->session_id,
         .reset_cause = identity->reset_cause,
-        .capabilities = identity->capabilities | CAPABILITIES,
+        .capabilities = identity->capabilities | CAPABILITIES
+            | (firmware->line.authentication.keyed ? SP_CAPABILITY_AUTHENTICATION : 0u),
         .version_major = FIRMWARE_VERSION_MAJOR,
         .version_minor = FIRMWARE_VERSION_MINOR,
         .version_patch = FIRMWARE_VERSION_PATCH,
@@ -41,6 +42,7 @@ void session_hello(firmware_t *firmware, int64_t now_us)
     memcpy(hello.uid, identity->uid, sizeof hello.uid);
     line_send(&firmware->line, SP_TYPE_HELLO, (uint32_t)now_us,
         sp_hello_encode(&hello, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+    commands_challenge(firmware, now_us);
     if (firmware->agreed) { /* before any sample */
         session_imu_info(firmware, now_us);
     }
@@ -116,10 +118,13 @@ static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
         }
         firmware->session_id = hello->session_id;
         line_new_host(&firmware->line, frame, (uint32_t)now_us);
+        authentication_open(&firmware->line.authentication,
+            board_identity(firmware->board)->boot_id, hello->session_id);
         forget_host(firmware);
     }
     if (hello->agreed && !firmware->agreed) {
         firmware->agreed = true;
+        firmware->heard_us = now_us;
         text_t *const line = log_begin(&firmware->control.log, SP_LOG_LEVEL_INFO);
         text_add(line, "session with ");
         text_add_foreign(line, hello->name, hello->name_length);
@@ -207,6 +212,12 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
     if (!for_us(firmware, frame)) {
         return;
     }
+    const bool keyed = firmware->line.authentication.keyed;
+    const bool tagged = (frame->flags & SP_FLAG_AUTHENTICATED) != 0;
+    if (keyed && !tagged && sp_needs_tag(frame->type)) {
+        commands_refuse(firmware, frame, arrived_us); /* nor does it keep a session alive */
+        return;
+    }
     const uint8_t *const payload = frame->payload;
     const size_t length = frame->length;
     union {
@@ -231,7 +242,10 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
             return;
         }
     }
-    firmware->heard_us = arrived_us;
+    if (tagged || !keyed || !firmware->agreed) {
+        /* With a key, a session that may move something lives by what only its host can send. */
+        firmware->heard_us = arrived_us;
+    }
     if (frame->type == SP_TYPE_STOP) {
         /* Obeyed whoever has sent it: setpoints are not judged by its delay. */
         if (sp_stop_decode(&message.stop, payload, length)) {
@@ -239,7 +253,10 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
         }
         return;
     }
-    const int64_t extra = freshness_extra(&firmware->freshness, frame->t_us, arrived_us);
+    /* With a key, what has no tag is left out: its stamp is anybody's, and by forged ones a setpoint
+     * that somebody held back would be fresh. What may come without a tag has no time to live. */
+    const int64_t extra =
+        keyed && !tagged ? 0 : freshness_extra(&firmware->freshness, frame->t_us, arrived_us);
     switch (frame->type) {
     case SP_TYPE_HOST_HELLO:
         break;
@@ -280,6 +297,7 @@ void session_tick(firmware_t *firmware)
         /* Nobody is there: be safe, and say hello until somebody is. */
         control_stop(&firmware->control, SP_STOP_CAUSE_LINK, EVENT_SILENCE);
         firmware->session_id = 0;
+        authentication_close(&firmware->line.authentication);
         forget_host(firmware);
     }
 }
