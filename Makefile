@@ -101,10 +101,13 @@ bench: venv ## speed of wire, round trip, runs, recording, export, decisions; me
 	@PYTHONPATH=tests $(BIN)/python -m bench.decisions
 	@PYTHONPATH=tests $(BIN)/python -m bench.memory
 
+FIRMWARE = PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) --no-print-directory --silent -C sim_device/firmware
 firmware: venv ## the firmware for its chips, in build/firmware: flash, RAM, stack of the boards
-	@$(MAKE) --no-print-directory --silent -C sim_device/firmware -f board.mk programs \
-		BUILD=$(CURDIR)/build/firmware PYTHON=$(CURDIR)/$(BIN)/python
-	@$(BIN)/python -m tools.dev.firmware_report build/firmware
+	@$(FIRMWARE) boards BUILD=$(CURDIR)/build/firmware
+	@$(BIN)/python -m tools.dev.firmware_report build/firmware/boards
+	@echo "Core with small buffers on a Cortex-M3 (64 KiB of flash, 20 KiB of RAM in an STM32F103):"
+	@$(FIRMWARE) small BUILD=$(CURDIR)/build/firmware
+	@$(FIRMWARE) misra
 
 qemu: venv ## a clean of case 1 by the firmware in QEMU, in real time: four minutes
 	@PYTHONPATH=tests $(BIN)/python -m bench.qemu_clean

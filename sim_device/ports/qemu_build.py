@@ -6,12 +6,11 @@ import hashlib
 import os
 import shutil
 import subprocess
-import sys
+import sysconfig
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocol.generate import render
 from sim_device.ports.base import PortUnavailableError
 
 if TYPE_CHECKING:
@@ -22,10 +21,10 @@ COMPILER = "arm-none-eabi-gcc"
 BUILD_S = 300.0
 _NEEDED = {
     COMPILER: "apt install gcc-arm-none-eabi libnewlib-arm-none-eabi",
-    "make": "apt install make",
+    "cmake": "apt install cmake",
 }
-_PARTS = ("include", "core", "board_common", "board_f405_qemu")
-_SUFFIXES = {".c", ".h", ".ld"}
+_PARTS = ("cmake", "include", "core", "protocol", "board_common", "board_f405_qemu")
+_SUFFIXES = {".c", ".h", ".ld", ".cmake"}
 ELF = "board_f405_qemu.elf"
 
 
@@ -38,7 +37,7 @@ def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lamb
 
     ``notify`` gets a line for people before something takes time.
 
-    It is kept by what it is made of, so that a change of its sources, of the wire's catalogue or
+    It is kept by what it is made of, so that a change of its sources or
     of the compiler makes another one.
 
     Raises:
@@ -46,21 +45,20 @@ def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lamb
 
     """
     for tool, remedy in _NEEDED.items():
-        if shutil.which(tool) is None:
+        if _found(tool) is None:
             raise FirmwareBuildError(
                 f"{tool} is not installed, and the firmware for --target qemu is built with it "
                 f"(Debian: {remedy})"
             )
-    wire = render("c")
-    folder = (cache or _cache()) / f"firmware-{_digest(wire)}"
+    folder = (cache or _cache()) / f"firmware-{_digest()}"
     elf = folder / ELF
     if elf.is_file():
         return elf
     try:
         folder.mkdir(parents=True, exist_ok=True)
         notify("building the firmware, as its sources are new")
-        with tempfile.TemporaryDirectory() as build:  # make cannot take a path with blanks
-            _build(Path(build), wire)
+        with tempfile.TemporaryDirectory() as build:
+            _build(Path(build))
             whole = folder / f"{ELF}.{os.getpid()}"
             shutil.copyfile(Path(build) / ELF, whole)
             whole.replace(elf)  # at once: another process may build it too
@@ -70,14 +68,22 @@ def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lamb
     return elf
 
 
-def _build(build: Path, wire: dict[str, str]) -> None:
-    generated = build / "wire"
-    generated.mkdir()
-    for name, text in wire.items():
-        (generated / name).write_text(text, encoding="utf-8", newline="\n")
-    command = ["make", "--silent", "-C", str(FIRMWARE), "-f", "board.mk"]
-    command += [f"BUILD={build}", f"WIRE={generated}", f"PYTHON={sys.executable}"]
-    command += [str(build / ELF)]
+def _found(tool: str) -> str | None:
+    """The program, of this environment or of the system."""
+    return shutil.which(tool, path=sysconfig.get_path("scripts")) or shutil.which(tool)
+
+
+def _build(build: Path) -> None:
+    configure = [str(_found("cmake")), "-S", str(FIRMWARE), "-B", str(build), "-Wno-dev"]
+    configure.append(f"-DCMAKE_TOOLCHAIN_FILE={FIRMWARE / 'cmake' / 'cortex-m.cmake'}")
+    ninja = _found("ninja")
+    if ninja is not None:
+        configure += ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={ninja}"]
+    _run(configure)
+    _run([str(_found("cmake")), "--build", str(build), "--target", Path(ELF).stem])
+
+
+def _run(command: list[str]) -> None:
     try:
         done = subprocess.run(  # noqa: S603 - our own command
             command, capture_output=True, text=True, timeout=BUILD_S, check=False
@@ -85,12 +91,13 @@ def _build(build: Path, wire: dict[str, str]) -> None:
     except subprocess.TimeoutExpired:
         raise FirmwareBuildError(f"the firmware was not built within {BUILD_S:g} s") from None
     if done.returncode != 0:
-        if "nano.specs" in done.stderr or "string.h: No such file" in done.stderr:
+        said = done.stdout + done.stderr
+        if "nano.specs" in said or "string.h: No such file" in said:
             raise FirmwareBuildError(
                 "the C library for the chip is not installed, and the firmware for --target qemu "
                 "is built with it (Debian: apt install libnewlib-arm-none-eabi)"
             )
-        lines = [line for line in done.stderr.splitlines() if "rror" in line] or ["no reason given"]
+        lines = [line for line in said.splitlines() if "rror" in line] or ["no reason given"]
         raise FirmwareBuildError(f"the firmware cannot be built: {lines[0].strip()}")
 
 
@@ -99,17 +106,15 @@ def _cache() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "sweepctl"
 
 
-def _digest(wire: dict[str, str]) -> str:
+def _digest() -> str:
     """What the program follows from, as a name."""
     digest = hashlib.sha256()
-    sources = [FIRMWARE / "board.mk"]
+    sources = [FIRMWARE / "CMakeLists.txt"]
     for part in _PARTS:
         sources += sorted(p for p in (FIRMWARE / part).rglob("*") if p.suffix in _SUFFIXES)
     for path in sources:
         digest.update(path.relative_to(FIRMWARE).as_posix().encode() + b"\0")
         digest.update(path.read_bytes())
-    for name, text in sorted(wire.items()):
-        digest.update(name.encode() + b"\0" + text.encode())
     version = subprocess.run(  # noqa: S603 - our own command
         [str(shutil.which(COMPILER)), "--version"], capture_output=True, check=False
     )

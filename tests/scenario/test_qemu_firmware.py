@@ -15,10 +15,10 @@ from bridge.io.ports import open_port
 from protocol.messages.device import Hello, Status
 from protocol.messages.values import Mode, ResetCause, StopCause
 from sim_device.ports.qemu_build import FirmwareBuildError, firmware_elf
-from support.c_build import locked, run, tool
+from support.c_build import run, tool
 from support.cli import end, start, sweepctl
 from support.probe import Probe
-from support.qemu import FIRMWARE, READY_S, build, emulated, finish, true_coverage, until
+from support.qemu import READY_S, build, emulated, finish, true_coverage, until
 from support.root import ROOT
 from tools.dev.firmware_report import BOARDS, taken
 
@@ -74,19 +74,14 @@ def test_size_and_stack(built: Path, name: str) -> None:
 @CROSS
 def test_the_core_has_no_variables_of_its_own(built: Path) -> None:
     """Its state is what the caller owns: only ``main`` has a device."""
-    folder = built / "board_f405_qemu.o" / "core"
-    sizes = run([tool("arm-none-eabi-size"), *sorted(folder.glob("*.o"))]).decode().splitlines()
+    folder = built / "CMakeFiles" / "board_f405_qemu.dir" / "core"
+    sizes = run([tool("arm-none-eabi-size"), *sorted(folder.glob("*.obj"))]).decode().splitlines()
     with_variables = {
         Path(columns[-1]).name
         for columns in (line.split() for line in sizes[1:])
         if columns[1] != "0" or columns[2] != "0"
     }
-    assert with_variables == {"main.o"}
-
-
-def test_nothing_is_found_in_the_boards_sources(tmp_path: Path) -> None:
-    variables = (f"BUILD={tmp_path}", f"PYTHON={sys.executable}", f"CPPCHECK={locked('cppcheck')}")
-    run([tool("make"), "-s", "-C", FIRMWARE, "-f", "board.mk", *variables, "analyse"])
+    assert with_variables == {"main.c.obj"}
 
 
 @CROSS

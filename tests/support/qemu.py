@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import signal
-import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from sim_device.ports import ask_control
-from support.c_build import run, tool
+from support.c_build import locked, run, tool
 from support.cli import decoded, end, start
 from support.root import ROOT
 from tools.cli.rooms import load_room
@@ -32,8 +31,20 @@ READY_S = 60.0
 def build(folder: Path) -> Path:
     """Both boards' programs, with every warning an error; the test fails without its tools."""
     tool("arm-none-eabi-gcc")
-    command: list[str | Path] = [tool("make"), "--silent", "-j2", "-C", FIRMWARE, "-f", "board.mk"]
-    run([*command, f"BUILD={folder}", f"PYTHON={sys.executable}"], timeout_s=110.0)
+    command: list[str | Path] = [
+        locked("cmake"),
+        "-S",
+        FIRMWARE,
+        "-B",
+        folder,
+        "-G",
+        "Ninja",
+        "-Wno-dev",
+    ]
+    toolchain = FIRMWARE / "cmake" / "cortex-m.cmake"
+    ninja = f"-DCMAKE_MAKE_PROGRAM={locked('ninja')}"
+    run([*command, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}", ninja])
+    run([locked("cmake"), "--build", folder], timeout_s=110.0)
     return folder
 
 

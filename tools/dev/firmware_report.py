@@ -2,7 +2,7 @@
 
     python -m tools.dev.firmware_report BUILD
 
-BUILD is the folder into which ``sim_device/firmware/board.mk`` has built the boards.
+BUILD is the folder into which CMake has built the boards (``sim_device/firmware``).
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def taken(build: Path, name: str, cross: str = "arm-none-eabi-") -> Taken:
         if len(parts := line.split()) == 3 and parts[1].isdigit()  # noqa: PLR2004 - name, size, place
     }
     calls = Calls()
-    for path in sorted((build / f"{name}.o").rglob("*.ci")):
+    for path in sorted((build / "CMakeFiles" / f"{name}.dir").rglob("*.ci")):
         calls.read_graph(path.read_text(encoding="utf-8"))
     calls.read_disassembly(_output(f"{cross}objdump", "-d", str(elf)).splitlines())
     levels = BOARDS[name].levels
@@ -131,7 +131,8 @@ def main(arguments: list[str]) -> int:
                 f"{took.stack} of {took.reserve} B",
             )
         )
-        write_line(f"  deepest: {' > '.join(took.deepest)}")
+        deepest = [call.rsplit("/firmware/", 1)[-1] for call in took.deepest]
+        write_line(f"  deepest: {' > '.join(deepest)}")
         worst = max(worst, took.stack - took.reserve)
     if worst > 0:
         inform(f"a stack may outgrow its reserve by {worst} B")

@@ -1,0 +1,18 @@
+"""The codec that the firmware's folder holds, for those who build it without Python."""
+
+from __future__ import annotations
+
+from protocol.generate import render
+from support.root import ROOT
+
+FOLDER = ROOT / "sim_device" / "firmware" / "protocol"
+
+
+def test_the_committed_codec_is_fresh() -> None:
+    stale = [
+        name
+        for name, text in render("c").items()
+        if (FOLDER / name).read_text(encoding="utf-8") != text
+    ]
+    command = "sweepctl generate c --force --out sim_device/firmware/protocol"
+    assert not stale, f"{', '.join(stale)} stale; run: {command}"
