@@ -9,6 +9,7 @@
 #include "cortex_m4.h"
 #include "f429.h"
 #include "firmware.h"
+#include "startup.h"
 
 #define CHECK(condition)                                                                    \
     do {                                                                                    \
@@ -59,6 +60,8 @@ void irq_restore(uint32_t before)
         interrupt();
     }
 }
+
+const board_crash_t *startup_take_crash(void) { return NULL; }
 
 static uint32_t sleep_us;
 void wait_for_interrupt(void) { clock_us += sleep_us; }

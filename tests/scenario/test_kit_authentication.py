@@ -18,6 +18,7 @@ from protocol.messages.host import (
     SetKey,
     SetMode,
     SetParameter,
+    TimeRequest,
     VelocitySetpoint,
 )
 from protocol.messages.values import Capability, Mode, NackReason, StopCause
@@ -177,18 +178,19 @@ def _check_can(device: Authenticator, covered: bytes, trailer: bytes) -> bool:
 class Host:
     """Writes what a host sends that may know the key."""
 
-    def __init__(self, link: LinkBase, key: bytes | None) -> None:
+    def __init__(self, link: LinkBase, key: bytes | None, boot_id: int) -> None:
         self.acts: list[Act] = []
+        self.boot_id = boot_id
         self.link = link
         self._key = None if key is None else Authenticator(key)
         self.counter = 0
         self.now_us = 0
 
-    def sign_from(self, boot_id: int, openings: int) -> None:
+    def sign_from(self, openings: int) -> None:
         """The device's challenge, which follows from the key."""
         assert self._key is not None
-        challenge = self._key.challenge(boot_id, SESSION, openings)
-        self._key.begin(boot_id, SESSION, challenge)
+        challenge = self._key.challenge(self.boot_id, SESSION, openings)
+        self._key.begin(self.boot_id, SESSION, challenge)
         self.link.key = self._key
 
     def send(self, *messages: Message, after_us: int = 20_000) -> bytes:
@@ -208,17 +210,20 @@ class Host:
         return self.send(VelocitySetpoint(1500, 0, 200, self.counter))
 
     def agree(self) -> None:
-        self.send(HostHello(0, SESSION, 0, "host"))
-        self.send(HostHello(0, SESSION, 1, "host"))
+        self.greet(agreed=0)
+        self.greet()
+
+    def greet(self, *, agreed: int = 1) -> None:
+        self.send(HostHello(0, SESSION, self.boot_id, agreed, "host"))
 
 
 def keyed_by_uart() -> list[Act]:
     """A key is set over the serial link, and stands after the quarter of a second of a save."""
-    host = Host(Link(Direction.HOST), None)
+    host = Host(Link(Direction.HOST), None, 1)
     host.agree()
     host.send(SetKey(1, *key_words(KEY)))
     for _ in range(20):
-        host.send(HostHello(0, SESSION, 1, "host"))
+        host.greet()
     return [Readings(), Boot(boot_id=1), *host.acts]
 
 
@@ -231,9 +236,9 @@ def heard(reports: Sequence[Reported], link: LinkBase) -> list[Received]:
 def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter of the test
     """What is signed drives; what is not, is played back or changed moves nothing."""
     kind = CanLink if can else Link
-    host = Host(kind(Direction.HOST), KEY)
+    host = Host(kind(Direction.HOST), KEY, 2)
     host.agree()
-    host.sign_from(2, 1)
+    host.sign_from(1)
     host.send(ClearStop(1, StopCause.SESSION_END))
     host.send(SetMode(2, Mode.VELOCITY))
     for _ in range(5):
@@ -245,7 +250,7 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
     host.drive()
     host.send(SetMode(3, Mode.IDLE))
     for _ in range(3):
-        host.send(HostHello(0, SESSION, 1, "host"))
+        host.greet()
     before = [*keyed_by_uart(), Boot(boot_id=2, can=can, empty_flash=False)]
     reports = the_kit().run([*before, *host.acts])[-len(host.acts) :]
     driving = reports[signed - 1]
@@ -265,21 +270,21 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
 
 def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
     """It outlives a save of the parameters; without its tag nobody removes it."""
-    host = Host(Link(Direction.HOST), KEY)
+    host = Host(Link(Direction.HOST), KEY, 2)
     host.agree()
     host.send(SetKey(1, 0, 0, 0, 0))  # without a tag
-    host.sign_from(2, 1)
+    host.sign_from(1)
     host.send(ClearStop(2, StopCause.SESSION_END))
     host.send(SetParameter(3, 6, 2, 0x3E19999A))  # cruise_speed 0.15
     host.send(SaveParameters(4))
     for _ in range(20):
-        host.send(HostHello(0, SESSION, 1, "host"))
-    after = Host(Link(Direction.HOST), KEY)
+        host.greet()
+    after = Host(Link(Direction.HOST), KEY, 3)
     after.agree()
-    after.sign_from(3, 1)
+    after.sign_from(1)
     after.send(SetKey(5, 0, 0, 0, 0))
     for _ in range(20):
-        after.send(HostHello(0, SESSION, 1, "host"))
+        after.greet()
     acts = [*keyed_by_uart(), Boot(boot_id=2, empty_flash=False), *host.acts]
     acts += [Boot(boot_id=3, empty_flash=False), *after.acts]
     reports = the_kit().run(acts)
@@ -295,3 +300,20 @@ def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
     assert keyed[0], "saved beside the parameters"
     assert not keyed[-1]
     assert second[-1].parameters[6] == 0x3E19999A
+
+
+@pytest.mark.parametrize("signs", [False, True])
+def test_only_what_is_signed_keeps_a_session_alive(signs: bool) -> None:  # noqa: FBT001 - a parameter of the test
+    """Hellos come from anybody; a signed time request only from the host."""
+    host = Host(Link(Direction.HOST), KEY, 2)
+    host.agree()
+    host.sign_from(1)
+    host.send(ClearStop(1, StopCause.SESSION_END))
+    for ping in range(60):
+        if signs:
+            host.send(TimeRequest(ping))
+        else:
+            host.greet()
+    acts = [*keyed_by_uart(), Boot(boot_id=2, empty_flash=False), *host.acts]
+    final = the_kit().run(acts)[-1]
+    assert final.stop_cause == (StopCause.NONE if signs else StopCause.LINK)
