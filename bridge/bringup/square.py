@@ -69,8 +69,8 @@ class ByTape:
 
     def end(self) -> tuple[float, float]:
         """Ask for the displacement in millimetres."""
-        ahead = self._person.number("Distance AHEAD of the mark in mm (negative: behind)")
-        left = self._person.number("Distance to the LEFT of the mark in mm (negative: right)")
+        ahead = self._person.number("Distance AHEAD of the mark (mm; behind: -)")
+        left = self._person.number("Distance to the LEFT of the mark (mm; to the right: -)")
         return 0.001 * ahead, 0.001 * left
 
 
