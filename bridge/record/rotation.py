@@ -10,12 +10,14 @@ from bridge.session.event_kinds import EventKind
 from bridge.session.records import (
     ClockRecord,
     CoverageRecord,
+    DeviceMessage,
     EventRecord,
     IdentityRecord,
     PlannerRecord,
     RoomRecord,
     Severity,
 )
+from protocol.messages.device import ImuInfo
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -67,6 +69,7 @@ class RotatingWriter:
         self._first, self._info, self._make = path, info, make
         self._bytes, self._span_ns = rotate_bytes, round(rotate_s * _NS) if rotate_s else None
         self._state: dict[type, Record] = {}
+        """The newest record of each state, by its type; of ``imu_info``, by the message's type."""
         self._count = 0
         self._begun_ns = info.opened_unix_ns
         self._writer = self._begin()
@@ -84,6 +87,8 @@ class RotatingWriter:
             self._rotate(log_ns)
         if isinstance(record, _STATE):
             self._state[type(record)] = record
+        elif isinstance(record, DeviceMessage) and isinstance(record.message, ImuInfo):
+            self._state[ImuInfo] = record  # without it the next file has no SI values of the IMU
         self._writer.write(record)
 
     def flush(self) -> None:

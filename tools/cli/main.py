@@ -207,12 +207,6 @@ def _run(arguments: list[str]) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _warned
             return _invoke(arguments)
-    except Exception as error:
-        plugin = _plugged().get(_command_of(arguments) or "")
-        if plugin is None:
-            raise
-        what = f"{type(error).__name__}: {error}".splitlines()[0]
-        return _failed(arguments, f"{plugin} raised {what}", 1)
     except (click.Abort, KeyboardInterrupt) as error:
         command = _command_of(arguments)
         if command in _UNTIL_ENDED or command is None or is_done():
@@ -224,6 +218,12 @@ def _run(arguments: list[str]) -> int:
         # click replaces the KeyboardInterrupt by an exception of its own.
         notes = getattr(error.__cause__ or error, "__notes__", ["the command was not done"])
         return _failed(arguments, f"interrupted: {'; '.join(notes)}", 1)
+    except Exception as error:
+        plugin = _plugged().get(_command_of(arguments) or "")
+        if plugin is None:
+            raise
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        return _failed(arguments, f"{plugin} raised {what}", 1)
 
 
 def _command_of(arguments: list[str]) -> str | None:
