@@ -14,7 +14,7 @@ from bridge.session.diagnosis import Evidence, text_line
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from protocol.link import Medium
-from protocol.messages.values import ResetCause, StopCause, label
+from protocol.messages.values import Fault, ResetCause, StopCause, label
 from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
@@ -44,8 +44,12 @@ LOGIC_V = 4.5
 """Lower limit of the 5 V rail, V."""
 LOAD_PERCENT = 90
 """Load of the device's control loop that is reported, percent."""
+CAN_ERROR_PASSIVE = 128
+"""Value of an error counter from which a CAN controller is error passive (ISO 11898-1)."""
 STALE_SHARE = 0.02
 """Share of stale setpoints among the frames received by the device, above which it is reported."""
+_FAULTY_RESETS = frozenset({ResetCause.BROWN_OUT, ResetCause.WATCHDOG, ResetCause.CRASH})
+"""Reset causes that have a finding of the same name."""
 _SHOWN = 3
 """Number of schema differences in a finding's text."""
 _CONTACT = frozenset(
@@ -212,7 +216,13 @@ class Examination:
             yield Finding("unplugged", _BAD, text, {"times": len(self.port_lost)})
         boots = [boot.at_ns for boot in wire.boots[1:]]
         begin_ns = wire.marks.arrived_ns[0] if wire.marks.arrived_ns else 0
-        own = [h for h in holes if not _near_boot(h.at_s, h.for_s, boots, begin_ns)]
+        own = [
+            hole
+            for hole in holes
+            if not _near_boot(hole.at_s, hole.for_s, boots, begin_ns)
+            # Before the handshake a device sends one hello a second and nothing else.
+            and begin_ns + hole.at_s * 1e9 >= wire.streaming_ns
+        ]
         if own and not self.port_lost:
             longest = max(own, key=lambda hole: hole.for_s)
             text = (
@@ -316,13 +326,17 @@ class Examination:
             kind = "reset"
             if ResetCause.BROWN_OUT in {boot.cause for boot in again}:
                 kind = "brown_out"
+            elif ResetCause.CRASH in {boot.cause for boot in again}:
+                kind = "crash"
             elif ResetCause.WATCHDOG in {boot.cause for boot in again}:
                 kind = "watchdog"
-            text = f"the device rebooted {_times(len(again))}; cause: {judged}"
+            record = f"; record: {self.wire.crash}" if self.wire.crash else ""
+            text = f"the device rebooted {_times(len(again))}; cause: {judged}{record}"
             yield Finding(kind, _BAD, text, {"causes": dict(causes)})
-        elif boots and boots[0].cause in {ResetCause.BROWN_OUT, ResetCause.WATCHDOG}:
-            kind = "brown_out" if boots[0].cause == ResetCause.BROWN_OUT else "watchdog"
-            text = f"the reset cause before the capture was {label(ResetCause, boots[0].cause)}"
+        elif boots and boots[0].cause in _FAULTY_RESETS:
+            kind = label(ResetCause, boots[0].cause)
+            record = f"; record: {self.wire.crash}" if self.wire.crash else ""
+            text = f"the reset cause before the capture was {kind}{record}"
             yield Finding(kind, _NOTE, text, {"before": True})
         low_v = self.wire.logic_low_v
         if low_v is not None and low_v < LOGIC_V:
@@ -330,8 +344,24 @@ class Examination:
             yield Finding("brown_out", _BAD, text, {"logic_v": round(low_v, 3)})
 
     def _device(self) -> Iterator[Finding]:
-        """Find overload and a latched stop in the device's status."""
+        """Find overload, full queues, CAN errors, a failed crystal and a latched stop."""
         wire = self.wire
+        if wire.faults & Fault.CLOCK:
+            yield Finding("oscillator", _BAD, "the device's crystal does not run")
+        dropped = wire.device_receive_dropped + wire.device_send_dropped
+        if dropped:
+            text = (
+                f"the device dropped {wire.device_receive_dropped} received and "
+                f"{wire.device_send_dropped} outgoing messages because a queue was full"
+            )
+            data = {"received": wire.device_receive_dropped, "sent": wire.device_send_dropped}
+            yield Finding("queue_full", _WARN, text, data)
+        if wire.can_bus_offs:
+            text = f"the device's CAN controller went bus-off {_times(wire.can_bus_offs)}"
+            yield Finding("bus_off", _BAD, text, {"times": wire.can_bus_offs})
+        elif wire.can_errors >= CAN_ERROR_PASSIVE:
+            text = f"an error counter of the device's CAN controller reached {wire.can_errors}"
+            yield Finding("can_errors", _WARN, text, {"errors": wire.can_errors})
         if wire.load_percent >= LOAD_PERCENT:
             text = f"the load of the device's control loop reached {wire.load_percent} %"
             yield Finding("overload", _WARN, text, {"load_percent": wire.load_percent})

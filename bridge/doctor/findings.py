@@ -61,6 +61,17 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "reset": "the device rebooted while it was in use; see the reset cause",
         "watchdog": "the firmware hung until the watchdog reset it; look for a call that blocks "
         "the loop, first of all one that waits for the I2C bus without a timeout",
+        "crash": "the processor faulted; look up the program counter (pc) and the link register "
+        "(lr) of the record in the firmware's ELF file with addr2line",
+        "oscillator": "the crystal does not run, so the device uses its internal oscillator and "
+        "keeps its CAN controller off; check the crystal, its capacitors and, on a NUCLEO board, "
+        "the clock from the ST-LINK",
+        "queue_full": "a queue of the device was full; lower the stream rates, raise the baud rate "
+        "or the bit rate, or enlarge the firmware's buffers",
+        "bus_off": "the CAN controller disconnected after too many errors; check the termination "
+        "(120 ohm at both ends), that all nodes have the same bit rate, and the wiring",
+        "can_errors": "the CAN controller is error passive; check the termination (120 ohm at both "
+        "ends), that all nodes have the same bit rate, and that another node acknowledges",
         "brown_out": "the supply voltage fell too low; check for a weak battery or converter, "
         "thin leads, and motor current on the logic rail; add a capacitor at the board, or "
         "separate the supplies",

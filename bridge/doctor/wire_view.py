@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 from protocol.can.link import CanLink
 from protocol.link import Medium, Received, Rejected
-from protocol.messages.device import Hello, LinkCounters, Power, Status, TimeReply
+from protocol.messages.device import Hello, LinkCounters, LogText, Power, Status, TimeReply
 from protocol.messages.host import PlannerCommand, TimeRequest
 from protocol.messages.values import OnboardPlanner, PlannerAction, label
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
-from protocol.schema.message import Direction
+from protocol.schema.message import Direction, RateClass
 from protocol.uart.framing import CRC, HEADER, DamagedFrame
 from protocol.uart.link import Link
 
@@ -34,6 +34,8 @@ _VERSION = PROTOCOL_VERSION << 4
 _COBS_AND_CRC = 1 + CRC.size
 _HEAD_SEEN = 4
 """Bytes of a frame up to its type: the COBS code byte, version, node, type."""
+CRASH_LINE = "crash after "
+"""Beginning of the log line in which a device sends its crash record (docs/firmware.md)."""
 _MAX_TEXT = 2048
 """Bytes kept from the beginning of the capture, to recognise text."""
 _MAX_MARKS = 2_000_000
@@ -134,6 +136,14 @@ class WireView:
         self.unanswered = 0
         self.device_damaged = self.device_stale = self.device_received = 0
         """Counters of the device for frames from the host, increase during the capture."""
+        self.device_receive_dropped = self.device_send_dropped = self.can_bus_offs = 0
+        """Counters of the device's queues and its CAN controller, increase during the capture."""
+        self.can_errors = 0
+        """Highest value of the CAN controller's error counters (TEC and REC)."""
+        self.faults = 0
+        """Fault bits that the device reported during the capture."""
+        self.crash = ""
+        """The device's log line with its crash record; empty if there is none."""
         self.logic_low_v: float | None = None
         self.load_percent = 0
         self.stop_cause: int | None = None
@@ -159,6 +169,16 @@ class WireView:
             return 0.0
         first_ns = min(stream.first_ns for stream in streams)
         return (max(stream.last_ns for stream in streams) - first_ns) * 1e-9
+
+    @property
+    def streaming_ns(self) -> int:
+        """Arrival of the first message of a stream, ns; 0 if there is none."""
+        first = (
+            stream.first_ns
+            for name, stream in self.streams.items()
+            if CATALOGUE.by_name[name].rate is RateClass.STREAM
+        )
+        return min(first, default=0)
 
     def received(self, data: bytes, at_ns: int) -> None:
         """Take bytes from the device and their arrival time; on CAN, whole 16-byte records."""
@@ -237,6 +257,9 @@ class WireView:
             case Status():
                 self.load_percent = max(self.load_percent, message.load)
                 self.stop_cause = message.stop_cause
+                self.faults |= message.faults
+            case LogText() if message.line.startswith(CRASH_LINE):
+                self.crash = message.line
             case _:
                 pass
         self.on_message(message, stamp_us, at_ns)
@@ -278,6 +301,17 @@ class WireView:
             self.device_received += (counters.received - before.received) & 0xFFFF
             self.device_damaged += (counters.damaged - before.damaged) & 0xFFFF
             self.device_stale += (counters.stale - before.stale) & 0xFFFF
+        if None in tuple(counters):
+            return  # an older device lacks the counters below
+        self.can_errors = max(
+            self.can_errors, counters.can_send_errors, counters.can_receive_errors
+        )
+        if before is not None:
+            self.device_receive_dropped += (
+                counters.receive_dropped - before.receive_dropped
+            ) & 0xFFFF
+            self.device_send_dropped += (counters.send_dropped - before.send_dropped) & 0xFFFF
+            self.can_bus_offs += (counters.can_bus_offs - before.can_bus_offs) & 0xFFFF
 
     def _damage(self, event: DamagedFrame) -> None:
         start = len(self._tail) - (self.bytes_in - event.offset)

@@ -67,6 +67,8 @@ def _patient(  # noqa: PLR0913 - what is wrong, and how it is looked at
     return Patient(visit, frozenset(right.split()), frozenset(beside.split()))
 
 
+BUS = LineSettings(0, 0, 500_000)
+"""A CAN bus at the usual bit rate."""
 _STOPPED = "stopped"
 PATIENTS: tuple[Patient, ...] = (
     _patient("well, standing", ""),
@@ -83,8 +85,12 @@ PATIENTS: tuple[Patient, ...] = (
     _patient("wrong-baud, always", "wrong_baud", "wrong-baud@0"),
     _patient("wrong-baud, for a while", "wrong_baud", "wrong-baud@8:3", beside="gap"),
     _patient("unplug", "gap unplugged", "unplug@8:2"),
+    _patient("well, on a bus", "", moving=True, seconds=30.0, line=BUS),
+    _patient("can-bus-off", "gap", "can-bus-off@12:0.6", moving=True, seconds=30.0, line=BUS),
     _patient("reset", "reset", "reset@8:cause=pin"),
     _patient("hang", "watchdog", "hang@8"),
+    _patient("crash", "crash", "crash@8"),
+    _patient("hse-failed", "oscillator", "hse-failed@8", beside="watchdog clock_step clock_drift"),
     _patient("brown-out", "brown_out", "brown-out@8:off=0.5"),
     _patient("clock-drift", "clock_drift", "clock-drift@0:ppm=600"),
     _patient("clock-drift, five seconds", "clock_drift", "clock-drift@0:ppm=495", seconds=4.8),
@@ -98,6 +104,21 @@ PATIENTS: tuple[Patient, ...] = (
     _patient("another catalogue", "schema", other=True),
     _patient("imu-frozen, standing", "imu sensor", "imu-frozen@8:8"),
     _patient("imu-biased, standing", "imu", "imu-biased@8:12:gyro=3"),
+    _patient("i2c-stuck, standing", "sensor", "i2c-stuck@8:8"),
+    _patient("imu-clock", "", "imu-clock@0:percent=-1"),
+    _patient("adc-frozen", "", "adc-frozen@8", moving=True, seconds=30.0),
+    _patient(
+        *("encoder-reversed", "sensor", "encoder-reversed@12"),
+        moving=True,
+        seconds=30.0,
+        beside=f"slip {_STOPPED}",
+    ),
+    _patient(
+        *("encoder-swapped", "sensor", "encoder-swapped@12"),
+        moving=True,
+        seconds=30.0,
+        beside=f"slip {_STOPPED}",
+    ),
     _patient(
         "imu-frozen", "imu sensor", "imu-frozen@12:10", moving=True, seconds=30.0, beside="slip"
     ),

@@ -13,9 +13,13 @@ from typing import TYPE_CHECKING, Any
 from bridge.doctor import Examination
 from bridge.doctor.visit import Visit as DoctorVisit
 from bridge.motion.robot_model import RobotModel
-from bridge.session.records import EventRecord, RawBytes
+from bridge.session.records import EventRecord, RawBytes, RawCan
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
 from protocol.clock import HostNs
+from protocol.link import Medium
 from protocol.schema.catalogue import CATALOGUE
+from protocol.uart.link import Link
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import LineSettings
 from sim_device.rig import Rig
@@ -50,6 +54,11 @@ class Visit:
     room: str = "case-1"
     noise: str = "typical"
 
+    @property
+    def can(self) -> bool:
+        """Over a CAN bus; only a moving visit can be."""
+        return self.line.bitrate > 0
+
 
 def examine(visit: Visit, seed: int) -> Examination:
     """One visit."""
@@ -59,13 +68,16 @@ def examine(visit: Visit, seed: int) -> Examination:
 class _Recorder:
     """A sink that shows raw bytes and port events to the doctor."""
 
-    def __init__(self) -> None:
-        self.examination = Examination()
+    def __init__(self, medium: Medium) -> None:
+        self.examination = Examination(medium)
 
     def write(self, record: Record) -> None:
-        if isinstance(record, RawBytes):
+        if isinstance(record, RawBytes | RawCan):
             take = self.examination.sent if record.outgoing else self.examination.received
-            take(record.data, record.log_ns)
+            data = record.data
+            if isinstance(record, RawCan):
+                data = RECORD.pack(record.can_id, len(data), data)
+            take(data, record.log_ns)
         elif isinstance(record, EventRecord) and record.kind == "port_lost":
             self.examination.port_lost.append(record.text)
 
@@ -74,7 +86,7 @@ class _Recorder:
 
 
 def _drive(visit: Visit, seed: int) -> Examination:
-    recorder = _Recorder()
+    recorder = _Recorder(Medium.CAN if visit.can else Medium.UART)
     run_virtual(
         load_room(visit.room),
         RobotModel(),
@@ -85,6 +97,7 @@ def _drive(visit: Visit, seed: int) -> Examination:
         max_time_s=visit.seconds,
         faults=[parse_fault(text) for text in visit.faults],
         line=visit.line,
+        link=CanLink if visit.can else Link,
     )
     return recorder.examination
 

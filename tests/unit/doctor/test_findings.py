@@ -8,8 +8,8 @@ from bridge.doctor import ADVICE, Examination
 from bridge.doctor.wire_view import Damaged
 from bridge.session.records import Severity
 from campaign.doctor import PATIENTS, uncovered, visit
-from protocol.messages.device import Encoders, Hello, LinkCounters, Power, Status
-from protocol.messages.values import ResetCause, StopCause
+from protocol.messages.device import Encoders, Hello, LinkCounters, LogText, Power, Status
+from protocol.messages.values import LogLevel, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
@@ -280,3 +280,43 @@ def test_a_share_of_the_confusion_table(patient: object) -> None:
     result = visit(patient, 11)  # type: ignore[arg-type]  # of PATIENTS
     assert result.hit, result.found
     assert result.wrong == []
+
+
+def counters(*, dropped: int = 0, errors: int = 0, bus_offs: int = 0) -> LinkCounters:
+    return LinkCounters(100, 0, 0, dropped, 2 * dropped & 0xFFFF, errors, 0, bus_offs)
+
+
+def test_full_queues_of_the_device_are_counted() -> None:
+    line = Line()
+    line.inform(hello())
+    line.inform(counters(dropped=65_534))
+    line.inform(COUNTS, count=60)
+    line.inform(counters(dropped=3))
+    (found,) = line.examination.conclude()
+    assert (found.kind, found.data) == ("queue_full", {"received": 5, "sent": 10})
+
+
+@pytest.mark.parametrize(
+    ("errors", "bus_offs", "kinds"), [(127, 0, []), (128, 0, ["can_errors"]), (0, 1, ["bus_off"])]
+)
+def test_can_errors_of_the_device_are_reported(
+    errors: int, bus_offs: int, kinds: list[str]
+) -> None:
+    line = Line()
+    line.inform(hello())
+    line.inform(counters())
+    line.inform(COUNTS, count=60)
+    line.inform(counters(errors=errors, bus_offs=bus_offs))
+    assert line.kinds == kinds
+
+
+def test_a_crash_is_reported_with_its_record() -> None:
+    line = Line()
+    line.inform(hello())
+    line.inform(COUNTS, count=60)
+    line.inform(hello(2, ResetCause.CRASH))
+    line.inform(LogText(LogLevel.ERROR, "crash after 8000 ms: pc 0x08001234"))
+    line.inform(COUNTS, count=60)
+    (found,) = line.examination.conclude()
+    assert found.kind == "crash"
+    assert "pc 0x08001234" in found.text
