@@ -325,13 +325,15 @@ class BringUp:
         if not self._off_floor(f"Both wheels will turn at {STEP_M_S:g} m/s for {STEP_S:g} s."):
             yield left_out("wheel control", "the wheels are not free to turn")
             return
+        if not self._sees_floor():
+            advice = "cover the cliff sensor; without a floor the device does not drive forwards"
+            yield left_out("wheel control", "the cliff sensor sees no floor", advice)
+            return
         try:
             self._desk.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
         except CommandRejectedError as error:
-            advice = "if the robot is lifted, cover the cliff sensor, so that it sees a floor"
-            yield left_out(
-                "wheel control", f"the device rejected the command ({error.reason})", advice
-            )
+            text = f"the device rejected the command ({error.reason})"
+            yield left_out("wheel control", text, "see its log lines above")
             return
         try:
             self.steps = self._step()
@@ -343,6 +345,16 @@ class BringUp:
             self._desk.stop()
         for step in self.steps:
             yield judge_step(step)
+
+    def _sees_floor(self) -> bool:
+        """Return whether the cliff sensor sees a floor; on a stand the person covers it."""
+        desk = self._desk
+
+        def seen() -> bool:
+            return not desk.await_newest(Range).contacts & Contact.CLIFF
+
+        text = "COVER the cliff sensor with paper, and leave it there. Ready?"
+        return seen() or (self._person.confirm(text) and desk.run(HAND_S, seen))
 
     def _step(self) -> tuple[WheelStep, ...]:
         desk = self._desk

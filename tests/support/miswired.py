@@ -135,5 +135,9 @@ class Stand:
         if "cliff dead" in self.wrong:
             return False
         text, at_ms = self._hand
-        # Paper is pulled away a moment after the robot was shown it.
-        return "cliff sensor" in text and self.device.plant.tick_ms > at_ms + _SOON_MS
+        # Paper is pulled away a moment after the robot was shown it, unless it is to stay there.
+        return (
+            "cliff sensor" in text
+            and "COVER" not in text
+            and self.device.plant.tick_ms > at_ms + _SOON_MS
+        )
