@@ -183,11 +183,11 @@ def _frame_helper(spec: MessageSpec) -> list[str]:
     name = spec.name
     if spec.is_bare:
         return [
-            "/* Its number and stamp are 0: the same bytes whoever sends it. */",
+            "/* Its node, number and stamp are 0: the same bytes whoever sends it. */",
             f"static inline size_t sp_{name}_frame(",
             f"    uint8_t *frame, sp_sender_t *sender, uint32_t t_us, const sp_{name}_t *message)",
             "{",
-            "    sp_sender_t anybody = {sender->node, 0u, 0u, 0u};",
+            "    sp_sender_t anybody = {0u, 0u, 0u, 0u};",
             "    (void)t_us;",
             "    (void)message;",
             "    sender->frames++;",
