@@ -36,6 +36,9 @@ LEAN_DEG = 6.0
 """Change of the tilt between two standstills that is reported, degrees."""
 FROZEN = 60
 """Equal consecutive IMU samples that are reported: 0.6 s. Sensor noise yields only a few."""
+FROZEN_POWER = 25
+"""Equal consecutive power samples of a robot that drives, that are reported: 5 s. The battery's
+voltage alone changes more often."""
 LIVELY = 3
 """Length of a run of equal samples, up to which its repeats count as normal sensor noise."""
 _G_LSB = 16384.0
@@ -73,6 +76,7 @@ class BodyView:
         self._imu = ImuReader(NOMINAL)
         self._rest = _Rest()
         self._frozen = _Frozen()
+        self._frozen_power = _FrozenPower()
         self._begin()
 
     def _begin(self) -> None:
@@ -104,6 +108,9 @@ class BodyView:
         elif isinstance(message, Encoders):
             self._estimator.on_encoders(now_s, message.left, message.right)
             self._rest.on_encoders(now_s, message)
+            self._frozen_power.on_encoders(message)
+        elif isinstance(message, Power):
+            self._sign(self._frozen_power.on_power(message), now_us)
         if self._step_us is None or now_us >= self._step_us + STEP_US:
             self._step_us = now_us
             self._supervise(now_us)
@@ -244,3 +251,30 @@ class _Frozen:
             return None
         text = f"the inertial sensor repeated the same sample {FROZEN} times"
         return "imu", text, {"equal": FROZEN}
+
+
+class _FrozenPower:
+    """Detects a converter that repeats its readings of supply and motor currents."""
+
+    def __init__(self) -> None:
+        self._counts: Encoders | None = None
+        self._moved = False
+        """Whether a wheel turned since the last power sample."""
+        self._before: Power | None = None
+        self._run = 0
+
+    def on_encoders(self, counts: Encoders) -> None:
+        self._moved |= self._counts is not None and tuple(counts) != tuple(self._counts)
+        self._counts = counts
+
+    def on_power(self, power: Power) -> _Found | None:
+        if self._before is None or tuple(power) != tuple(self._before):
+            self._before, self._run = power, 0
+        elif self._moved:
+            self._run += 1
+        found = self._moved and self._run == FROZEN_POWER
+        self._moved = False
+        if not found:
+            return None
+        text = f"{FROZEN_POWER} readings of supply and motor currents were equal while it drove"
+        return "adc", text, {"equal": FROZEN_POWER}

@@ -98,6 +98,9 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "bringup",
         "imu": "the inertial sensor is stuck or its offset has changed; check its bus and supply, "
         "and calibrate it after a shock or a change of temperature",
+        "adc": "the device repeats its readings of supply and motor currents, so neither a low "
+        "battery nor a stalled motor is noticed; restart it, then check the converter and its DMA "
+        "channel in the firmware",
         "truncated": "the program that wrote the log was killed, or the disk was full; sweepctl "
         "recover saves the intact part",
         "damaged_log": "sweepctl recover saves the intact part",

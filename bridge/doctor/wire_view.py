@@ -5,6 +5,7 @@ It takes every byte of both directions with its time and keeps figures, not the 
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections import Counter, deque
 from dataclasses import dataclass, field
@@ -171,14 +172,14 @@ class WireView:
         return (max(stream.last_ns for stream in streams) - first_ns) * 1e-9
 
     @property
-    def streaming_ns(self) -> int:
-        """Arrival of the first message of a stream, ns; 0 if there is none."""
+    def streaming_ns(self) -> float:
+        """Arrival of the first message of a stream, ns; infinite if there is none."""
         first = (
-            stream.first_ns
+            float(stream.first_ns)
             for name, stream in self.streams.items()
             if CATALOGUE.by_name[name].rate is RateClass.STREAM
         )
-        return min(first, default=0)
+        return min(first, default=math.inf)
 
     def received(self, data: bytes, at_ns: int) -> None:
         """Take bytes from the device and their arrival time; on CAN, whole 16-byte records."""

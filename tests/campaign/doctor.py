@@ -86,6 +86,8 @@ PATIENTS: tuple[Patient, ...] = (
     _patient("wrong-baud, for a while", "wrong_baud", "wrong-baud@8:3", beside="gap"),
     _patient("unplug", "gap unplugged", "unplug@8:2"),
     _patient("well, on a bus", "", moving=True, seconds=30.0, line=BUS),
+    _patient("well, on a bus, standing", "", line=BUS),
+    _patient("can-bus-off, standing", "gap", "can-bus-off@8:0.5", line=BUS),
     _patient("can-bus-off", "gap", "can-bus-off@12:0.6", moving=True, seconds=30.0, line=BUS),
     _patient("reset", "reset", "reset@8:cause=pin"),
     _patient("hang", "watchdog", "hang@8"),
@@ -106,7 +108,7 @@ PATIENTS: tuple[Patient, ...] = (
     _patient("imu-biased, standing", "imu", "imu-biased@8:12:gyro=3"),
     _patient("i2c-stuck, standing", "sensor", "i2c-stuck@8:8"),
     _patient("imu-clock", "", "imu-clock@0:percent=-1"),
-    _patient("adc-frozen", "", "adc-frozen@8", moving=True, seconds=30.0),
+    _patient("adc-frozen", "adc", "adc-frozen@8", moving=True, seconds=30.0),
     _patient(
         *("encoder-reversed", "sensor", "encoder-reversed@12"),
         moving=True,

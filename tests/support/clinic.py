@@ -56,7 +56,7 @@ class Visit:
 
     @property
     def can(self) -> bool:
-        """Over a CAN bus; only a moving visit can be."""
+        """Over a CAN bus."""
         return self.line.bitrate > 0
 
 
@@ -106,8 +106,10 @@ class _Desk:
     """A host that examines a device, in virtual time, and may be held up."""
 
     def __init__(self, visit: Visit, seed: int) -> None:
+        link = CanLink if visit.can else Link
         device = VirtualSweeper(
             load_room(visit.room),
+            link=link,
             seed=seed,
             noise=visit.noise,
             catalogue=visit.catalogue or CATALOGUE,
@@ -116,7 +118,7 @@ class _Desk:
         self._rig = Rig(device, visit.line, faults, seed=seed)
         self._stalls = [(round(1e6 * at), round(1e6 * (at + lasts))) for at, lasts in visit.stalls]
         self._end_us = round(visit.seconds * 1e6)
-        self.doctor = DoctorVisit(itertools.count(0x5EED + seed).__next__)
+        self.doctor = DoctorVisit(itertools.count(0x5EED + seed).__next__, link=link)
         self._now_us = 0
         self._waiting = b""
         self._read_us: int | None = None

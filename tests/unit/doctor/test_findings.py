@@ -9,7 +9,7 @@ from bridge.doctor.wire_view import Damaged
 from bridge.session.records import Severity
 from campaign.doctor import PATIENTS, uncovered, visit
 from protocol.messages.device import Encoders, Hello, LinkCounters, LogText, Power, Status
-from protocol.messages.values import LogLevel, ResetCause, StopCause
+from protocol.messages.values import Fault, LogLevel, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
@@ -181,6 +181,7 @@ def test_a_clock_that_runs_away_and_one_that_jumps() -> None:
         (ResetCause.SOFTWARE, "reset"),
         (ResetCause.WATCHDOG, "watchdog"),
         (ResetCause.BROWN_OUT, "brown_out"),
+        (ResetCause.CRASH, "crash"),
     ],
 )
 def test_a_boot_and_its_cause(cause: ResetCause, kind: str) -> None:
@@ -211,6 +212,29 @@ def test_what_the_device_counts_and_reports() -> None:
         "overload",
         "stopped",
     ]
+
+
+@pytest.mark.parametrize(
+    ("drives", "changes", "kinds"), [(True, 0, ["adc"]), (False, 0, []), (True, 1, [])]
+)
+def test_a_converter_is_frozen_if_it_repeats_itself_while_the_wheels_turn(
+    drives: object, changes: int, kinds: list[str]
+) -> None:
+    line = Line()
+    line.inform(hello())
+    for index in range(40):
+        for step in range(10):
+            line.inform(Encoders(*2 * [(10 * index + step) if drives else 7]), every_ms=20)
+        line.inform(Power(16_000 - changes * (index // 2), 200, 5, 5), every_ms=1)
+    assert line.kinds == kinds
+
+
+def test_hellos_before_a_session_are_no_gaps() -> None:
+    line = Line()
+    line.inform(hello(), every_ms=1000, count=100)
+    assert line.kinds == ["waiting"]
+    line.inform(COUNTS, count=200)
+    assert line.kinds == []
 
 
 def test_not_a_byte_and_not_a_frame() -> None:
@@ -284,6 +308,15 @@ def test_a_share_of_the_confusion_table(patient: object) -> None:
 
 def counters(*, dropped: int = 0, errors: int = 0, bus_offs: int = 0) -> LinkCounters:
     return LinkCounters(100, 0, 0, dropped, 2 * dropped & 0xFFFF, errors, 0, bus_offs)
+
+
+def test_a_crystal_that_failed_is_reported() -> None:
+    line = Line()
+    line.inform(hello())
+    line.inform(COUNTS, count=60)
+    line.inform(Status(0, StopCause.NONE, int(Fault.CLOCK), 0, 5))
+    line.inform(Status(0, StopCause.NONE, 0, 0, 5))
+    assert line.kinds == ["oscillator"]
 
 
 def test_full_queues_of_the_device_are_counted() -> None:
