@@ -107,7 +107,8 @@ def distances_m(heard: list[Message]) -> list[float]:
 
 def python_twin(plan: FloorPlan) -> list[Message]:
     """The same plan on the Python firmware in the same room: what it said."""
-    device, link = VirtualSweeper(plan, noise="none"), Link(Direction.HOST)
+    link = Link(Direction.HOST)
+    device = VirtualSweeper(plan, noise="none", boot_id=Boot().boot_id)
     heard: list[Message] = []
     leave = [*LEAVE]
     end_us, now_us = 400_000_000, 0

@@ -176,6 +176,7 @@ _questions: st.SearchStrategy[Message] = st.one_of(
         HostHello,
         st.integers(0, 2**32 - 1),
         st.sampled_from([0, 7, 8]),
+        st.sampled_from([0, Boot().boot_id, Boot().boot_id + 1]),
         st.sampled_from([0, 1, 2]),
         st.text(max_size=70),
     ),

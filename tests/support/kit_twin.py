@@ -124,13 +124,16 @@ class Twin:
 
     def _step(self, step: Step) -> Reported:
         until_us = self._now_us + step.for_us
+        wrote = b""
         while self._due_us <= until_us:
             self._duties = self.firmware.tick(self._due_us - self._booted_us)
             self._due_us += TICK_US
+            if self._can:  # frames leave by rank among those that wait in one period
+                wrote += self.firmware.data_to_send()
         self._now_us = until_us
         for piece in self._pieces(step.data):
             self.firmware.receive(piece, until_us - self._booted_us)
-        reported = self._report(self.firmware.data_to_send())
+        reported = self._report(wrote + self.firmware.data_to_send())
         if self.firmware.reboot_wanted is not None:
             if self.firmware.reboot_wanted is RebootKind.FACTORY_RESET:
                 self._flash.erase()
