@@ -171,7 +171,7 @@ def test_latest_is_read_by_every_command_that_reads_a_log(runs: Path) -> None:
     assert sweepctl("export", "latest", "--out", "tables").status == 0
     assert sweepctl("recover", "latest", "--out", "whole.mcap").status == 0
     assert sweepctl("view", "latest", "--png", "v.png").status == 0
-    assert "of 9 messages are equal" in sweepctl("replay", "latest", "--check").line
+    assert "messages are equal" in sweepctl("replay", "latest", "--check").line
     assert "no run latest~5" in sweepctl("info", "latest~5").line
     assert runs.is_dir()
 
