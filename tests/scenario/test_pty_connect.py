@@ -90,8 +90,8 @@ def ctrl_c_stops_the_robot_first_and_closes_the_log_whole(tmp_path: Path) -> Non
         assert any("Ctrl-C" in str(event) for event in kinds)
 
 
-def _version_2() -> bytes:
-    body = bytes([2 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
+def _version_3() -> bytes:
+    body = bytes([3 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
     encoded: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
     return b"\0" + encoded + b"\0"
 
@@ -101,7 +101,7 @@ def ports_that_are_no_sweeper(tmp_path: Path) -> None:
     peers = {
         "silent": PtyPeer(lambda: b""),
         "garbage": PtyPeer(lambda: rng.randbytes(100)),
-        "version": PtyPeer(_version_2),
+        "version": PtyPeer(_version_3),
     }
     for name in peers:
         (tmp_path / f"{name}.mcap").write_text("an older log")
@@ -119,7 +119,7 @@ def ports_that_are_no_sweeper(tmp_path: Path) -> None:
     }
     assert "nothing received" in ended["silent"].complaint
     assert "but no intact frame" in ended["garbage"].complaint
-    assert "protocol version 2" in ended["version"].complaint
+    assert "protocol version 3" in ended["version"].complaint
     for name, end in ended.items():
         assert "Traceback" not in end.err
         assert peers[name].port in end.complaint

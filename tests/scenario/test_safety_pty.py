@@ -244,7 +244,8 @@ def a_stop_from_another_shell(tmp_path: Path) -> None:
         # with nobody there, the port is opened for it
         again = run(tmp_path, "stop", device.port, "--json")
         assert again.status == 0
-        assert again.json == {"port": device.port, "by": "wire", "confirmed": True, "node": 1}
+        by_wire = {"by": "wire", "confirmed": True, "node": 1, "nodes": [1]}
+        assert again.json == {"port": device.port, **by_wire}
         rejected = connect(tmp_path, device.port, "--plan", "paper", "--out", "refused.mcap")
         assert rejected.status == 5
         assert "cause: operator" in rejected.complaint
