@@ -32,8 +32,8 @@ _HALF_SEQ = 128
 _STOPS = frozenset({"stop", "stop_all"})
 """Names of the messages that need no tag, and are not refused for a wrong one."""
 _TIME_REQUEST = "time_request"
-"""Name of the message that needs no tag, and is answered with a wrong one too. A host with another key
-then measures the link, and its commands are rejected."""
+"""Name of the message that needs no tag, and is answered with a wrong one too. A host with another
+key then measures the link, and its commands are rejected."""
 _HELLO = "hello"
 """Name of the message that says which boot a device's sequence numbers are of."""
 _PLAIN_MASK = 0xF0 | FLAG_AUTHENTICATED
