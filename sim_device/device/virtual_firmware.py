@@ -211,8 +211,8 @@ class Firmware:
         if message.__class__ is HostHello and not self._open(message, now_us):
             return
         genuine = bool(frame.version_flags & FLAG_AUTHENTICATED)
-        if genuine or self.link.key is None or self.control.mode is Mode.IDLE:
-            # With a key, what may move lives by what only its host can send.
+        if genuine or self.link.key is None or self.latch.cause != StopCause.NONE:
+            # With a key, what is free to move lives by what only its host can send.
             self._heard_us = now_us
         if isinstance(message, Stop):
             # Obeyed before any question of session or repetition; nor is it the session's frame,

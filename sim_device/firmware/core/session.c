@@ -242,8 +242,8 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
             return;
         }
     }
-    if (tagged || !keyed || modes_told(firmware->control.state) == SP_MODE_IDLE) {
-        /* With a key, what may move lives by what only its host can send. */
+    if (tagged || !keyed || firmware->control.latch.cause != SP_STOP_CAUSE_NONE) {
+        /* With a key, what is free to move lives by what only its host can send. */
         firmware->heard_us = arrived_us;
     }
     if (frame->type == SP_TYPE_STOP) {
