@@ -277,7 +277,7 @@ def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
         host.agree()
         assert not host.status().faults & ~Fault.DRIVERS_OFF
         device.ask("start battery-flat:charge=0.02")
-        until(lambda: host.status().faults & Fault.BATTERY_LOW, 5.0, "the battery is low")
+        until(lambda: bool(host.status().faults & Fault.BATTERY_LOW), 5.0, "the battery is low")
     finally:
         device.ask("start battery-flat:charge=1.0")
         host.port.close()
