@@ -135,7 +135,10 @@ def test_other_commands_end_with_their_status(served: Served, tmp_path: Path) ->
 
 
 def test_an_emulator_serves_on_and_ends(tmp_path: Path) -> None:
-    with unread("emulate", "case-1", "--fault", "unplug@1:0.5", cwd=tmp_path) as emulator:
+    # A name of its own: while it is unplugged, another emulator may be given its number.
+    link = tmp_path / "robot"
+    fault = ("--fault", "unplug@1:0.5")
+    with unread("emulate", "case-1", "--pty-link", link, *fault, cwd=tmp_path) as emulator:
         assert emulator.stdout is not None
         port = emulator.stdout.readline().split()[1]
         seen = sweepctl("connect", port, "--duration", "2", "--json", "--out", tmp_path / "c.mcap")
