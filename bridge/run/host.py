@@ -19,7 +19,7 @@ from bridge.run.mission import Mission, Phase, Request
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.pings import Pings
 from bridge.run.recording import HostRecords
-from bridge.run.robot_state import STALE_S, missing_needs, understood
+from bridge.run.robot_state import PLUGGED, STALE_S, missing_needs, understood
 from bridge.run.runner import hold, release
 from bridge.run.snapshot import (
     EstimatorSnapshot,
@@ -166,6 +166,7 @@ class Host:
             LogText: self._log_text,
             ParameterValue: self.commands.parameter,
             TimeReply: self.localisation.time_reply,
+            **dict.fromkeys(PLUGGED, self._plugged),
         }
 
     @property
@@ -271,6 +272,7 @@ class Host:
                 state.status,
                 state.planner,
                 dict(state.arrived_s),
+                dict(state.plugged),
             ),
             MissionSnapshot(
                 mission.phase,
@@ -432,6 +434,9 @@ class Host:
         if fresh and self.mission.phase is Phase.DRIVING:
             self.localisation.see_walls(message, device_us)
 
+    def _plugged(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every listener
+        self.state.keep_plugged(message, now_ns / 1e9)
+
     def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every listener
         self._records.log_text(message, now_ns)
 
@@ -509,6 +514,7 @@ class Host:
                 state.arrived_s,
                 supervision.command if onboard is None else None,
                 "" if onboard is None else onboard.name.lower().replace("_", "-"),
+                state.plugged,
             )
             ended = mission.ending is not None
             command = supervision.step(inputs, command, now_ns, ended=ended)

@@ -21,6 +21,8 @@ from protocol.messages.device import (
 from protocol.messages.host import ClearStop, SetMode, VelocitySetpoint
 from protocol.messages.values import Contact
 from protocol.schema.agreement import MessageAgreement
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import MAKERS_TYPES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -60,6 +62,10 @@ _KEPT: dict[type[Message], str] = {
     Status: "status",
     PlannerState: "planner",
 }
+PLUGGED: tuple[type[Message], ...] = tuple(
+    spec.cls for spec in CATALOGUE if spec.type_id in MAKERS_TYPES
+)
+"""Messages of plug-ins: kept for the dashboard, the rules of plug-ins and other processes."""
 # Plain integers: arithmetic on an enumeration creates a new member each time.
 _LEFT, _RIGHT = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT)
 _CLIFF = int(Contact.CLIFF)
@@ -94,6 +100,8 @@ class RobotState:
     status: Status | None = None
     planner: PlannerState | None = None
     """State of the device's own planner."""
+    plugged: dict[type[Message], Message] = field(default_factory=dict)
+    """Newest message of each class of a plug-in."""
     times: SampleTimes = field(default_factory=SampleTimes)
     _came_s: dict[type[Message], float] = field(default_factory=dict, init=False, compare=False)
     """Arrival time of each type's newest message (s), regardless of its stamp."""
@@ -118,6 +126,11 @@ class RobotState:
         setattr(self, name, message)
         self._came_s[cls] = now_s
         return self.times.take(cls, device_us, now_s)
+
+    def keep_plugged(self, message: Message, now_s: float) -> None:
+        """Store a message of a plug-in. Its stamp is not used: nothing of ours depends on it."""
+        self.plugged[type(message)] = message
+        self.times.note(type(message), now_s)
 
     def stale(self, now_s: float, needs: Mapping[type[Message], float] = NEEDS) -> str | None:
         """Return the name of a stream in ``needs`` that is stale; None if there is none.
@@ -169,5 +182,6 @@ class RobotState:
     def forget(self) -> None:
         """Discard all data at a new boot or session."""
         self.imu = self.encoders = self.range = self.power = self.status = self.planner = None
+        self.plugged.clear()
         self.times.forget()
         self._came_s.clear()

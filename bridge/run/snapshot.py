@@ -6,10 +6,13 @@ newest one, not the host. Its attributes have the names of the host's.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bridge.session.link_stats import wire_summary
+from bridge.session.monitor import physical
 from protocol.messages.values import Fault, Mode, ResetCause, StopCause, fault_labels, label
+from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
     from protocol.messages.device import Encoders, Hello, Imu, PlannerState, Power, Range, Status
     from protocol.schema.message import Message
 
+M = TypeVar("M", bound="Message")
+
 
 class StateSnapshot(NamedTuple):
     """Newest messages and the host times (s) of their samples."""
@@ -39,6 +44,13 @@ class StateSnapshot(NamedTuple):
     planner: PlannerState | None
     """State of the device's own planner."""
     arrived_s: Mapping[type[Message], float]
+    plugged: Mapping[type[Message], Message] = MappingProxyType({})
+    """Newest message of each class of a plug-in."""
+
+    def newest(self, kind: type[M]) -> M | None:
+        """Return the newest message of a plug-in's class; None before the first."""
+        message = self.plugged.get(kind)
+        return message if isinstance(message, kind) else None
 
 
 class RunnerSnapshot(NamedTuple):
@@ -160,6 +172,10 @@ def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
             "logic_v": power.logic_v,
             "motor_left_a": power.motor_left_a,
             "motor_right_a": power.motor_right_a,
+        },
+        "plugins": {
+            CATALOGUE.by_class[kind].name: physical(CATALOGUE.by_class[kind], message)
+            for kind, message in state.plugged.items()
         },
         "age_s": ages,
         "clock": {

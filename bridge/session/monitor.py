@@ -215,6 +215,11 @@ def physical(spec: MessageSpec, message: Message) -> dict[str, Any]:
 
 def as_text(spec: MessageSpec, message: Message) -> str:
     """Return a message's values as one line, each with its unit."""
+    return " ".join(f"{name}={value}{unit}" for name, value, unit in texts(spec, message))
+
+
+def texts(spec: MessageSpec, message: Message) -> list[tuple[str, str, str]]:
+    """Return name, value and unit of each field of a message; a dash is an unknown value."""
     parts = []
     for item, raw in zip(spec.fields, message, strict=False):
         value = _value(item, raw)
@@ -227,8 +232,8 @@ def as_text(spec: MessageSpec, message: Message) -> str:
             shown = f"{value:.6g}"
         else:
             shown = str(value)
-        parts.append(f"{item.name}={shown}{unit}")
-    return " ".join(parts)
+        parts.append((item.name, shown, unit))
+    return parts
 
 
 _UNITS = {

@@ -66,6 +66,10 @@ class SampleTimes:
         self._quickest_s = min(delay_s, self._quickest_s + DRIFT * elapsed_s)
         self._usual_s = min(delay_s, self._usual_s + FOLLOWING * elapsed_s)
 
+    def note(self, stream: type, now_s: float) -> None:
+        """Note the arrival of a message that nothing depends on; its stamp is not used."""
+        self.taken_s[stream] = now_s
+
     def take(self, stream: type, device_us: int, now_s: float) -> bool:
         """Add a sample's stamp and arrival. Return False if it is not newer than the last."""
         device_s = device_us * 1e-6

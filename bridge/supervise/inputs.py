@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 Scalar = float | str | bool
+M = TypeVar("M", bound="Message")
 
 
 class RuleInputs(NamedTuple):
@@ -45,6 +46,13 @@ class RuleInputs(NamedTuple):
     """Velocity setpoint sent last; None if the device plans."""
     onboard: str = ""
     """Name of the device's planner; empty if the host plans."""
+    plugged: Mapping[type[Message], Message] = MappingProxyType({})
+    """Newest message of each class of a plug-in."""
+
+    def newest(self, kind: type[M]) -> M | None:
+        """Return the newest message of a plug-in's class; None before the first."""
+        message = self.plugged.get(kind)
+        return message if isinstance(message, kind) else None
 
 
 class Reaction(NamedTuple):

@@ -244,5 +244,39 @@ def test_a_rule_that_raises_is_disabled_and_the_run_goes_on(site: Path) -> None:
     assert "rule 'bad' of package bad-rule 1.0 raised ValueError: no" in events[0].text
 
 
+DUSTY = """
+from dataclasses import dataclass
+from bridge.supervise.settings import PluggedRule
+from sweepctl_example.messages import Dust
+
+@dataclass(frozen=True, slots=True)
+class Rule(PluggedRule):
+    "There is dust."
+    def condition(self, model):
+        return Condition()
+
+class Condition:
+    grave = False
+    def holds(self, inputs, measured):
+        self.dust = inputs.newest(Dust)
+        return self.dust is not None and inputs.time_s - inputs.arrived_s[Dust] < 1.0
+    def evidence(self):
+        return f"{self.dust.rate_hz:g} particles a second", {"particles": self.dust.particles}
+    def restart(self):
+        pass
+"""
+
+
+def test_a_rule_reads_the_messages_of_plug_ins(site: Path) -> None:
+    install_example(site)
+    install(site, "dusty", {"rules": {"dusty": "dusty:Rule"}}, {"dusty": DUSTY})
+    run = ("simulate", "empty", "--planner", "u-shape", "--max-time", "5", "--out", "r.mcap")
+    done = sweepctl_with(site, *run, "--supervise-rule", "dusty.reaction=stop")
+    assert done.status == 5, "stopped for safety"
+    found = decoded(site.parent / "r.mcap", "/events")
+    (event,) = [event for _, event in found if event.kind == "dusty"]
+    assert "20 particles a second" in event.text
+
+
 def test_without_plug_ins_nothing_is_imported_for_them() -> None:
     assert "Plug-ins" not in sweepctl("--help").out

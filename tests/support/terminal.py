@@ -25,7 +25,12 @@ class OnTerminal:
     """``sweepctl`` with its three streams on a pty of 120 × 40; ``kitty`` tells of releases."""
 
     def __init__(
-        self, *arguments: str | Path, cwd: Path, kitty: bool = False, term: str = "xterm-256color"
+        self,
+        *arguments: str | Path,
+        cwd: Path,
+        kitty: bool = False,
+        term: str = "xterm-256color",
+        **variables: str,
     ) -> None:
         self._master, slave = pty.openpty()
         self.drawn = b""
@@ -35,7 +40,7 @@ class OnTerminal:
         self.process = subprocess.Popen(
             [*COMMAND, *map(str, arguments)],
             cwd=cwd,
-            env=environment(TERM=term, COLUMNS="120", LINES="40"),
+            env=environment(TERM=term, COLUMNS="120", LINES="40", **variables),
             stdin=slave,
             stdout=slave,
             stderr=slave,

@@ -35,11 +35,11 @@ TURN_S = 0.05
 class Command:
     """A running ``sweepctl``."""
 
-    def __init__(self, *arguments: str | Path, cwd: Path) -> None:
+    def __init__(self, *arguments: str | Path, cwd: Path, **variables: str) -> None:
         self.process = subprocess.Popen(
             [*COMMAND, *map(str, arguments)],
             cwd=cwd,
-            env=environment(PYTHONUNBUFFERED="1"),
+            env=environment(PYTHONUNBUFFERED="1", **variables),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -127,8 +127,9 @@ def _state(task: Path) -> str:
 class Emulator(Command):
     """A virtual sweeper on a pty of its own."""
 
-    def __init__(self, cwd: Path, *arguments: str | Path) -> None:
-        super().__init__("emulate", "case-1", "--noise", "none", *arguments, cwd=cwd)
+    def __init__(self, cwd: Path, *arguments: str | Path, **variables: str) -> None:
+        options = ("emulate", "case-1", "--noise", "none", *arguments)
+        super().__init__(*options, cwd=cwd, **variables)
         line = self.first_line()
         assert line.startswith("ready "), line
         self.port = line.split()[1]

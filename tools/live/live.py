@@ -31,6 +31,7 @@ from tools.live.tables import (
     compact_table,
     link_table,
     planner_table,
+    plugged_table,
     sensor_table,
     state_table,
 )
@@ -233,7 +234,7 @@ class Dashboard:
 
     def _three(self, host: Snapshot, columns: Layout, width: int, body: int, now_s: float) -> None:
         """Fill ``columns`` with two columns of tables and the map between them."""
-        map_width = max(20, width - 2 * _COLUMN)
+        map_width, plugged = max(20, width - 2 * _COLUMN), plugged_table(host, now_s)
         left = Group(
             Panel(state_table(host, now_s), title="robot", title_align="left"),
             Panel(sensor_table(host, now_s), title="sensors", title_align="left"),
@@ -241,6 +242,7 @@ class Dashboard:
         right = Group(
             Panel(planner_table(host, self._facts.planner), title="planner", title_align="left"),
             Panel(link_table(host, self._rates), title="link", title_align="left"),
+            *([Panel(plugged, title="plug-ins", title_align="left")] if plugged else []),
         )
         columns.split_row(
             Layout(left, size=_COLUMN),

@@ -9,6 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from bridge.io import clock
+from bridge.run.robot_state import PLUGGED
+from bridge.session.monitor import texts
 from bridge.session.states import State
 from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.messages.values import (
@@ -26,8 +28,9 @@ from protocol.schema.catalogue import CATALOGUE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bridge.coverage.planner import PlannerState as RunnerState
     from bridge.run.snapshot import Snapshot
-    from protocol.schema.message import Message
+    from protocol.schema.message import Message, MessageSpec
 
 _RATE_NS = 1_000_000_000
 """Period at which rates are computed, ns."""
@@ -35,8 +38,9 @@ _AGED_S = 2.0
 """Age beyond which a value is dimmed, s: several periods of the slowest stream."""
 _FROZEN_S = 0.5
 """Time without encoder counts after which no speed is shown, s: the time to live of a setpoint."""
-_LANE_VARIABLES = frozenset({"paper"})
-"""Planners whose state has the variables of the paper's Table 1."""
+_NO_LANE_VARIABLES = frozenset({"recovery", "u-shape", "random"})
+"""Planners whose state lacks the variables of the paper's Table 1. A planner of a plug-in may have
+them."""
 _RATES_SHOWN = ("imu", "encoders", "range", "status", "power", "planner_state")
 """Messages whose rates are shown."""
 
@@ -222,6 +226,10 @@ def compact_table(host: Snapshot, rates: Rates, now_s: float) -> Table:
     rows += _shown([("gyro z", rate)], dim=_aged(host, Imu, now_s))
     if mission.runner is not None:
         rows += _shown([("planner", mission.runner.state.state)])
+    for kind, message in state.plugged.items():
+        spec = CATALOGUE.by_class[kind]
+        values = ", ".join(f"{name} {text}" for name, text in _fields(spec, message))
+        rows += _shown([(spec.name, values)], dim=_aged(host, kind, now_s))
     wire = host.session.link.statistics
     shown = " ".join(f"{n} {rates.hz[n]:.0f}" for n in _RATES_SHOWN[:3] if n in rates.hz)
     rows += _shown([("Hz", shown or "-"), ("link", f"{wire.lost} lost, {wire.damaged} damaged")])
@@ -286,15 +294,12 @@ def planner_table(host: Snapshot, planner: str = "") -> Table:
     if runner is not None:
         state = runner.state
         rows.append(("state", Text(state.state, style="bold")))
-        if planner in _LANE_VARIABLES:
-            lanes = f"{state.lane_distance_m:.2f} m {state.previous_lane_distance_m:.2f} m"
-            rows += [
-                ("T", str(state.turn_count)),
-                ("D, Prev-D", lanes),
-                ("Length", f"{state.length_m:.2f} m, case {state.case or '-'}"),
-            ]
+        if planner == "paper":
+            rows += _lane_rows(state)
         else:
             rows += [("turns", str(runner.turns)), ("lanes", f"{runner.lane_length_m:.1f} m")]
+            if planner not in _NO_LANE_VARIABLES and _sets_lane_variables(state):
+                rows += _lane_rows(state)
         if state.target is not None:
             x_m, y_m = state.target
             away_m = math.dist(state.target, host.estimator.pose[:2])
@@ -302,6 +307,44 @@ def planner_table(host: Snapshot, planner: str = "") -> Table:
     elif device is not None:
         rows.append(("on board", label(PlannerPhase, device.phase)))
     return _rows(rows)
+
+
+def _lane_rows(state: RunnerState) -> _Rows:
+    """Return the rows of the variables of the paper's Table 1."""
+    lanes = f"{state.lane_distance_m:.2f} m {state.previous_lane_distance_m:.2f} m"
+    return [
+        ("T", str(state.turn_count)),
+        ("D, Prev-D", lanes),
+        ("Length", f"{state.length_m:.2f} m, case {state.case or '-'}"),
+    ]
+
+
+def _sets_lane_variables(state: RunnerState) -> bool:
+    """Return whether a planner has set any of the variables of the paper's Table 1."""
+    return bool(state.lane_distance_m or state.length_m or state.case)
+
+
+def plugged_table(host: Snapshot, now_s: float) -> Table | None:
+    """Return the table of the messages of plug-ins; None if no plug-in has a message."""
+    rows: _Rows = []
+    for kind in PLUGGED:
+        spec, message = CATALOGUE.by_class[kind], host.state.plugged.get(kind)
+        if message is None:
+            rows += _shown([(spec.name, None)])
+            continue
+        dim = _aged(host, kind, now_s)
+        rows.append((spec.name, ""))
+        rows += _shown([(f"  {name}", text) for name, text in _fields(spec, message)], dim=dim)
+    return _rows(rows) if rows else None
+
+
+def _fields(spec: MessageSpec, message: Message) -> list[tuple[str, str]]:
+    """Return the names of a message's fields, and their values with units."""
+    units = {field.name: "%" for field in spec.fields if field.unit == "percent"}
+    return [
+        (name, f"{value} {units.get(name, unit)}".rstrip())
+        for name, value, unit in texts(spec, message)
+    ]
 
 
 def link_table(host: Snapshot, rates: Rates) -> Table:
