@@ -12,13 +12,13 @@ import math
 import numpy as np
 import pytest
 
-from bridge.motion.dead_reckoning import DeadReckoning
 from bridge.motion.estimation.drift_model import DriftModel, NoiseScale
 from bridge.motion.estimation.ekf import BIAS, GYRO_SCALE, MOTION_BIAS, STATES, WHEEL_SCALE
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.noise_monitor import SlipMonitor, gyro_share
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from support.dead_reckoning import DeadReckoning
 from support.sim_body import box, room
 from support.sim_drive import SimDrive
 

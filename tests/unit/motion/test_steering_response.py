@@ -16,17 +16,17 @@ from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, GoTo, Leg
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.steering_response import (
+from bridge.motion.step_response import DEAD_S, StepResponse
+from support.observed import AT_REST
+from support.sim_body import box, room
+from support.sim_drive import SimDrive
+from support.steering_response import (
     BEARING_BAND_RAD,
     WALL_BAND_M,
     bearing_step,
     column_stand_off_m,
     wall_step,
 )
-from bridge.motion.step_response import DEAD_S, StepResponse
-from support.observed import AT_REST
-from support.sim_body import box, room
-from support.sim_drive import SimDrive
 
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation

@@ -20,7 +20,6 @@ RECKONING = {
     "bridge.motion.estimation.odometry",
     "bridge.motion.estimation.relocalise",
     "bridge.motion.estimation.joint_covariance",
-    "bridge.motion.dead_reckoning",
     "bridge.motion.estimation.ekf",
     "bridge.motion.estimation.wall_map",
     "bridge.motion.estimation.wall_measurements",

@@ -1,4 +1,4 @@
-"""The mode table by itself, whole; that the device does what it says is in test_device_modes."""
+"""The mode table by itself, whole; that the device does what it says is in test_modes.py."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def test_all_are_named_here() -> None:
         "BATTERY_LOW",
         "SETPOINT_EXPIRED",
         "LIFTED",
-        "ENCODER_LEFT_REVERSED",  # this and the next two: test_device_protection
+        "ENCODER_LEFT_REVERSED",  # this and the next two: test_protection.py
         "ENCODER_RIGHT_REVERSED",
         "ENCODERS_SWAPPED",
         "CLOCK",  # likewise, with the crash record

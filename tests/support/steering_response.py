@@ -155,7 +155,7 @@ def _follow(  # noqa: PLR0913, PLR0917 - a robot, what it follows, and how
     body = _Body(model, speed, dead_s)
     range_m = 0.0
     for i in range(round(_FOLLOW_S / STEP_S)):
-        if 2 * i % 5 < 2:  # noqa: PLR2004 - the first step at or after each 50 ms
+        if 2 * i % 5 < 2:
             range_m = round(reads(body.pose) / _WIRE_M) * _WIRE_M
         body.step(*follower.step(_sees(i * STEP_S, body, range_m), STEP_S).command)
         yield (i + 1) * STEP_S, body
