@@ -1,1 +1,1 @@
-"""The virtual sweeper's body: motors, wheels, contact and supply."""
+"""Mechanics and supply of the virtual sweeper: motors, wheels, contact, battery."""

@@ -1,4 +1,4 @@
-"""The body's mechanical constants, and the faults that its drive may have."""
+"""Mechanical constants of the virtual sweeper, and the faults of its drive."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ _set = object.__setattr__
 
 @dataclass(frozen=True, slots=True)
 class Chassis:
-    """Forces between the robot, the floor and the walls, and the load of its electronics."""
+    """Forces between the robot, the floor and the walls, and the load of the electronics."""
 
     traction_n: float = 7.0
-    """Greatest push of one wheel: 3 kg, 80 % of it on the wheels, coefficient 0.6."""
+    """Maximum push of one wheel, N: 3 kg, 80 % of it on the wheels, friction coefficient 0.6."""
     wall_friction: float = 0.2
-    """Bumper's plastic on a painted wall."""
+    """Friction coefficient of the plastic bumper on a painted wall."""
     electronics_w: float = 1.5
-    """Controller, sensors and bridges at rest, drawn from the battery."""
+    """Power of controller, sensors and idle bridges, W, drawn from the battery."""
     mass_kg: float = 3.0
-    """0: no wheel ever spins on free floor, and thresholds weigh nothing."""
+    """Mass of the robot, kg. With 0 no wheel spins on free floor, and thresholds cost no force."""
     wheel_share: float = 0.8
     """Share of the weight on the wheels; the caster carries the rest."""
     caster_drag_n: float = 0.3
     """Rolling resistance of the caster, N: 5 % of its load."""
     caster_x_m: float = 0.115
-    """Ahead of the axle (negative: behind it); not 0."""
+    """Distance of the caster ahead of the axle, m; negative behind it, never 0."""
     caster_radius_m: float = 0.015
 
 
 @dataclass(slots=True)
 class PlantFaults:
-    """What is broken now; may be changed at any time between two ``advance_ms``."""
+    """Present faults of the drive; they may change between two calls of ``advance_ms``."""
 
     stuck_left: bool = False
-    """The gearbox is jammed: the wheel does not turn, its motor draws its stall current."""
+    """True: the left gearbox is jammed. The wheel stands, and its motor draws the stall current."""
     stuck_right: bool = False
     slip_left: float = 0.0
-    """Extra share of the wheel's travel lost on the floor, 0..1."""
+    """Extra share of the left wheel's travel that is lost on the floor, 0..1."""
     slip_right: float = 0.0
     lifted: bool = False
-    """Held in the air: the wheels turn freely, and the robot stands without contact."""
+    """True: the robot is held in the air. The wheels turn freely, and nothing touches it."""
     touched: bool = field(default=True, init=False, repr=False, compare=False)
-    """Whether any of them was set since the plant last looked."""
+    """True if a fault was set since the plant last read this object."""
 
     def __setattr__(self, name: str, value: float) -> None:
         _set(self, name, value)
@@ -60,7 +60,7 @@ class PlantFaults:
 
 
 def fill_parameters(b: Body, motor: MotorParameters, chassis: Chassis, model: RobotModel) -> None:
-    """Fill in what the kernel's body has of the parts."""
+    """Write the parameters of the parts into the kernel's body."""
     radius_m = 0.5 * model.wheel_diameter_m
     b.back_emf_v_s, b.resistance_ohm = motor.back_emf_v_s, motor.resistance_ohm
     b.friction_v, b.drop_v = motor.friction_v, model.driver_drop_v
@@ -80,7 +80,7 @@ def set_lag(
     *,
     lifted: bool,
 ) -> None:
-    """Fill in how the wheels lag; in the air they carry their own inertia only."""
+    """Write the lag of the wheels into the body; lifted wheels carry only their own inertia."""
     tau = motor.time_constant_s
     if lifted:
         radius_m = 0.5 * model.wheel_diameter_m

@@ -1,8 +1,8 @@
-"""The plant's kernel, compiled: wheels, pose and contact, a millisecond at a time; the battery.
+"""Compiled kernel of the plant: wheels, pose, contact and battery, one millisecond at a time.
 
 ``advance`` works on a ``Body`` and allocates nothing. Each millisecond depends only on the state
-before it, so equal calls give equal floats however time is split; what is slow (battery, slip) is
-renewed every tenth, by ``renew``. The models are told in ``plant`` and ``motors``.
+before it, so equal calls give equal floats however time is split. Slow quantities (battery, slip)
+are renewed by ``renew`` every ten milliseconds. ``plant`` and ``motors`` describe the models.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 TICK_S = 0.001
 SLOW_MS = 10
-"""Period of what changes slowly."""
+"""Period of the slow quantities, ms."""
 REARM_MS = 500.0
 """Contact-free time after which the next onset counts as a collision, ms."""
 MAX_TOUCHES = 16
@@ -39,57 +39,59 @@ _RAIL_WHOLE_V = cython.declare(cython.double, RAIL_WHOLE_V)
 _BRIDGE_LOGIC_V = cython.declare(cython.double, BRIDGE_LOGIC_V)
 _SECONDS_PER_HOUR = cython.declare(cython.double, 3600.0)
 _TOUCH_M = cython.declare(cython.double, 2e-5)
-"""A smaller gap is contact: far below any sensor, far above rounding."""
+"""Gap below which the disc is in contact, m: far below any sensor, far above rounding."""
 _PENETRATION_M = cython.declare(cython.double, 1e-9)
-"""The disc never sticks further into a wall than this (nor than the start did)."""
+"""Maximum depth of the disc in a wall, m, unless it started deeper."""
 _COLLISION_SPEED_M_S = cython.declare(cython.double, 0.03)
-"""Slower onsets of contact are no collision."""
+"""Minimum normal speed of a collision, m/s; slower onsets of contact do not count."""
 _WALKER = cython.declare(cython.int, -1)
 """Index of the walker among the edges in contact."""
 _NEAR_M = cython.declare(cython.double, 0.35)
 _NEAR_MOVED_M = cython.declare(cython.double, 0.25)
-"""Edges within the radius and ``_NEAR_M`` are looked at; renewed as the robot has gone this far."""
+"""Distance after which the list of near edges is renewed, m. The list holds the edges within the
+radius and ``_NEAR_M``."""
 _SMALL_STEP_M = cython.declare(cython.double, 0.02)
 _PASSES = cython.declare(cython.int, 12)
 _HALVINGS = cython.declare(cython.int, 10)
 _SHOVE_M = cython.declare(cython.double, 0.005)
-"""A walker shoves no further at once, so never through a wall."""
+"""Maximum distance that a walker pushes the disc in one step, m, so that it never crosses a wall.
+"""
 _BOUNCE_S = cython.declare(cython.double, 0.05)
-"""A tyre that spins before a threshold bounces on it; that dies out so fast."""
+"""Decay time of a spinning tyre's bouncing in front of a threshold, s."""
 
 
 @cython.final
 @cython.cclass
 class Wheel:
-    """One wheel with its motor, and how it stands on the floor."""
+    """One wheel with its motor and its contact with the floor."""
 
     radius_m = cython.declare(cython.double, visibility="public")
     stuck = cython.declare(cython.bint, visibility="public")
     slope_n = cython.declare(cython.double, visibility="public")
-    """Weight's push against it."""
+    """Force of the weight on a slope against the wheel, N."""
     carpet_n = cython.declare(cython.double, visibility="public")
-    """Drag of the carpet under it."""
+    """Drag of the carpet under the wheel, N."""
     carpet_slip = cython.declare(cython.double, visibility="public")
-    """Share of its travel lost on that carpet."""
+    """Share of the wheel's travel that is lost on this carpet."""
     extra_slip = cython.declare(cython.double, visibility="public")
-    """Share lost besides (a fault)."""
+    """Share of the travel lost in addition, by a fault."""
     slip = cython.declare(cython.double, visibility="public")
-    """Share lost that wanders, less its mean."""
+    """Random part of the lost share, with its mean subtracted."""
     travel_m_rad = cython.declare(cython.double, visibility="public")
-    """Half of its travel over the floor per radian, slip taken off."""
+    """Half of the wheel's travel over the floor per radian, m, after slip."""
     yaw_rad_rad = cython.declare(cython.double, visibility="public")
-    """The body's turn per radian."""
+    """Turn of the body per radian of the wheel."""
     duty = cython.declare(cython.double, visibility="public")
     """Duty of the bridge, -1..1."""
     volt = cython.declare(cython.double, visibility="public")
-    """Behind the bridge."""
+    """Voltage behind the bridge, V."""
     rad_s = cython.declare(cython.double, visibility="public")
     angle_rad = cython.declare(cython.double, visibility="public")
     grip_rad_s = cython.declare(cython.double, visibility="public")
-    """Speed that the floor under it sees: its own unless it spins."""
+    """Wheel speed that the floor sees, rad/s; the wheel's own speed unless it spins."""
 
     def __init__(self) -> None:
-        """At rest, on level floor."""
+        """Start at rest on level floor."""
         self.radius_m = self.slope_n = self.carpet_n = self.carpet_slip = 0.0
         self.extra_slip = self.slip = self.travel_m_rad = self.yaw_rad_rad = 0.0
         self.duty = self.volt = self.rad_s = self.angle_rad = self.grip_rad_s = 0.0
@@ -106,7 +108,7 @@ class Body:
 
     # Parameters.
     tau_s = cython.declare(cython.double, visibility="public")
-    """Time constant of a wheel's lag; ``decay``: its share over a tick."""
+    """Time constant of a wheel's lag, s. ``decay`` is the share that remains after a tick."""
     decay = cython.declare(cython.double, visibility="public")
     back_emf_v_s = cython.declare(cython.double, visibility="public")
     resistance_ohm = cython.declare(cython.double, visibility="public")
@@ -114,17 +116,18 @@ class Body:
     drop_v = cython.declare(cython.double, visibility="public")
     """Voltage drop of the bridges, V."""
     load_v_n = cython.declare(cython.double, visibility="public")
-    """Voltage that a wheel's load takes."""
+    """Voltage that a wheel's load takes, V/N."""
     radius_m = cython.declare(cython.double, visibility="public")
     wheel_base_m = cython.declare(cython.double, visibility="public")
     wall_friction = cython.declare(cython.double, visibility="public")
     traction_n = cython.declare(cython.double, visibility="public")
     rad_s_per_n = cython.declare(cython.double, visibility="public")
-    """Change of a wheel's speed over a tick by its push."""
+    """Change of a wheel's speed over a tick per newton of push."""
     caster_n = cython.declare(cython.double, visibility="public")
     caster_x_m = cython.declare(cython.double, visibility="public")
     full_v = cython.declare(cython.double, visibility="public")
-    """The battery's parameters are those of ``BatteryParameters``."""
+    """Open-circuit voltage of the full battery, V. This and the next ones are as in
+    ``BatteryParameters``."""
     capacity_ah = cython.declare(cython.double, visibility="public")
     empty_ratio = cython.declare(cython.double, visibility="public")
     battery_ohm = cython.declare(cython.double, visibility="public")
@@ -133,20 +136,21 @@ class Body:
     knee_resistance = cython.declare(cython.double, visibility="public")
     electronics_w = cython.declare(cython.double, visibility="public")
     slip_kick = cython.declare(cython.double, visibility="public")
-    """Kick of the slip's share each ``SLOW_MS``; ``slip_fade``: how it fades."""
+    """Random step of the slip every ``SLOW_MS``. ``slip_fade`` is the share of the slip that
+    remains."""
     slip_fade = cython.declare(cython.double, visibility="public")
     unslipped = cython.declare(cython.double, visibility="public")
-    """One less the slip's mean."""
+    """1 minus the mean of the slip."""
     tilt_x_m_s2 = cython.declare(cython.double, visibility="public")
-    """What the accelerometer feels of a tilt; so ``tilt_y_m_s2``."""
+    """Specific force along x that the accelerometer sees of a tilt. ``tilt_y_m_s2``: along y."""
     tilt_y_m_s2 = cython.declare(cython.double, visibility="public")
     lifted = cython.declare(cython.bint, visibility="public")
     held = cython.declare(cython.bint, visibility="public")
-    """By what was put into the room."""
+    """True: an obstacle that was put into the room holds the robot."""
     wanders = cython.declare(cython.bint, visibility="public")
-    """Whether the wheels stand on a floor on which they slip."""
+    """True: the wheels stand on a floor on which they slip."""
 
-    # The pose and what is felt of it.
+    # The pose, and the quantities that sensors derive from it.
     tick = cython.declare(cython.double, visibility="public")
     """Milliseconds since power-on."""
     x_m = cython.declare(cython.double, visibility="public")
@@ -154,18 +158,19 @@ class Body:
     theta_rad = cython.declare(cython.double, visibility="public")
     path_m = cython.declare(cython.double, visibility="public")
     sway = cython.declare(cython.double, visibility="public")
-    """Σ ds·dθ; over a tick the lateral velocity that turning takes up. So ``slide_sway``, aside."""
+    """Σ ds·dθ: over a tick, the lateral velocity that turning takes up. ``slide_sway``: sideways.
+    """
     slide_sway = cython.declare(cython.double, visibility="public")
     slide_v_m_s = cython.declare(cython.double, visibility="public")
-    """Speed along a wall; ``slide_aside_m_s``: to the left."""
+    """Speed along a wall, m/s. ``slide_aside_m_s``: its part to the left."""
     slide_aside_m_s = cython.declare(cython.double, visibility="public")
     gravity_x_m_s = cython.declare(cython.double, visibility="public")
-    """Impulse felt by tilt; so ``gravity_y_m_s``."""
+    """Impulse of the weight along x by tilt, m/s. ``gravity_y_m_s``: along y."""
     gravity_y_m_s = cython.declare(cython.double, visibility="public")
 
     # The energy.
     drawn_c = cython.declare(cython.double, visibility="public")
-    """By the bridges."""
+    """Charge that the bridges have drawn, C."""
     bridge_j = cython.declare(cython.double, visibility="public")
     winding_j = cython.declare(cython.double, visibility="public")
     shaft_j = cython.declare(cython.double, visibility="public")
@@ -178,24 +183,24 @@ class Body:
     electronics_a = cython.declare(cython.double, visibility="public")
     electronics_j = cython.declare(cython.double, visibility="public")
     settled_ms = cython.declare(cython.double, visibility="public")
-    """When the battery felt what was drawn; ``settled_c``: how much that was."""
+    """Time of the last battery update, ms. ``settled_c``: the charge drawn up to then, C."""
     settled_c = cython.declare(cython.double, visibility="public")
 
     # Contact.
     touches = cython.declare(cython.int, visibility="public")
     """Number of edges in contact."""
     disturbed = cython.declare(cython.bint, visibility="public")
-    """Whether something other than the robot's motion may have changed that."""
+    """True if the contacts may have changed without a motion of the robot."""
     collisions = cython.declare(cython.int, visibility="public")
     contact_ms = cython.declare(cython.double, visibility="public")
     armed = cython.declare(cython.bint, visibility="public")
-    """Whether the next onset of contact counts."""
+    """True if the next onset of contact counts as a collision."""
     last_ms = cython.declare(cython.double, visibility="public")
     """Time of the last contact, ms."""
     walker_x_m = cython.declare(cython.double, visibility="public")
     walker_y_m = cython.declare(cython.double, visibility="public")
     walker_radius_m = cython.declare(cython.double, visibility="public")
-    """0: nobody walks."""
+    """Radius of the walker, m; 0: no walker."""
     walker_vx_m_s = cython.declare(cython.double, visibility="public")
     walker_vy_m_s = cython.declare(cython.double, visibility="public")
     walker_ms = cython.declare(cython.double, visibility="public")
@@ -204,27 +209,28 @@ class Body:
     gap_m: cython.double
     """Distance to the nearest obstacle, m; a lower bound."""
     at_x_m: cython.double
-    """Where a move ends."""
+    """End of a move, x, m."""
     at_y_m: cython.double
     edges: FloatGrid
     """Edges of the room, as in ``ray_kernel``."""
     near: Ints
-    """Indices of the edges near the place at which they were looked for."""
+    """Indices of the edges near the place of the last search."""
     near_count: cython.int
     near_x_m: cython.double
     near_y_m: cython.double
     touch_edge: Ints
-    """What is touched, and the unit vector from there to the disc's centre."""
+    """Index of each touched edge. The normals beside it point from the contact to the disc's
+    centre."""
     touch_x: Floats
     touch_y: Floats
     known: Ints
-    """Edges in contact a millisecond before."""
+    """Edges that were in contact one millisecond ago."""
     slips: Floats
-    """Standard normal draws for the slip; ``slip_at`` of them are used."""
+    """Standard normal values for the slip; ``slip_at`` of them are used."""
     slip_at: cython.int
 
     def __init__(self) -> None:
-        """At rest, nowhere; parameters and the room are to be set."""
+        """Start at rest; the caller sets parameters and room."""
         self.left, self.right = Wheel(), Wheel()
         self.tau_s = self.decay = self.back_emf_v_s = self.resistance_ohm = 0.0
         self.friction_v = self.drop_v = self.load_v_n = self.radius_m = self.wheel_base_m = 0.0
@@ -253,25 +259,25 @@ class Body:
         self.take_edges(np.zeros((0, 7)))
 
     def take_edges(self, edges: FloatGrid) -> None:
-        """Use the edges of another room."""
+        """Replace the edges by those of another room."""
         self.edges, self.near = edges, np.zeros(edges.shape[0], dtype=np.int32)
         self.near_count, self.near_x_m = 0, _INFINITY
 
     def touch(self, normal_x: cython.double, normal_y: cython.double) -> None:
-        """Touch one thing, in the direction against this unit vector."""
+        """Add a contact; the unit vector points from the contact to the disc's centre."""
         self.touch_edge[0], self.touch_x[0], self.touch_y[0] = 0, normal_x, normal_y
         self.touches = 1
 
     def normals(self) -> list[tuple[float, float]]:
-        """Give the unit vector from each thing touched to the disc's centre."""
+        """Return the unit vector from each contact to the disc's centre."""
         return [(self.touch_x[i], self.touch_y[i]) for i in range(self.touches)]
 
     def draws_used(self) -> int:
-        """How many of the draws for the slip are used up."""
+        """Return how many random values for the slip are used."""
         return self.slip_at
 
     def take_draws(self, draws: Floats) -> None:
-        """Put new draws for the slip, as many as are used, after those that are left."""
+        """Replace the used random values for the slip, behind those that are left."""
         left: cython.int = SLIP_DRAWS - self.slip_at
         k: cython.int
         for k in range(left):
@@ -284,7 +290,7 @@ class Body:
 @cython.ccall
 @cython.exceptval(check=False)
 def switch(left: cython.double, right: cython.double, b: Body) -> cython.void:
-    """Give the motors what the bridges make of the battery's voltage at these duties (-1..1)."""
+    """Set the motor voltages that the bridges make of the battery at these duties (-1..1)."""
     supply_v, drop_v = b.supply_v, b.drop_v
     if supply_v - _RAIL_DROPOUT_V < _BRIDGE_LOGIC_V:
         left = right = 0.0
@@ -297,10 +303,10 @@ def switch(left: cython.double, right: cython.double, b: Body) -> cython.void:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _turn(wheel: Wheel, load_n: cython.double, blocked_v: cython.double, b: Body) -> cython.double:
-    """Turn one wheel by an exact first-order lag; gives by how much (rad).
+    """Turn one wheel by an exact first-order lag; return the turn, rad.
 
-    Friction holds it as it passes rest. What its motor took is booked; what a braking motor
-    gives back, the bridge burns.
+    Friction holds the wheel when it passes through rest. The function adds the motor's charge to
+    the balance. A braking motor's energy becomes heat in the bridge.
     """
     rad_s, volt, emf = wheel.rad_s, wheel.volt, b.back_emf_v_s
     after = turn = squared = 0.0
@@ -336,7 +342,7 @@ def _turn(wheel: Wheel, load_n: cython.double, blocked_v: cython.double, b: Body
 @cython.cfunc
 @cython.exceptval(check=False)
 def _offset(x: cython.double, y: cython.double, i: cython.int, edges: FloatGrid) -> Pair:
-    """Vector to a point from the closest one of an edge."""
+    """Return the vector from the closest point of an edge to a point."""
     dx, dy = x - edges[i, 0], y - edges[i, 1]
     t = (dx * edges[i, 2] + dy * edges[i, 3]) * edges[i, 4]
     if t > 0.0:
@@ -374,10 +380,10 @@ def _measure_gap(b: Body) -> cython.void:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _free(push: cython.bint, b: Body) -> cython.double:
-    """Push the disc out of the walker, then of each edge in turn; gives the least gap met.
+    """Push the disc out of the walker, then of each edge in turn; return the smallest gap.
 
-    Without ``push`` it only looks. For the gap only walls count: a walker is soft, and gives
-    way in a wedge.
+    Without ``push`` the function only measures. Only walls count for the gap: a walker is soft and
+    gives way in a wedge.
     """
     least = _SMALL_STEP_M
     count: cython.int = 0
@@ -414,7 +420,7 @@ def _free(push: cython.bint, b: Body) -> cython.double:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _push_out(b: Body) -> cython.bint:
-    """Push the disc out of all that it is in; whether it is free then."""
+    """Push the disc out of every obstacle; return whether it is then free."""
     for _ in range(_PASSES):
         b.gap_m = _free(True, b)  # noqa: FBT003 - positional, as kernels are called
         if b.gap_m >= -_PENETRATION_M:
@@ -425,14 +431,16 @@ def _push_out(b: Body) -> cython.bint:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
-    """Move the disc as far as the walls let it; ``at`` gets where it ends.
+    """Move the disc as far as the walls allow; ``at`` receives the end of the move.
 
-    Walls touched take the part into them, and Coulomb's friction some of what is left.
+    A touched wall stops the part of the motion that goes into it. Coulomb friction takes some of
+    the rest.
     """
     blocked = 0.0
     count = b.touches
     k: cython.int
-    for k in range(2 * count):  # twice: a corner's second wall may send it into the first
+    # twice: the second wall of a corner may push the disc back into the first
+    for k in range(2 * count):
         nx, ny = b.touch_x[k % count], b.touch_y[k % count]
         into = dx * nx + dy * ny
         if into < 0.0:
@@ -452,7 +460,7 @@ def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
     b.at_x_m, b.at_y_m = b.x_m + dx, b.y_m + dy
     if _push_out(b):
         return
-    # a wedge too narrow to go into: as far as its second side, which is touched then
+    # The wedge is too narrow: go as far as its second side and touch that too.
     share, step, end_x, end_y = 0.0, 0.5, b.x_m, b.y_m
     for _ in range(_HALVINGS):
         b.at_x_m, b.at_y_m = b.x_m + (share + step) * dx, b.y_m + (share + step) * dy
@@ -466,10 +474,10 @@ def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _count_contact(vx: cython.double, vy: cython.double, known: cython.int, b: Body) -> cython.void:
-    """Count a millisecond in contact, and a collision where one began in it.
+    """Count a millisecond in contact, and a collision if one began in it.
 
-    That is a fast touch of an edge not among the ``known`` ones touched a millisecond before;
-    a slow one counts nothing.
+    A collision is a fast contact with an edge that was not touched a millisecond before
+    (``known``). A slow contact is no collision.
     """
     new: cython.bint
     if b.tick - b.last_ms > _REARM_MS:
@@ -492,7 +500,7 @@ def _count_contact(vx: cython.double, vy: cython.double, known: cython.int, b: B
 @cython.cfunc
 @cython.exceptval(check=False)
 def _blocked(push: cython.double, b: Body) -> cython.double:
-    """How straight the wheels push (forwards or backwards) into what is touched, 0..1."""
+    """Return how directly the wheels push into the contacts, forwards or backwards, 0..1."""
     if b.held:
         return 1.0
     c, d = push * cos(b.theta_rad), push * sin(b.theta_rad)
@@ -505,7 +513,7 @@ def _blocked(push: cython.double, b: Body) -> cython.double:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _grip(wheel: Wheel, turn: cython.double, b: Body) -> cython.double:
-    """Let the floor follow a wheel as fast as traction allows; gives the turn gripped."""
+    """Let the floor follow a wheel as fast as traction allows; return the turn that grips, rad."""
     grip, load_n = wheel.grip_rad_s, wheel.slope_n
     least = grip - (b.traction_n + load_n) * b.rad_s_per_n
     most = grip + (b.traction_n - load_n) * b.rad_s_per_n
@@ -522,7 +530,7 @@ def _grip(wheel: Wheel, turn: cython.double, b: Body) -> cython.double:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _pose_tick(ds: cython.double, dth: cython.double, v: cython.double, b: Body) -> cython.void:
-    """Move the body by ``ds`` along the tick's middle heading, as far as it is let."""
+    """Move the body by ``ds`` along the tick's middle heading, as far as the walls allow."""
     mid = b.theta_rad + 0.5 * dth
     c, d = cos(mid), sin(mid)
     dx, dy = ds * c, ds * d
@@ -556,7 +564,7 @@ def _pose_tick(ds: cython.double, dth: cython.double, v: cython.double, b: Body)
         vy = b.slide_v_m_s * d0 + b.slide_aside_m_s * c0
     b.at_x_m, b.at_y_m = b.x_m, b.y_m
     if travel > 0.0 or walker_step > 0.0 or b.disturbed:
-        _measure_gap(b)  # for the list of what is near
+        _measure_gap(b)  # renews the list of near edges
         _move(dx, dy, b)
         b.disturbed = False
     ahead, aside = ds, 0.0
@@ -577,7 +585,7 @@ def _pose_tick(ds: cython.double, dth: cython.double, v: cython.double, b: Body)
 @cython.cfunc
 @cython.exceptval(check=False)
 def _tick(b: Body) -> cython.void:
-    """Let a millisecond pass."""
+    """Advance by one millisecond."""
     left, right = b.left, b.right
     v = left.travel_m_rad * left.grip_rad_s + right.travel_m_rad * right.grip_rad_s
     b.gravity_x_m_s += b.tilt_x_m_s2 * _TICK_S
@@ -614,13 +622,13 @@ def _tick(b: Body) -> cython.void:
 
 
 def advance(ticks: cython.int, left: cython.double, right: cython.double, b: Body) -> None:
-    """Let ``ticks`` milliseconds pass.
+    """Advance by ``ticks`` milliseconds.
 
     Args:
-        ticks: How many, not beyond the next whole ``SLOW_MS``, during which no parameter
-            changes; with 0 it only feels for walls.
-        left: Duty of the left motor, -1..1; so ``right``.
-        right: See ``left``.
+        ticks: Number of milliseconds, at most to the next multiple of ``SLOW_MS``. Parameters are
+            constant meanwhile. 0 only updates the contacts.
+        left: Duty of the left motor, -1..1.
+        right: Duty of the right motor, -1..1.
         b: The body; changed.
 
     """
@@ -650,16 +658,16 @@ def sag(b: Body) -> cython.void:
     b.open_v, b.supply_v = open_v, supply_v
     if supply_v >= _RAIL_WHOLE_V:
         b.electronics_a = b.electronics_w / supply_v
-    else:  # the rail's load takes less
+    else:  # the logic rail takes less
         b.electronics_a = b.electronics_w / _RAIL_WHOLE_V if supply_v > 0.0 else 0.0
 
 
 @cython.ccall
 @cython.exceptval(check=False)
 def discharge_battery(b: Body) -> cython.void:
-    """Let the battery feel what was drawn since the last time.
+    """Update the battery with the charge drawn since the last time.
 
-    Its voltage was constant meanwhile: it follows the current of the time before.
+    The voltage was constant meanwhile: it follows the current of the period before.
     """
     duration_s = (b.tick - b.settled_ms) * _TICK_S
     if duration_s > 0.0:
@@ -685,17 +693,17 @@ def _tread_wheel(wheel: Wheel, b: Body) -> cython.void:
 @cython.ccall
 @cython.exceptval(check=False)
 def tread(b: Body) -> cython.void:
-    """Work out what a radian of each wheel is worth on the floor, slip taken off."""
+    """Compute how far one radian of each wheel moves and turns the robot, after slip."""
     _tread_wheel(b.left, b)
     _tread_wheel(b.right, b)
 
 
 def felt(b: Body) -> Felt:
-    """Give what is asked for each time.
+    """Return the quantities that are read at every step.
 
     Returns:
-        Place and heading, both wheels' angles, the specific impulses ahead and to the left as
-        ``Truth`` has them, and the battery's voltage.
+        Position and heading, the angles of both wheels, the specific impulses ahead and to the left
+        as in ``Truth``, and the battery voltage.
 
     """
     left, right = b.left, b.right
@@ -716,9 +724,9 @@ def felt(b: Body) -> Felt:
 
 
 def renew(b: Body) -> Felt:
-    """Let the battery feel the last ``SLOW_MS`` and the slip wander; gives what ``felt`` does.
+    """Update battery and slip after ``SLOW_MS``; return what ``felt`` returns.
 
-    Two draws for the slip are used up while the wheels slip.
+    Slipping wheels use two random values.
     """
     discharge_battery(b)
     if b.wanders and b.slip_kick > 0.0:

@@ -1,10 +1,10 @@
-"""What the plant refuses: numbers that mean no duty and no walker."""
+"""Errors of the plant: an invalid duty, an invalid walker."""
 
 from __future__ import annotations
 
 
 class DutyError(ValueError):
-    """A duty that is not a finite number: a fault of the caller, not of the robot."""
+    """A duty that is not a finite number; the caller's error, not a fault of the robot."""
 
     def __init__(self, left: float, right: float) -> None:
         """Keep both duties."""
@@ -13,10 +13,10 @@ class DutyError(ValueError):
 
 
 class WalkerError(ValueError):
-    """A walker without a place or a size."""
+    """A walker without a valid position or size."""
 
     def __init__(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Keep what was given."""
+        """Keep the rejected numbers."""
         self.x_m, self.y_m, self.radius_m = x_m, y_m, radius_m
         super().__init__(
             f"walker must be finite with a radius above 0, not ({x_m}, {y_m}), {radius_m} m",

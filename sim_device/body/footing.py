@@ -1,4 +1,4 @@
-"""How the wheels stand on the floor: their sizes, slip, carpets and thresholds."""
+"""Contact of the wheels with the floor: wheel sizes, slip, carpets and thresholds."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _PERIODS = SLIP_DRAWS // 2
 
 
 class Footing:
-    """Tells the kernels what a radian of each wheel is worth, and what holds it back."""
+    """Computes travel per radian and drag of each wheel for the kernels."""
 
-    def __init__(  # noqa: PLR0913, PLR0917 - a robot's parts
+    def __init__(  # noqa: PLR0913, PLR0917 - the parts of a robot
         self,
         model: RobotModel,
         chassis: Chassis,
@@ -42,7 +42,7 @@ class Footing:
         slip: Draws,
         body: Body,
     ) -> None:
-        """Draw this robot's wheels from ``parts`` and its slip from ``slip``, which it owns."""
+        """Draw wheel sizes from ``parts`` and slip from ``slip``; own ``slip``."""
         common = 1.0 + parts.tolerance(noise.wheel_diameter_error)
         skew = 0.5 * parts.tolerance(noise.wheel_mismatch)
         nominal_m = 0.5 * model.wheel_diameter_m
@@ -51,9 +51,9 @@ class Footing:
         self.wheel_base_m = model.wheel_base_m * (1.0 + parts.tolerance(noise.wheel_base_error))
         self.pitch_rad = self.roll_rad = self.climb_m_s = 0.0
         self.fallen = False
-        """Whether a wheel hangs over a cliff: the body lies on its belly."""
+        """True: a wheel hangs over a cliff, and the robot lies on its underside."""
         self.periods_left = 0
-        """For how many more 10 ms there are draws for the slip."""
+        """Number of 10 ms periods for which random slip values are left."""
         self._normals = slip.normals
         self._felt = Climb()
         self._felt_before_m = 0.0
@@ -75,22 +75,22 @@ class Footing:
         tread(b)
 
     def set_extra_slip(self, left: float, right: float) -> None:
-        """Let each wheel lose this share more of its travel."""
+        """Set the extra share of its travel that each wheel loses."""
         self._b.left.extra_slip, self._b.right.extra_slip = left, right
         tread(self._b)
 
     def draw(self) -> None:
-        """Give the body new draws for the slip."""
+        """Draw new random slip values for the body."""
         used = self._b.draws_used()
         if used and self._b.slip_kick > 0.0:
             self._b.take_draws(np.array(self._normals(used)))
         self.periods_left = _PERIODS
 
     def look(self, world: World, pose: Pose2) -> bool:
-        """Look what the wheels stand on, carpets and floor; after every ``SLOW_MS``.
+        """Find the carpet and the floor under the wheels; call it after every ``SLOW_MS``.
 
         Returns:
-            Whether the robot fell, or has floor under its wheels again: ``fallen`` changed.
+            True if ``fallen`` changed: the robot fell, or its wheels have floor under them again.
 
         """
         x_m, y_m, theta_rad = pose
@@ -107,7 +107,7 @@ class Footing:
         return self.fallen != was
 
     def on_thresholds(self, thresholds: NDArray[np.float64]) -> int:
-        """Feel the thresholds for the next millisecond; give how many it holds for."""
+        """Apply the thresholds for the next milliseconds; return for how many they are valid."""
         felt, b = self._felt, self._b
         climb(b.x_m, b.y_m, b.theta_rad, self._stance, thresholds, felt)
         b.left.slope_n, b.right.slope_n = felt.load_left_n, felt.load_right_n
@@ -118,7 +118,7 @@ class Footing:
         return 1 + int(min(felt.away_m, 1.0) / _FASTEST_M_TICK)
 
     def off_floor(self) -> None:
-        """Feel nothing of the floor any more."""
+        """Remove every effect of the floor."""
         for wheel in (self._b.left, self._b.right):
             wheel.slope_n = wheel.carpet_n = wheel.carpet_slip = 0.0
         self._felt_before_m = self.climb_m_s = 0.0
@@ -131,6 +131,6 @@ class Footing:
 
 
 def wheel_over(pose: Pose2, half_base_m: float, cliffs: tuple[Polygon, ...]) -> bool:
-    """Whether the floor is missing under either wheel of a robot at ``pose``."""
+    """Return whether the floor is missing under either wheel of a robot at ``pose``."""
     wheels = (pose.transform(0.0, half_base_m), pose.transform(0.0, -half_base_m))
     return any(contains(cliff, *wheel) for wheel in wheels for cliff in cliffs)

@@ -1,9 +1,9 @@
-"""A robot picked up and put down again, as its inertial sensor feels it.
+"""Lifting and setting down of the robot, as the inertial sensor measures it.
 
-A hand lifts it 10 cm within 0.4 s: upward acceleration for half of that time and as much
-downward for the rest, which is 0.1 m / (0.2 s)² = 0.25 g; meanwhile the nose goes up by 8°,
-where it stays. Putting it down is the same backwards. Between the two it is held still: where
-it is carried to is the plant's affair.
+A person lifts the robot 10 cm within 0.4 s. It accelerates upwards for half of that time and
+downwards for the other half: 0.1 m / (0.2 s)² = 0.25 g. Meanwhile the nose rises by 8° and stays
+there. Setting down is the same in reverse. In between the robot is held still. The plant decides
+where it is set down.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ _WHOLE_MS = 2000.0 * HALF_S
 
 
 class Lift:
-    """When it was picked up or put down, and what that feels like."""
+    """Times of lifting and setting down, and the accelerations and rates they cause."""
 
     __slots__ = ("_since_ms", "_up", "active")
 
     def __init__(self) -> None:
-        """On the floor."""
+        """Start on the floor."""
         self._up = False
         self._since_ms = 0
         self.active = False
-        """True from picking up until it stands again."""
+        """True from lifting until the robot stands on the floor again."""
 
     def felt(
         self, tick_ms: int, interval_ms: int, *, lifted: bool
     ) -> tuple[float, float, float, float, float, float]:
-        """Mean over the interval that ends at ``tick_ms``.
+        """Return the mean effect over the interval that ends at ``tick_ms``.
 
         Returns:
-            Acceleration x, y, z beside gravity at rest (g) and rate x, y, z (°/s).
+            Acceleration x, y, z in addition to gravity at rest (g), and rate x, y, z (°/s).
 
         """
         if lifted != self._up:
@@ -50,7 +50,7 @@ class Lift:
         sign = 1.0 if lifted else -1.0
         tilt_rad = math.radians(TILT_DEG * (tilt if lifted else 1.0 - tilt))
         up_g = sign * PUSH_G * (_ramp(end_ms) - _ramp(begin_ms)) / interval_ms
-        # Nose up is a turn about y (left) that is negative, and tips gravity's reaction ahead.
+        # A rising nose is a negative turn about y (left). It tips the reaction to gravity ahead.
         return (
             (1.0 + up_g) * math.sin(tilt_rad),
             0.0,
@@ -66,7 +66,7 @@ def _progress(ms: float) -> float:
 
 
 def _ramp(ms: float) -> float:
-    """Integral over time (ms) of +1 while it speeds up and -1 while it slows down."""
+    """Return the integral over time (ms) of +1 during acceleration and -1 during deceleration."""
     half_ms = 0.5 * _WHOLE_MS
     ms = min(_WHOLE_MS, max(0.0, ms))
     return ms if ms < half_ms else _WHOLE_MS - ms

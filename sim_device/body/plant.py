@@ -1,23 +1,23 @@
-"""The sweeper's body: wheels, pose, contact and energy, integrated at 1 kHz.
+"""The sweeper's mechanics: wheels, pose, contact and energy, integrated at 1 kHz.
 
-Truth, and nothing of the host's: wheel speeds follow the motors' lag exactly, the pose takes
-each millisecond's midpoint heading, walls stop the disc. Equal calls give equal truth, to the
-bit, however ``advance_ms`` is split: the compiled ``drive_kernel`` takes each millisecond from
-the one before, and what is slow is renewed every tenth.
+The plant holds only the truth, none of the host's estimates. Wheel speeds follow the motors' lag
+exactly. The pose takes each millisecond's midpoint heading. Walls stop the disc. Equal calls give
+bit-equal truth, however ``advance_ms`` is split: the compiled ``drive_kernel`` computes each
+millisecond from the one before, and renews slow quantities every ten milliseconds.
 
-Contact is quasi-static. A wall ahead takes the part of the motion that goes into it; the disc
-slides along with friction, or stays. The wheels meanwhile slip: they push with at most
-``traction_n`` each, which the motor feels as a load in the measure in which the wall is
-straight ahead. A duty too low for that load stalls the wheel, a higher one spins it on the
-spot, and the encoders count what the wheels turn. The wall's force goes through the disc's
-centre, which is the axle's, so it turns nothing; friction at the rim would, and is left out.
+Contact is quasi-static. A wall ahead stops the part of the motion that goes into it; the disc
+slides along the wall with friction, or stops. Meanwhile the wheels slip. Each pushes with at most
+``traction_n``; the motor feels this as a load, the more the wall is straight ahead. A duty too low
+for the load stalls the wheel. A higher duty spins it on the spot, and the encoders count the turns.
+The wall's force goes through the centre of the disc, which is the centre of the axle, so it turns
+nothing. Friction at the rim would turn the robot; the model leaves it out.
 
-Traction also limits how fast the robot can gain or lose speed; a wheel that asks for more
-spins. Its own lag stays that of a wheel which moves the robot. The caster drags against its
-own way over the floor. Thresholds are hills of a few millimetres, which take and give back
-the weight's energy; one too steep for the tyres lets the wheels spin before it. Where a wheel
-comes over a room's ``cliffs`` the robot lies on its belly at the edge until there is floor
-again (``replace_world``): its wheels turn freely and it moves no more, as if held up.
+Traction also limits acceleration and deceleration; a wheel that demands more spins. The lag of a
+spinning wheel stays that of a wheel which moves the robot. The caster's drag acts against its own
+motion over the floor. Thresholds are hills of a few millimetres, which store and return the energy
+of the weight. In front of a threshold too steep for the tyres the wheels spin. When a wheel passes
+the edge of one of the room's ``cliffs``, the robot lies on its underside. Its wheels then turn
+freely and it does not move, until there is floor again (``replace_world``).
 """
 
 from __future__ import annotations
@@ -51,15 +51,16 @@ __all__ = ["Chassis", "DutyError", "Inertial", "Plant", "PlantFaults", "Truth", 
 _JOULES_PER_WH = 3600.0
 _WALKER_GAP_MS = 250
 _WALKER_M_S = 3.0
-"""Maximum speed of a walker that is set again, m/s; a faster one appears at its place."""
+"""Maximum speed of a walker whose place is set again, m/s. A faster walker jumps to the new place.
+"""
 _CHASSIS, _MOTOR = Chassis(), MotorParameters()
 _new = tuple.__new__
 
 
 class Plant:
-    """The virtual sweeper's body in its room.
+    """The virtual sweeper's mechanics in its room.
 
-    ``rng`` only gives birth to children here, so that it may be shared with the sensors.
+    ``rng`` only spawns child generators here, so it may be shared with the sensors.
     """
 
     def __init__(  # noqa: PLR0913 - the parts of a robot, each with a default
@@ -83,20 +84,20 @@ class Plant:
         self._footing = Footing(model, chassis, noise, Draws(part_rng), Draws(slip_rng), b)
         self._supply = Supply(battery, model, b)
         self._applied = (False, False, 0.0, 0.0, False)
-        """The faults as the kernels know them."""
+        """The faults that the kernels have taken over."""
         self._walker_ms = 0
         b.x_m, b.y_m, b.theta_rad = world.plan.start
         self.felt = felt(b)
-        """What ``drive_kernel.felt`` gives, at this tick; as quick to read as can be."""
+        """The result of ``drive_kernel.felt`` at this tick, cached because it is read so often."""
         set_lag(b, motor, chassis, model, lifted=False)
         self._world = world
         self._take_world(world)
         self._feel_walls()
 
-    # What drives it.
+    # Inputs of the drive.
 
     def set_duty(self, left: float, right: float) -> None:
-        """Set both bridges' duty; limited to -1..1, held until set again.
+        """Set the duty of both bridges, limited to -1..1 and held until the next call.
 
         Raises:
             DutyError: a duty is not finite.
@@ -111,7 +112,7 @@ class Plant:
         supply.left, supply.right = left, right
 
     def advance_ms(self, n: int) -> None:
-        """Let ``n`` milliseconds pass."""
+        """Advance by ``n`` milliseconds."""
         if self.faults.touched:
             self._obey_faults()
         b, supply, footing = self._b, self._supply, self._footing
@@ -135,7 +136,7 @@ class Plant:
             if self._varied and not self.faults.lifted:
                 self._look_at_floor()
 
-    # What may happen to it.
+    # Events from outside.
 
     def set_charge(self, fraction: float) -> None:
         """Set the battery's charge, 0..1; at 0 it has no voltage."""
@@ -143,12 +144,12 @@ class Plant:
         self._changed()
 
     def replace_world(self, world: World) -> None:
-        """Put other walls and obstacles around the robot; a walker stays.
+        """Replace the walls and obstacles around the robot; a walker stays.
 
-        What overlaps the robot then pushes it out on the shortest way. Where there is no free
-        place within its diameter that it could be pushed to, it is held: its wheels slip or
-        stall, it is in contact and does not move, until the world is replaced again. Neither
-        counts as a collision: what appears has no speed.
+        An overlapping obstacle pushes the robot out on the shortest path. If no free place within
+        one robot diameter can be reached, the robot is held: its wheels slip or stall, and it stays
+        in contact without moving until the next call. Neither counts as a collision, because a new
+        obstacle has no speed.
         """
         b = self._b
         x_m, y_m = b.x_m, b.y_m
@@ -168,12 +169,12 @@ class Plant:
         self._changed()
 
     def set_walker(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Let a round obstacle (a person's leg) stand at (x, y), or walk there.
+        """Put a round obstacle (a person's leg) at (x, y), or let it walk there.
 
-        Set again within 250 ms he walks to the new place, for as long as it was since he was
-        last set; else he is there at once. He pushes the robot before him until a wall
-        holds it: then he gives way (a leg is soft, a wall is not). Range sensors see him
-        where he is heading (``world.walker``).
+        A second call within 250 ms makes the walker walk to the new place, for as long as the time
+        since the last call. After a longer time it appears there at once. The walker pushes the
+        robot ahead until a wall holds the robot; then the walker gives way (a leg is soft, a wall
+        is not). Range sensors see the walker at its destination (``world.walker``).
 
         Raises:
             WalkerError: a number is not finite, or the radius not above 0.
@@ -199,14 +200,14 @@ class Plant:
         self._changed()
 
     def clear_walker(self) -> None:
-        """Let nobody walk in the room."""
+        """Remove the walker from the room."""
         self._world = self._world.with_walker(0.0, 0.0, 0.0)
         b = self._b
         b.walker_radius_m = b.walker_vx_m_s = b.walker_vy_m_s = b.walker_ms = 0.0
         b.disturbed = True
         self._changed()
 
-    # What is so.
+    # The true state.
 
     @property
     def pose(self) -> Pose2:
@@ -216,17 +217,17 @@ class Plant:
 
     @property
     def world(self) -> World:
-        """The room it stands in, with its walker."""
+        """The room with its walker."""
         return self._world
 
     @property
     def wheel_angles_rad(self) -> tuple[float, float]:
-        """Left and right wheel angle, continuous."""
+        """Angles of the left and the right wheel, rad, continuous."""
         return self.felt[3:5]
 
     @property
     def inertial(self) -> Inertial:
-        """What the inertial sensor feels, as sums since power-on."""
+        """Inputs of the inertial sensor, as sums since power-on."""
         _, _, theta, left, right, ahead, aside, _ = self.felt
         footing = self._footing
         return _new(
@@ -246,23 +247,23 @@ class Plant:
 
     @property
     def motor_currents_a(self) -> tuple[float, float]:
-        """Left and right motor current at this tick."""
+        """Currents of the left and the right motor at this tick, A."""
         (left_v, right_v), current_a, b = self._supply.bridges_v, self._motor.current_a, self._b
         return current_a(left_v, b.left.rad_s), current_a(right_v, b.right.rad_s)
 
     @property
     def motor_voltages_v(self) -> tuple[float, float]:
-        """Left and right voltage behind the bridge."""
+        """Voltages of the left and the right motor behind the bridge, V."""
         return self._supply.bridges_v
 
     @property
     def left_radius_m(self) -> float:
-        """The left wheel's, its tolerance included."""
+        """Radius of the left wheel, m, with its tolerance."""
         return self._footing.left_radius_m
 
     @property
     def right_radius_m(self) -> float:
-        """The right wheel's."""
+        """Radius of the right wheel, m, with its tolerance."""
         return self._footing.right_radius_m
 
     @property
@@ -272,12 +273,12 @@ class Plant:
 
     @property
     def supply_v(self) -> float:
-        """The battery's voltage, sagging under its load."""
+        """Voltage of the battery under load, V."""
         return self.felt[7]
 
     @property
     def rail_5v_v(self) -> float:
-        """The logic rail; it falls with the battery where that is below 6.5 V."""
+        """Voltage of the logic rail, V; it falls with a battery below 6.5 V."""
         supply_v = self.felt[7]
         return RAIL_V if supply_v >= RAIL_WHOLE_V else rail_5v_v(supply_v)
 
@@ -288,12 +289,12 @@ class Plant:
 
     @property
     def held(self) -> bool:
-        """Whether what was put into the room holds it; see ``replace_world``."""
+        """Whether a new obstacle holds the robot; see ``replace_world``."""
         return self._b.held
 
     @property
     def touch_bearings_rad(self) -> tuple[float, ...]:
-        """See ``Truth.touch_bearings_rad``."""
+        """Bearings of the contacts; see ``Truth.touch_bearings_rad``."""
         if not self._b.touches:
             return ()
         theta = self.felt[2]
@@ -301,12 +302,12 @@ class Plant:
 
     @property
     def energy(self) -> EnergyBalance:
-        """Where the battery's energy went."""
+        """Balance of the battery's energy."""
         return self._supply.energy()
 
     @property
     def truth(self) -> Truth:
-        """Everything at this tick."""
+        """The whole truth at this tick."""
         b, left, right = self._b, self._b.left, self._b.right
         x_m, y_m, theta_rad, left_rad, right_rad, ahead_m_s, aside_m_s, _ = self.felt
         v = left.travel_m_rad * left.grip_rad_s + right.travel_m_rad * right.grip_rad_s
@@ -334,7 +335,7 @@ class Plant:
             energy_wh=self.energy.battery_j / _JOULES_PER_WH,
         )
 
-    # The state, and what the kernels are told.
+    # The state, and the inputs of the kernels.
 
     def _changed(self) -> None:
         """Discard cached values."""

@@ -1,4 +1,4 @@
-"""What feeds the motors: battery, logic rail and the L298N bridges, with their bookkeeping."""
+"""Supply of the motors: battery, logic rail and L298N bridges, with their energy balance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Supply:
-    """The duties, and the part of the kernels' body that is the battery's."""
+    """The duties, and the battery's part of the kernels' body."""
 
     __slots__ = ("_body", "left", "right")
 
@@ -27,17 +27,17 @@ class Supply:
         b.knee, b.knee_fall = battery.knee, battery.knee_fall
         b.knee_resistance = battery.knee_resistance
         self.left = self.right = 0.0
-        """How the bridges are switched, -1..1 each."""
+        """Duties of the bridges, -1..1 each."""
         self.set_charge(battery.state_of_charge)
 
     @property
     def state_of_charge(self) -> float:
-        """0..1."""
+        """State of charge, 0..1."""
         return self._body.charge_ah / self._body.capacity_ah
 
     @property
     def bridges_v(self) -> tuple[float, float]:
-        """Left and right voltage behind the bridge."""
+        """Voltages of the left and the right motor behind the bridge, V."""
         switch(self.left, self.right, self._body)
         return self._body.left.volt, self._body.right.volt
 
@@ -48,7 +48,7 @@ class Supply:
         sag(self._body)
 
     def energy(self) -> EnergyBalance:
-        """Where the battery's energy went, what is not settled yet included."""
+        """Balance of the battery's energy, up to the present tick."""
         b = self._body
         electronics_c = b.electronics_a * (b.tick - b.settled_ms) * TICK_S
         open_c = b.drawn_c - b.settled_c + electronics_c

@@ -1,4 +1,4 @@
-"""What is really so: the plant's answers, which no host ever sees."""
+"""The plant's true state, which no host ever sees."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 class Inertial(NamedTuple):
     """The part of the truth that the inertial sensor needs, named as in ``Truth``.
 
-    All are sums since power-on (angles and speeds among them), so that differences over time
-    are means.
+    All values are sums since power-on (angles and speeds among them), so differences over time are
+    means.
     """
 
     tick_ms: int
@@ -22,62 +22,64 @@ class Inertial(NamedTuple):
     left_rad: float
     right_rad: float
     pitch_rad: float
-    """Nose up positive; its weight is in the impulses already. So is ``roll_rad``'s."""
+    """Pitch angle, rad, nose up positive. The impulses already contain its share of the weight."""
     roll_rad: float
-    """Left side up positive."""
+    """Roll angle, rad, left side up positive. The impulses already contain its share of the weight.
+    """
     climb_m_s: float
-    """Vertical speed of the axle's centre: differences over time are mean accelerations."""
+    """Vertical speed of the axle's centre, m/s. Differences over time are mean accelerations."""
 
 
 class EnergyBalance(NamedTuple):
-    """Where the battery's energy went since power-on, in joules.
+    """Use of the battery's energy since power-on, J.
 
     ``battery_j`` = ``electronics_j`` + ``bridge_j`` + ``winding_j`` + ``shaft_j``.
     """
 
     battery_j: float
-    """Given at the battery's terminals."""
+    """Energy at the battery's terminals, J."""
     internal_j: float
-    """Lost before them, in the battery's own resistance."""
+    """Energy lost in the battery's own resistance, J."""
     electronics_j: float
     bridge_j: float
-    """Heat of the L298N, what a braking motor gives back included."""
+    """Heat of the L298N, J, including the energy of a braking motor."""
     winding_j: float
-    """Heat of both motors' windings."""
+    """Heat in the windings of both motors, J."""
     shaft_j: float
-    """Work of the motors: friction, the floor, and the motion that is left at the end."""
+    """Work of the motors, J: friction, the floor, and the kinetic energy at the end."""
 
 
 class Truth(NamedTuple):
-    """What is really so at one tick."""
+    """The true state at one tick."""
 
     tick_ms: int
     pose: Pose2
-    """Heading wrapped to [-π, π)."""
+    """True pose, heading wrapped to [-π, π)."""
     heading_rad: float
-    """Heading, continuous."""
+    """Heading, rad, continuous."""
     v_m_s: float
-    """Forward speed over the floor."""
+    """Forward speed over the floor, m/s."""
     v_lateral_m_s: float
-    """To the left; not 0 only while sliding along a wall."""
+    """Lateral speed, m/s, positive to the left; not 0 only while the robot slides along a wall."""
     yaw_rate_rad_s: float
     left_rad: float
-    """Wheel angle, continuous: what the wheel turned, slipping or not."""
+    """Angle of the left wheel, rad, continuous; a slipping wheel counts too."""
     right_rad: float
     left_rad_s: float
     right_rad_s: float
     impulse_x_m_s: float
-    """Specific impulse along the body's x since power-on: the integral of what an
-    accelerometer at the axle's centre feels, centripetal share and a tilted body's weight
-    included; differences over time are mean accelerations."""
+    """Specific impulse along the body's x since power-on, m/s: the integral of an accelerometer at
+    the centre of the axle. It includes the centripetal part and the weight of a tilted body.
+    Differences over time are mean accelerations."""
     impulse_y_m_s: float
     path_m: float
-    """Travelled by the axle's centre over the floor."""
+    """Path length of the axle's centre over the floor, m."""
     collisions: int
-    """Onsets of contact with normal speed above 0.03 m/s, re-armed after 0.5 s free."""
+    """Number of onsets of contact with a normal speed above 0.03 m/s, re-armed after 0.5 s without
+    contact."""
     contact_s: float
-    """Time in contact, grazing included."""
+    """Time in contact, s, grazing included."""
     touch_bearings_rad: tuple[float, ...]
-    """Bearings of the present contacts from the heading, counter-clockwise, [-π, π)."""
+    """Bearings of the present contacts from the heading, rad, counter-clockwise, [-π, π)."""
     energy_wh: float
-    """Drawn from the battery."""
+    """Energy drawn from the battery, W·h."""

@@ -1,1 +1,1 @@
-"""Faults to be injected: their texts, what each does, and when."""
+"""Faults that can be injected: their text form, effect and schedule."""

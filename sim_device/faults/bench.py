@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 STEP_US = 20_000
-"""How often a person's place is renewed: 16 mm at 0.8 m/s."""
+"""Period at which a person's place is renewed, µs: 16 mm at 0.8 m/s."""
 BODY_GAP_M = 0.02
-"""A person stops this far from the robot."""
+"""Gap at which a person stops in front of the robot, m."""
 _PLANT = ("stuck_left", "stuck_right", "slip_left", "slip_right", "lifted")
 _SENSORS = (
     "imu_frozen",
@@ -54,10 +54,10 @@ class UnknownObstacleError(ValueError):
 
 
 class Bench:
-    """Hands for one device."""
+    """Applies faults to one device."""
 
     def __init__(self, device: RiggedDevice) -> None:
-        """Touch nothing yet."""
+        """Start without any fault."""
         self._device = device
         self._world = device.plant.world
         self._drift_ppm = 0.0
@@ -65,7 +65,7 @@ class Bench:
         self._walker: Walker | None = None
         self._path: _Path | None = None
 
-    # ---- what lasts -----------------------------------------------------------------------
+    # ---- lasting faults -------------------------------------------------------------------
 
     def turn(self, knobs: Knobs, now_us: int) -> None:
         """Apply the knobs to the device."""
@@ -90,7 +90,7 @@ class Bench:
                 self._path.step(now_us)
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """Say at once what could only fail later.
+        """Report at once an argument that could only fail later.
 
         Raises:
             UnknownObstacleError: there is no such obstacle.
@@ -108,18 +108,18 @@ class Bench:
     # ---- a person -------------------------------------------------------------------------
 
     def next_us(self) -> int | None:
-        """When the person takes the next step."""
+        """Return the time of the person's next step, µs, or None."""
         return None if self._path is None else self._path.next_us
 
     def walk(self, now_us: int) -> None:
-        """Let the person walk."""
+        """Move the person up to ``now_us``."""
         if self._path is not None:
             self._path.step(now_us)
 
-    # ---- what is over at once -------------------------------------------------------------
+    # ---- momentary faults -----------------------------------------------------------------
 
     def strike(self, what: str, values: Mapping[str, Value]) -> None:
-        """Do what a kind names in ``strike``."""
+        """Apply a momentary fault; ``what`` is the ``strike`` of its kind."""
         {
             "reset": self._reset,
             "hang": self._hang,
@@ -155,10 +155,10 @@ class Bench:
 
 
 def check_obstacle(plan: FloorPlan, values: Mapping[str, Value]) -> None:
-    """Check that an obstacle which a fault names by its index is there.
+    """Check that the room has the obstacle that a fault names by its index.
 
     Raises:
-        UnknownObstacleError: it is not.
+        UnknownObstacleError: there is no such obstacle.
 
     """
     count = len(plan.obstacles)
@@ -167,7 +167,7 @@ def check_obstacle(plan: FloorPlan, values: Mapping[str, Value]) -> None:
 
 
 def moved_plan(plan: FloorPlan, moved: Mapping[int, tuple[float, float]]) -> FloorPlan:
-    """The room with some obstacles moved by (dx, dy) metres."""
+    """Return the room with some obstacles moved by (dx, dy) metres."""
     obstacles = tuple(
         tuple((x + moved[i][0], y + moved[i][1]) for x, y in obstacle) if i in moved else obstacle
         for i, obstacle in enumerate(plan.obstacles)
@@ -176,7 +176,7 @@ def moved_plan(plan: FloorPlan, moved: Mapping[int, tuple[float, float]]) -> Flo
 
 
 class _Path:
-    """The path of a walker, to and fro across the robot's heading at the walker's arrival."""
+    """Path of a walker: to and fro across the heading that the robot had at the start."""
 
     def __init__(self, walker: Walker, device: RiggedDevice, now_us: int) -> None:
         pose = device.plant.pose
@@ -184,7 +184,7 @@ class _Path:
         c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
         self._x_m, self._y_m = pose.x_m + walker.ahead_m * c, pose.y_m + walker.ahead_m * s
         self._along = (-s, c)
-        self._offset_m = walker.reach_m  # comes from the left
+        self._offset_m = walker.reach_m  # the walker comes from the left
         self._direction = -1.0
         self._last_us = now_us
         self.next_us = now_us + STEP_US

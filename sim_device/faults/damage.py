@@ -1,4 +1,4 @@
-"""What a bad line does to bytes and frames, seeded, and the same however they are split."""
+"""Damage to bytes and frames on a bad line, seeded and independent of how the data is split."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     import numpy as np
 
 _HISTORY = 1024
-"""As long as the longest duplicate."""
+"""Number of past bytes kept: the length of the longest duplicate."""
 
 
 class _Hits:
-    """Which of the bytes that pass are hit: each with the same chance, on its own.
+    """Selects the bytes that are hit, each with the same independent probability.
 
-    The gap to the next hit is drawn, not every byte's fate: it costs nothing per byte, and does
-    not depend on how the bytes come.
+    The class draws the gap to the next hit instead of a value per byte. This costs nothing per byte
+    and does not depend on how the bytes are split.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -27,13 +27,13 @@ class _Hits:
         self._gap = 0
 
     def set_rate(self, rate: float) -> None:
-        """Change the chance; what was drawn for the old one is forgotten."""
+        """Change the probability; the gap drawn for the old one is discarded."""
         if rate != self._rate:
             self._rate = rate
             self._draw()
 
     def among(self, count: int) -> list[int]:
-        """Positions of the hits among the next ``count`` bytes."""
+        """Return the positions of the hits among the next ``count`` bytes."""
         if self._rate <= 0.0:
             return []
         found = []
@@ -50,10 +50,10 @@ class _Hits:
 
 
 class Damage:
-    """One direction's misfortunes."""
+    """The damage on one direction of the line."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """Begin without damage."""
+        """Start without damage."""
         flips, self._bits, loss, duplicates, bursts, self._noise, garble = rng.spawn(7)
         self._flips = _Hits(flips)
         self._loss = _Hits(loss)
@@ -62,13 +62,13 @@ class Damage:
         self._garble = garble
         self._knobs = WireKnobs()
         self._burst = b""
-        """What is left of the noise of a burst that has begun."""
+        """Remaining noise of a burst that has begun."""
         self._before = b""
         self.harmed = 0
-        """Bytes lost, changed or added so far; frames on a bus."""
+        """Number of bytes (frames on a bus) lost, changed or added so far."""
 
     def turn(self, knobs: WireKnobs) -> None:
-        """Turn the knobs."""
+        """Apply new settings."""
         self._knobs = knobs
         self._flips.set_rate(knobs.flips)
         self._loss.set_rate(knobs.loss)
@@ -78,7 +78,7 @@ class Damage:
             self._burst = b""
 
     def stretch(self, data: bytes) -> bytes:
-        """What arrives of the bytes that pass."""
+        """Return what arrives of these bytes."""
         knobs = self._knobs
         if not data:
             return data
@@ -91,7 +91,7 @@ class Damage:
             self.harmed += 1
         self._spark(out)
         if knobs.garbled:
-            # Sampled at a wrong rate each byte becomes none, one or two others.
+            # Sampling at a wrong rate turns each byte into zero, one or two others.
             count = int(self._garble.integers(0, 2 * len(out) + 1))
             self.harmed += len(out)
             return self._garble.bytes(count)
@@ -103,7 +103,7 @@ class Damage:
         return self._cut_and_repeat(out, set(lost), set(again))
 
     def frame(self, record: bytes) -> list[bytes] | None:
-        """What arrives of a CAN frame; None: it is destroyed, and its sender sends it again."""
+        """Return what arrives of a CAN frame; None: destroyed, and its sender sends it again."""
         knobs = self._knobs
         if knobs.silent:
             self.harmed += 1
@@ -126,7 +126,7 @@ class Damage:
         position = 0
         starts = self._bursts.among(len(out))
         while True:
-            if not self._burst:  # the next one begins where it may, in no other one
+            if not self._burst:  # a burst begins only outside another burst
                 starts = [start for start in starts if start >= position]
                 if not starts:
                     return
@@ -160,16 +160,16 @@ class Damage:
 
 
 class Delay:
-    """Lets bytes come later, in their order."""
+    """Delays bytes and keeps their order."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """Begin without delay."""
+        """Start without delay."""
         self._rng = rng
         self._latency_us = self._jitter_us = 0
         self._waiting: list[tuple[int, bytes]] = []
 
     def turn(self, knobs: WireKnobs) -> None:
-        """Turn the knobs; what waits already comes when it was to come."""
+        """Apply new settings; waiting bytes keep their arrival time."""
         self._latency_us, self._jitter_us = knobs.latency_us, knobs.jitter_us
 
     @property
@@ -186,7 +186,7 @@ class Delay:
         self._waiting.append((at_us, data))
 
     def pull(self, now_us: int) -> bytes:
-        """Give what has waited long enough."""
+        """Return the bytes whose delay is over."""
         count = 0
         while count < len(self._waiting) and self._waiting[count][0] <= now_us:
             count += 1
@@ -194,9 +194,9 @@ class Delay:
         return b"".join(data for _, data in done)
 
     def next_us(self) -> int | None:
-        """When something has waited long enough."""
+        """Return the time at which the next delay is over, µs, or None."""
         return self._waiting[0][0] if self._waiting else None
 
     def clear(self) -> None:
-        """Lose what waits."""
+        """Discard the waiting bytes."""
         self._waiting.clear()

@@ -1,7 +1,7 @@
 """The active faults, and their joint effect on device and link.
 
-Each change computes all knobs again from the active faults, in the order in which they were
-requested. So faults compose, and the end of one never ends another.
+Each change computes all knobs again from the active faults, in the order of their requests. So
+faults compose, and the end of one never ends another.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _EVENTS_KEPT = 1000
 _ALL: Mapping[str, str] = MappingProxyType({})
 MAX_FAULTS = 1000
-"""That wait or are active at once: what a runaway script could ask for is bounded."""
+"""Maximum number of waiting and active faults: it bounds a runaway script."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +32,14 @@ class FaultEvent:
     """A fault began, struck or ended."""
 
     t_us: int
-    """Since the device was switched on."""
+    """Time since power-on of the device, µs."""
     what: str
-    """``began``, ``struck``, ``ended`` or ``cleared``."""
+    """Event: ``began``, ``struck``, ``ended`` or ``cleared``."""
     spec: FaultSpec
 
     @property
     def text(self) -> str:
-        """A line for people."""
+        """Return a line for people."""
         return f"{self.spec.kind.name} {self.what} ({self.spec.text})"
 
 
@@ -52,7 +52,7 @@ class _Injected:
 
 
 class FaultInjector:
-    """Starts and ends faults of one device, on schedule or on request."""
+    """Starts and ends the faults of one device, on schedule or on request."""
 
     def __init__(
         self,
@@ -74,17 +74,17 @@ class FaultInjector:
         self._changed = False
         self.knobs = Knobs()
         self.events: deque[FaultEvent] = deque(maxlen=_EVENTS_KEPT)
-        """What has happened and was not fetched yet, oldest first."""
+        """Events that were not fetched yet, oldest first."""
         for spec in specs:
             self.start(spec)
 
-    # ---- asked for ------------------------------------------------------------------------
+    # ---- requests -------------------------------------------------------------------------
 
     def start(self, fault: FaultSpec | str) -> FaultSpec:
-        """Let a fault begin at its time, or at once if it has none or that is past.
+        """Start a fault at its time; without a time, or with a past one, at once.
 
         Raises:
-            FaultSpecError: the text is none, or it cannot be on this device.
+            FaultSpecError: the text is no fault, or this device does not support it.
 
         """
         spec = self.check(fault)
@@ -99,10 +99,10 @@ class FaultInjector:
         return spec
 
     def check(self, fault: FaultSpec | str) -> FaultSpec:
-        """Say what a fault would be, without beginning it.
+        """Read a fault without starting it.
 
         Raises:
-            FaultSpecError: the text is none, or it cannot be on this device.
+            FaultSpecError: the text is no fault, or this device does not support it.
 
         """
         spec = parse_fault_now(fault) if isinstance(fault, str) else fault
@@ -115,7 +115,7 @@ class FaultInjector:
         return spec
 
     def clear(self, kind: str | None = None) -> int:
-        """End all faults of a kind (of every kind), those that wait too; how many there were.
+        """End all active and waiting faults of a kind, or of every kind; return their number.
 
         Raises:
             FaultSpecError: there is no such kind.
@@ -133,16 +133,16 @@ class FaultInjector:
 
     @property
     def active(self) -> list[FaultSpec]:
-        """The lasting faults that are in force."""
+        """Return the lasting faults that are in force."""
         return [fault.spec for fault in self._faults if fault.active]
 
     @property
     def waiting(self) -> list[FaultSpec]:
-        """The faults whose time has not come."""
+        """Return the faults that have not started yet."""
         return [fault.spec for fault in self._faults if not fault.active]
 
     def take_events(self) -> list[FaultEvent]:
-        """Fetch and forget what has happened."""
+        """Return and remove the events so far."""
         events = list(self.events)
         self.events.clear()
         return events
@@ -150,7 +150,7 @@ class FaultInjector:
     # ---- time -----------------------------------------------------------------------------
 
     def lived(self, now_us: int) -> None:
-        """Take note of the time: what is asked for without one begins then."""
+        """Set the present time; a fault requested without a time starts then."""
         self._now_us = max(now_us, self._now_us)
 
     def next_us(self) -> int | None:
@@ -170,7 +170,7 @@ class FaultInjector:
                 yield fault.end_us
 
     def run(self, now_us: int) -> bool:
-        """Begin and end what is due; whether the knobs have been turned."""
+        """Start and end the faults that are due; return whether the knobs changed."""
         self.lived(now_us)
         changed, self._changed = self._changed, False
         for fault in list(self._faults):

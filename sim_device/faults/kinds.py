@@ -1,4 +1,4 @@
-"""All kinds of faults by name: the one list that parsing, help and docs come from.
+"""All kinds of faults by name: the only list that parsing, help and docs use.
 
 Plug-ins add kinds as entry points of the group ``sweepctl.faults``, each a :class:`FaultKind`.
 """
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 OWN_KINDS: Mapping[str, FaultKind] = MappingProxyType(
     {kind.name: kind for kind in (*WIRE_KINDS, *BODY_KINDS)}
 )
-"""Kinds of the project itself, which the documentation lists."""
+"""The project's own kinds, which the documentation lists."""
 
 
 def _plugged() -> dict[str, FaultKind]:
-    """Return the kinds of plug-ins; one that is no kind of fault is disabled."""
+    """Return the kinds of plug-ins, without the invalid ones."""
     found: dict[str, FaultKind] = {}
     for plugin, kind in sweepctl_plugins.usable("faults"):
         wrong = _wrong(kind, {**OWN_KINDS, **found})
@@ -40,7 +40,7 @@ def _plugged() -> dict[str, FaultKind]:
 
 
 def _wrong(kind: object, taken: Mapping[str, FaultKind]) -> str:
-    """Return why an object cannot be a kind of fault; empty: it can."""
+    """Return why an object cannot be a kind of fault, or an empty text."""
     if not isinstance(kind, FaultKind):
         return "is no FaultKind"
     if kind.name in taken:
@@ -55,7 +55,7 @@ def _wrong(kind: object, taken: Mapping[str, FaultKind]) -> str:
 
 
 def _guarded(plugin: str, kind: FaultKind, knobs: Knobs, values: Mapping[str, Value]) -> None:
-    """Turn the knobs of a plug-in's fault; one that raises has no effect from then on."""
+    """Apply a plug-in's fault; a kind that has raised has no further effect."""
     if kind.turn is None or kind.name in _BROKEN:
         return
     try:
@@ -68,21 +68,21 @@ def _guarded(plugin: str, kind: FaultKind, knobs: Knobs, values: Mapping[str, Va
 _BROKEN: set[str] = set()
 """Kinds of plug-ins that have raised."""
 KINDS: Mapping[str, FaultKind] = MappingProxyType({**OWN_KINDS, **_plugged()})
-"""Every kind: the project's own, and those of plug-ins."""
+"""All kinds by name: the project's own and those of plug-ins."""
 
 
 def parse_fault(text: str) -> FaultSpec:
     """Read a fault with its time.
 
     Raises:
-        FaultSpecError: it names no kind, or a time or a value that cannot be.
+        FaultSpecError: the kind is unknown, or a time or a value is invalid.
 
     """
     return parse_spec(text, KINDS)
 
 
 def parse_fault_now(text: str) -> FaultSpec:
-    """Read a fault that may do without a time: it then begins at once.
+    """Read a fault with an optional time; without one it starts at once.
 
     Raises:
         FaultSpecError: as for :func:`parse_fault`.
@@ -92,7 +92,7 @@ def parse_fault_now(text: str) -> FaultSpec:
 
 
 def as_dict(kind: FaultKind) -> dict[str, Any]:
-    """A kind for programs."""
+    """Return a kind as a dictionary for programs."""
     return {
         "kind": kind.name,
         "meaning": kind.meaning,

@@ -1,4 +1,4 @@
-"""Knobs: the values that faults change. They are neutral, and computed again at every change."""
+"""Knobs: the values that faults change. Every change starts from neutral values."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class WireKnobs:
-    """One direction of the line."""
+    """Faults of one direction of the line."""
 
     flips: float = 0.0
-    """Share of bytes in which a bit is turned over."""
+    """Share of bytes in which one bit is inverted."""
     loss: float = 0.0
-    """Share of bytes that do not arrive."""
+    """Share of bytes that are lost."""
     duplicates: float = 0.0
-    """Share of bytes after which the last ``duplicate_bytes`` come again."""
+    """Share of bytes after which the last ``duplicate_bytes`` are repeated."""
     duplicate_bytes: int = 0
     bursts: float = 0.0
-    """Share of bytes at which a stretch of ``burst_bytes`` turns into noise."""
+    """Share of bytes at which the next ``burst_bytes`` become noise."""
     burst_bytes: int = 0
     garbled: bool = False
-    """Sampled at another rate than sent: nothing of it is what it was."""
+    """True: the receiver samples at another rate than the sender. No byte arrives intact."""
     silent: bool = False
-    """Nothing arrives."""
+    """True: nothing arrives."""
     latency_us: int = 0
     jitter_us: int = 0
-    """Latency beyond ``latency_us``, uniform up to this."""
+    """Maximum latency in addition to ``latency_us``, µs, uniformly distributed."""
 
 
 def either(a: float, b: float) -> float:
@@ -38,21 +38,21 @@ class Walker:
     """A person who walks to and fro across the robot's path."""
 
     ahead_m: float
-    """How far ahead of where the robot stood at the beginning."""
+    """Distance of the walker's line ahead of the robot's initial place, m."""
     reach_m: float
-    """How far to either side."""
+    """Distance that the walker goes to either side, m."""
     speed_m_s: float
     radius_m: float
 
 
 @dataclass(slots=True)
 class Knobs:
-    """Everything at once."""
+    """All knobs."""
 
     up: WireKnobs = field(default_factory=WireKnobs)
-    """Device to host."""
+    """Faults from device to host."""
     down: WireKnobs = field(default_factory=WireKnobs)
-    """Host to device."""
+    """Faults from host to device."""
     unplugged: bool = False
 
     stuck_left: bool = False
@@ -61,7 +61,7 @@ class Knobs:
     slip_right: float = 0.0
     lifted: bool = False
     moved: dict[int, tuple[float, float]] = field(default_factory=dict)
-    """Index of an obstacle → how far it is moved, metres."""
+    """Displacement of each moved obstacle by its index, (dx, dy) in m."""
     walker: Walker | None = None
 
     imu_frozen: bool = False
@@ -85,9 +85,9 @@ class Knobs:
     """Additional drift of the device's clock, ppm."""
 
     def wires(self, way: str) -> list[WireKnobs]:
-        """Return the directions of ``way``: ``up``, ``down`` or ``both``."""
+        """Return the directions that ``way`` names: ``up``, ``down`` or ``both``."""
         return {"up": [self.up], "down": [self.down], "both": [self.up, self.down]}[way]
 
     def sides(self, side: str) -> list[str]:
-        """The sides that ``side`` names: ``left``, ``right`` or ``both``."""
+        """Return the sides that ``side`` names: ``left``, ``right`` or ``both``."""
         return ["left", "right"] if side == "both" else [side]

@@ -1,7 +1,7 @@
-"""A fault as text: ``kind@time[:for][:name=value,...]``, read and written; and its parts.
+"""Text form of a fault: ``kind@time[:for][:name=value,...]``, read and written; and its parts.
 
-Times are seconds since the device was switched on. Without ``@time`` a fault begins at once
-(for what is switched on while a device runs), and ``@+2`` is two seconds from now.
+Times are seconds since power-on of the device. A fault without ``@time`` starts at once, which
+suits a running device. ``@+2`` means two seconds from now.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ Value = float | str
 
 
 class FaultSpecError(ValueError):
-    """A fault's text that cannot be used."""
+    """An invalid fault text."""
 
     def __init__(self, text: str, reason: str) -> None:
-        """Keep the text as it was given, and what is wrong with it and what would do."""
+        """Keep the text, the fault in it and the valid form."""
         self.text, self.reason = text, reason
         super().__init__(f"fault {text[:MAX_TEXT]!r}: {reason}")
 
@@ -43,14 +43,14 @@ class Number:
 
     @property
     def allowed(self) -> str:
-        """The range in words."""
+        """Return the range in words."""
         return f"{self.low:g} to {self.high:g}{f' {self.unit}' if self.unit else ''}"
 
     def parse(self, text: str) -> float:
         """Read a value.
 
         Raises:
-            ValueError: it is no number, or out of range.
+            ValueError: the text is no number, or out of range.
 
         """
         value = float(text)
@@ -61,7 +61,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An argument that is one of some words."""
+    """An argument that is one of several words."""
 
     name: str
     meaning: str
@@ -72,14 +72,14 @@ class Choice:
 
     @property
     def allowed(self) -> str:
-        """The words."""
+        """Return the words."""
         return ", ".join(self.choices)
 
     def parse(self, text: str) -> str:
         """Read a value.
 
         Raises:
-            ValueError: it is none of them.
+            ValueError: the text is none of the words.
 
         """
         if text not in self.choices:
@@ -94,8 +94,8 @@ Argument = Number | Choice
 class FaultKind:
     """A kind of fault, declared once.
 
-    Exactly one of ``turn`` and ``strike`` is given: a lasting fault turns knobs for as long as
-    it is active; one that is over at once strikes the device.
+    Exactly one of ``turn`` and ``strike`` is given. ``turn`` changes knobs while a lasting fault is
+    active. ``strike`` names the method that a momentary fault calls.
     """
 
     name: str
@@ -104,36 +104,36 @@ class FaultKind:
     arguments: tuple[Argument, ...] = ()
     turn: Callable[[Knobs, Mapping[str, Value]], None] | None = None
     strike: str | None = None
-    """Name of what is done to the device: a method of :class:`sim_device.faults.bench.Bench`."""
+    """Method of :class:`sim_device.faults.bench.Bench` that applies a momentary fault."""
     default_for_s: float | None = None
     """Default duration, s; ``None``: until it is cleared."""
 
     @property
     def lasting(self) -> bool:
-        """Whether it has a duration."""
+        """Return whether faults of this kind have a duration."""
         return self.turn is not None
 
     def argument(self, name: str) -> Argument | None:
-        """The argument of this name."""
+        """Return the argument with this name, or None."""
         return next((a for a in self.arguments if a.name == name), None)
 
 
 @dataclass(frozen=True, slots=True)
 class FaultSpec:
-    """One fault that is asked for."""
+    """One requested fault."""
 
     kind: FaultKind
     at_s: float | None
-    """Seconds since the device was switched on; None: now."""
+    """Start, s since power-on of the device; ``None``: now."""
     for_s: float | None
-    """How long; None: until it is cleared, or over at once."""
+    """Duration, s; ``None``: until cleared, or momentary."""
     values: Mapping[str, Value]
     relative: bool = False
-    """``at_s`` counts from the moment in which the fault is asked for."""
+    """True: ``at_s`` counts from the request."""
 
     @property
     def text(self) -> str:
-        """The fault as text, every argument spelled out; reading it gives an equal fault."""
+        """Return the fault as text with every argument; reading it gives an equal fault."""
         at = "" if self.at_s is None else f"@{'+' if self.relative else ''}{_number(self.at_s)}"
         lasts = "" if self.for_s is None else f":{_number(self.for_s)}"
         values = ",".join(
@@ -151,11 +151,11 @@ def _number(value: float) -> str:
 def parse_spec(text: str, kinds: Mapping[str, FaultKind], *, timed: bool = True) -> FaultSpec:
     """Read ``kind@time[:for][:name=value,...]``.
 
-    Values may also be given without their names, in the order of the kind's arguments. With
-    ``timed`` a time is required, since there is no "now" to begin at.
+    Values may also come without names, in the order of the kind's arguments. With ``timed`` a time
+    is required, because there is no "now" to start at.
 
     Raises:
-        FaultSpecError: it names no kind, or a time or a value that cannot be.
+        FaultSpecError: the kind is unknown, or a time or a value is invalid.
 
     """
     head, *rest = text.strip().split(":")
@@ -188,7 +188,7 @@ def _kind(text: str, name: str, kinds: Mapping[str, FaultKind]) -> FaultKind:
 
 
 def _is_duration(text: str) -> bool:
-    """Whether a part that is no plain number was meant as a time: it has a unit of time."""
+    """Return whether a part that is no plain number has a unit of time."""
     return "=" not in text and (_is_number(text.removesuffix("ms")) or _is_number(text[:-1]))
 
 
@@ -222,7 +222,7 @@ def _values(text: str, kind: FaultKind, part: str) -> dict[str, Value]:
     items = [item.strip() for item in part.split(",")] if part else []
     for position, item in enumerate(items):
         name, equals, value = item.partition("=")
-        if not equals:  # by its place
+        if not equals:  # by its position
             if position >= len(kind.arguments):
                 raise FaultSpecError(text, f"{item[:40]!r} is too much; {_takes(kind)}")
             name, value = kind.arguments[position].name, item

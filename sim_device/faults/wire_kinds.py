@@ -1,7 +1,7 @@
-"""Faults of the line: what cables, adapters, drivers and sparks do to bytes.
+"""Faults of the line: the effect of cables, adapters, drivers and sparks on bytes.
 
-On a CAN bus they act on frames: there a damaged one is found by the controllers' own CRC and
-sent again, so that flips and bursts cost time instead of content.
+On a CAN bus they act on frames. The controllers find a damaged frame by its CRC and send it again,
+so flips and bursts cost time but never change content.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The front bumper: two halves of a sprung shell, each with a switch.
 
-The plant's disc is the shell's outline where its switch closes, so a half is pressed as soon
-as it is touched. The switch has a travel: it opens only when the shell has come back by
-``RELEASE_M`` from where it closed, that is when whatever stands before that half is farther
-than this from the disc. Which bearings press which half is told in ``contacts``.
+The plant's disc is the outline of the shell at the point where the switches close, so a contact
+presses its switch at once. A pressed switch opens only after the shell has come back by
+``RELEASE_M``: when the obstacle in front of that half is farther than this from the disc.
+``contacts`` defines which bearings press which switch.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from sim_device.body.plant import Plant
 
 RELEASE_M = 0.001
-"""Travel between closing and opening of a snap-action switch at the end of a short lever
-(a microswitch's own 0.1 mm or so, times the lever's 10): our choice."""
+"""Travel between closing and opening of the switch, m: a microswitch's 0.1 mm times a lever of 10.
+Our choice."""
 _FREE = Bumpers(left=False, right=False)
 
 
 class Bumper:
-    """Both halves, watching the plant."""
+    """Both bumper switches of a plant."""
 
     __slots__ = ("_plant", "_pressed", "_radius_m")
 
     def __init__(self, plant: Plant, radius_m: float) -> None:
-        """Take the disc's radius; nothing is pressed."""
+        """Take the disc's radius; no switch is pressed."""
         self._plant, self._radius_m = plant, radius_m
         self._pressed = _FREE
 
     def read(self) -> Bumpers:
-        """Halves that are pressed now, or have not come back far enough since they were."""
+        """Return the switches that are pressed or have not come back far enough."""
         bearings, before = self._plant.touch_bearings_rad, self._pressed
         if not bearings and before is _FREE:
             return _FREE
@@ -51,7 +51,7 @@ class Bumper:
         return touched
 
     def _bearings_near(self) -> Iterator[float]:
-        """Bearings of what stands within the switch's travel."""
+        """Yield the bearings of obstacles within the travel of a switch."""
         x_m, y_m, theta = self._plant.pose
         world, reach_m = self._plant.world, self._radius_m + RELEASE_M
         walker_x, walker_y, walker_m = world.walker.tolist()

@@ -1,12 +1,10 @@
-"""Missing floor, as sensor and wheels meet it.
+"""The cliff sensor: reflex light barriers under the front rim that detect missing floor.
 
-The cliff sensor: reflex light barriers under the front rim that look for the floor.
-
-Three of them, straight ahead and 55° to either side, 1 cm inside the rim; together they are
-one bit. The outer ones are 12.3 cm aside, so that whatever comes under a wheel, 11.5 cm aside, on
-the way ahead was under one of them before. The floor is missing in a room's ``cliffs``, and under
-a robot that is held up. What stands on the floor (carpet, threshold) is floor to them. What
-becomes of a robot that drives on is told in ``plant``.
+Three barriers sit 1 cm inside the rim, straight ahead and 55° to either side. Together they give
+one bit. The outer ones are 12.3 cm from the centre line and the wheels 11.5 cm, so a barrier passes
+every point ahead of a wheel before the wheel does. The floor is missing in a room's ``cliffs`` and
+under a robot in the air. Objects on the floor (carpet, threshold) count as floor. ``plant``
+describes a robot that drives over a cliff.
 """
 
 from __future__ import annotations
@@ -25,17 +23,17 @@ BEARINGS_RAD = (math.radians(-55.0), 0.0, math.radians(55.0))
 
 
 class CliffSensor:
-    """Its spots on the floor."""
+    """The barriers of the cliff sensor."""
 
     __slots__ = ("_spots",)
 
     def __init__(self, radius_m: float) -> None:
-        """Sit under the rim of a disc."""
+        """Mount the barriers under the rim of a disc."""
         reach_m = radius_m - INSIDE_RIM_M
         self._spots = [(reach_m * math.cos(b), reach_m * math.sin(b)) for b in BEARINGS_RAD]
 
     def sees_none(self, pose: Pose2, cliffs: tuple[Polygon, ...]) -> bool:
-        """Whether any spot of a robot at ``pose`` is over missing floor."""
+        """Return whether any barrier of a robot at ``pose`` is over missing floor."""
         return any(
             contains(cliff, *pose.transform(*spot)) for spot in self._spots for cliff in cliffs
         )

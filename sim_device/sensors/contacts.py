@@ -9,13 +9,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 BUMPER_SPAN_RAD = math.radians(87.0)
-"""The shell ends just short of the side: a wall grazed exactly abeam does not press it."""
+"""Half the angle of the shell, rad. It ends just short of the side, so a wall that grazes the robot
+exactly abeam does not press it."""
 BUMPER_OVERLAP_RAD = math.radians(10.0)
 """Bearing within which a contact presses both switches, rad."""
 
 
 class Bumpers(NamedTuple):
-    """Which halves are pressed."""
+    """State of the two bumper switches."""
 
     left: bool
     right: bool

@@ -19,8 +19,8 @@ _TAU = 2.0 * pi
 class Encoders:
     """Both counters, zero at power-on and rising forwards.
 
-    They count what the wheels turn: a slipping wheel counts too. Errors of the wheels
-    themselves (diameter, slip) are the plant's.
+    They count the turns of the wheels, also of a slipping wheel. The plant models the errors of the
+    wheels themselves (diameter, slip).
     """
 
     __slots__ = (
@@ -34,20 +34,20 @@ class Encoders:
     )
 
     def __init__(self, plant: Plant, model: RobotModel, faults: SensorFaults) -> None:
-        """Count ``model.counts_per_turn`` per turn of ``plant``'s wheels; obey ``faults``."""
+        """Count ``model.counts_per_turn`` per turn of ``plant``'s wheels; apply ``faults``."""
         self._plant, self._faults = plant, faults
         self._counts_per_rad = model.counts_per_turn / _TAU
         self._dropouts = CountDropout(), CountDropout()
         self._lossy = False
-        """Whether counts were ever lost."""
+        """True once a fault has lost counts."""
         self._before: tuple[int, int] | None = None
         self._wiring: Miswiring | None = None
-        """Once a fault of the wiring was seen."""
+        """State of a wiring fault, once there was one."""
 
     def read(self) -> tuple[int, int]:
-        """Left and right counter, 0..65535."""
+        """Return the left and the right counter, 0..65535."""
         felt, per_rad, faults = self._plant.felt, self._counts_per_rad, self._faults
-        # An edge lies between two counts: the counter holds the whole counts passed.
+        # An edge lies between two counts: the counter holds the number of edges passed.
         counts = floor(felt[3] * per_rad) & _MASK, floor(felt[4] * per_rad) & _MASK
         if faults.encoder_dropout_left or faults.encoder_dropout_right or self._lossy:
             counts = self._lose(*counts)

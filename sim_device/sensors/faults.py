@@ -1,4 +1,4 @@
-"""What can be broken in the sensors while they run; all is well by default."""
+"""Faults of the sensors, which may change while they run; by default there are none."""
 
 from __future__ import annotations
 
@@ -11,38 +11,40 @@ _set = object.__setattr__
 
 @dataclass(slots=True)
 class SensorFaults:
-    """Knobs to turn at any time; each takes effect at the next reading."""
+    """Settings that may change at any time; each takes effect at the next reading."""
 
     imu_frozen: bool = False
-    """The registers repeat what they held."""
+    """True: the registers repeat their last content."""
     gyro_bias_deg_s: tuple[float, float, float] | float = (0.0, 0.0, 0.0)
-    """Added to the rates x, y, z before they saturate; a single number is z's."""
+    """Bias added to the rates x, y, z before saturation, °/s; a single number is added to z."""
     accel_bias_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
     encoder_dropout_left: float = 0.0
-    """Share of lost counts, 0..1, in both directions; lost counts stay lost."""
+    """Share of the left encoder's counts that is lost, 0..1, in both directions; lost counts stay
+    lost."""
     encoder_dropout_right: float = 0.0
     encoder_reversed_left: bool = False
-    """Its two channels are exchanged: it counts backwards."""
+    """True: the two channels of the left encoder are exchanged, and it counts backwards."""
     encoder_reversed_right: bool = False
     encoders_swapped: bool = False
-    """Each counter is at the other wheel's plug."""
+    """True: each encoder is in the plug of the other wheel."""
     i2c_stuck: bool = False
-    """The bus to the inertial sensor is dead: no new sample arrives."""
+    """True: the bus to the inertial sensor is dead. No new sample arrives."""
     imu_clock: float = 0.0
     """Share by which the inertial sensor's own clock runs fast."""
     adc_frozen: bool = False
-    """The supply's converter repeats its last readings."""
+    """True: the converter of the supply voltages repeats its last readings."""
     ultrasonic_blind: bool = False
-    """No echo is ever heard."""
+    """True: no echo is detected."""
     ultrasonic_lie_m: float | None = None
-    """Read instead of anything else, blindness included."""
+    """Range reported instead of any measurement, m, also with ``ultrasonic_blind``."""
     bumper_stuck_left: bool = False
-    """Whether the left switch is stuck pressed."""
+    """True: the left switch is stuck pressed."""
     bumper_stuck_right: bool = False
     lifted: bool = False
-    """Held up: the cliff sensor sees no floor, the accelerometer feels it (``lift``)."""
+    """True: the robot is in the air. The cliff sensor sees no floor, and ``lift`` acts on the
+    accelerometer."""
     touched: bool = field(default=True, init=False, repr=False, compare=False)
-    """Whether any of them was set since the inertial sensor last looked."""
+    """True if a fault was set since the inertial sensor last read this object."""
 
     def __setattr__(self, name: str, value: object) -> None:
         _set(self, name, value)
@@ -57,16 +59,16 @@ class SensorFaults:
 
 
 class Miswiring:
-    """Both counters where encoders are reversed or swapped; none jumps as that begins or ends."""
+    """Counters with reversed or swapped encoders; no counter jumps as a fault begins or ends."""
 
     __slots__ = ("_raw", "_seen")
 
     def __init__(self, counts: tuple[int, int]) -> None:
-        """Begin with both counters as they are."""
+        """Start with both counters as they are."""
         self._raw = self._seen = counts
 
     def apply(self, counts: tuple[int, int], faults: SensorFaults) -> tuple[int, int]:
-        """Counters as the firmware sees them, 0..65535."""
+        """Return the counters that the firmware sees, 0..65535."""
         left, right = (
             ((now - before + _HALF_WRAP) & _MASK) - _HALF_WRAP
             for now, before in zip(counts, self._raw, strict=True)
@@ -88,13 +90,13 @@ class CountDropout:
     __slots__ = ("_lost", "before")
 
     def __init__(self) -> None:
-        """Nothing lost yet."""
+        """Start without loss."""
         self.before: int | None = None
-        """The counter as it was last."""
+        """Previous value of the counter."""
         self._lost = 0.0
 
     def apply(self, count: int, share: float) -> int:
-        """Counter as the firmware sees it, 0..65535, after losing ``share`` of what was new.
+        """Return the counter that the firmware sees, 0..65535, with ``share`` of new counts lost.
 
         The wheel must turn less than half the counter's range between calls.
         """

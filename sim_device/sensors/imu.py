@@ -2,22 +2,20 @@
 
 Sources: InvenSense PS-MPU-6000A-00 rev. 3.4 (the datasheet), sections 6.1 (gyroscope), 6.2
 (accelerometer), 6.3 (temperature); RM-MPU-6000A-00 rev. 4.2 (the register map), sections 4.2
-(sample rate), 4.3 (filter), 4.4 and 4.5 (ranges), 4.18 (temperature). The chip sits at the
-axle's centre, its axes with the body's: x ahead, y left, z up, yaw rate counter-clockwise
-positive.
+(sample rate), 4.3 (filter), 4.4 and 4.5 (ranges), 4.18 (temperature). The chip sits at the axle's
+centre. Its axes are the body's: x ahead, y left, z up, yaw rate positive counter-clockwise.
 
-The registers change at the output rate; a read before the next sample is due returns the
-same ones. The low-pass filter is a running mean as long as twice its group delay, which has
-that delay exactly; the default's 9.6 ms is the time between samples, so that nothing is lost.
-Firmware that reads more seldom than the chip samples is taken to average what the chip's
-buffer (section 7.17) holds, so that its reading is the mean since the last one. White noise
-of one-sided density n over a time T then has sigma n/√(2T); a filter quicker than the sample
-rate lets more through, by the root of the ratio. Motion within one reading's interval is
-known by its mean only: filters quicker than that do not show it sharper.
+The registers change at the output rate; a read before the next sample is due returns the same
+values. The low-pass filter is a running mean of twice the chip's group delay, so its delay is
+exact. The default delay of 9.6 ms is the time between samples, so no sample is lost. Firmware that
+reads more slowly than the chip samples averages the chip's buffer (section 7.17), so its reading is
+the mean since the last one. White noise of one-sided density n then has sigma n/√(2T) over a time
+T. A filter faster than the sample rate passes more noise, by the root of the ratio. Only the mean
+of the motion within a reading's interval is known; a faster filter shows no more detail.
 
-What the noise levels mean is told in ``noise``. Left out: the change of scale with
-temperature and the scale's non-linearity (0.2 %), the gyro's answer to acceleration
-(0.1 °/s per g: with gravity a constant, part of the bias).
+``noise`` defines the noise levels. The model leaves out the change of scale with temperature, the
+scale's non-linearity (0.2 %), and the gyro's response to acceleration (0.1 °/s per g; under
+constant gravity this is part of the bias).
 """
 
 from __future__ import annotations
@@ -42,16 +40,17 @@ if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
 
 GYRO_LSB_PER_DEG_S = {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}
-"""By full scale, °/s: FS_SEL 0 to 3, section 6.1."""
+"""Gyro scale by full scale (°/s), counts per °/s: FS_SEL 0 to 3, section 6.1."""
 ACCEL_LSB_PER_G = {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}
-"""By full scale, g: AFS_SEL 0 to 3, section 6.2."""
+"""Accelerometer scale by full scale (g), counts per g: AFS_SEL 0 to 3, section 6.2."""
 GYRO_DELAY_MS = (0.98, 1.9, 2.8, 4.8, 8.3, 13.4, 18.6)
-"""Group delay by DLPF_CFG, register map section 4.3; the accelerometer's is within 0.9 ms."""
+"""Group delay of the gyro by DLPF_CFG, ms, register map section 4.3. The accelerometer's is within
+0.9 ms of it."""
 GRAVITY_M_S2 = 9.80665
 AMBIENT_C = 25.0
 WARMING_C = 6.0
-"""How far the board warms above ambient, within ``imu_kernel.WARMING_TIME_S``: our choice
-for 1.5 W under a cover."""
+"""Warming of the board above ambient, °C, with time constant ``imu_kernel.WARMING_TIME_S``. Our
+choice for 1.5 W under a cover."""
 
 _BLOCK = 512 * DRAWS
 _DEG = 180.0 / math.pi
@@ -64,26 +63,26 @@ class ImuConfigError(ValueError):
     """A setting that the chip does not have."""
 
     def __init__(self, setting: str, value: int, known: str) -> None:
-        """Keep the setting, the value and what there is."""
+        """Keep the setting, its value and the valid values."""
         self.setting, self.value, self.known = setting, value, known
         super().__init__(f"{setting} {value} is not one of {known}")
 
 
 @dataclass(frozen=True, slots=True)
 class ImuConfig:
-    """What the firmware writes into the chip at its start.
+    """Settings that the firmware writes into the chip at its start.
 
     Raises:
-        ImuConfigError: a setting is none of the chip's.
+        ImuConfigError: the chip does not have a setting.
 
     """
 
     gyro_range_deg_s: int = 250
     accel_range_g: int = 2
     dlpf: int = 3
-    """DLPF_CFG, 0 to 6; 3: 42 Hz."""
+    """Filter setting DLPF_CFG, 0 to 6; 3 is 42 Hz."""
     divider: int = 9
-    """SMPLRT_DIV, 0 to 255; 9: 100 Hz with a filter."""
+    """Sample divider SMPLRT_DIV, 0 to 255; 9 is 100 Hz with a filter."""
 
     def __post_init__(self) -> None:
         """Check each setting."""
@@ -103,7 +102,7 @@ class ImuConfig:
 
     @property
     def scale(self) -> ImuScale:
-        """What the counts are worth; section 4.18 of the register map gives the temperature's."""
+        """Scale of the counts; section 4.18 of the register map gives the temperature's."""
         return ImuScale(
             Fraction(ACCEL_LSB_PER_G[self.accel_range_g]),
             Fraction(str(GYRO_LSB_PER_DEG_S[self.gyro_range_deg_s])),
@@ -113,7 +112,7 @@ class ImuConfig:
 
     @property
     def window_ms(self) -> float:
-        """Length of the running mean that stands for the filter."""
+        """Return the length of the running mean that models the filter, ms."""
         return 2.0 * GYRO_DELAY_MS[self.dlpf]
 
 
@@ -133,7 +132,7 @@ class ImuCounts(NamedTuple):
 
 
 class Imu:
-    """The chip, watching the plant."""
+    """The chip, mounted on the plant."""
 
     def __init__(
         self,
@@ -143,7 +142,7 @@ class Imu:
         faults: SensorFaults | None = None,
         config: ImuConfig = _CONFIG,
     ) -> None:
-        """Draw this chip's own errors from ``rng``, which it owns; obey ``faults``."""
+        """Draw this chip's own errors from ``rng``, which it owns; apply ``faults``."""
         self._plant = plant
         self._noise = noise
         self._rng = rng
@@ -152,7 +151,7 @@ class Imu:
         self._alias = math.sqrt(max(1.0, config.sample_period_ms / config.window_ms))
         self._period_eighths = round(_EIGHTHS * config.sample_period_ms)
         self._bias, self._extra = np.zeros(AXES), np.zeros(AXES)
-        """What the chip adds to each axis; its bias with faults, and a lift's own."""
+        """Offsets added to each axis: the bias with faults, and the effect of lifting."""
         self._chip = _drawn_chip(noise, rng, config, self._bias, self._extra)
         self._own_bias = self._bias.copy()
         self._reported_bias: tuple[object, object] = (None, None)
@@ -166,10 +165,10 @@ class Imu:
         self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
         self._last = self._reported = self._sample(now)
         self.samples = 1
-        """How many samples the firmware has fetched."""
+        """Number of samples that the firmware has fetched."""
 
     def read(self) -> ImuCounts:
-        """Read the registers as they stand at this tick."""
+        """Return the registers at this tick."""
         plant = self._plant
         tick_ms = plant.tick_ms
         eighths = _EIGHTHS * tick_ms
@@ -217,7 +216,7 @@ class Imu:
         self._bias[:] = self._own_bias + np.array((*faults.accel_bias_g, *faults.gyro_bias))
 
     def _set_interval(self, interval_ms: int) -> None:
-        """Work out the sigmas of samples this far apart; they seldom change."""
+        """Compute the noise of samples this far apart; the interval seldom changes."""
         noise, chip = self._noise, self._chip
         interval_s = 0.001 * interval_ms
         self._interval_ms = interval_ms
@@ -240,7 +239,7 @@ def _drawn_chip(
     bias: NDArray[np.float64],
     extra: NDArray[np.float64],
 ) -> Chip:
-    """Draw a chip's own errors, in an order that new ones are added to at the end.
+    """Draw a chip's own errors, in a fixed order; append new draws at the end.
 
     ``bias`` is filled in; the chip keeps it and ``extra``.
     """

@@ -1,4 +1,4 @@
-"""One sample of the inertial sensor, compiled: what is felt, its errors, filter and counts.
+"""Compiled kernel for one sample of the inertial sensor: motion, errors, filter, counts.
 
 Axes in the order of the registers: acceleration x, y, z (g), then rate x, y, z (°/s).
 """
@@ -21,13 +21,15 @@ _DRAWS = cython.declare(cython.int, 10)
 _ROWS = cython.declare(cython.int, 64)
 _AXES = cython.declare(cython.int, 6)
 DRAWS = _DRAWS
-"""Normal values that a sample takes: six axes, three walks of the bias, one of the angle."""
+"""Number of normal values per sample: six axes, three for the walk of the bias, one for the angle.
+"""
 ROWS = _ROWS
-"""Rows of the filter's memory: its widest window is 37 ms, and a row is at least 1 ms."""
+"""Number of rows in the filter's memory. The widest window is 37 ms, and a row lasts at least 1 ms.
+"""
 AXES = _AXES
 
 _MOVING_RAD_S = cython.declare(cython.double, 0.05)
-"""Mean wheel speed above which motion's own errors are present; 1.6 mm/s."""
+"""Minimum mean wheel speed at which motion noise is present, rad/s; 1.6 mm/s."""
 WARMING_TIME_S = 300.0
 _WARMING_TIME_S = cython.declare(cython.double, WARMING_TIME_S)
 _TEMPERATURE_LSB_PER_C = cython.declare(cython.double, 340.0)
@@ -35,22 +37,22 @@ _TEMPERATURE_OFFSET_C = cython.declare(cython.double, 36.53)
 _MIN = cython.declare(cython.double, -32768.0)
 _MAX = cython.declare(cython.double, 32767.0)
 _ROUNDS = cython.declare(cython.double, 6755399441055744.0)
-"""1.5 · 2⁵²: a small number keeps no fraction beside it, and a half goes to the even neighbour."""
+"""Rounding constant 1.5 · 2⁵². Adding it removes a small number's fraction; halves go to even."""
 
 
 @cython.final
 @cython.cclass
 class Chip:
-    """One chip: what was drawn or configured, how far its bias walked, and what was before."""
+    """State of one chip: its drawn and configured values, the walk of its bias, the last sample."""
 
     matrix: FloatGrid
-    """How much of each axis' true value an axis shows, cross-axis included; ``(6, 3)``."""
+    """Matrix from true values to the values of each axis, with cross-axis terms; ``(6, 3)``."""
     bias: Floats
-    """Per axis at the reference temperature, faults included."""
+    """Bias of each axis at the reference temperature, with faults."""
     tempco: Floats
-    """Per axis, change of the bias per °C."""
+    """Change of each axis' bias per °C."""
     extra: Floats
-    """Per axis, added to what is felt (a lift)."""
+    """Offset added to the motion on each axis (lifting)."""
     rest_sigma_g = cython.declare(cython.double, visibility="public")
     """White noise of the accelerometer in one row at rest, g."""
     moving_sigma_g = cython.declare(cython.double, visibility="public")
@@ -59,11 +61,11 @@ class Chip:
     walk_sigma_deg_s = cython.declare(cython.double, visibility="public")
     yaw_sigma_deg_s = cython.declare(cython.double, visibility="public")
     motion_deg_s = cython.declare(cython.double, visibility="public")
-    """Bias of the yaw rate while it moves."""
+    """Bias of the yaw rate while the robot moves, °/s."""
     lsb_accel = cython.declare(cython.double, visibility="public")
-    """Counts per g."""
+    """Scale of the accelerometer, counts per g."""
     lsb_gyro = cython.declare(cython.double, visibility="public")
-    """Counts per °/s."""
+    """Scale of the gyro, counts per °/s."""
     window_ms = cython.declare(cython.double, visibility="public")
     """Window of the filter, ms."""
     temperature_error_c = cython.declare(cython.double, visibility="public")
@@ -71,10 +73,10 @@ class Chip:
     warming_c = cython.declare(cython.double, visibility="public")
     interval_ms = cython.declare(cython.double, visibility="public")
     per_s = cython.declare(cython.double, visibility="public")
-    """One over the interval; then the same over gravity (for g), and in degrees."""
+    """Reciprocal of the interval, 1/s; then divided by gravity (for g), and in degrees."""
     per_g = cython.declare(cython.double, visibility="public")
     per_deg = cython.declare(cython.double, visibility="public")
-    # What ``sample`` was told the last time.
+    # Inputs of the last call of ``sample``.
     heading_rad: cython.double
     impulse_x_m_s: cython.double
     impulse_y_m_s: cython.double
@@ -84,15 +86,15 @@ class Chip:
     roll_rad: cython.double
     climb_m_s: cython.double
     walk: Floats
-    """The gyro's bias, walked so far."""
+    """Walk of the gyro's bias so far, °/s."""
     durations_ms: Floats
     """Durations of the rows of the filter's memory, ms; 0: empty."""
     rows: FloatGrid
-    """Means of what was sampled, a row of six axes for each sample."""
+    """Means of the samples, a row of six axes for each sample."""
     head: cython.int
-    """The next row."""
+    """Index of the next row."""
     mean: Floats
-    """What the filter gives."""
+    """Output of the filter."""
 
     def __init__(self, matrix: FloatGrid, bias: Floats, tempco: Floats, extra: Floats) -> None:
         """Use the given arrays, which the caller may change later."""
@@ -117,7 +119,7 @@ class Chip:
         roll_rad: cython.double,
         climb_m_s: cython.double,
     ) -> None:
-        """Take the sums from which the next sample's means are taken; see ``sample``."""
+        """Set the sums that the next sample's means start from; see ``sample``."""
         self.heading_rad = heading_rad
         self.impulse_x_m_s, self.impulse_y_m_s = impulse_x_m_s, impulse_y_m_s
         self.left_rad, self.right_rad = left_rad, right_rad
@@ -138,21 +140,22 @@ def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes
     roll_rad: cython.double,
     climb_m_s: cython.double,
 ) -> Registers:
-    """Take the means since the last sample into the filter and give the registers.
+    """Put the means since the last sample into the filter and return the registers.
 
     Args:
         chip: Changed.
-        normals: Standard normal values; ``DRAWS`` from ``at`` are taken.
-        at: See ``normals``.
-        tick_ms: Since power-on: how far the board has warmed.
-        heading_rad: From here on as in ``truth.Inertial``, whose differences are means.
-        impulse_x_m_s: See there, as all below.
-        impulse_y_m_s: To the left.
-        left_rad: The wheels' angles: motion's own errors are present while they turn.
-        right_rad: See ``left_rad``.
-        pitch_rad: Nose up, which is backwards about y.
-        roll_rad: Left side up.
-        climb_m_s: Upwards.
+        normals: Standard normal values; ``DRAWS`` from ``at`` are used.
+        at: Index of the first value to use.
+        tick_ms: Time since power-on, ms; it gives the temperature of the board.
+        heading_rad: Heading. This and the next ones are as in ``truth.Inertial``; their differences
+            are means.
+        impulse_x_m_s: Specific impulse ahead.
+        impulse_y_m_s: Specific impulse to the left.
+        left_rad: Angle of the left wheel; motion noise is present while a wheel turns.
+        right_rad: Angle of the right wheel.
+        pitch_rad: Pitch, nose up, which is a negative turn about y.
+        roll_rad: Roll, left side up.
+        climb_m_s: Vertical speed, upwards.
 
     Returns:
         The seven registers in the chip's order, saturated.
@@ -206,10 +209,10 @@ def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes
 @cython.cfunc
 @cython.exceptval(check=False)
 def _filter(chip: Chip, head: cython.int) -> cython.void:
-    """Fill in the running mean over the window that ends with the row ``head``.
+    """Compute the running mean over the window that ends with the row ``head``.
 
-    Where its end lies within a row, the means with and without that row are mixed so that the
-    delay is half the window to the dot.
+    If the window begins within a row, the means with and without that row are mixed so that the
+    delay is exactly half the window.
     """
     mean, rows, durations_ms = chip.mean, chip.rows, chip.durations_ms
     window_ms, taken_ms, share = chip.window_ms, 0.0, 1.0
@@ -232,7 +235,7 @@ def _filter(chip: Chip, head: cython.int) -> cython.void:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _axis(chip: Chip, axis: cython.int, warm_c: cython.double, lsb: cython.double) -> cython.int:
-    """Give the register of one axis."""
+    """Return the register of one axis."""
     return _counts((chip.mean[axis] + chip.bias[axis] + warm_c * chip.tempco[axis]) * lsb)
 
 

@@ -1,19 +1,19 @@
 """Triangulating infrared ranger: one diffuse beam, a voltage, and the firmware's inverse.
 
-Source: Sharp GP2Y0A41SK0F, sheet OP13008EN, electro-optical characteristics: 0.4 V at 30 cm
-and 2.25 V more at 4 cm (white paper, 90 %), 4 to 30 cm. With the optics' V = A/(d + B) these
-give A = 0.1225 V·m and B = 6.2 mm. What follows from it:
+Source: Sharp GP2Y0A41SK0F, sheet OP13008EN, electro-optical characteristics: range 4 to 30 cm; 0.4
+V at 30 cm and 2.25 V more at 4 cm (white paper, 90 %). With the optics' V = A/(d + B) these give A
+= 0.1225 V·m and B = 6.2 mm. Consequences:
 
-- the noise is the voltage's: its sigma in distance grows as (d + B)²;
-- closer than ``PEAK_SHARE`` of the least range the light's spot leaves the detector and the
-  voltage falls again: a wall at 2 cm reads like one at 5.5 cm, nearer ones farther still.
-  Between the peak and the least range it reads the least range;
-- a darker wall sends back less light: more noise, as the root of it, and a range too long by
-  ``DARK_ERROR`` of itself per unit of reflectance (2 % for the 18 % grey card against the white
-  one, the distance between their curves in the datasheet's figure).
+- The noise is a voltage noise: its sigma in distance grows as (d + B)².
+- Closer than ``PEAK_SHARE`` of the minimum range the light spot leaves the detector and the voltage
+  falls again. A wall at 2 cm reads like one at 5.5 cm, and a nearer one farther still. Between the
+  peak and the minimum range the sensor reads the minimum range.
+- A darker wall reflects less light. The noise grows as the root of it, and the range is too long by
+  ``DARK_ERROR`` of itself per unit of reflectance. This is 2 % for the 18 % grey card against the
+  white one, as between their curves in the datasheet's figure.
 
-The firmware's curve is that of white paper and of this very part ("after calibration"). The
-16.5 ms that a measurement takes are below the period of its readings and left out.
+The firmware uses the curve of white paper and of this very part ("after calibration"). A
+measurement takes 16.5 ms, less than the period of the readings; the model leaves this delay out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ _NEAR_M, _NEAR_V, _FAR_M, _FAR_V = 0.04, 2.65, 0.30, 0.40
 OFFSET_M = (_FAR_V * _FAR_M - _NEAR_V * _NEAR_M) / (_NEAR_V - _FAR_V)
 GAIN_V_M = _FAR_V * (_FAR_M + OFFSET_M)
 PEAK_SHARE = 0.8
-"""Share of the minimum range at which the voltage is highest: 3.2 cm of 4 cm in the figure."""
+"""Distance of the highest voltage, as a share of the minimum range: 3.2 cm of 4 cm in the figure.
+"""
 DARK_ERROR = 0.03
 _SIGMA_AT_M = 0.10
 _NO_LIGHT_V = 0.02
@@ -39,7 +40,7 @@ _NO_LIGHT_V = 0.02
 
 
 def volts(distance_m: float, peak_m: float) -> float:
-    """Output for white paper at a distance; it folds back nearer than ``peak_m``."""
+    """Return the output for white paper at a distance, V; nearer than ``peak_m`` it falls again."""
     if distance_m >= peak_m:
         return GAIN_V_M / (distance_m + OFFSET_M)
     return GAIN_V_M / (peak_m + OFFSET_M) * distance_m / peak_m
@@ -51,22 +52,22 @@ def metres(output_v: float) -> float:
 
 
 def sigma_v(sigma_m: float) -> float:
-    """Voltage noise of which a wall of white paper at 10 cm makes ``sigma_m``."""
+    """Return the voltage noise that gives ``sigma_m`` for a wall of white paper at 10 cm."""
     return sigma_m * GAIN_V_M / (_SIGMA_AT_M + OFFSET_M) ** 2
 
 
 class Reflectances:
-    """How bright each edge of the room is, drawn once in the edges' order, and remembered."""
+    """Reflectance of each edge of the room, drawn once in the order of the edges."""
 
     __slots__ = ("_drawn", "_draws", "_spread")
 
     def __init__(self, noise: NoiseLevel, draws: Draws) -> None:
-        """``draws`` is its own."""
+        """Keep ``draws``, which belongs to this object."""
         self._spread, self._draws = noise.infrared_reflectance_spread, draws
         self._drawn: list[float] = []
 
     def of(self, edge: int) -> float:
-        """Reflectance of an edge, 0..1; -1, a walker, is as dark as the level has it."""
+        """Return the reflectance of an edge, 0..1; -1, a walker, has the level's darkest value."""
         if edge < 0:
             return WHITE_PAPER - self._spread
         while edge >= len(self._drawn):
@@ -82,13 +83,16 @@ class Infrared:
     def __init__(
         self, mount: RangerMount, noise: NoiseLevel, draws: Draws, reflectances: Reflectances
     ) -> None:
-        """``draws`` may be shared with the ranger on the other side: one value a reading."""
+        """Use ``draws``, which the ranger on the other side may share: one value a reading."""
         self._mount, self._draws, self.reflectances = mount, draws, reflectances
         self._peak_m = PEAK_SHARE * mount.min_range_m
         self._sigma_v = sigma_v(noise.infrared_sigma_m)
 
     def reading(self, exact_m: float, edge: int) -> float | None:
-        """What it reads with the beam's end at ``exact_m`` on an edge; ``None``: out of range."""
+        """Return the reading for a beam that ends at ``exact_m`` on an edge, m.
+
+        ``None``: out of range.
+        """
         normal = self._draws.normal()
         if exact_m == math.inf:
             return None

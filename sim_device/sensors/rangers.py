@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Ranges(NamedTuple):
-    """One reading of all three; ``None``: no echo, nothing in range."""
+    """One reading of all three sensors, m; ``None``: no echo, or nothing in range."""
 
     ultrasonic_m: float | None
     infrared_left_m: float | None
@@ -30,7 +30,7 @@ class Rangers:
     """All range sensors of the robot."""
 
     def __init__(self, model: RobotModel, noise: NoiseLevel, rng: np.random.Generator) -> None:
-        """Take mounts from ``model``; ``rng`` is the rangers' own and gives birth to theirs."""
+        """Take mounts from ``model``; own ``rng``, which spawns the rangers' generators."""
         sonar, light, paint = (Draws(child) for child in rng.spawn(3))
         self.ultrasonic = Ultrasonic(model.ultrasonic, noise, sonar)
         self.reflectances = Reflectances(noise, paint)

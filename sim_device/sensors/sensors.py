@@ -28,10 +28,10 @@ __all__ = ["SensorFaults", "SensorSuite"]
 
 
 class SensorSuite:
-    """Raw readings of one plant; nothing is computed that is not asked for.
+    """Raw readings of one plant, computed on demand.
 
-    ``rng`` only gives birth to children, one per noisy sensor: how often one is read, or how
-    many values it draws, shifts nothing in another. New sensors take later children.
+    ``rng`` only spawns child generators, one per noisy sensor. How often a sensor is read, or how
+    many values it draws, changes nothing in another. New sensors take later children.
     """
 
     def __init__(
@@ -46,13 +46,13 @@ class SensorSuite:
         imu = imu or ImuConfig()
         imu_rng, range_rng, power_rng = rng.spawn(3)
         self.faults = SensorFaults()
-        """What is broken; may be changed at any time."""
+        """Faults of the sensors; they may change at any time."""
         self._plant = plant
         self.encoders: Callable[[], tuple[int, int]] = Encoders(plant, model, self.faults).read
-        """Gives left and right count, 0..65535."""
+        """Returns the left and the right count, 0..65535."""
         self._imu = Imu(plant, noise, imu_rng, self.faults, imu)
         self.imu: Callable[[], ImuCounts] = self._imu.read
-        """Gives the MPU6050's registers: acceleration, temperature, rotation."""
+        """Returns the MPU6050's registers: acceleration, temperature, rotation."""
         self._rangers = Rangers(model, noise, range_rng)
         self._bumper = Bumper(plant, model.radius_m)
         self._cliff = CliffSensor(model.radius_m)
@@ -60,11 +60,11 @@ class SensorSuite:
         self._power_before: PowerReading | None = None
 
     def imu_samples(self) -> int:
-        """How many of the chip's samples have been fetched."""
+        """Return how many of the chip's samples have been fetched."""
         return self._imu.samples
 
     def ranges(self) -> Ranges:
-        """Ultrasonic, infrared left, infrared right, metres or ``None``."""
+        """Return ultrasonic, infrared left and infrared right, m, each ``None`` if out of range."""
         plant, faults = self._plant, self.faults
         ranges = self._rangers.read(plant.tick_ms, plant.pose, plant.world)
         if faults.ultrasonic_lie_m is not None:
@@ -72,7 +72,7 @@ class SensorSuite:
         return ranges._replace(ultrasonic_m=None) if faults.ultrasonic_blind else ranges
 
     def bumpers(self) -> Bumpers:
-        """Left and right half."""
+        """Return the left and the right bumper switch."""
         pressed, faults = self._bumper.read(), self.faults
         if faults.bumper_stuck_left or faults.bumper_stuck_right:
             return pressed._replace(
@@ -82,14 +82,14 @@ class SensorSuite:
         return pressed
 
     def cliff(self) -> bool:
-        """Whether the floor is missing ahead."""
+        """Return whether the floor is missing ahead."""
         if self.faults.lifted:
             return True
         cliffs = self._plant.world.plan.cliffs
         return bool(cliffs) and self._cliff.sees_none(self._plant.pose, cliffs)
 
     def power(self) -> PowerReading:
-        """Battery and 5 V rail, motor currents."""
+        """Return battery voltage, 5 V rail and motor currents."""
         if self._power_before is None or not self.faults.adc_frozen:
             self._power_before = self._power.read()
         return self._power_before

@@ -1,30 +1,31 @@
-"""HC-SR04-like ultrasonic ranger: what it hears and when.
+"""HC-SR04-like ultrasonic ranger: its echoes and their timing.
 
-Source: HC-SR04 user's manual (ElecFreaks): 2 cm to 4 m, 15°, "over 60 ms measurement cycle";
-a ping that brings no echo holds its output for 38 ms.
+Source: HC-SR04 user's manual (ElecFreaks): 2 cm to 4 m, 15°, "over 60 ms measurement cycle"; a ping
+without an echo holds its output for 38 ms.
 
-**What echoes.** Sound comes back from what faces the sensor. Rays fan out over the cone; the
-nearest that counts gives the range:
+**Echoes.** A surface that faces the sensor returns the sound. Rays fan out over the cone; the
+nearest valid echo gives the range:
 
-- a ray that meets a wall within ``SPECULAR_RAD`` of square on echoes; beyond, the wall is a
-  mirror and the sound is gone, though the wall still hides what lies behind it. A wall aslant
-  by more than that and half the cone is not seen at all;
-- a corner in the cone and in sight echoes: one in which the floor ends (a room's corner)
-  always, as its two walls send sound back; one that juts into the floor only within
-  ``EDGE_ECHO_M``, as an edge scatters little.
+- A ray echoes from a wall whose normal is within ``SPECULAR_RAD`` of the ray. At a larger angle the
+  wall is a mirror: the sound is lost, but the wall still hides what lies behind it. If the angle
+  exceeds ``SPECULAR_RAD`` plus half the cone, the sensor does not see the wall at all.
+- A corner in the cone and in sight echoes. A corner in which the floor ends (a room's corner)
+  always does, because its two walls reflect the sound back. A corner that juts into the floor does
+  so only within ``EDGE_ECHO_M``, because an edge scatters little.
 
-Closer than the least range the receiver still rings from the ping: it reads the least range.
+Closer than the minimum range the receiver still rings from the ping; the sensor reads the minimum
+range.
 
-**When.** The firmware pings every 60 ms from power-on, whoever reads or not. A range is known
-when its echo is back, 6 ms later per metre, or after 38 ms without one; until then the last
-one stands. A reading is therefore up to 60 ms and its own flight old: at 0.20 m/s up to 12 mm
-too long. Read at 20 Hz, one reading in six repeats the one before to the bit. Where the robot
-was at a ping is taken to lie on the straight way between two readings.
+**Timing.** The firmware pings every 60 ms from power-on, independent of reads. A range is known
+when its echo is back, 6 ms later per metre, or after 38 ms without one. Until then the last range
+stands. A reading is therefore older than its flight by up to 60 ms; at 0.20 m/s it is up to 12 mm
+too long. At 20 Hz, one reading in six repeats the one before to the bit. The robot's place at a
+ping is interpolated on a straight line between two readings.
 
-**What goes wrong**, per ping by the level's probabilities: an echo is missed, and there seems
-to be nothing; or another sound is taken for the echo (crosstalk: a late echo of the last ping,
-another robot's, one that came by way of a side wall), and the range is anything between the
-least and the greatest: too short where the floor ahead is free, mostly too long near a wall.
+**Errors** per ping, with the probabilities of the noise level: the sensor misses an echo and
+reports free space; or it takes another sound for the echo (crosstalk: a late echo of the last ping,
+another robot's ping, a path over a side wall). A crosstalk range is uniform between minimum and
+maximum range: too short where the floor ahead is free, mostly too long near a wall.
 """
 
 from __future__ import annotations
@@ -50,20 +51,20 @@ CYCLE_MS = 60
 """Period of the pings, ms."""
 NO_ECHO_MS = 38.0
 FLIGHT_MS_PER_M = 2000.0 / 343.0
-"""There and back at 20 °C."""
+"""Time of flight there and back, ms per metre of range, at 20 °C."""
 SPECULAR_RAD = math.radians(27.0)
-"""Greatest angle between sound and wall normal that still echoes: the 25-30° of painted
-walls at 40 kHz, where the wavelength (8.5 mm) makes them mirrors."""
+"""Maximum angle between sound and wall normal that still echoes, rad: 25-30° for painted walls at
+40 kHz. At this wavelength (8.5 mm) they are mirrors."""
 EDGE_ECHO_M = 1.5
 CONE_RAYS = 31
-"""Rays of the cone. Odd, so that one faces straight ahead; 0.5° apart in a cone of 15°. A leg of 4
-cm is seen at 4 m, and a wall normal to some direction in the cone reads at most 10⁻⁵ of its
-range too far."""
+"""Number of rays in the cone; odd, so that one points straight ahead. In a cone of 15° they are
+0.5° apart: a leg of 4 cm is seen at 4 m, and a facing wall reads at most 10⁻⁵ of its range too far.
+"""
 _COS_SPECULAR = math.cos(SPECULAR_RAD)
 
 
 def beam(mount: RangerMount, off_axis_rad: float = 0.0) -> tuple[float, float, float, float]:
-    """Origin (m) and unit direction of a ray of a mount, in the body's frame."""
+    """Return origin (m) and unit direction of a ray of a mount, in the body's frame."""
     bearing = mount.yaw_rad + off_axis_rad
     return mount.x_m, mount.y_m, math.cos(bearing), math.sin(bearing)
 
@@ -72,7 +73,7 @@ class Ultrasonic:
     """The ranger at its mount."""
 
     def __init__(self, mount: RangerMount, noise: NoiseLevel, draws: Draws) -> None:
-        """``draws`` is its own; nothing is heard before the first echo is back."""
+        """Keep ``draws``, which belongs to this ranger; there is no range before the first echo."""
         self._mount, self._noise, self._draws = mount, noise, draws
         half_rad = 0.5 * mount.cone_rad
         fan = np.linspace(-half_rad, half_rad, CONE_RAYS).tolist()
@@ -86,9 +87,9 @@ class Ultrasonic:
         self._ready_ms = 0.0
 
     def read(self, tick_ms: int, pose: Pose2, world: World) -> float | None:
-        """Newest range in metres that is known at this tick; ``None``: no echo.
+        """Return the newest range known at this tick, m; ``None``: no echo.
 
-        ``pose`` is the robot's now; times must not go back.
+        ``pose`` is the present pose. Times must not go back.
         """
         newest = tick_ms // CYCLE_MS
         if newest > self._ping:
@@ -101,7 +102,7 @@ class Ultrasonic:
         return self._reported
 
     def exact(self, pose: Pose2, world: World) -> float | None:
-        """Range that a ping at ``pose`` without any noise would give."""
+        """Return the range of a noise-free ping at ``pose``, m."""
         return _limited(world.echo_m(pose, self._beams, self._ear), self._mount)
 
     def _fire(self, ping: int, tick_ms: int, pose: Pose2, world: World) -> None:
@@ -113,7 +114,7 @@ class Ultrasonic:
         self._ready_ms = ping_ms + (NO_ECHO_MS if far_m is None else FLIGHT_MS_PER_M * far_m)
 
     def _pose_at(self, at_ms: int, tick_ms: int, pose: Pose2) -> Pose2:
-        """Where the robot was at a ping since the last reading."""
+        """Return the robot's pose at a ping since the last reading."""
         if self._before is None or at_ms == tick_ms:
             return pose
         before_ms, was = self._before

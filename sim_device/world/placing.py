@@ -1,4 +1,4 @@
-"""Where the robot ends up when the room around it changes."""
+"""Place of the robot after a change of the room."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ _FREE_M = 1e-9
 def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[float, float] | None:
     """Find where a disc at (x, y) is pushed as ``before`` becomes ``after``.
 
-    Overlapping obstacles push it out on the shortest path, repeatedly if that brings it into
-    another. ``None``: it is held, because no free place within its diameter can be reached.
+    An overlapping obstacle pushes the disc out on the shortest path. The push repeats if it ends in
+    another obstacle. ``None``: the disc is held, because no free place within its diameter can be
+    reached.
     """
     x, y, radius = x_m, y_m, after.radius_m
     for _ in range(_PASSES):
@@ -39,7 +40,7 @@ def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[fl
 
 
 def _crosses(a: tuple[float, float], b: tuple[float, float], edge: list[float]) -> bool:
-    """Whether the line from a to b crosses an edge (corner and vector)."""
+    """Return whether the line from a to b crosses an edge (corner and vector)."""
     px, py, ex, ey = edge
     dx, dy = b[0] - a[0], b[1] - a[1]
     cross = dx * ey - dy * ex

@@ -1,8 +1,8 @@
 """Rays against the room's edges and a round walker, compiled.
 
-All geometry comes as float64 arrays. ``edges`` has a row per edge: corner a (2), the vector e
-along it (2), 1/|e|², and the unit vector along it (2). ``walker`` is centre and radius, the
-radius 0 where nobody walks.
+All geometry comes as float64 arrays. ``edges`` has a row per edge: corner a (2), the vector e along
+it (2), 1/|e|², and the unit vector along it (2). ``walker`` is centre and radius; radius 0 means no
+walker.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ if TYPE_CHECKING or cython.compiled:
     from cython.cimports.bridge.motion.arrays import FloatGrid, Floats
 
 HIT_RANGE, HIT_COSINE, HIT_EDGE = 0, 1, 2
-"""Columns of a hit: range in metres (``inf``: none), cosine of the angle between the ray and
-the normal of what it met (1: square on), index of the edge (-1: the walker, or nothing)."""
+"""Columns of a hit: range, m (``inf``: none); cosine of the angle between the ray and the normal of
+the surface (1: perpendicular); index of the edge (-1: the walker, or nothing)."""
 _INFINITY = cython.declare(cython.double, math.inf)
 _SEAM = cython.declare(cython.double, 1e-9)
-"""Relative: neighbouring edges share a corner, and no ray shall slip between them."""
+"""Relative tolerance at the ends of an edge. Neighbouring edges share a corner, and no ray may pass
+between them."""
 _IN_SIGHT_M = cython.declare(cython.double, 1e-6)
 
 
 @cython.final
 @cython.cclass
 class Ear:
-    """A ranger of sound, in the body's frame."""
+    """Geometry of an ultrasonic ranger, in the body's frame."""
 
     x_m = cython.declare(cython.double, visibility="public")
     y_m = cython.declare(cython.double, visibility="public")
@@ -38,9 +39,9 @@ class Ear:
     cosine = cython.declare(cython.double, visibility="public")
     """Minimum cosine of the angle to the normal at which a wall echoes."""
     reach_m = cython.declare(cython.double, visibility="public")
-    """How far corners echo at all."""
+    """Maximum range at which corners echo, m."""
     edge_reach_m = cython.declare(cython.double, visibility="public")
-    """How far those echo that jut into the floor."""
+    """Maximum range at which corners that jut into the floor echo, m."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - its numbers
         self,
@@ -64,11 +65,11 @@ class _Hit:
     """The first hit of a ray."""
 
     range_m: cython.double
-    """Infinite: nothing."""
+    """Range of the hit, m; infinite: nothing."""
     cosine: cython.double
     """Cosine of the angle between the ray and the normal."""
     edge: cython.int
-    """-1: the walker, or nothing."""
+    """Index of the edge; -1: the walker, or nothing."""
 
 
 @cython.cfunc
@@ -126,13 +127,13 @@ def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many 
     """Cast beams that are fixed to a body standing at a pose.
 
     Args:
-        edges: Of the room, see the module; shape ``(edges, 7)``.
+        edges: Edges of the room, see the module; shape ``(edges, 7)``.
         walker: See the module; shape ``(3,)``.
-        x_m: The body's pose; so ``y_m``, ``theta_rad``.
-        y_m: See ``x_m``.
-        theta_rad: See ``x_m``.
+        x_m: Pose of the body, x.
+        y_m: Pose of the body, y.
+        theta_rad: Pose of the body, heading.
         beams: Per beam its origin and unit direction in the body's frame; ``(beams, 4)``.
-        hits: Filled with what each beam meets first, columns ``HIT_…``; ``(beams, 3)``.
+        hits: Filled with the first hit of each beam, columns ``HIT_…``; ``(beams, 3)``.
 
     """
     hit = _Hit()
@@ -162,17 +163,17 @@ def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a seco
     beams: FloatGrid,
     ear: Ear,
 ) -> float:
-    """Distance to the nearest thing from which a fan of sound comes back; ``inf``: none.
+    """Return the distance to the nearest surface that returns the sound, m; ``inf``: none.
 
     Args:
         edges: See the module.
         walker: See the module.
         corners: Per corner its place and 1 where it juts into the floor, else 0; ``(n, 3)``.
-        x_m: The body's pose; so ``y_m``, ``theta_rad``.
-        y_m: See ``x_m``.
-        theta_rad: See ``x_m``.
+        x_m: Pose of the body, x.
+        y_m: Pose of the body, y.
+        theta_rad: Pose of the body, heading.
         beams: The fan, as for ``cast_beams``.
-        ear: The ranger.
+        ear: Geometry of the ranger.
 
     """
     hit = _Hit()

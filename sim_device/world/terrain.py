@@ -1,4 +1,4 @@
-"""Carpets and thresholds of a room, and what a robot feels of them."""
+"""Carpets and thresholds of a room, and their effect on a robot."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _INFINITY = cython.declare(cython.double, math.inf)
 @cython.boundscheck(True)  # noqa: FBT003 - a directive: these are Python's own tuples
 @cython.wraparound(True)  # noqa: FBT003 - as above
 def carpet_rows(plan: FloorPlan) -> NDArray[np.float64]:
-    """A row per edge of a carpet: both corners (4), the carpet's number, its drag (N), its slip.
+    """Return a row per edge of a carpet: corners (4), number of the carpet, drag (N), slip.
 
     Shape ``(edges, 7)``; the rows of one carpet follow each other.
     """
@@ -37,7 +37,7 @@ def carpet_rows(plan: FloorPlan) -> NDArray[np.float64]:
 
 
 def threshold_rows(plan: FloorPlan) -> NDArray[np.float64]:
-    """A row per threshold: one end (2), the unit vector to the other (2), length, height (m).
+    """Return a row per threshold: start (2), unit vector to the end (2), length, height (m).
 
     Shape ``(thresholds, 6)``.
     """
@@ -49,7 +49,7 @@ def threshold_rows(plan: FloorPlan) -> NDArray[np.float64]:
 
 
 def carpet_under(x_m: cython.double, y_m: cython.double, carpets: FloatGrid) -> tuple[float, float]:
-    """Drag (N) of one wheel that stands at a point, and the share of its travel lost there."""
+    """Return the drag (N) of one wheel at a point, and the share of its travel lost there."""
     drag, slip = 0.0, 0.0
     inside: cython.bint = False
     for i in range(carpets.shape[0]):
@@ -67,15 +67,15 @@ def carpet_under(x_m: cython.double, y_m: cython.double, carpets: FloatGrid) -> 
 @cython.final
 @cython.cclass
 class Stance:
-    """How a robot stands on its wheels and its caster."""
+    """Geometry and load of a robot's wheels and caster."""
 
     wheel_base_m = cython.declare(cython.double, visibility="public")
     wheel_radius_m = cython.declare(cython.double, visibility="public")
     caster_x_m = cython.declare(cython.double, visibility="public")
-    """Ahead of the axle."""
+    """Distance of the caster ahead of the axle, m."""
     caster_radius_m = cython.declare(cython.double, visibility="public")
     on_wheel_n = cython.declare(cython.double, visibility="public")
-    """Weight on one wheel."""
+    """Weight on one wheel, N."""
     on_caster_n = cython.declare(cython.double, visibility="public")
 
     def __init__(  # noqa: PLR0913, PLR0917 - its numbers
@@ -87,7 +87,7 @@ class Stance:
         on_wheel_n: cython.double,
         on_caster_n: cython.double,
     ) -> None:
-        """Take each number."""
+        """Keep the numbers."""
         self.wheel_base_m, self.wheel_radius_m = wheel_base_m, wheel_radius_m
         self.caster_x_m, self.caster_radius_m = caster_x_m, caster_radius_m
         self.on_wheel_n, self.on_caster_n = on_wheel_n, on_caster_n
@@ -96,22 +96,22 @@ class Stance:
 @cython.final
 @cython.cclass
 class Climb:
-    """What thresholds do to a robot at a pose."""
+    """Effect of thresholds on a robot at a pose."""
 
     load_left_n = cython.declare(cython.double, visibility="public")
-    """Weight's push against the left wheel, against going ahead."""
+    """Force of the weight against the left wheel's forward motion, N."""
     load_right_n = cython.declare(cython.double, visibility="public")
     height_m = cython.declare(cython.double, visibility="public")
     """Height of the axle's centre, m."""
     pitch_rad = cython.declare(cython.double, visibility="public")
-    """Nose up."""
+    """Pitch, rad, nose up."""
     roll_rad = cython.declare(cython.double, visibility="public")
-    """Left side up."""
+    """Roll, rad, left side up."""
     away_m = cython.declare(cython.double, visibility="public")
-    """How far the nearest threshold is from being felt, at least; 0 where one is."""
+    """Lower bound of the distance to the nearest threshold with an effect, m; 0 on one."""
 
     def __init__(self) -> None:
-        """Level ground."""
+        """Start on level ground."""
         self.load_left_n = self.load_right_n = self.height_m = 0.0
         self.pitch_rad = self.roll_rad = self.away_m = 0.0
 
@@ -119,10 +119,10 @@ class Climb:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _hub(x: cython.double, y: cython.double, radius_m: cython.double, rows: FloatGrid) -> Four:
-    """Height of a wheel's hub over its height on the floor, its slope (x, y), and ``away_m``.
+    """Return the rise of a wheel's hub by thresholds, its slope (x, y), and ``away_m``.
 
-    A wheel of radius r meets a bar of height h at √(2rh - h²) before it; its hub is taken to
-    follow a cosine between there and the far side, as a soft tyre rounds the sharp rise.
+    A wheel of radius r touches a bar of height h at a distance of √(2rh - h²). From there to the
+    far side the model's hub follows a cosine, as a soft tyre rounds the sharp rise.
     """
     height, slope_x, slope_y, away = 0.0, 0.0, 0.0, _INFINITY
     for i in range(rows.shape[0]):
@@ -149,16 +149,16 @@ def climb(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a sec
     thresholds: FloatGrid,
     felt: Climb,
 ) -> None:
-    """Work out what thresholds do to a robot at a pose.
+    """Compute the effect of thresholds on a robot at a pose.
 
-    Weight's energy is a function of the pose, and its slope along each wheel's motion is what
-    that wheel has to push, the caster's share included.
+    The energy of the weight is a function of the pose. Its slope along each wheel's motion is the
+    force that this wheel must overcome, including the caster's share.
 
     Args:
-        x_m: Pose of the axle's centre; so ``y_m``, ``theta_rad``.
-        y_m: See ``x_m``.
-        theta_rad: See ``x_m``.
-        stance: How the robot stands.
+        x_m: Pose of the axle's centre, x.
+        y_m: Pose of the axle's centre, y.
+        theta_rad: Heading.
+        stance: Geometry and load of the robot.
         thresholds: As ``threshold_rows`` gives them.
         felt: Filled in.
 

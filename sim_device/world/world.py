@@ -1,9 +1,8 @@
 """The room as numbers: edges and corners in arrays, ray casts, distances to a point.
 
-Immutable and without state: what moves (the robot) asks it. Obstacles and outer walls are
-one set of edges; which side is floor only matters for corners and for the start check. A
-walker (a person's leg) is a disc beside them; a world with him elsewhere is another world
-that shares all its arrays, so it costs next to nothing.
+A world is immutable and has no state. Obstacles and outer walls are one set of edges; which side is
+floor only matters for corners and for the start check. A walker (a person's leg) is a disc in
+addition to them. A world with another walker shares all arrays with this one, so it is cheap.
 """
 
 from __future__ import annotations
@@ -29,18 +28,18 @@ _AT_ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Nearest(NamedTuple):
-    """The point of the walls and obstacles closest to some place on the floor."""
+    """The point of the walls and obstacles closest to a place on the floor."""
 
     distance_m: float
     x_m: float
     y_m: float
     normal_x: float
-    """Unit vector from the wall's point to the place asked about; (0, 0) on the wall."""
+    """Unit vector from the wall's point to the given place, x; (0, 0) on the wall."""
     normal_y: float
 
 
 class World:
-    """A floor plan, checked to hold the robot at its start.
+    """A floor plan in which the robot's start is free.
 
     Raises:
         StartBlockedError: the start disc overlaps a wall or an obstacle, or stands in one.
@@ -50,7 +49,7 @@ class World:
     def __init__(self, plan: FloorPlan, model: RobotModel, *, check_start: bool = True) -> None:
         """Take the room and the robot's radius; see the class for errors.
 
-        Without ``check_start`` the start may be blocked: the robot is elsewhere by now.
+        Without ``check_start`` the start may be blocked, because the robot is elsewhere by now.
         """
         self.plan = plan
         self.radius_m = model.radius_m
@@ -61,9 +60,9 @@ class World:
         self.edges: Floats = np.ascontiguousarray(
             np.column_stack([a, e, inv_len2, e * np.sqrt(inv_len2)[:, None]]),
         )
-        """A row per edge as ``ray_kernel`` wants it; not to be changed."""
+        """A row per edge as ``ray_kernel`` defines it; read-only."""
         self.walker: Floats = np.zeros(3)
-        """The walker's centre and radius (m); the radius is 0 where nobody walks."""
+        """Centre and radius of the walker, m; radius 0: no walker."""
         self.carpets: Floats = carpet_rows(plan)
         self.thresholds: Floats = threshold_rows(plan)
         corners = [*_corners(plan.walls, floor_inside=True)]
@@ -72,8 +71,8 @@ class World:
         self._corners: Floats = np.array(corners, dtype=np.float64).reshape(-1, 3)
         self.corner_x_m, self.corner_y_m = self._corners[:, 0], self._corners[:, 1]
         self.corner_juts = self._corners[:, 2] > 0.0
-        """Per corner: True where it juts into the floor (an obstacle's corner), False where
-        the floor ends in it (a room's corner)."""
+        """Per corner: True if it juts into the floor (an obstacle's corner), False if the floor
+        ends in it (a room's corner)."""
         if check_start:
             check_robot_fits(plan, self.radius_m)
 
@@ -95,7 +94,7 @@ class World:
         )
 
     def nearest(self, x_m: float, y_m: float) -> Nearest:
-        """Find the wall point closest to (x, y), exact, over every edge."""
+        """Return the wall point closest to (x, y), exact, over every edge."""
         qx, qy, d2 = self._closest(x_m, y_m)
         i = int(np.argmin(d2))
         distance = float(np.sqrt(d2[i]))
@@ -106,14 +105,14 @@ class World:
         return Nearest(distance, wall_x, wall_y, nx, ny)
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
-        """Gap between the robot's disc centred at (x, y) and the nearest wall; < 0: overlap.
+        """Return the gap between the robot's disc at (x, y) and the nearest wall, m; < 0: overlap.
 
-        Only meaningful for a centre on the floor.
+        The result is only meaningful for a centre on the floor.
         """
         return self.nearest(x_m, y_m).distance_m - self.radius_m
 
     def edges_near(self, x_m: float, y_m: float, within_m: float) -> list[int]:
-        """Indices of the edges with a point within ``within_m`` of (x, y)."""
+        """Return the indices of the edges with a point within ``within_m`` of (x, y)."""
         _, _, d2 = self._closest(x_m, y_m)
         near: list[int] = np.flatnonzero(d2 <= within_m * within_m).tolist()
         return near
@@ -122,10 +121,10 @@ class World:
         """Cast beams fixed to a body at ``pose`` (x, y in metres, heading in radians).
 
         Args:
-            pose: Of the body.
+            pose: Pose of the body.
             beams: Origin and unit direction in the body's frame; float64, ``(beams, 4)``.
-            hits: Filled per beam with range (m, ``inf``: nothing), cosine of the incidence
-                (1: square on) and edge index (-1: walker or nothing); float64, ``(beams, 3)``.
+            hits: Filled per beam with range (m, ``inf``: nothing), cosine of the incidence (1:
+                perpendicular) and edge index (-1: walker or nothing); float64, ``(beams, 3)``.
 
         """
         cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
@@ -148,14 +147,14 @@ class World:
         """Cast rays against every edge and the walker.
 
         Args:
-            origin_x: Ray origins, metres, shape ``(rays,)``; so ``origin_y``.
-            origin_y: See ``origin_x``.
-            dir_x: Unit directions, shape ``(rays,)``; so ``dir_y``.
-            dir_y: See ``dir_x``.
+            origin_x: Ray origins, x, m, shape ``(rays,)``.
+            origin_y: Ray origins, y, m, shape ``(rays,)``.
+            dir_x: Unit directions, x, shape ``(rays,)``.
+            dir_y: Unit directions, y, shape ``(rays,)``.
 
         Returns:
-            Range to the first hit in metres (``inf``: none) and the cosine of the angle
-            between ray and wall normal there (1: square on), each of shape ``(rays,)``.
+            Range to the first hit in metres (``inf``: none) and the cosine of the angle between ray
+            and wall normal there (1: perpendicular), each of shape ``(rays,)``.
 
         """
         hits = np.empty((len(origin_x), 3))
@@ -175,7 +174,7 @@ def _corners(
     *,
     floor_inside: bool,
 ) -> list[tuple[float, float, bool]]:
-    """Corners with whether each juts into the floor."""
+    """Return the corners, each with whether it juts into the floor."""
     if signed_area_m2(polygon) < 0.0:
         polygon = polygon[::-1]
     out: list[tuple[float, float, bool]] = []
