@@ -1,25 +1,25 @@
 """Every imperfection of the virtual sweeper, by level, in one table.
 
-Three kinds of number: a *tolerance* ``x`` is drawn once per device, uniform in ±x (a part's
-spread); a *sigma* is drawn anew per reading; the rest says its own rule.
+There are three kinds of number. A *tolerance* ``x`` is drawn once per device, uniform in ±x (the
+spread of a part). A *sigma* is drawn anew for each reading. The rest states its own rule.
 
-What a calibration at rest leaves of the gyro's bias: the host measures the bias while the
-robot stands, so a constant (``gyro_turn_on_deg_s``) vanishes whatever its size. What it
-cannot see is what only motion brings: the vibration of gears and brushes shifts a MEMS
-gyro's mean (vibration rectification), and is gone again at rest. ``gyro_motion_bias_deg_s``
-is that shift, present while the wheels turn, its sign drawn once; it is the "bias left
-after calibration" of the levels. Beside it what later rests can see: a slow random walk of
-the bias (``gyro_bias_walk``) and its slope with temperature (``gyro_tempco``) while the board
-warms up by 6 °C (``imu``), at most 0.02 °C/s; and white noise from the datasheet. At
-``typical`` the slope moves the bias by at most 0.0016 °/s over a lane of 20 s in the first
-minute, and by a seventh of that after ten: a sixth of what motion brings.
-``harsh`` adds a walk of the angle itself, again in motion only.
+A calibration at rest leaves part of the gyro bias. The host measures the bias while the robot
+stands, so a constant bias (``gyro_turn_on_deg_s``) vanishes whatever its size. A bias that only
+motion causes remains: vibration of gears and brushes shifts a MEMS gyro's mean (vibration
+rectification) and stops at rest. ``gyro_motion_bias_deg_s`` is that shift. It is present while the
+wheels turn, and its sign is drawn once; the levels call it the "bias left after calibration". Three
+further errors are visible to later calibrations: a slow random walk of the bias
+(``gyro_bias_walk``); its slope with temperature (``gyro_tempco``) while the board warms up by 6 °C
+(``imu``), at most 0.02 °C/s; and white noise from the datasheet. At ``typical``, the slope moves
+the bias by at most 0.0016 °/s over a lane of 20 s in the first minute, and by a seventh of that
+after ten minutes. This is a sixth of the motion bias. ``harsh`` adds a random walk of the angle
+itself, again only in motion.
 
 Sources: MPU6050: InvenSense PS-MPU-6000A-00 rev. 3.4; ultrasonic: HC-SR04 user's manual
-(ElecFreaks); infrared: Sharp GP2Y0A41SK0F, sheet OP13008EN. Where a level is below the
-datasheet's limit it stands for a part as most are, the limit for the worst one sold.
+(ElecFreaks); infrared: Sharp GP2Y0A41SK0F, sheet OP13008EN. The datasheet's limit describes the
+worst part sold; a level below it describes a common part.
 
-``none`` is noise-free but for quantisation.
+``none`` has no noise except quantisation.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class UnknownNoiseLevelError(ValueError):
     """A noise level that is not in the table."""
 
     def __init__(self, name: str) -> None:
-        """Keep the name asked for."""
+        """Keep the requested name."""
         self.name = name
         super().__init__(f"noise level {name!r} is not one of {', '.join(NOISE_LEVELS)}")
 
@@ -53,36 +53,40 @@ class NoiseLevel:
 
     # Gyroscope (MPU6050, PS-MPU-6000A-00 section 6.1).
     gyro_density_deg_s_sqrt_hz: float = 0.0
-    """One-sided white noise density; the datasheet says 0.005 at 10 Hz."""
+    """One-sided white noise density of the gyro, °/s/√Hz; the datasheet gives 0.005 at 10 Hz."""
     gyro_turn_on_deg_s: float = 0.0
-    """Tolerance per axis; the datasheet allows ±20."""
+    """Tolerance of the gyro's bias at power-on per axis, °/s; the datasheet allows ±20."""
     gyro_motion_bias_deg_s: float = 0.0
-    """Magnitude of the shift while the wheels turn; sign drawn once."""
+    """Magnitude of the bias shift while the wheels turn, °/s; its sign is drawn once."""
     gyro_bias_walk_deg_s_sqrt_s: float = 0.0
     gyro_yaw_walk_deg_sqrt_s: float = 0.0
-    """Random walk of the measured angle while the wheels turn."""
+    """Random walk of the measured angle while the wheels turn, °/√s."""
     gyro_scale_error: float = 0.0
-    """Tolerance, relative, per axis; ±3 % in the datasheet, less once calibrated."""
+    """Relative tolerance of the gyro's scale per axis; ±3 % in the datasheet, less once calibrated.
+    """
     gyro_tempco_deg_s_c: float = 0.0
-    """Tolerance per axis of the bias's slope with temperature; ±20 °/s over -40..85 °C in the
-    datasheet, 0.16 °/s per °C if it were straight. The levels are what a compensation in the
-    firmware leaves of it."""
+    """Tolerance per axis of the bias slope with temperature, °/s per °C. The datasheet gives ±20
+    °/s over -40..85 °C, which is 0.16 °/s per °C if linear. The levels give the rest after
+    compensation in the firmware."""
     gyro_cross_axis: float = 0.0
-    """Tolerance of each of the six shares of one axis' rate in another's; ±2 %."""
+    """Tolerance of each of the six shares of one axis' rate in another axis; ±2 % in the datasheet.
+    """
 
     # Accelerometer (section 6.2).
     accel_density_ug_sqrt_hz: float = 0.0
-    """400 in the datasheet."""
+    """White noise density of the accelerometer, µg/√Hz; 400 in the datasheet."""
     accel_bias_mg: float = 0.0
-    """Tolerance per axis; ±50 (x, y) and ±80 (z) in the datasheet."""
+    """Tolerance of the accelerometer's bias per axis, mg; ±50 (x, y) and ±80 (z) in the datasheet.
+    """
     accel_tempco_mg_c: float = 0.0
-    """Tolerance per axis; ±35 mg (x, y) over 0..70 °C in the datasheet, 0.5 mg per °C."""
+    """Tolerance per axis of the bias slope with temperature, mg per °C; ±35 mg (x, y) over 0..70 °C
+    in the datasheet, which is 0.5 mg per °C."""
     accel_cross_axis: float = 0.0
-    """As the gyro's; ±2 %."""
+    """Tolerance of each share of one axis' acceleration in another axis; ±2 % in the datasheet."""
     accel_vibration_mg: float = 0.0
-    """Extra sigma per axis while the wheels turn."""
+    """Additional sigma per axis while the wheels turn, mg."""
     imu_temperature_error_c: float = 0.0
-    """Tolerance of the temperature register; ±1 °C from a straight line (section 6.3), its
+    """Tolerance of the temperature register, °C: ±1 °C from a straight line (section 6.3), its
     offset untrimmed."""
 
     # Rangers.
@@ -90,25 +94,26 @@ class NoiseLevel:
     ultrasonic_dropout: float = 0.0
     """Probability per ping that an echo is missed."""
     ultrasonic_crosstalk: float = 0.0
-    """Probability per ping that another sound is taken for the echo, see ``ultrasonic``."""
+    """Probability per ping that another sound is taken for the echo; see ``ultrasonic``."""
     infrared_sigma_m: float = 0.0
-    """At 10 cm from white paper. The output voltage goes as 1/d and its noise is constant, so
-    the sigma in distance goes as d² (``infrared``)."""
+    """Sigma of the infrared range at 10 cm from white paper, m. The output voltage is proportional
+    to 1/d and its noise is constant, so the sigma in distance grows as d² (``infrared``)."""
     infrared_reflectance_spread: float = 0.0
-    """Each wall's and obstacle side's reflectance is drawn once, uniform between white paper's
-    0.9 and this much less (a grey card's is 0.18)."""
+    """Maximum reduction of a surface's reflectance below white paper's 0.9. Each wall's and
+    obstacle side's value is drawn once, uniformly (a grey card's reflectance is 0.18)."""
 
     # Wheels.
     wheel_diameter_error: float = 0.0
-    """Tolerance, relative, common to both wheels."""
+    """Relative tolerance of the wheel diameter, common to both wheels."""
     wheel_mismatch: float = 0.0
-    """Tolerance, relative: left larger by half of it, right smaller."""
+    """Relative tolerance of the difference between the wheels: left larger by half of it, right
+    smaller."""
     wheel_base_error: float = 0.0
-    """Tolerance, relative."""
+    """Relative tolerance of the wheel base."""
     slip_mean: float = 0.0
-    """Share of the wheel's travel lost on the floor."""
+    """Mean share of the wheel's travel lost on the floor."""
     slip_sigma: float = 0.0
-    """Spread of that share per wheel, as a process with ``SLIP_TIME_S`` of memory."""
+    """Sigma of that share per wheel, a process with a memory of ``SLIP_TIME_S``."""
 
     # Power.
     voltage_sigma_v: float = 0.0
@@ -116,19 +121,19 @@ class NoiseLevel:
 
 
 SLIP_TIME_S = 0.3
-"""Memory of the slip: about a wheel's turn at cruise speed."""
+"""Correlation time of the slip, s: about one turn of a wheel at cruise speed."""
 
 WHITE_PAPER = 0.9
-"""Reflectance of the paper for which the infrared sensor's curve is given."""
+"""Reflectance of white paper, for which the infrared sensor's curve is given."""
 
 NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
     {
         level.name: level
         for level in (
             NoiseLevel(name="none"),
-            # The paper's robot ends 7 mm off after 7 U-shaped cycles: its gyro must be better
-            # than the datasheet (0.0015, not 0.005), or a rest of some seconds could not
-            # calibrate it to the 0.0014 °/s which that implies.
+            # The paper's robot ends 7 mm off after 7 U-shaped cycles. So its gyro must be better
+            # than the datasheet (0.0015, not 0.005); otherwise a rest of some seconds could not
+            # calibrate it to the 0.0014 °/s which that result implies.
             NoiseLevel(
                 name="paper",
                 gyro_density_deg_s_sqrt_hz=0.0015,
@@ -218,7 +223,7 @@ NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
 
 
 def noise_level(name: str) -> NoiseLevel:
-    """Look a level up by its name.
+    """Return a level by its name.
 
     Raises:
         UnknownNoiseLevelError: it is not in the table.
@@ -231,10 +236,10 @@ def noise_level(name: str) -> NoiseLevel:
 
 
 class Draws:
-    """One generator's draws, one at a time and cheap: numpy's single draws cost 10 times that.
+    """Random draws of one generator, one at a time; a single draw of numpy takes 10 times as long.
 
-    Each part of the device owns one, made from its own child generator, so that one more
-    draw in one part shifts nothing in another.
+    Each part of the device owns one object with its own child generator, so that an additional draw
+    in one part changes nothing in another.
     """
 
     __slots__ = ("_normals", "_rng", "_uniforms")
@@ -246,13 +251,13 @@ class Draws:
         self._uniforms: list[float] = []
 
     def normal(self) -> float:
-        """Next standard normal value."""
+        """Return the next standard normal value."""
         if not self._normals:
             self._normals = self._rng.standard_normal(_BLOCK).tolist()
         return self._normals.pop()
 
     def normals(self, count: int) -> list[float]:
-        """Next ``count`` standard normal values, as ``normal`` would give them."""
+        """Return the next ``count`` standard normal values, the same as from ``normal``."""
         drawn: list[float] = []
         while len(drawn) < count:
             waiting = self._normals or self._rng.standard_normal(_BLOCK).tolist()
@@ -262,15 +267,15 @@ class Draws:
         return drawn
 
     def uniform(self) -> float:
-        """Next value uniform in [0, 1)."""
+        """Return the next value, uniform in [0, 1)."""
         if not self._uniforms:
             self._uniforms = self._rng.random(_BLOCK).tolist()
         return self._uniforms.pop()
 
     def tolerance(self, limit: float) -> float:
-        """Next value uniform in ±``limit``."""
+        """Return the next value, uniform in ±``limit``."""
         return limit * (2.0 * self.uniform() - 1.0)
 
     def sign(self) -> float:
-        """+1 or -1, each as likely."""
+        """Return +1 or -1, each with probability 1/2."""
         return 1.0 if self.uniform() < 0.5 else -1.0  # noqa: PLR2004 - even odds

@@ -1,4 +1,4 @@
-"""A virtual sweeper with its line and its faults, behind the sweeper's own interface."""
+"""A virtual sweeper with its line and its faults, with the interface of a sweeper."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 _RETRY_US = 1_000
-"""How soon what the host did not take is offered again: a USB frame."""
+"""Time after which data that the host did not take is offered again, µs: a USB frame."""
 _SEED = 0x11E
-"""Keeps the line's draws apart from the device's, which are made from the same seed."""
+"""Seed offset that keeps the line's draws apart from the device's, which use the same seed."""
 _ALL: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(slots=True)
 class LineCounts:
-    """Bytes since the device was switched on."""
+    """Number of bytes since power-on of the device, by their fate."""
 
     to_host: int = 0
-    """Handed to the host's port."""
+    """Bytes handed to the host's port."""
     from_host: int = 0
     device_overrun: int = 0
-    """Lost in the device: it had more to say than the line carries."""
+    """Bytes lost in the device, which had more data than the line carries."""
     adapter_overrun: int = 0
-    """Lost in the adapter: the host did not read."""
+    """Bytes lost in the adapter, because the host did not read."""
     harmed: int = 0
-    """Lost, changed or added by faults; frames on a bus."""
+    """Bytes lost, changed or added by faults; on a bus, frames."""
     unplugged: int = 0
-    """Lost because the plug was out."""
+    """Bytes lost while unplugged."""
 
 
 class Rig:
-    """Device, line and faults; steps like :class:`sim_device.sweeper.VirtualSweeper`.
+    """Device, line and faults; it steps like :class:`sim_device.sweeper.VirtualSweeper`.
 
-    Deterministic for its seed, its faults and the moments of its input.
+    Deterministic for its seed, its faults and the times of its input.
     """
 
     def __init__(
@@ -68,10 +68,10 @@ class Rig:
         seed: int = 0,
         cannot: Mapping[str, str] = _ALL,
     ) -> None:
-        """Connect ``device`` as ``settings`` say; ``cannot``: kinds of fault it refuses, and why.
+        """Connect ``device`` by ``settings``; ``cannot``: the kinds of faults it rejects, and why.
 
         Raises:
-            FaultSpecError: a fault cannot be on this device.
+            FaultSpecError: a fault is impossible on this device.
 
         """
         self.device = device
@@ -87,12 +87,12 @@ class Rig:
         self._held = b""
         self._offer_us = 0
         self.host_heard = False
-        """Whether a host has ever written anything."""
+        """Whether a host has ever written data."""
 
-    # ---- like a sweeper -------------------------------------------------------------------
+    # ---- interface of a sweeper --------------------------------------------------------------
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Live until ``now_us``, then take ``data``; give what has reached the host meanwhile."""
+        """Advance to ``now_us``, then take ``data``; return what has reached the host meanwhile."""
         out = self._live(now_us)
         if data:
             self.host_heard = True
@@ -113,21 +113,21 @@ class Rig:
         return out
 
     def next_deadline_us(self) -> int:
-        """When there is something to do next, bytes of the host aside."""
+        """Return the time of the next work, apart from the host's bytes."""
         deadline_us = self._inner_deadline_us()
         return min(deadline_us, self._offer_us) if self._held else deadline_us
 
     @property
     def truth(self) -> Truth:
-        """What is really so, at the end of the running control period."""
+        """Return the true state at the end of the running control period."""
         return self.device.truth
 
     @property
     def plant(self) -> Plant:
-        """The device's body."""
+        """The device's plant."""
         return self.device.plant
 
-    # ---- the port's owner -----------------------------------------------------------------
+    # ---- interface of the port's owner ---------------------------------------------------------
 
     @property
     def plugged(self) -> bool:
@@ -135,7 +135,7 @@ class Rig:
         return not self.faults.knobs.unplugged
 
     def room(self) -> int:
-        """How many bytes of the host the adapter takes now; more would be held back by USB."""
+        """Return how many bytes of the host the adapter takes now; USB would hold back more."""
         return max(0, self._down.room())
 
     def give_back(self, data: bytes, now_us: int) -> None:
@@ -147,13 +147,13 @@ class Rig:
         self._offer_us = now_us + _RETRY_US
 
     def counts(self) -> LineCounts:
-        """What went over the line, and what was lost on it."""
+        """Return the byte counts of the line."""
         counts = self._counts
         counts.device_overrun = self._up.overrun
         counts.harmed = self._damage_up.harmed + self._damage_down.harmed
         return counts
 
-    # ---- inside ---------------------------------------------------------------------------
+    # ---- implementation -----------------------------------------------------------------------
 
     def _hold(self, data: bytes) -> None:
         unit = RECORD.size if self.settings.bitrate else 1
@@ -179,7 +179,7 @@ class Rig:
     def _turn(self, now_us: int) -> bytes:
         due_us = self.faults.next_us()
         if due_us is not None and due_us <= now_us:
-            self._speak(now_us, b"")  # lives until now as it was
+            self._speak(now_us, b"")  # advance to now with the old state
             if self.faults.run(now_us):
                 self._turn_knobs()
         if self._delay_down.next_us() is not None:
@@ -217,7 +217,7 @@ class Rig:
 
 
 def _channels(settings: LineSettings, up: Damage, down: Damage) -> tuple[Channel, Channel]:
-    """Device to host, and host to device."""
+    """Return the channels from device to host, and from host to device."""
     if settings.bitrate:
         latency_us = settings.latency_us
         return (

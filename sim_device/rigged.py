@@ -1,4 +1,4 @@
-"""What a device is to its line, its faults and its port, whatever runs its firmware."""
+"""Interface of a device to its line, its faults and its port, whatever runs its firmware."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 
 class RiggedDevice(Protocol):
-    """A body with sensors and a firmware: ``VirtualSweeper``, or one with a chip of its own.
+    """A plant with sensors and a firmware: ``VirtualSweeper``, or a device with its own chip.
 
-    Times passed in are microseconds since the device was first switched on.
+    Times are microseconds since the device was first switched on.
     """
 
     plant: Plant
@@ -22,23 +22,23 @@ class RiggedDevice(Protocol):
     clock: DeviceClock
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Live until ``now_us``, then take ``data``; give what the device writes meanwhile."""
+        """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
 
     def next_deadline_us(self) -> int:
-        """When the device has something to do next, bytes aside."""
+        """Return the time of the device's next work, apart from received bytes."""
 
     @property
     def truth(self) -> Truth:
-        """What is really so."""
+        """Return the true state."""
 
     def reset(self, cause: ResetCause, off_s: float = 0.0) -> None:
-        """Reset the chip where the body stands."""
+        """Reset the chip; the plant stays."""
 
     def hang(self) -> None:
-        """Let the firmware stand still until its watchdog resets it."""
+        """Freeze the firmware until its watchdog resets it."""
 
     def crash(self) -> None:
-        """Let the processor fault: it keeps a record of where, and resets."""
+        """Let the processor fault: it keeps a record of the place, and resets."""
 
     def fail_crystal(self, drift_ppm: float) -> None:
-        """Let the crystal stop: the chip resets and goes on by its own oscillator."""
+        """Let the crystal stop: the chip resets and then uses its own oscillator."""

@@ -28,38 +28,38 @@ if TYPE_CHECKING:
     from protocol.schema.catalogue import Catalogue
 
 BOOT_US = 300_000
-"""From reset to the first control period: clocks, the IMU's start-up, sensors found."""
+"""Time from reset to the first control period, µs: clocks, the IMU's start-up, detection of
+sensors."""
 WATCHDOG_US = 100_000
-"""An independent watchdog (RM0090, section 21) that the control loop feeds in each period: ten
-periods missed are no delay. Until it bites the outputs stay as they were."""
+"""Timeout of the independent watchdog (RM0090, section 21), µs. The control loop feeds it in each
+period; ten missed periods are no mere delay. Until it fires, the outputs keep their state."""
 BROWN_OUT_V = 4.0
-"""On the 5 V rail: the 3.3 V behind its regulator then falls below brown-out level 3 (2.7 to
-3.6 V in RM0090, section 5.2.3), and the chip holds itself in reset."""
+"""Brown-out voltage on the 5 V rail, V. The 3.3 V behind its regulator then falls below brown-out
+level 3 (2.7 to 3.6 V in RM0090, section 5.2.3), and the chip holds itself in reset."""
 CRASH_PC, CRASH_LR, CRASH_CFSR = 0x0800_4D2A, 0x0800_4C91, 0x0001_0000
-"""What a crash of this firmware leaves: an address each in the flash, and "undefined instruction"
-(PM0214, section 4.4.10). The virtual firmware has no addresses of its own."""
+"""Crash record of this firmware: an address each in the flash, and "undefined instruction" (PM0214,
+section 4.4.10). The virtual firmware has no addresses of its own."""
 SUPPLY_GOOD_V = 4.3
-"""Where it lets go of it again."""
+"""Voltage on the 5 V rail that ends a brown-out, V."""
 _HALF_TICK_US = TICK_US // 2
 _OFF = State.OFF
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 
 
 def _boot_id(rng: np.random.Generator) -> int:
-    """A boot id of the device's own sequence: random, never 0."""
+    """Return a boot id of the device's own sequence: random, never 0."""
     return int(rng.integers(1, 1 << 32))
 
 
 class VirtualSweeper:
     """A device that speaks the wire protocol, deterministic for its seed.
 
-    The time that is passed in is true time, in microseconds since the device was first switched
-    on. The firmware has a clock of its own (``clock``), which begins anew with each boot.
-    Between two calls the plant moves on in control periods of 10 ms of that clock; bytes are
-    taken at the moment given.
+    Times passed in are true times, in microseconds since the device was first switched on. The
+    firmware has its own clock (``clock``), which restarts with each boot. Between two calls the
+    plant advances in control periods of 10 ms of that clock. Bytes are taken at the given time.
     """
 
-    def __init__(  # noqa: PLR0913 - what a device can be made with
+    def __init__(  # noqa: PLR0913 - options of a device
         self,
         plan: FloorPlan,
         model: RobotModel | None = None,
@@ -75,14 +75,21 @@ class VirtualSweeper:
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
-        ``noise`` names a level, or is one of one's own. ``catalogue`` is what the firmware's
-        version of the project declares, ``link`` what the device is connected by, and ``local``
-        whether that can be reached from nowhere but beside the robot: a key is set only so.
-        Without a ``boot_id`` it follows from the seed. ``imu`` is how the firmware
-        sets the IMU.
+        Args:
+            plan: The room.
+            model: The robot; by default the model of the paper's robot.
+            seed: The seed of every random draw.
+            noise: The name of a level, or a level.
+            node: The device's node number.
+            catalogue: The declarations of the firmware's version of the project.
+            link: The link to the host.
+            local: Whether reaching the link requires standing beside the robot; otherwise no key
+                can be set.
+            boot_id: The boot id; without it, it follows from the seed.
+            imu: The IMU settings that the firmware writes.
 
         Raises:
-            FloorPlanError: the robot does not fit where it should start.
+            FloorPlanError: the robot does not fit at its start.
             UnknownNoiseLevelError: no such level.
 
         """
@@ -103,19 +110,19 @@ class VirtualSweeper:
         self.firmware = self._new_firmware()
         self._next_tick_us = 0
         self._ready_us = 0
-        """When the firmware begins, or began."""
+        """Time at which the firmware starts, or started, µs."""
         self._fed_us = 0
         self._hung = False
         self._crystal_failed = False
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Live until ``now_us``, then take ``data``; give what the device writes meanwhile."""
+        """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
         while self._next_tick_us <= now_us:
             self._period()
         if self._hung or not self._modes.awake:
-            return b""  # what comes now is lost, and nothing is said
+            return b""  # bytes that come now are lost, and nothing is sent
         firmware = self.firmware
-        # With a key, time alone decides too: a command on CAN waits for its tag.
+        # With a key, time alone can change the result too: a command on CAN waits for its tag.
         if data or firmware.link.key is not None:
             firmware.receive(data, self.clock.uptime_us(now_us))
         out = firmware.data_to_send()
@@ -126,32 +133,32 @@ class VirtualSweeper:
         return out
 
     def skip_to(self, now_us: int) -> None:
-        """Set the device's clock ahead, µs, as if it had been on for so long."""
+        """Set the device's clock ahead, µs, as if it had been on for that time."""
         self._next_tick_us = now_us
 
     def next_deadline_us(self) -> int:
-        """When the device has something to do next, bytes aside."""
+        """Return the time of the device's next work, apart from received bytes."""
         return self._next_tick_us
 
     @property
     def truth(self) -> Truth:
-        """What is really so, at the end of the running control period."""
+        """Return the true state at the end of the running control period."""
         return self.plant.truth
 
     @property
     def drivers(self) -> bool:
-        """Whether the motor drivers are enabled; a resetting chip's are not.
+        """Whether the motor drivers are enabled; those of a resetting chip are not.
 
-        At rest a disabled bridge lets the wheels stand like a braking one: the plant brakes.
+        At rest a disabled bridge holds the wheels like a braking one, so the plant brakes.
         """
         return self._modes.awake and self.firmware.control.drivers
 
     @property
     def state(self) -> State:
-        """Where the device stands in its mode table."""
+        """State of the device in its mode table."""
         return self._modes.state
 
-    # ---- what may befall it ---------------------------------------------------------------
+    # ---- events from outside ------------------------------------------------------------------
 
     def reset(
         self,
@@ -161,10 +168,10 @@ class VirtualSweeper:
         boot_id: int | None = None,
         crash: CrashRecord | None = None,
     ) -> None:
-        """Reset the chip where the body stands; it boots ``off_s`` and 0.3 s later.
+        """Reset the chip; the plant stays. The chip boots after ``off_s`` and 0.3 s.
 
-        Outputs are off until then, whatever was on its way or in memory is lost, a save under
-        way included, and bytes that come are not heard. After ``POWER_ON`` and ``BROWN_OUT`` it
+        Until then outputs are off and received bytes are ignored. Everything on its way or in
+        memory is lost, including a save under way. After ``POWER_ON`` and ``BROWN_OUT`` the chip
         also waits for its supply. Without a ``boot_id`` the device draws one.
         """
         self._modes.fire(Event.SUPPLY_LOST if cause in _SUPPLY_CAUSES else Event.RESET)
@@ -182,18 +189,18 @@ class VirtualSweeper:
         self._ready_us = self._next_tick_us + round(off_s * 1e6) + BOOT_US
 
     def hang(self) -> None:
-        """Let the firmware stand still, its outputs as they are, until the watchdog resets it."""
+        """Freeze the firmware with its outputs as they are, until the watchdog resets it."""
         self._hung = self._modes.awake
 
     def crash(self) -> None:
-        """Let the processor fault: its record outlives the reset."""
+        """Let the processor fault; its record outlives the reset."""
         if self._modes.awake:
             uptime_us = self.clock.uptime_us(self._next_tick_us)
             record = CrashRecord(CRASH_PC, CRASH_LR, CRASH_CFSR, uptime_us)
             self.reset(ResetCause.CRASH, crash=record)
 
     def fail_crystal(self, drift_ppm: float) -> None:
-        """Let the crystal stop: the watchdog, which has a clock of its own, resets the chip."""
+        """Let the crystal stop: the watchdog, which has its own clock, resets the chip."""
         self._crystal_failed = True
         self.clock.drift_ppm += drift_ppm
         self.reset(ResetCause.WATCHDOG)
@@ -201,7 +208,7 @@ class VirtualSweeper:
     # ---- time -----------------------------------------------------------------------------
 
     def _period(self) -> None:
-        """One control period: the firmware's tick, if it lives, and the body until the next."""
+        """Run one control period: the firmware's tick, if it runs, and the plant up to the next."""
         now_us, modes, plant = self._next_tick_us, self._modes, self.plant
         next_us = now_us + TICK_US if modes.awake else self._wait(now_us)
         if modes.awake:
@@ -222,7 +229,7 @@ class VirtualSweeper:
             self.reset(ResetCause.BROWN_OUT)
 
     def _wait(self, now_us: int) -> int:
-        """A period without firmware; gives when the next one begins."""
+        """Run a period without firmware; return the time of the next one."""
         if self._modes.state is State.OFF:
             if self.plant.rail_5v_v < SUPPLY_GOOD_V:
                 self._ready_us = max(self._ready_us, now_us + TICK_US + BOOT_US)

@@ -1,6 +1,6 @@
-"""What the firmware does with each command, and why it refuses.
+"""The firmware's reaction to each command, and its reasons to reject one.
 
-Everything here has come through the command log: it is new, and the answer is remembered.
+The command log has passed every command here: each is new, and its answer is remembered.
 """
 
 from __future__ import annotations
@@ -31,16 +31,18 @@ if TYPE_CHECKING:
     from sim_device.device.streams import Schedule
 
 RATE_MAX = 10_000
-"""Tenths of a hertz, as declared; what is above the tick's rate is sent at each tick."""
+"""Maximum rate of a stream, tenths of a hertz, as declared. A rate above the control rate means
+every tick."""
 SYNC_RATE_MIN = 40
-"""4 Hz: a stamp on CAN can be extended for 0.5 s after a sync, and one may be lost."""
+"""Minimum rate of the sync message, tenths of a hertz: 4 Hz. A stamp on CAN can be extended for 0.5
+s after a sync, and one may be lost."""
 
 
 class Commanded(Protocol):
-    """The firmware, as its commands act on it."""
+    """The part of the firmware that commands act on."""
 
     agreed: bool
-    """A session has agreed."""
+    """Whether a session is open."""
     control: Control
     parameters: ParameterStore
     schedule: Schedule
@@ -53,7 +55,7 @@ class Commanded(Protocol):
 
     @property
     def saving(self) -> bool:
-        """The flash is being written."""
+        """Whether a write to the flash is under way."""
 
     def begin_save(self) -> None:
         """Begin to write the parameters to the flash."""
@@ -66,7 +68,7 @@ Act = Callable[["Commanded", Any], NackReason | None]
 
 
 def carry_out(firmware: Commanded, command: Message) -> NackReason | None:
-    """Do it, or give the refusal's reason."""
+    """Execute the command, or return the reason of the rejection."""
     if not firmware.agreed:
         return NackReason.NO_SESSION
     act = _ACTS.get(type(command))
@@ -110,7 +112,7 @@ def _set(firmware: Commanded, command: SetParameter) -> NackReason | None:
 
 
 def _save(firmware: Commanded, _command: SaveParameters) -> NackReason | None:
-    # While it drives the bus to the flash is not to be shared with the control loop.
+    # While the robot drives, the control loop needs the bus to the flash for itself.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
     firmware.begin_save()
@@ -141,7 +143,7 @@ def _reboot(firmware: Commanded, command: Reboot) -> NackReason | None:
 
 
 def _key(firmware: Commanded, command: SetKey) -> NackReason | None:
-    # As for saving: the flash is not to be written while the robot may move.
+    # As for saving: the flash must not be written while the robot may move.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
     return firmware.keyring.change(command)

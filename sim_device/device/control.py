@@ -1,4 +1,4 @@
-"""What moves the wheels: mode table, latch, watchdogs, own planner and wheel control joined."""
+"""Motion control of the device: mode table, latch, watchdogs, onboard planner, wheel control."""
 
 from __future__ import annotations
 
@@ -32,13 +32,14 @@ _EXPIRED, _LIMITED, _DRIVERS_OFF = (
     int(Fault.DRIVERS_OFF),
 )
 _RESTING = frozenset({State.STOPPED, State.IDLE})
-"""States in which nothing is to move: the drivers are disabled as soon as the robot rests."""
+"""States without motion: the drivers are disabled once the robot rests."""
 _STEP = 0.5e-4
-"""Half of what the bridge's timer counts a duty by."""
+"""Half of the smallest step of a duty in the bridge's timer."""
 BRAKE_TICKS = 50
-"""After a latched stop the motors brake for half a second at rest: on a slope it would roll on."""
+"""Number of periods for which the motors brake at rest after a latched stop: 0.5 s. Without the
+brake the robot would roll on down a slope."""
 _SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
-"""What needs whole senses, no host looking after the heading."""
+"""Events that need working sensors, because no host checks the heading."""
 
 
 class Control:
@@ -52,7 +53,7 @@ class Control:
         log: LogLines,
         seed: int,
     ) -> None:
-        """Start at rest. ``seed`` is for planners that roll dice."""
+        """Start at rest. ``seed`` is for planners that use random numbers."""
         self.modes = modes
         self.latch = StopLatch()
         self.setpoints = SetpointWatchdog()
@@ -63,14 +64,14 @@ class Control:
         """Whether the motor drivers are enabled."""
         self._rest_ticks = 0
         self.onboard: Onboard | None = None
-        """The plan that runs, or the last one."""
+        """The running plan, or the last one."""
         self._log = log
         self._seed = seed
         self._expired = 0
         self._logged_bits = 0
         self._now_us = 0
         self.power = PowerReading(model.battery_v, 0.0, 0.0, 0.0)
-        """As last measured."""
+        """Last measurement of the supply."""
         self._supply_v = model.battery_v
         self._base = model
         self._parameters = parameters
@@ -79,7 +80,7 @@ class Control:
         self.apply_parameters()
 
     def apply_parameters(self) -> None:
-        """Keep to what was set, as far as it counts at once."""
+        """Apply the parameters that take effect at once."""
         parameters = self._parameters
         self._model = parameters.applied_to(self._base)
         self.wheels.limit(self._model, parameters.value("stop_deceleration"))
@@ -88,16 +89,16 @@ class Control:
         self._low_v = parameters.value("battery_low")
         self._empty_v = parameters.value("battery_empty")
 
-    # ---- what is so -----------------------------------------------------------------------
+    # ---- present state -----------------------------------------------------------------------
 
     @property
     def mode(self) -> Mode:
-        """As the status message says it."""
+        """Mode as in the status message."""
         return MODE_OF[self.modes.state]
 
     @property
     def fault_bits(self) -> int:
-        """Of ``protocol.messages.values.Fault``."""
+        """Fault bits, of ``protocol.messages.values.Fault``."""
         bits = self.health.bits | self._expired
         if self.reflexes.limited:
             bits |= _LIMITED
@@ -105,11 +106,11 @@ class Control:
 
     @property
     def watchdog(self) -> Watchdog:
-        """Of what the host sends cyclically in this mode."""
+        """Watchdog of the host's cyclic message in this mode."""
         return self.duties if self.modes.state is State.BRINGUP else self.setpoints
 
     def planner_state(self) -> PlannerState:
-        """Of the plan that runs, or the last one."""
+        """State of the running plan, or of the last one."""
         return NO_PLAN if self.onboard is None else self.onboard.message()
 
     # ---- events ---------------------------------------------------------------------------
@@ -117,7 +118,7 @@ class Control:
     def fire(
         self, event: Event, holding: Collection[Guard] = (), *, planner: str = ""
     ) -> NackReason | None:
-        """Let an event happen, as the mode table says; a refusal's reason, or None."""
+        """Apply an event by the mode table; return the reason of a rejection, or None."""
         before = self.modes.state
         held = self._stands_against(event)
         outcome = self.modes.fire(event, (*holding, Guard.FAULT_HOLDS) if held else holding)
@@ -149,8 +150,8 @@ class Control:
     def stop(self, cause: int, event: Event = Event.STOP) -> None:
         """Latch a stop and leave any driving mode.
 
-        Of events other than ``STOP`` the table may say that they change nothing: a host that
-        leaves after an orderly end does not turn it into a lost link.
+        For events other than ``STOP`` the table may change nothing: a host that leaves after an
+        orderly end does not turn it into a lost link.
         """
         self.fire(event)
         if self.modes.state is State.STOPPED and (event is Event.STOP or not self.latch.latched):
@@ -161,7 +162,7 @@ class Control:
             self._log.add(LogLevel.WARNING, f"stop latched: {label(StopCause, self.latch.cause)}")
 
     def clear(self, cause: int) -> NackReason | None:
-        """Release the latch if ``cause`` is what holds it and no longer so."""
+        """Release the latch if ``cause`` holds it and is no longer present."""
         holding = []
         if cause != self.latch.cause:
             holding.append(Guard.OTHER_CAUSE)
@@ -180,7 +181,7 @@ class Control:
         return self.fire(Event.START, holding, planner=name or "")
 
     def forget_host(self) -> None:
-        """Nothing that a session sent outlives it."""
+        """Discard everything that a session has sent."""
         self.setpoints.reset()
         self.duties.reset()
 
@@ -189,7 +190,7 @@ class Control:
     def tick(
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> tuple[float, float]:
-        """One control period: left and right duty."""
+        """Run one control period; return the left and the right duty."""
         self._now_us = now_us
         health, wheels, counts, state = self.health, self.wheels, sampler.counts, self.modes.state
         watchdog: Watchdog = self.duties if state is _BRINGUP else self.setpoints
@@ -216,7 +217,7 @@ class Control:
     def _drive(
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> tuple[float, float]:
-        """Duties of any state but a host's velocity, or without a setpoint, or while latched."""
+        """Return the duties in every case without a valid host velocity, also while latched."""
         counts = sampler.counts
         if not self.latch.cause:
             if self.modes.state is State.BRINGUP:
@@ -232,7 +233,7 @@ class Control:
         return self.wheels.release(counts)
 
     def _switch_drivers(self, state: State, duties: tuple[float, float]) -> None:
-        """Enable the drivers in a driving mode; disable them once a robot that shall rest does."""
+        """Enable the drivers in a driving mode; disable them once a stopped robot is at rest."""
         if state not in _RESTING:
             self.drivers, self._rest_ticks = True, 0
         elif self.drivers:
@@ -258,7 +259,7 @@ class Control:
         self.health.on_power(reading, self._low_v, self._empty_v)
 
     def _judge(self) -> None:
-        """End what must not go on with what is broken."""
+        """End each motion that is unsafe with the present faults."""
         health = self.health
         if not (health.bits or health.battery_empty or self.reflexes.counting):
             return

@@ -1,8 +1,8 @@
-"""Two pages of flash that hold the parameters, whatever moment the supply is lost at.
+"""Two pages of flash that hold the parameters, safe against a loss of supply at any moment.
 
-A save erases the page that is not in use, writes the new image there and ends with its check:
-until the last byte stands, the other page is what the next boot finds. The two banks of an
-STM32F429 let the program run on meanwhile (RM0090, section 3: read while write).
+A save erases the unused page, writes the new image there and writes its check last. Until the last
+byte is written, the next boot reads the other page. The two banks of an STM32F429 let the program
+run meanwhile (RM0090, section 3: read while write).
 """
 
 from __future__ import annotations
@@ -16,25 +16,26 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _HEAD = struct.Struct("<IH")
-"""Number of the save, length of the image."""
+"""Head of a page: number of the save, length of the image."""
 _CHECK = struct.Struct("<I")
 _SPAN, _HALF = 1 << 32, 1 << 31
 ERASE_MS = 250
-"""A 16 KiB sector, typical, 32 bits at a time (STM32F429 data sheet, flash programming)."""
+"""Time to erase a 16 KiB sector, ms: typical, 32 bits at a time (STM32F429 data sheet, flash
+programming)."""
 BYTES_PER_MS = 250
-"""A word of four bytes takes 16 µs (same place)."""
+"""Programming speed, bytes/ms: a word of four bytes takes 16 µs (same place)."""
 
 
 class Flash:
-    """Both pages, as bytes; ``pages`` may be looked at and spoilt by tests."""
+    """Both pages, as bytes; tests may read and damage ``pages``."""
 
     def __init__(self) -> None:
-        """New from the factory: erased."""
+        """Start with erased pages, as from the factory."""
         self.pages = [b"", b""]
         self.key: bytes | None = None
-        """That motion is authenticated with, in a page of its own; None: there is none."""
+        """Key that authenticates motion, in a page of its own; None: no key."""
         self.worn = False
-        """Worn out: what is written does not stay."""
+        """True: the flash is worn out and does not keep what is written."""
         self._job: bytes | None = None
         self._written = b""
         self._page = 0
@@ -42,23 +43,23 @@ class Flash:
         self._done = 0
 
     def load(self) -> dict[str, int]:
-        """The newest whole image; empty where there is none."""
+        """Return the newest complete image; empty if there is none."""
         newest = self._newest()
         return {} if newest is None else _read(self.pages[newest])[1]  # type: ignore[index]  # whole
 
     def erase(self) -> None:
-        """Forget everything, a save under way included."""
+        """Erase everything, and abort a save."""
         self.pages = [b"", b""]
         self.key = None
         self._job = None
 
     @property
     def busy(self) -> bool:
-        """True while a save is under way."""
+        """Whether a save is under way."""
         return self._job is not None
 
     def begin(self, image: Mapping[str, int]) -> None:
-        """Start to save; :meth:`advance` carries it on."""
+        """Start to save; :meth:`advance` continues the save."""
         newest = self._newest()
         number = 0 if newest is None else _number(self.pages[newest]) + 1
         self._page = 0 if newest is None else 1 - newest
@@ -69,7 +70,7 @@ class Flash:
         self.pages[self._page] = b""
 
     def advance(self, ms: int) -> bool:
-        """Erase and write for so long; True as the save is complete."""
+        """Erase and write for ``ms``; return True when the save is complete."""
         if self._job is None:
             return False
         erased_ms = min(ms, self._erase_ms)
@@ -82,11 +83,11 @@ class Flash:
         return True
 
     def reads_back(self) -> bool:
-        """Whether what was written last stands in its page."""
+        """Return whether the page holds what was written last."""
         return self.pages[self._page] == self._written
 
     def power_lost(self) -> None:
-        """A reset or the supply ends what was under way: the page stays half written."""
+        """Abort the save at a reset or a loss of supply; the page stays half written."""
         self._job = None
 
     def _newest(self) -> int | None:
@@ -103,7 +104,7 @@ def _number(page: bytes) -> int:
 
 
 def _read(page: bytes) -> tuple[int, dict[str, int]] | None:
-    """Number and image of a page; None where it is not whole."""
+    """Return number and image of a page; None if it is incomplete."""
     if len(page) < _HEAD.size + _CHECK.size:
         return None
     number, length = _HEAD.unpack_from(page)

@@ -1,23 +1,23 @@
-"""The firmware's checks of its own hardware: each fault bit, what sets it and what clears it.
+"""The firmware's checks of its own hardware: each fault bit, and how it is set and cleared.
 
-Everything here follows from the readings alone, as it does on the robot: a fault is what the
-readings contradict, not what somebody broke.
+All checks use the readings alone, as on the robot: a fault bit means that the readings contradict
+each other. The simulation's injected faults are not known here.
 
 | bit | set | cleared |
 |---|---|---|
 | imu | at rest a rate above 20 °/s or a gravity off by 0.3 g for 0.3 s; or repeated registers | \
 readings that agree |
-| encoder | a driven wheel without counts for 1 s whose motor draws no stall current | its count |
+| encoder | a driven wheel without counts for 1 s whose motor draws no stall current | a count |
 | encoder_…_reversed, encoders_swapped | counts against the duty: ``signs`` | counts that agree |
-| ultrasonic | two blows ahead that it did not see; or an unchanged range over 0.4 m | \
-a blow that it saw, a range that changes |
+| ultrasonic | two frontal contacts that it did not see; or an unchanged range over 0.4 m | \
+a contact that it saw, a range that changes |
 | infrared | an unchanged range while turning by 60° in place | a range that changes |
-| motor_stall | a driven wheel that has not turned for 1 s and draws current | it turns or rests |
+| motor_stall | a driven wheel that has not turned for 1 s and draws current | it turns or is idle |
 | battery_low | below the parameter ``battery_low`` | above it |
-| lifted | no floor ahead after a jolt upwards or down | the floor is back |
-| bumper | a switch pressed for 10 s with nothing near it and no stall | the switch opens |
+| lifted | no floor ahead after a jolt up or down | the floor is back |
+| bumper | a switch pressed for 10 s without a near obstacle or a stall | the switch opens |
 
-``setpoint_expired`` is the setpoint watchdog's (``safety``).
+The setpoint watchdog in ``safety`` sets ``setpoint_expired``.
 """
 
 from __future__ import annotations
@@ -52,20 +52,24 @@ _NO_DUTIES = (0.0, 0.0)
 PERIOD_S = 0.01
 STALL_S = 1.0
 STALL_STOP_S = 3.0
-"""How long a motor is left in its stall current; the planner gives up after half of it."""
+"""Time for which a motor may draw its stall current, s; the planner gives up after half of it."""
 STALL_A = 0.4
-"""A stalled motor draws an ampere and more, one that turns unseen a fifth of this."""
+"""Minimum current of a stalled motor, A. It draws an ampere and more; a motor whose turns are not
+counted draws a fifth of this."""
 JOLT_LSB = 2458
-"""0.15 g at ±2 g: below what a hand does (0.25 g for 0.2 s)."""
+"""Minimum acceleration of a jolt, counts: 0.15 g at ±2 g. A person's lift reaches more (0.25 g for
+0.2 s)."""
 JOLT_MEAN_TICKS = 8
-"""What is compared is a mean over 80 ms: of vibration of 40 mg, as at ``harsh``, it leaves 14."""
+"""Number of samples in the mean that is tested for a jolt: 80 ms. It reduces a vibration of 40 mg,
+as at ``harsh``, to 14 mg."""
 GRAVITY_TICKS = 128
-"""What it is compared with: a mean over 1.3 s. A bias of 50 mg would take a third of the limit."""
+"""Number of samples in the mean that is taken as gravity: 1.3 s. A fixed reference instead would
+lose a third of the limit to a bias of 50 mg."""
 _MEANS, _JOLT_SUM = GRAVITY_TICKS // JOLT_MEAN_TICKS, GRAVITY_TICKS * JOLT_LSB
 JOLT_TICKS = 100
 REST_TICKS = 50
 REST_RATE_LSB = 2620
-"""20 °/s, the data sheet's largest rate at rest (PS-MPU-6000A-00, section 6.1)."""
+"""Maximum rate at rest, counts: 20 °/s, the data sheet's limit (PS-MPU-6000A-00, section 6.1)."""
 GRAVITY_LSB = 16384
 GRAVITY_OFF = 0.3
 STRANGE_TICKS = 30
@@ -73,12 +77,12 @@ REPEAT_TICKS = 50
 QUIET_TICKS = 20
 LEARN_TICKS = 200
 LIVELY_TICKS = 3
-"""A chip whose registers repeated for no longer than this at first has noise, as all have; then
-half a second of repeats is no reading. One without any is held against the wheels."""
+"""Maximum number of initial repeats of a chip with noise, which nearly all have. On such a chip
+repeats for half a second mean no new reading. A chip without noise is compared with the wheels."""
 DISAGREE_RAD_S = 0.2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
 NEAR_M = 0.10
-"""What the ultrasonic reads at most of a wall that both bumper halves touch: 0.04 m and room."""
+"""Maximum ultrasonic range to a wall that touches both bumper halves, m: 0.04 m and a margin."""
 BLOWS = 2
 UNCHANGED_M = 0.02
 UNCHANGED_OVER_M = 0.4
@@ -87,30 +91,30 @@ TURN_RAD = math.radians(60.0)
 CREEP_M = 0.002
 EMPTY_READINGS = 5
 PRESSED_READINGS = 200
-"""10 s at 20 readings a second."""
+"""Number of readings after which a pressed switch is a fault: 10 s at 20 readings a second."""
 BESIDE_M = 0.08
-"""What a side infrared reads at most of what touches that side: 0.05 m and room."""
+"""Maximum side infrared range to an obstacle that touches that side, m: 0.05 m and a margin."""
 
 
 class Health:
-    """Fault bits, kept from tick to tick."""
+    """Fault bits, updated in each period."""
 
     def __init__(self) -> None:
-        """Nothing is known, and nothing is wrong."""
+        """Start without readings and without a fault."""
         self.bits = 0
-        """Of ``protocol.messages.values.Fault``."""
+        """Fault bits, of ``protocol.messages.values.Fault``."""
         self.battery_empty = False
         self._currents_a = (0.0, 0.0)
         self._empty = 0
         self._imu: ImuCounts | None = None
         self._tick = self._repeats = self._longest = self._disagrees = self._strange = 0
         self._moved_tick, self._jolt_tick = 0, -JOLT_TICKS
-        """When the wheels last turned, and a jolt was last felt."""
+        """Ticks of the last turn of a wheel, and of the last jolt."""
         self._up = [GRAVITY_LSB] * JOLT_MEAN_TICKS
-        """The last readings along z, and their sum."""
+        """Last readings along z; their sum follows."""
         self._up_sum = GRAVITY_LSB * JOLT_MEAN_TICKS
         self._gravity_sum, self._gravity_next = GRAVITY_LSB * GRAVITY_TICKS, 0
-        """Sum over the last whole stretch of ``GRAVITY_TICKS``, and of the present one so far."""
+        """Sums over the last complete and over the present run of ``GRAVITY_TICKS`` readings."""
         self._signs = Signs()
         self._pressed = [0, 0]
         self._counts = self._range_counts = (0, 0)
@@ -123,7 +127,7 @@ class Health:
 
     @property
     def stopping(self) -> str | None:
-        """What must not be driven with, in words; None where nothing stands against it."""
+        """The fault that forbids driving, in words; None without such a fault."""
         bits = self.bits
         if bits & LIFTED:
             return "lifted"
@@ -143,7 +147,7 @@ class Health:
         wheels: WheelControl,
         duties: tuple[float, float],
     ) -> None:
-        """One 10 ms period, after the wheels were controlled."""
+        """Check one 10 ms period, after the wheel control."""
         self._tick = tick = self._tick + 1
         if counts != self._counts:
             self._moved_tick = tick
@@ -199,7 +203,7 @@ class Health:
             self.bits &= ~IMU
 
     def _strange_at_rest(self, imu: ImuCounts) -> bool:
-        """Whether a robot that stands reads what one that stands cannot."""
+        """Return whether a robot at rest has readings that are impossible at rest."""
         if self._tick - self._moved_tick < REST_TICKS or self.bits & LIFTED:
             return False
         gravity = math.sqrt(imu[0] * imu[0] + imu[1] * imu[1] + imu[2] * imu[2]) / GRAVITY_LSB
@@ -222,10 +226,10 @@ class Health:
 
     @staticmethod
     def burning(wheels: WheelControl) -> bool:
-        """True where a motor has stood under current for longer than is good for it."""
+        """Return whether a motor has drawn its stall current for too long."""
         return wheels.stalled_s >= STALL_STOP_S
 
-    # ---- as readings come -----------------------------------------------------------------
+    # ---- each reading ---------------------------------------------------------------------
 
     def on_power(self, reading: PowerReading, low_v: float, empty_v: float) -> None:
         """Take a reading of the supply, five a second."""
@@ -236,7 +240,7 @@ class Health:
         self.battery_empty = self._empty >= EMPTY_READINGS
 
     def on_around(self, around: Around, wheel_base_m: float, metres_per_count: float) -> None:
-        """Take a reading of rangers and contacts, with how far the wheels went since the last."""
+        """Take a reading of rangers and contacts, and the wheels' travel since the last one."""
         sonar_m, left_m, right_m, bumper_left, bumper_right, cliff = around
         (left, right), (left_0, right_0) = self._counts, self._range_counts
         self._range_counts = self._counts
@@ -270,7 +274,7 @@ class Health:
         self.bits = bits
 
     def _switch_stays(self, around: Around) -> bool:
-        """Whether a switch has been pressed for long by nothing that anything else feels."""
+        """Return whether a switch has long been pressed without any other sign of a contact."""
         sonar_m, left_m, right_m, bumper_left, bumper_right, _ = around
         ahead = sonar_m is not None and sonar_m <= NEAR_M
         stalls = bool(self.bits & MOTOR_STALL)
@@ -290,7 +294,7 @@ class Health:
         ahead_m: float,
         turned_rad: float,
     ) -> bool:
-        """Whether the ultrasonic tells what the rest contradicts, for long enough."""
+        """Return whether the ultrasonic has contradicted the other sensors for long enough."""
         if touched and not self._touched:
             saw = sonar_m is not None and sonar_m <= NEAR_M
             self._blows = 0 if saw else self._blows + 1

@@ -1,4 +1,4 @@
-"""Who the virtual device says that it is."""
+"""The identity that the virtual device reports."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ CAPABILITIES = (
 
 @dataclass(frozen=True, slots=True)
 class CrashRecord:
-    """What a fault handler keeps in memory that a reset does not clear."""
+    """Record that a fault handler keeps in memory across a reset."""
 
     pc: int
-    """Program counter: the instruction that faulted."""
+    """Program counter: address of the instruction that faulted."""
     lr: int
-    """Link register: where its function was called from."""
+    """Link register: return address of the faulting function."""
     cfsr: int
-    """Configurable fault status register (PM0214, section 4.4.10): what kind of fault."""
+    """Configurable fault status register (PM0214, section 4.4.10): the kind of fault."""
     uptime_us: int
 
     @property
     def text(self) -> str:
-        """A line for the host."""
+        """Return a line for the host."""
         return (
             f"crash after {self.uptime_us // 1000} ms: "
             f"pc 0x{self.pc:08x}, lr 0x{self.lr:08x}, cfsr 0x{self.cfsr:08x}"
@@ -43,19 +43,19 @@ class CrashRecord:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What tells this device and this boot from others."""
+    """Identifies this device and this boot."""
 
     node: int
     uid: bytes
     boot_id: int
     reset_cause: ResetCause = ResetCause.POWER_ON
     crash: CrashRecord | None = None
-    """Of the life before, if it ended so."""
+    """Crash that ended the previous boot, if any."""
     crystal_failed: bool = False
-    """The clock comes from the internal oscillator, which is no clock for a CAN bus."""
+    """True: the clock is the internal oscillator, which is too imprecise for a CAN bus."""
 
     def hello(self, catalogue_hash: int, session_id: int, *, keyed: bool) -> Hello:
-        """Its hello; ``keyed``: only signed motion is obeyed."""
+        """Return the device's hello; ``keyed``: motion must be signed."""
         capabilities = CAPABILITIES | Capability.AUTHENTICATION if keyed else CAPABILITIES
         return Hello(
             catalogue_hash,

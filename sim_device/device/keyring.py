@@ -1,4 +1,4 @@
-"""The key that a device's motion is authenticated with: kept, asked for, never told."""
+"""The key that authenticates motion: stored and used, but never sent."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 class Keyring:
-    """One boot's use of the key that its flash holds."""
+    """Use of the key in the flash during one boot."""
 
     def __init__(self, flash: Flash, link: LinkBase, boot_id: int, *, local: bool) -> None:
-        """``local``: the link is a wire that somebody must stand beside the robot to reach."""
+        """Use the link; ``local``: reaching it requires standing beside the robot."""
         self._flash, self._link, self._boot_id = flash, link, boot_id
         self.may_set = local and link.medium is Medium.UART
         self._session_id = 0
@@ -30,12 +30,12 @@ class Keyring:
         self.take()
 
     def take(self) -> None:
-        """Use the key that the flash holds now."""
+        """Load the key from the flash."""
         key = self._flash.key
         self._link.key = None if key is None else Authenticator(key)
 
     def open(self, session_id: int) -> None:
-        """A session begins: frames of another one do not fit any more."""
+        """Begin a session; signed frames of other sessions become invalid."""
         self._session_id = session_id
         key = self._link.key
         if key is None:
@@ -45,21 +45,21 @@ class Keyring:
         key.begin(self._boot_id, session_id, self._counter)
 
     def close(self) -> None:
-        """No session: nothing that is signed is taken."""
+        """End the session; no signed frame is accepted."""
         if self._link.key is not None:
             self._link.key.end()
 
     def challenge(self) -> Challenge:
-        """What a host needs to sign in this session."""
+        """Return the data that a host needs to sign in this session."""
         return Challenge(self._counter)
 
     @staticmethod
     def refuses(frame: Frame) -> bool:
-        """Whether a frame of ours needs a tag, a key being set, and has none."""
+        """Return whether a frame needs a tag, because a key is set, and has none."""
         return frame.type_id in GUARDED_TYPES and not frame.version_flags & FLAG_AUTHENTICATED
 
     def change(self, command: SetKey) -> NackReason | None:
-        """Set, replace or remove the key; a refusal's reason, or None."""
+        """Set, replace or remove the key; return the reason of a rejection, or None."""
         if not self.may_set:
             return NackReason.UNSUPPORTED
         self._flash.key = key_of((command.key_0, command.key_1, command.key_2, command.key_3))

@@ -1,4 +1,4 @@
-"""Lines for people, on their way to the host: few enough not to crowd the wire."""
+"""Log lines for the host, limited so that they do not fill the link."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ if TYPE_CHECKING:
     from protocol.messages.values import LogLevel
 
 LOG_PERIOD_US = 100_000
-"""At most ten log lines a second; what waits longer is dropped, oldest first."""
+"""Minimum time between log lines, µs: ten lines a second. The queue drops its oldest line when
+full."""
 LOG_WAITING = 16
 LOG_BYTES = 120
-"""A line's length on the wire, whatever name a host gives itself."""
+"""Maximum length of a log line, bytes, whatever name a host has."""
 
 
 class LogLines:
-    """A short queue."""
+    """A short queue of log lines."""
 
     def __init__(self) -> None:
         self.waiting: list[LogText] = []
@@ -30,7 +31,7 @@ class LogLines:
         del self.waiting[:-LOG_WAITING]
 
     def take(self, now_us: int) -> LogText | None:
-        """The next line, if one may be sent now."""
+        """Return the next line if one may be sent now."""
         if not self.waiting or now_us - self._sent_us < LOG_PERIOD_US:
             return None
         self._sent_us = now_us

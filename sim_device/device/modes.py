@@ -1,7 +1,7 @@
-"""The device's modes as a table: what each event does in each state, and on what condition.
+"""The device's modes as a table: the effect of each event in each state, with conditions.
 
-The table is the machine: the firmware fires events at it and does what it says, the printed
-specification is drawn from it, and the tests walk through all of it.
+The table is the state machine: the firmware looks up each event and applies the result. The printed
+specification is drawn from the table, and the tests visit all of it.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 class State(Enum):
-    """Where the device stands; the value is its name in the specification."""
+    """A state of the device; the value is its name in the specification."""
 
     OFF = "off"
     """No supply: outputs off, memory lost."""
     BOOT = "boot"
-    """Supplied and starting: outputs off, deaf and mute."""
+    """Starting: outputs off; nothing is received or sent."""
     STOPPED = "stopped"
     """A stop is latched."""
     IDLE = "idle"
@@ -32,11 +32,11 @@ class State(Enum):
     RUNNING = "running"
     """The device's own planner drives."""
     PAUSED = "paused"
-    """The device's own planner holds still, its plan kept."""
+    """The device's own planner is paused and keeps its plan."""
 
 
 class Event(Enum):
-    """What may happen; the value is its name in the specification."""
+    """An event; the value is its name in the specification."""
 
     SUPPLY_LOST = "supply lost"
     SUPPLY_BACK = "supply back"
@@ -59,7 +59,7 @@ class Event(Enum):
 
 
 class Guard(Enum):
-    """A condition on which an event is refused."""
+    """A condition that rejects an event."""
 
     OTHER_CAUSE = "another cause holds"
     CAUSE_HOLDS = "what stopped it still holds"
@@ -68,11 +68,11 @@ class Guard(Enum):
 
 
 Outcome = State | NackReason | None
-"""A state: go there. A reason: refuse. None: nothing to do, and that is fine."""
+"""Outcome of an event. A state: enter it. A reason: reject the event. None: nothing to do."""
 
 
 class Branch(NamedTuple):
-    """One outcome and its condition; no guard: else."""
+    """One outcome and its condition; without a guard it always applies."""
 
     outcome: Outcome
     guard: Guard | None = None
@@ -91,7 +91,7 @@ MODE_OF: dict[State, Mode] = {
     State.RUNNING: Mode.ONBOARD,
     State.PAUSED: Mode.ONBOARD,
 }
-"""What the status message says of each state."""
+"""Mode in the status message for each state."""
 SET_EVENT: dict[int, Event] = {
     Mode.IDLE: Event.SET_IDLE,
     Mode.VELOCITY: Event.SET_VELOCITY,
@@ -99,10 +99,10 @@ SET_EVENT: dict[int, Event] = {
     Mode.ONBOARD: Event.SET_ONBOARD,
 }
 PLANNING = frozenset({State.RUNNING, State.PAUSED})
-"""States in which there is a plan."""
+"""States that have a plan."""
 GUARDED = frozenset({State.VELOCITY, State.ONBOARD, State.RUNNING, State.PAUSED})
-"""States that a stopping fault ends. In bring-up the wheels are off the floor and turned by
-hand, capped and with somebody beside them."""
+"""States that a stopping fault ends. Bring-up is not one of them: there the wheels are off the
+floor, their duty is limited, and a person stands by."""
 _UNPOWERED = frozenset({State.OFF, State.BOOT})
 _AWAKE = tuple(s for s in State if s not in _UNPOWERED)
 _FREE = tuple(s for s in _AWAKE if s is not State.STOPPED)
@@ -176,26 +176,28 @@ TABLE: dict[tuple[State, Event], Branches] = {
     **{(state, event): NOTHING for state in State for event in Event},
     **{(state, event): branches for state, event, branches in _rows()},
 }
-"""Every state and every event; the first branch whose guard holds, or has none, is taken."""
+"""Branches for every state and event. The first branch whose guard is true, or that has none,
+applies."""
 
 
 class ModeMachine:
-    """Walks the table."""
+    """Applies events by the table."""
 
     def __init__(self, state: State = State.OFF) -> None:
-        """A device is off until it is supplied."""
+        """Start without supply."""
         self._go(state)
 
     def _go(self, state: State) -> None:
         self.state = state
-        # Asked for in each period, and an enumeration's hash is a call in Python.
+        # A stored flag, because it is read in each period and hashing an enumeration is slow in
+        # Python.
         self.awake = state not in _UNPOWERED
         self.planning = state in PLANNING
 
     def fire(self, event: Event, holding: Collection[Guard] = ()) -> Outcome:
-        """Let an event happen; gives what the table says, the state being changed already.
+        """Apply an event; return the table's outcome after the change of state.
 
-        ``holding`` are the conditions that are so now.
+        ``holding`` are the conditions that are true now.
         """
         outcome = next(b.outcome for b in TABLE[self.state, event] if b.guard in {None, *holding})
         if isinstance(outcome, State):
@@ -204,7 +206,7 @@ class ModeMachine:
 
 
 def drawn() -> list[tuple[str, str, str]]:
-    """The table's changes of state as (from, event and its conditions, to), for a diagram."""
+    """Return the changes of state as (from, event and its conditions, to), for a diagram."""
     found: list[tuple[str, str, str]] = []
     for (state, event), branches in TABLE.items():
         target = branches[-1].outcome
@@ -216,7 +218,7 @@ def drawn() -> list[tuple[str, str, str]]:
 
 
 def refusals() -> list[tuple[str, str, str]]:
-    """What the table refuses as (event and condition, states, reason)."""
+    """Return the rejections of the table as (event and condition, states, reason)."""
     found: dict[tuple[str, str], list[str]] = {}
     for (state, event), branches in TABLE.items():
         for outcome, guard in branches:

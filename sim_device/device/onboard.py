@@ -1,8 +1,8 @@
 """The onboard mode: the device runs the planner itself, from its own readings.
 
-The same parts as on the host (estimator, wall corrections, plan runner) without the wire
-between: gyro at 100 Hz, wheel counts and decisions at 50 Hz, rangers at 20 Hz. Positions are in
-the frame of the start: the robot stands at its origin, heading along x, as the plan is started.
+It uses the same parts as the host (estimator, wall corrections, plan runner), without a link in
+between: gyro at 100 Hz, wheel counts and decisions at 50 Hz, rangers at 20 Hz. Positions are in the
+start frame: the origin is the robot's place at the start of the plan, and x its heading.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ if TYPE_CHECKING:
     from sim_device.device.sampling import Around, Sampler
 
 AT_REST_US = 2_500_000
-"""At rest before the first move: the gyro's bias is averaged over 250 samples."""
+"""Time at rest before the first move, µs: 250 samples for the mean of the gyro bias."""
 STEP_TICKS = 2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
-"""MPU6050 at ±250 °/s: 131 LSB for a degree a second."""
+"""Gyro scale, rad/s per count: MPU6050 at ±250 °/s, 131 counts per °/s."""
 _TEMPERATURE_C = 1.0 / 340.0
-"""Of its temperature register (map, section 4.18); the offset does not matter here."""
+"""Scale of the temperature register, °C per count (map, section 4.18). The offset does not matter
+here."""
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _NAMES = {
     OnboardPlanner.PAPER: "paper",
@@ -52,13 +53,13 @@ _PHASES = {
     "recovery-step": PlannerPhase.RECOVERY_LANE,
     "recovery-return": PlannerPhase.RECOVERY_RETURN,
 }
-"""A planner's own word for what it does, as the wire names it; any other is a lane."""
+"""Phase on the wire for each phase name of a planner; any other name is a lane."""
 _SPLIT_BY_TURN = {PlannerPhase.LANE, PlannerPhase.STEP}
-"""Within these a turn in place is told as one."""
+"""Phases within which a turn in place is reported as a turn."""
 
 
 def planner_name(number: int) -> str | None:
-    """The planner of this number; None where this firmware has none such."""
+    """Return the planner with this number; None if this firmware has none."""
     if number not in set(OnboardPlanner):
         return None
     name = _NAMES[OnboardPlanner(number)]
@@ -69,7 +70,9 @@ class Onboard:
     """One plan, from its start to its end."""
 
     def __init__(self, model: RobotModel, planner: str, seed: int, now_us: int) -> None:
-        """Start to rest; the first leg begins 2.5 s later. ``seed`` is for those that roll dice.
+        """Start with 2.5 s at rest, then begin the first leg.
+
+        ``seed`` is for planners that use random numbers.
 
         Raises:
             UnknownPlannerError: no planner has this name.
@@ -87,20 +90,20 @@ class Onboard:
 
     @property
     def finish_reason(self) -> str | None:
-        """Why the plan ended by itself; None while it has not."""
+        """Reason for which the plan ended by itself; None while it runs."""
         return self._runner.finish_reason
 
     def pause(self) -> None:
-        """Hold still; the estimate goes on."""
+        """Hold still; the estimate continues."""
         self._runner.pause()
         self._command = HALT
 
     def resume(self) -> None:
-        """Go on where it was held."""
+        """Continue from the pause."""
         self._runner.resume()
 
     def end(self) -> None:
-        """Let go of the plan: it has finished, or is aborted."""
+        """End the plan, finished or aborted."""
         done = self._runner.finished
         self._end = PlannerPhase.FINISHED if done else PlannerPhase.ABORTED
         self._command = HALT
@@ -108,9 +111,9 @@ class Onboard:
     def step(
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> VelocityCommand:
-        """One control period: readings in, the velocity wanted out.
+        """Run one control period: take the readings, return the velocity.
 
-        ``around`` is given in the periods in which the rangers were sounded.
+        ``around`` is given in the periods with a range measurement.
         """
         t_s = now_us * 1e-6
         imu = sampler.imu_nominal
@@ -152,7 +155,7 @@ class Onboard:
         )
 
     def _see_walls(self, around: Around) -> None:
-        """Let walls that are seen again correct the estimate."""
+        """Correct the estimate with observations of known walls."""
         if self._moving:
             self._walls.update(
                 around.ultrasonic_m,
@@ -163,14 +166,14 @@ class Onboard:
             )
 
     def drain_decisions(self) -> list[str]:
-        """What the planner decided since the last call, a line each."""
+        """Return the planner's decisions since the last call, a line each."""
         return [f"{event.kind}: {event.reason}" for event in self._runner.drain_events()]
 
-    # ---- what is told ---------------------------------------------------------------------
+    # ---- reports -------------------------------------------------------------------------
 
     @property
     def phase(self) -> PlannerPhase:
-        """What the planner is doing."""
+        """Present phase of the planner."""
         if self._end is not None:
             return self._end
         if self._runner.paused:
@@ -182,7 +185,10 @@ class Onboard:
         return PlannerPhase.TURN if turning and phase in _SPLIT_BY_TURN else phase
 
     def message(self) -> PlannerState:
-        """The paper's variables and the point driven to; the robot's own where there is none."""
+        """Return the paper's variables and the target point.
+
+        Without a target, the robot's position.
+        """
         state = self._runner.state
         x_m, y_m = state.target or self._leg_target()
         return PlannerState(
@@ -205,7 +211,7 @@ class Onboard:
 
 
 NO_PLAN = PlannerState(PlannerPhase.IDLE, 0, 0, 0, 0, 0, 0, 0)
-"""Told until a plan is started."""
+"""State reported before the first plan."""
 
 
 def _millimetres(value_m: float) -> int:

@@ -1,8 +1,8 @@
-"""The device's parameters: a table of what there is, and a store of what it is set to.
+"""The device's parameters: a table of their properties, and a store of their values.
 
-A value travels as 32 bits with its kind. Setting one counts until the next boot; saving
-makes the present values the next boot's. What has a bearing on geometry counts from the next
-boot on, so that odometry never changes its meaning while the robot drives.
+A value travels as 32 bits with its kind. A set value is valid until the next boot; saving makes the
+present values those of the next boot. A parameter that affects geometry takes effect at the next
+boot, so that odometry never changes its meaning while the robot drives.
 """
 
 from __future__ import annotations
@@ -24,20 +24,22 @@ if TYPE_CHECKING:
 _F32 = struct.Struct("<f")
 _U32 = struct.Struct("<I")
 STOP_DECELERATION_M_S2 = 1.0
-"""From top speed to rest in 0.3 s: as hard as the tyres hold without slipping."""
+"""Deceleration of a stop, m/s²: from top speed to rest in 0.3 s, the most that the tyres hold
+without slipping."""
 BATTERY_LOW_V = 12.8
-"""3.2 V a cell of four."""
+"""Battery voltage of the fault ``battery_low``, V: 3.2 V for each of four cells."""
 BATTERY_EMPTY_V = 12.0
-"""3.0 V a cell: below it for a second, a pack is harmed and driving ends."""
+"""Battery voltage that ends driving, V: 3.0 V a cell. A pack that stays below it for a second is
+damaged."""
 
 
 RANGERS = ("ultrasonic", "infrared_left", "infrared_right")
-"""In the order of their readings."""
+"""Names of the rangers, in the order of their readings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One line of the table; ``default``, ``low`` and ``high`` in ``unit``."""
+    """One row of the table; ``default``, ``low`` and ``high`` are in ``unit``."""
 
     name: str
     unit: str
@@ -46,18 +48,18 @@ class Parameter:
     low: float
     high: float
     model_key: str | None = None
-    """The robot model's field that it sets."""
+    """Field of the robot model that the parameter sets."""
     read_only: bool = False
     needs_reboot: bool = False
 
     @property
     def label(self) -> str:
-        """Name and unit, as they travel."""
+        """Name and unit, as in the message."""
         return f"{self.name} {self.unit}"
 
 
 def to_raw(kind: ParameterKind, value: float) -> int:
-    """32 bits of a value."""
+    """Return the 32 bits of a value."""
     match kind:
         case ParameterKind.F32:
             raw: int = _U32.unpack(_F32.pack(value))[0]
@@ -67,7 +69,7 @@ def to_raw(kind: ParameterKind, value: float) -> int:
 
 
 def from_raw(kind: ParameterKind, raw: int) -> float:
-    """Value of 32 bits; a float may be infinite or not a number."""
+    """Return the value of 32 bits; a float may be infinite or not a number."""
     match kind:
         case ParameterKind.F32:
             value: float = _F32.unpack(_U32.pack(raw))[0]
@@ -77,10 +79,10 @@ def from_raw(kind: ParameterKind, raw: int) -> float:
 
 
 def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
-    """Every parameter by its number; new ones are appended."""
+    """Return every parameter by its number; append new ones at the end."""
     u32, f32 = ParameterKind.U32, ParameterKind.F32
 
-    def robot(  # noqa: PLR0913 - a line of the table
+    def robot(  # noqa: PLR0913 - a row of the table
         name: str,
         unit: str,
         key: str,
@@ -125,10 +127,10 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
 
 
 class ParameterStore:
-    """Present values over what is stored; ``stored`` outlives the boot, the rest does not."""
+    """Present values on top of the stored ones. Only ``stored`` outlives the boot."""
 
     def __init__(self, parameters: Sequence[Parameter], stored: Mapping[str, int]) -> None:
-        """Read what is stored, by name; what no longer fits its parameter is passed over."""
+        """Read the stored values by name; a value outside its parameter's range is ignored."""
         self.parameters = tuple(parameters)
         self._stored = dict(stored)
         self._defaults = [to_raw(p.kind, p.default) for p in self.parameters]
@@ -144,7 +146,7 @@ class ParameterStore:
         return default if raw is None or not _allowed(parameter, raw) else raw
 
     def describe(self, number: int) -> ParameterValue | None:
-        """All that is to be known of one parameter; None where there is no such number."""
+        """Return all properties of one parameter; None if the number is unknown."""
         if number >= len(self.parameters):
             return None
         parameter, raw = self.parameters[number], self.present[number]
@@ -176,7 +178,7 @@ class ParameterStore:
         return flags
 
     def set(self, number: int, kind: int, raw: int) -> NackReason | None:
-        """Change a present value; a refusal's reason, or None."""
+        """Change a present value; return the reason of a rejection, or None."""
         if number >= len(self.parameters):
             return NackReason.UNKNOWN_PARAMETER
         parameter = self.parameters[number]
@@ -188,7 +190,7 @@ class ParameterStore:
         return None
 
     def image(self) -> dict[str, int]:
-        """What is to be stored to keep every present value that can be set."""
+        """Return the image to store so that the next boot has every present settable value."""
         return {
             **self._stored,
             **{
@@ -199,11 +201,11 @@ class ParameterStore:
         }
 
     def saved(self, image: Mapping[str, int]) -> None:
-        """Note that an image is stored now."""
+        """Take over an image that is now stored."""
         self._stored = dict(image)
 
     def value(self, name: str) -> float:
-        """The value in effect, in its unit: set now, or at boot where it needs one."""
+        """Value in effect, in its unit: the present one, or that of the boot if a change needs one."""
         number = self._number[name]
         parameter = self.parameters[number]
         raw = (self._boot if parameter.needs_reboot else self.present)[number]
@@ -211,12 +213,12 @@ class ParameterStore:
         return parameter.default if raw == self._defaults[number] else from_raw(parameter.kind, raw)
 
     def range_corrections(self) -> tuple[tuple[float, float], ...] | None:
-        """Scale and offset (m) of each ranger as in effect; None where they change nothing."""
+        """Scale and offset (m) in effect for each ranger; None if they change nothing."""
         found = tuple((self.value(f"{r}_scale"), self.value(f"{r}_offset")) for r in RANGERS)
         return None if found == ((1.0, 0.0),) * len(RANGERS) else found
 
     def applied_to(self, model: RobotModel) -> RobotModel:
-        """The robot model with the values in effect."""
+        """Return the robot model with the values in effect."""
         changes: dict[str, float] = {}
         for parameter in self.parameters:
             if parameter.model_key is not None:
@@ -228,7 +230,7 @@ class ParameterStore:
 
 
 def _allowed(parameter: Parameter, raw: int) -> bool:
-    """Whether 32 bits are a value within the parameter's range, as its ends travel."""
+    """Return whether 32 bits are within the parameter's range, its bounds rounded to 32 bits."""
     value = from_raw(parameter.kind, raw)
     low, high = (
         from_raw(parameter.kind, to_raw(parameter.kind, end))

@@ -1,54 +1,56 @@
-"""What the device does by itself at a cliff and with a bumper pressed, whoever asks for speed.
+"""The device's own reaction to a cliff and to a pressed bumper, whatever speed is requested.
 
-At a cliff the robot may reverse and turn, and no more go ahead; with a bumper pressed it creeps.
-Neither latches a stop. A robot that stays over a cliff does: see :attr:`Reflexes.over`.
+At a cliff the robot may reverse and turn, but not go ahead. With a bumper pressed it only creeps.
+Neither reaction latches a stop; staying over a cliff does: see :attr:`Reflexes.over`.
 """
 
 from __future__ import annotations
 
 CREEP_M_S = 0.05
-"""Forward speed with a bumper pressed, m/s: the wheels still follow it, and a push hurts nobody."""
+"""Forward speed with a bumper pressed, m/s: fast enough for the wheel control, harmless to push
+with."""
 OVER_M = 0.05
-"""Travel ahead with no floor before it, m; from 0.2 m/s the reflex needs 2 to 3 cm."""
+"""Travel ahead without floor that latches a stop, m. From 0.2 m/s the reflex needs 2 to 3 cm."""
 OVER_TICKS = 100
-"""Control periods in which a host asks for speed ahead over a cliff: 1 s. One that sees the cliff
-asks for 0.07 s. The time to reverse does not count: from 0.28 m/s it takes 1.0 s to be back."""
+"""Number of control periods in which a host requests forward speed over a cliff before a stop
+latches: 1 s. A host that sees the cliff does so for 0.07 s. The time to reverse does not count:
+from 0.28 m/s the way back takes 1.0 s."""
 SHOWN_TICKS = 10
 """Control periods for which a limit stays visible: one period of the status message."""
 _HALF_WRAP, _MASK = 0x8000, 0xFFFF
 
 
 class Reflexes:
-    """Limits the forward speed, once a control period in which the robot may drive."""
+    """Limits the forward speed, once per control period in which the robot may drive."""
 
     def __init__(self) -> None:
-        """Nothing is limited; both reflexes are on."""
+        """Start without a limit; both reflexes are on."""
         self.at_cliff = self.at_bumper = True
-        """Which are on, by parameter."""
+        """Enabled reflexes, by parameter."""
         self._shown = 0
         self._ticks = 0
-        """Periods without floor ahead in which speed ahead was asked for."""
+        """Number of periods without floor ahead in which forward speed was requested."""
         self._counts: tuple[int, int] | None = None
         self._ahead = 0
         """Counts of both wheels since the floor ended, forward positive."""
 
     @property
     def limited(self) -> bool:
-        """Whether a speed was held back lately."""
+        """Whether a speed was limited within the last ``SHOWN_TICKS`` periods."""
         return self._shown > 0
 
     @property
     def counting(self) -> bool:
-        """Whether the floor ended, and the robot has yet to leave the place."""
+        """Whether the floor ended and the robot is still at that place."""
         return self._counts is not None
 
     def over(self, metres_per_count: float) -> bool:
-        """Whether the robot would go on over a cliff: asked to for 1 s, or 5 cm further ahead."""
+        """Return whether the robot insists on the cliff: for 1 s, or 5 cm further ahead."""
         ahead_m = 0.5 * self._ahead * metres_per_count
         return self._ticks >= OVER_TICKS or ahead_m >= OVER_M
 
     def rest(self) -> None:
-        """A period in which nothing drives by itself."""
+        """Count a period without own motion."""
         self._ticks = self._ahead = 0
         self._counts = None
         if self._shown:
@@ -60,7 +62,7 @@ class Reflexes:
         contacts: tuple[bool, bool, bool],
         counts: tuple[int, int],
     ) -> float:
-        """Forward speed that is allowed; contacts are left and right bumper, and cliff."""
+        """Return the allowed forward speed; contacts are left and right bumper, and cliff."""
         left, right, cliff = contacts
         allowed_m_s = v_m_s
         if cliff and self.at_cliff:

@@ -1,6 +1,6 @@
-"""What keeps the robot from moving when it should not: latch, freshness and watchdog.
+"""Latch, freshness and watchdog: they keep the robot from unwanted motion.
 
-Pure rules over device microseconds; the firmware asks them, and the wheels obey them.
+These are pure rules over device microseconds. The firmware evaluates them, and the wheels obey.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ if TYPE_CHECKING:
 MAX_TIME_TO_LIVE_US = 250_000
 HOST_SILENCE_US = 1_000_000
 DRIFT_ALLOWANCE_PPM = 250
-"""Two crystals of ±100 ppm differ by 200; the smallest delay may age by this much."""
+"""Maximum drift between host and device, ppm; two crystals of ±100 ppm differ by 200. The smallest
+delay ages by this much."""
 BRINGUP_DUTY_MAX = 0.5
-"""Half of what the motors could: enough to see a wheel turn, on a robot that is held up."""
+"""Maximum duty in bring-up mode: half of full scale, enough to see a wheel of a lifted robot turn.
+"""
 _HALF_COUNTER = 128
 
 
 class StopLatch:
-    """Holds the gravest cause of a stop until it is cleared by name.
+    """Holds the gravest cause of a stop until a command clears it by name.
 
-    A device boots latched with ``SESSION_END``: it moves only when it is asked to.
+    A device boots latched with ``SESSION_END``: it moves only after a clear.
     """
 
     def __init__(self, cause: StopCause = StopCause.SESSION_END) -> None:
@@ -33,16 +35,16 @@ class StopLatch:
 
     @property
     def latched(self) -> bool:
-        """True while the robot must stand."""
+        """Whether the robot must stand."""
         return self.cause is not StopCause.NONE
 
     def latch(self, cause: int) -> bool:
-        """Latch a cause; False where an equal or graver one holds already."""
+        """Latch a cause; return False if an equal or graver cause is latched already."""
         held, self.cause = self.cause, latched_cause(self.cause, cause)
         return self.cause is not held
 
     def clear(self, cause: int) -> bool:
-        """Release the latch if ``cause`` is what holds it."""
+        """Release the latch if it holds ``cause``; return whether it did."""
         if not self.latched or cause != self.cause:
             return False
         self.cause = StopCause.NONE
@@ -50,11 +52,11 @@ class StopLatch:
 
 
 class Freshness:
-    """How much later than the quickest frame of its session a frame has come.
+    """Extra delay of a frame beyond the fastest frame of its session.
 
-    Host and device clocks are not related; but a frame's (arrival - host stamp) less the
-    smallest of the session is its extra delay. The smallest is aged by the drift that two
-    crystals may have, or a long session would come to refuse everything.
+    Host and device clocks are not synchronised. A frame's delay (arrival minus host stamp) minus
+    the smallest of the session is its extra delay. The smallest ages by the drift that two crystals
+    may have; otherwise a long session would end up rejecting everything.
     """
 
     def __init__(self) -> None:
@@ -63,11 +65,11 @@ class Freshness:
         self._at_us = 0
 
     def reset(self) -> None:
-        """Start a session: nothing is known."""
+        """Start a session without any delay."""
         self._host_us = None
 
     def extra_delay_us(self, host_stamp: int, arrival_us: int) -> float:
-        """Take a frame of the session; give its delay beyond the quickest one's."""
+        """Take a frame of the session; return its delay beyond the fastest frame's."""
         if self._host_us is None:
             self._host_us = DeviceUs(host_stamp)
             self._min_us = float(arrival_us - host_stamp)
@@ -83,27 +85,27 @@ class Freshness:
 
 
 class Watchdog:
-    """Holds the last good pair of cyclic values for as long as it may live."""
+    """Holds the last valid pair of cyclic values during its time to live."""
 
     def __init__(self) -> None:
         self.first = self.second = 0.0
         self.counter: int | None = None
         self.until_us = 0
-        """When the values held run out, microseconds of uptime; 0: none are held."""
+        """End of the time to live, µs of uptime; 0: no values are held."""
         self._was_live = False
 
     def reset(self) -> None:
-        """Forget the values and the counter: a new session."""
+        """Discard values and counter for a new session."""
         self.halt()
         self.counter = None
 
     def halt(self) -> None:
-        """Let go of the values; later ones of the session are taken again."""
+        """Discard the values; later ones of the session are accepted again."""
         self.first = self.second = 0.0
         self.until_us = 0
         self._was_live = False
 
-    def take(  # noqa: PLR0913, PLR0917 - two values and what judges them
+    def take(  # noqa: PLR0913, PLR0917 - two values and the data to check them
         self,
         first: float,
         second: float,
@@ -112,7 +114,7 @@ class Watchdog:
         extra_delay_us: float,
         now_us: int,
     ) -> bool:
-        """Take values; False where they are repeated, reordered or too old."""
+        """Take values; return False if they are repeated, reordered or too old."""
         if self.counter is not None:
             advance = (counter - self.counter) & 0xFF
             if advance == 0 or advance >= _HALF_COUNTER:
@@ -127,11 +129,11 @@ class Watchdog:
         return True
 
     def left_us(self, now_us: int) -> int:
-        """Time to live that is left."""
+        """Return the remaining time to live, µs."""
         return max(0, self.until_us - now_us)
 
     def expired(self, now_us: int) -> bool:
-        """True once, when values that held have run out."""
+        """Return True once when the time to live of held values has run out."""
         if self._was_live and now_us >= self.until_us:
             self.halt()
             return True
@@ -139,25 +141,25 @@ class Watchdog:
 
 
 class SetpointWatchdog(Watchdog):
-    """Holds the body velocity that the host wants."""
+    """Holds the body velocity that the host requests."""
 
     @property
     def wanted(self) -> tuple[float, float]:
-        """Forward speed and counter-clockwise rate."""
+        """Requested forward speed and counter-clockwise rate."""
         return self.first, self.second
 
     @property
     def v_m_s(self) -> float:
-        """Forward speed."""
+        """Requested forward speed, m/s."""
         return self.first
 
     @property
     def yaw_rate_rad_s(self) -> float:
-        """Counter-clockwise."""
+        """Requested yaw rate, rad/s, counter-clockwise."""
         return self.second
 
     def offer(self, setpoint: VelocitySetpoint, extra_delay_us: float, now_us: int) -> bool:
-        """Take a setpoint; False where it is repeated, reordered or too old."""
+        """Take a setpoint; return False if it is repeated, reordered or too old."""
         return self.take(
             setpoint.v_m_s,
             setpoint.yaw_rate_rad_s,
@@ -169,15 +171,15 @@ class SetpointWatchdog(Watchdog):
 
 
 class DutyWatchdog(Watchdog):
-    """Holds the motor duties that the host wants in bring-up mode, capped."""
+    """Holds the motor duties that the host requests in bring-up mode, limited."""
 
     @property
     def duties(self) -> tuple[float, float]:
-        """Left and right."""
+        """Left and right duty."""
         return self.first, self.second
 
     def offer(self, wanted: WheelDuty, extra_delay_us: float, now_us: int) -> bool:
-        """Take duties; False where they are repeated, reordered or too old."""
+        """Take duties; return False if they are repeated, reordered or too old."""
         return self.take(
             _capped(wanted.left_duty),
             _capped(wanted.right_duty),

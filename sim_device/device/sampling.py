@@ -1,4 +1,4 @@
-"""What the firmware reads from its hardware, and when: each sensor once a period at most."""
+"""Reads the hardware for the firmware: each sensor at most once per period."""
 
 from __future__ import annotations
 
@@ -17,32 +17,35 @@ _MASK = 0xFFFF
 
 
 class Sensors(Protocol):
-    """The readings that the firmware takes from its hardware."""
+    """Sensor readings that the firmware needs from its hardware."""
 
     def imu(self) -> ImuCounts:
-        """MPU6050 registers: acceleration, temperature, rates."""
+        """Return the MPU6050 registers: acceleration, temperature, rates."""
 
     def imu_samples(self) -> int:
-        """How many samples have been fetched: its clock is its own, and its bus may be stuck."""
+        """Return the number of fetched samples.
+
+        The chip has its own clock, and its bus may be stuck.
+        """
 
     def encoders(self) -> tuple[int, int]:
-        """Absolute 16-bit counts, left and right."""
+        """Return the absolute 16-bit counts, left and right."""
 
     def ranges(self) -> Ranges:
-        """Ultrasonic, left and right infrared, in metres; None: nothing seen."""
+        """Return ultrasonic, left and right infrared, m; None: nothing in range."""
 
     def bumpers(self) -> Bumpers:
-        """Left and right half pressed."""
+        """Return whether the left and the right bumper switch are pressed."""
 
     def cliff(self) -> bool:
-        """True where the floor is missing ahead."""
+        """Return whether the floor is missing ahead."""
 
     def power(self) -> PowerReading:
-        """Rails and currents."""
+        """Return rail voltages and motor currents."""
 
 
 class Around(NamedTuple):
-    """Distances and contacts, sampled together."""
+    """Ranges and contacts, sampled together."""
 
     ultrasonic_m: float | None
     infrared_left_m: float | None
@@ -53,7 +56,7 @@ class Around(NamedTuple):
 
 
 class Sampler:
-    """Reads the sensors; what is asked for twice in a period is read once."""
+    """Reads each sensor once per period, however often a value is requested."""
 
     def __init__(
         self,
@@ -61,30 +64,30 @@ class Sampler:
         corrections: tuple[tuple[float, float], ...] | None = None,
         imu_scale: ImuScale = NOMINAL,
     ) -> None:
-        """Nothing is read before the first period.
+        """Start without any reading.
 
         ``corrections`` are scale and offset (m) of each ranger, by calibration; ``imu_scale`` is
-        what the IMU's counts are worth.
+        the scale of the IMU's counts.
         """
         self._imu_scale = None if imu_scale == NOMINAL else imu_scale
         self._corrections = corrections
         self._sensors = sensors
         self._zero: tuple[int, int] | None = None
-        """Where the counters stood at the boot; None where that was 0, or is not known yet."""
+        """Counters at boot; None if they were 0 or are not known yet."""
         self._begun = False
         self._around: Around | None = None
         self._contacts: tuple[bool, bool, bool] | None = None
         self.counts = (0, 0)
-        """Wheel counts of this period; the timers that hold them begin at 0 with a boot."""
+        """Wheel counts of this period; their timers start at 0 with a boot."""
         self.imu: ImuCounts
         """Registers of this period."""
         self.imu_nominal: ImuCounts
-        """The same in nominal counts, for the device's own judgement."""
+        """Registers of this period in nominal counts, for the device's own checks."""
         self.imu_samples = 0
-        """Number of the sample that they are of."""
+        """Number of the IMU sample that the registers belong to."""
 
     def begin(self) -> None:
-        """Start a period: counts and IMU are read in each."""
+        """Start a period: read counts and IMU."""
         sensors = self._sensors
         counts = sensors.encoders()
         if not self._begun:
@@ -100,7 +103,7 @@ class Sampler:
         self._around = self._contacts = None
 
     def around(self) -> Around:
-        """Rangers, bumpers and cliff in this period."""
+        """Return rangers, bumpers and cliff in this period."""
         if self._around is None:
             sensors = self._sensors
             front_m, left_m, right_m = sensors.ranges()
@@ -115,11 +118,11 @@ class Sampler:
         return self._around
 
     def contacts(self) -> tuple[bool, bool, bool]:
-        """Left and right bumper half and cliff in this period."""
+        """Return left and right bumper and cliff in this period."""
         if self._contacts is None:
             self._contacts = (*self._sensors.bumpers(), self._sensors.cliff())
         return self._contacts
 
     def power(self) -> PowerReading:
-        """Rails and currents now."""
+        """Return rail voltages and motor currents now."""
         return self._sensors.power()

@@ -1,9 +1,10 @@
-"""Whether each encoder counts the way its motor pulls, and on its own side.
+"""Check that each encoder counts in the direction of its motor, and on its own side.
 
-A wheel that counts against its duty has a reversed encoder, or motor. Swapped encoders agree while
-the robot drives straight; in a turn each wheel seems to count against its duty, as the other one
-turns the other way. Both reversed look the same in a turn on the spot: the device then says
-swapped, and ``sweepctl bringup``, which turns one wheel at a time, tells them apart.
+A wheel that counts against its duty has a reversed encoder or motor. Swapped encoders look correct
+while the robot drives straight. In a turn each wheel then seems to count against its duty, because
+the other wheel turns the other way. Two reversed encoders look the same in a turn on the spot: the
+device then reports swapped ones. ``sweepctl bringup`` turns one wheel at a time and distinguishes
+the two faults.
 """
 
 from __future__ import annotations
@@ -11,31 +12,31 @@ from __future__ import annotations
 from protocol.messages.values import Fault
 
 DRIVEN = 0.2
-"""Least duty that turns a wheel: the dead band ends at 0.15 with a full battery, at 0.2 with an
+"""Minimum duty that turns a wheel: the dead band ends at 0.15 with a full battery, at 0.2 with an
 empty one."""
 IDLE = 0.05
-"""Greatest duty of a wheel that is not driven."""
+"""Maximum duty of a wheel that is not driven."""
 TURNS_M_S = 0.03
-"""Least speed of a wheel that turns, m/s: two counts a period."""
+"""Minimum speed of a turning wheel, m/s: two counts a period."""
 STANDS_M_S = 0.005
-"""Greatest speed of a wheel that stands, m/s."""
+"""Maximum speed of a standing wheel, m/s."""
 AGAINST_TICKS = 15
-"""Periods in a row against the duty. A wheel that reverses runs on for 3 at the ramp's rate; in
-this time a runaway makes 5 cm."""
+"""Number of consecutive periods against the duty that set a fault. A reversing wheel runs on for 3
+at the ramp's rate. In this time a runaway robot covers 5 cm."""
 ALSO_TICKS = 5
-"""Periods of the other wheel by which it counts against its duty too."""
+"""Number of periods of the other wheel from which it counts against its duty too."""
 ALONE_TICKS = 25
-"""Periods of one wheel while the other one does not: of swapped encoders that diverge on a straight
-run, the second wheel turns back 0.1 s after the first."""
+"""Number of periods of one wheel while the other one counts correctly. With swapped encoders that
+diverge on a straight run, the second wheel turns back 0.1 s after the first."""
 AGREES_TICKS = 30
-"""Periods in a row with the duty after which a fault is gone."""
+"""Number of consecutive periods with the duty that clear a fault."""
 REVERSED = int(Fault.ENCODER_LEFT_REVERSED), int(Fault.ENCODER_RIGHT_REVERSED)
 SWAPPED = int(Fault.ENCODERS_SWAPPED)
 BITS = REVERSED[0] | REVERSED[1] | SWAPPED
 
 
 class _Side:
-    """One wheel: for how many periods in a row its counts have said what."""
+    """Numbers of consecutive periods in which a wheel's counts agree or disagree with its duty."""
 
     __slots__ = ("against", "agrees", "crossed", "own", "was_ahead")
 
@@ -65,15 +66,15 @@ class Signs:
     """Compares duties with counts."""
 
     def __init__(self) -> None:
-        """Nothing is known."""
+        """Start without a fault."""
         self.bits = 0
-        """Of ``protocol.messages.values.Fault``."""
+        """Fault bits, of ``protocol.messages.values.Fault``."""
         self.driven = False
         """Whether a wheel had a duty in the last period, or there is nothing to compare."""
         self._left, self._right = _Side(), _Side()
 
     def tick(self, duties: tuple[float, float], speeds_m_s: tuple[float, float]) -> None:
-        """One control period: duties, and speeds by the counts."""
+        """Take duties and measured speeds of one control period."""
         self.driven = duties != (0.0, 0.0)
         left, right = self._left, self._right
         (left_duty, right_duty), (left_m_s, right_m_s) = duties, speeds_m_s
@@ -93,7 +94,7 @@ class Signs:
                 self.bits = REVERSED[1]
 
     def _forgive(self) -> None:
-        """Take a fault back when the counts agree for long enough, as in bring-up mode."""
+        """Clear a fault when the counts agree for long enough, as in bring-up mode."""
         for side, bit in zip((self._left, self._right), REVERSED, strict=True):
             if side.agrees >= AGREES_TICKS:
                 self.bits &= ~bit

@@ -1,4 +1,4 @@
-"""When each stream is due, and how readings become wire integers."""
+"""Schedule of the streams, and conversion of readings to wire integers."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from sim_device.device.sampling import Around
 
 TICK_HZ = 100
-"""Of the control loop; no stream is quicker."""
+"""Rate of the control loop, Hz; no stream is faster."""
 _NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
 _CYCLE_MAX = 2_000
-"""Ticks after which every stream is where it was: as long as a table is kept for."""
+"""Maximum length of the schedule's cycle for which a table is kept, ticks."""
 _LEFT, _RIGHT, _CLIFF = (
     int(Contact.BUMPER_LEFT),
     int(Contact.BUMPER_RIGHT),
@@ -28,7 +28,7 @@ _LEFT, _RIGHT, _CLIFF = (
 
 
 class Rate(NamedTuple):
-    """A stream's period and phase in control ticks; a period of 0: off."""
+    """Period and phase of a stream in control ticks; period 0: off."""
 
     name: str
     period: int
@@ -36,10 +36,10 @@ class Rate(NamedTuple):
 
 
 class Schedule:
-    """When each stream is due, in control ticks; phases are spread so that none come in bursts."""
+    """Schedule of the streams in control ticks; phases are spread to avoid bursts."""
 
     def __init__(self, catalogue: Catalogue, capabilities: int) -> None:
-        """Every stream that the device declares and has something to say in, at its default."""
+        """Schedule the device's streams that its hardware supports, at their default rates."""
         self._streams: dict[int, MessageSpec] = {}
         self._phases: dict[int, int] = {}
         for index, spec in enumerate(s for s in catalogue if is_device_stream(s)):
@@ -53,7 +53,7 @@ class Schedule:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the default rates."""
+        """Restore the default rates."""
         self._rates = {
             t: self._rate(t, max(1, round(TICK_HZ / s.default_hz)))
             for t, s in self._streams.items()
@@ -61,7 +61,7 @@ class Schedule:
         self._plan()
 
     def set_rate(self, type_id: int, rate: int) -> None:
-        """Send a stream at ``rate`` tenths of a hertz, as near as whole ticks allow; 0: not."""
+        """Send a stream at ``rate`` tenths of a hertz, rounded to whole ticks; 0: off."""
         period = max(1, round(10 * TICK_HZ / rate)) if rate else 0
         self._rates[type_id] = self._rate(type_id, period)
         self._plan()
@@ -71,18 +71,18 @@ class Schedule:
         return Rate(self._streams[type_id].name, period, phase % period if period else 0)
 
     def _plan(self) -> None:
-        """Work out every tick of a whole cycle beforehand, where that is no long list."""
+        """Compute every tick of a whole cycle in advance, if the cycle is short."""
         self._on = tuple(r for r in self._rates.values() if r.period)
         cycle = math.lcm(1, *(r.period for r in self._on))
         ticks = cycle if cycle <= _CYCLE_MAX else 0
         self._table = tuple(self._due(tick) for tick in range(ticks))
 
     def __contains__(self, type_id: int) -> bool:
-        """Whether the device sends this stream, if only at some rate."""
+        """Return whether the device can send this stream."""
         return type_id in self._streams
 
     def due(self, tick: int) -> tuple[str, ...]:
-        """Names of the streams to send at this tick."""
+        """Return the names of the streams to send at this tick."""
         table = self._table
         return table[tick % len(table)] if table else self._due(tick)
 
@@ -91,12 +91,12 @@ class Schedule:
 
 
 def is_device_stream(spec: MessageSpec) -> bool:
-    """True of what a device sends periodically."""
+    """Return whether a device sends this message periodically."""
     return spec.direction is Direction.DEVICE and spec.rate is RateClass.STREAM
 
 
 def range_message(around: Around) -> Message:
-    """Ranges and contacts as a message."""
+    """Return ranges and contacts as a message."""
     ultrasonic_m, left_m, right_m, bumper_left, bumper_right, cliff = around
     contacts = (
         (_LEFT if bumper_left else 0) | (_RIGHT if bumper_right else 0) | (_CLIFF if cliff else 0)
@@ -106,7 +106,7 @@ def range_message(around: Around) -> Message:
 
 
 def power_message(reading: PowerReading) -> Message:
-    """Rails and currents as a message."""
+    """Return rail voltages and motor currents as a message."""
     return Power(
         _byte(reading.battery_v, 0.001, 0xFFFF),
         _byte(reading.rail_v, 0.025),

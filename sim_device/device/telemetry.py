@@ -1,4 +1,4 @@
-"""What the firmware tells of itself: a message for each stream, from the period's readings."""
+"""Telemetry of the firmware: a message for each stream, from the readings of the period."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 TICK_WORK_US = 400
 FRAME_WORK_US = 25
-"""Assumed cost on a 168 MHz Cortex-M4 of a control period and of a frame, for ``load``."""
+"""Assumed time of a control period and of a frame on a 168 MHz Cortex-M4, µs, for ``load``."""
 LOAD_TICKS = 10
 _LOAD_US = LOAD_TICKS * 1_000_000 // TICK_HZ
 _TIME_TO_LIVE_MS_MAX = 250
@@ -42,9 +42,9 @@ class Telemetry:
 
     def __init__(self, link: LinkBase, sampler: Sampler, control: Control) -> None:
         self.line_health: Callable[[], LineHealth] = LineHealth
-        """What the line's queues and its CAN controller count."""
+        """Returns the counters of the line's queues and of its CAN controller."""
         self.stale = 0
-        """Setpoints refused so far."""
+        """Number of rejected setpoints."""
         self._link, self._sampler, self._control = link, sampler, control
         self._load_percent = 0
         self._frames_before = 0
@@ -53,13 +53,13 @@ class Telemetry:
             for spec in link.codec.catalogue
             if is_device_stream(spec)
         }
-        """By the stream's name: its type, and what gives its payload at a moment, microseconds
-        of uptime."""
+        """By the stream's name: its type, and the function that returns its payload at an uptime in
+        µs."""
 
     def _packer(self, spec: MessageSpec) -> Callable[[int], bytes]:
-        """Give what packs a stream's readings as the catalogue declares it."""
+        """Return the function that packs a stream's readings as the catalogue declares it."""
         sampler, codec, pack = self._sampler, self._link.codec, spec.layout.pack
-        if spec.cls is Imu:  # these two are most of the line
+        if spec.cls is Imu:  # these two carry most of the bytes
             return lambda _now_us: pack(*sampler.imu)
         if spec.cls is Encoders:
             return lambda _now_us: pack(*sampler.counts)
@@ -69,7 +69,7 @@ class Telemetry:
         return lambda now_us: codec.encode(as_spec(reader(now_us), spec))[1]
 
     def _reader(self, spec: MessageSpec) -> Callable[[int], Message]:
-        """Give what makes a stream's message, in this program's own class."""
+        """Return the function that makes a stream's message, in this program's own class."""
         control, sampler, statistics = self._control, self._sampler, self._link.statistics
         readers: dict[str, Callable[[int], Message]] = {
             "imu": lambda _now_us: Imu(*sampler.imu),
@@ -89,7 +89,7 @@ class Telemetry:
         return readers.get(spec.name) or blank_one
 
     def measure_load(self) -> None:
-        """Work out the busy share of the last ten periods."""
+        """Compute the busy share of the last ten periods."""
         statistics = self._link.statistics
         frames = statistics.frames_in + statistics.frames_out
         work_us = LOAD_TICKS * TICK_WORK_US + (frames - self._frames_before) * FRAME_WORK_US
@@ -121,7 +121,7 @@ def _blank(spec: MessageSpec, _now_us: int) -> Message:
 
 
 class _Simulated:
-    """Values of a plug-in's message by its ``simulated(now_us)``; zeros once it has raised."""
+    """Values of a plug-in's message by its ``simulated(now_us)``; zeros after an exception."""
 
     def __init__(
         self,
@@ -133,7 +133,7 @@ class _Simulated:
         self._broken = False
 
     def __call__(self, now_us: int) -> Message:
-        """Return the message at a moment of uptime, µs."""
+        """Return the message at an uptime in µs."""
         if self._broken:
             return self._blank(now_us)
         try:

@@ -1,7 +1,7 @@
 """A firmware of another version of the project: its declarations, this program's content.
 
-Messages are matched by name and their fields by name. What only the other version declares
-says zero; what it does not declare is left out, or not sent at all.
+Messages and their fields are matched by name. A field that only the other version declares is zero.
+A field or message that it does not declare is left out.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def as_ours(message: Message, spec: MessageSpec) -> Message:
-    """A received message in this program's own class, absent fields as zero.
+    """Return a received message in this program's own class, absent fields as zero.
 
-    One that this program has no name for comes back as it is.
+    A message without a class here is returned unchanged.
     """
     own = CATALOGUE.by_name.get(spec.name)
     if own is None or (own.cls is spec.cls and None not in message):
@@ -27,7 +27,7 @@ def as_ours(message: Message, spec: MessageSpec) -> Message:
 
 
 def as_declared(message: Message, catalogue: Catalogue) -> Message | None:
-    """A message in the class that ``catalogue`` declares; None where it does not."""
+    """Return a message in the class that ``catalogue`` declares; None if it has none."""
     if type(message) in catalogue.by_class:
         return message
     declared = catalogue.by_name.get(CATALOGUE.spec(type(message)).name)
@@ -35,14 +35,14 @@ def as_declared(message: Message, catalogue: Catalogue) -> Message | None:
 
 
 def as_spec(message: Message, declared: MessageSpec) -> Message:
-    """One of our messages as another version declares it."""
+    """Return one of our messages as another version declares it."""
     if message.__class__ is declared.cls:
         return message
     return _filled(declared, _by_name(CATALOGUE.spec(type(message)), message))
 
 
 def blank(spec: MessageSpec) -> Message:
-    """A message with zero in every field."""
+    """Return a message with zero in every field."""
     return _filled(spec, {})
 
 

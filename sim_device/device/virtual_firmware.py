@@ -1,7 +1,7 @@
 """The virtual sweeper's firmware: session, commands and streams around its control loop.
 
-Sans-I/O like the firmware on the chip: it is told the device's microseconds, given bytes
-and sensor readings, and gives bytes and duties. One control tick is 10 ms.
+Sans-I/O like the firmware on the chip: it takes the device's microseconds, bytes and sensor
+readings, and returns bytes and duties. One control tick is 10 ms.
 """
 
 from __future__ import annotations
@@ -74,15 +74,16 @@ NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is 
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
 STRANGE_PERIOD_US = 100_000
 POWER_TICKS, POWER_PHASE = 20, 5
-"""The supply is measured at 5 Hz, with the stream's default phase."""
+"""Period and phase of the supply measurement, ticks: 5 Hz, with the stream's default phase."""
 RANGE_TICKS, RANGE_PHASE = 5, 4
-"""The rangers are sounded at 20 Hz, likewise: a loud echo is gone after 38 ms."""
+"""Period and phase of the range measurement, ticks: 20 Hz, with the stream's default phase. A loud
+echo is gone after 38 ms."""
 
 
 class Firmware:
     """The device's program, one instance per boot."""
 
-    def __init__(  # noqa: PLR0913 - what a boot finds
+    def __init__(  # noqa: PLR0913 - inputs of a boot
         self,
         model: RobotModel,
         identity: Identity,
@@ -98,17 +99,24 @@ class Firmware:
     ) -> None:
         """Boot.
 
-        ``catalogue`` is what this firmware's version of the project declares, ``flash`` the
-        memory in which parameters outlive a boot, ``link`` what it is connected by, ``clock``
-        what its stamps are read from, ``modes`` the mode table's walker, which has booted,
-        ``local`` whether the link can be reached from nowhere but beside the robot,
-        ``imu_scale`` what it sets the IMU to.
+        Args:
+            model: The robot.
+            identity: The identity that the device reports.
+            sensors: The sensors.
+            catalogue: The declarations of this firmware's version of the project.
+            flash: The memory in which parameters outlive a boot.
+            link: The link to the host.
+            clock: The clock of the stamps.
+            modes: The mode machine, already booted.
+            local: Whether reaching the link requires standing beside the robot.
+            imu_scale: The IMU scale that the firmware configures.
+
         """
         self.identity = identity
         self.agreed = False
         self.session_id = 0
         self._status_wanted = False
-        """A stop from anybody is to be answered with the status."""
+        """True: a stop from any sender is to be answered with the status."""
         self.link = link(Direction.DEVICE, codec=Codec(catalogue))
         self._flash = flash or Flash()
         self.parameters = ParameterStore(parameters.table(model, identity.node), self._flash.load())
@@ -125,7 +133,7 @@ class Firmware:
         if identity.crystal_failed:
             self.control.health.bits = int(Fault.CLOCK)
         self.reboot_wanted: RebootKind | None = None
-        """Set once a reboot was accepted; whoever runs the firmware boots it anew."""
+        """Set once a reboot was accepted; the caller then boots the firmware again."""
         self._sampler = Sampler(sensors, self.parameters.range_corrections(), imu_scale)
         self._imu_info = imu_scale.info()
         self._clock = clock or DeviceClock()
@@ -146,24 +154,24 @@ class Firmware:
         }
         self.telemetry = Telemetry(self.link, self._sampler, self.control)
 
-    # ---- what is so -----------------------------------------------------------------------
+    # ---- present state -----------------------------------------------------------------------
 
     @property
     def mode(self) -> Mode:
-        """What moves the wheels."""
+        """Present mode."""
         return self.control.mode
 
     @property
     def latch(self) -> StopLatch:
-        """What holds them."""
+        """The latch that stops the wheels."""
         return self.control.latch
 
     @property
     def faults(self) -> Fault:
-        """As the status message says them."""
+        """Faults as in the status message."""
         return Fault(self.control.fault_bits)
 
-    # ---- the wire -------------------------------------------------------------------------
+    # ---- the link -------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_us: int) -> None:
         """Take bytes that arrived at ``now_us``, microseconds of uptime."""
@@ -187,7 +195,7 @@ class Firmware:
         return self.link.data_to_send()
 
     def _reject(self, message: Message, frame: Frame, now_us: int) -> None:
-        """A frame without the tag that a key asks for: nothing is done."""
+        """Reject a frame without the tag that the key requires."""
         command_id = getattr(message, "command_id", None)
         if command_id is None:
             self.telemetry.stale += 1
@@ -204,7 +212,7 @@ class Firmware:
         self.link.send(message, stamp_us, node=self.identity.node, rank=rank)
 
     def _handle(self, message: Message, frame: Frame, now_us: int) -> None:
-        if message.__class__ is StopAll:  # from anybody: it keeps no session alive
+        if message.__class__ is StopAll:  # from any sender: it keeps no session alive
             self.stop(StopCause.OPERATOR)
             self._status_wanted = True
             return
@@ -212,11 +220,12 @@ class Firmware:
             return
         genuine = bool(frame.version_flags & FLAG_AUTHENTICATED)
         if genuine or self.link.key is None or self.latch.cause != StopCause.NONE:
-            # With a key, what is free to move lives by what only its host can send.
+            # With a key, only frames that the host alone can send keep a moving robot's session
+            # alive.
             self._heard_us = now_us
         if isinstance(message, Stop):
-            # Obeyed before any question of session or repetition; nor is it the session's frame,
-            # by whose delays setpoints are judged, for anyone may have sent it.
+            # A stop is obeyed before any check of session or repetition. Its delay does not enter
+            # the session's freshness either, because any sender may have sent it.
             self.stop(message.cause)
             self._send(Ack(message.command_id, frame.type_id), now_us)
             return
@@ -228,13 +237,13 @@ class Firmware:
             self._command(message, frame.type_id, now_us)
 
     def _extra_delay_us(self, frame: Frame, now_us: int) -> float:
-        """The frame's delay beyond the session's quickest one.
+        """Return the frame's delay beyond the session's fastest one.
 
-        With a key, frames without a tag are left out: their stamps are anybody's, and by forged
-        ones a setpoint that somebody held back would be fresh.
+        With a key, frames without a tag are left out: anyone can forge their stamps, and a forged
+        stamp could make a delayed setpoint look fresh.
         """
         if self.link.key is not None and not frame.version_flags & FLAG_AUTHENTICATED:
-            return 0.0  # what may come without a tag has no time to live
+            return 0.0  # a message that needs no tag has no time to live
         return self._freshness.extra_delay_us(frame.t_us, now_us)
 
     def _time(self, request: TimeRequest, _extra_us: float, now_us: int) -> None:
@@ -246,7 +255,7 @@ class Firmware:
 
     def _command(self, message: Message, type_id: int, now_us: int) -> None:
         if self._saving is not None and isinstance(message, SaveParameters):
-            return  # asked again before it is done: the answer is to come
+            return  # a repeated request before the save is done: the answer follows
         reply = self._commands.once(
             self.session_id, type_id, message, lambda: carry_out(self, message)
         )
@@ -254,11 +263,11 @@ class Firmware:
             return
         rank = None
         if isinstance(message, GetParameter | SetParameter) and isinstance(reply, Ack):
-            # For a repeated command too: its value may be what was lost.
+            # A repeated command too: its value may have been lost.
             value = self.parameters.describe(message.parameter)
             if value is not None:
                 self._send(value, now_us)
-                rank = _VALUE  # the acknowledgement stays behind it
+                rank = _VALUE  # the acknowledgement follows it
         if self._flash.busy and isinstance(message, SaveParameters):
             self._saving = self.parameters.image(), reply
             return
@@ -271,8 +280,9 @@ class Firmware:
         self._send(describe(codec.catalogue, question), now_us)
         spec = codec.catalogue.by_type.get(question.described_type)
         if spec is not None and spec.direction is Direction.HOST and not spec.bootstrap:
-            # An older host leaves out our last fields; one that differs will not send it at all.
-            # What is needed to agree never changes: without its fields nobody could agree again.
+            # An older host leaves out our last fields; a different host does not send them at all.
+            # Fields that agreement itself needs never change; otherwise agreement would be
+            # impossible.
             fewer = question.field_count < len(spec.fields)
             codec.limit(spec.type_id, question.field_count if fewer else None)
 
@@ -282,23 +292,23 @@ class Firmware:
     # ---- session --------------------------------------------------------------------------
 
     def _strange(self, now_us: int) -> None:
-        """A host talks on in a session that we do not know: say at once who and which boot."""
+        """Answer a host that uses an unknown session: report identity and boot at once."""
         if now_us - self._strange_us >= STRANGE_PERIOD_US:
             self._strange_us = now_us
             self._hello(now_us)
 
     def _open(self, hello: HostHello, now_us: int) -> bool:
-        """Take a host's hello; False where it is of no session."""
+        """Take a host's hello; return False if it names no session."""
         if not hello.session_id:
-            return False  # 0 says "no session", whose host is never missed
+            return False  # 0 means "no session": the loss of such a host is not detected
         if hello.session_id != self.session_id:
             if hello.boot_id != self.identity.boot_id:
-                self._hello(now_us)  # a first hello, or one of another boot: only an answer
+                self._hello(now_us)  # a first hello, or one for another boot: only an answer
                 return False
             if self.session_id:
                 self.stop(StopCause.LINK, Event.NEW_SESSION)
             self.session_id = hello.session_id
-            self.link.forget_sequence()  # another host, or the same begun anew
+            self.link.forget_sequence()  # another host, or the same host with a new session
             self.keyring.open(hello.session_id)
             self._forget_host()
         if hello.agreed and not self.agreed:
@@ -322,14 +332,14 @@ class Firmware:
             self._send(self._imu_info, now_us)
 
     def _close(self) -> None:
-        """Nobody is there: be safe, and say hello until somebody is."""
+        """End the session: make the robot safe, and send hellos until a host answers."""
         self.stop(StopCause.LINK, Event.SILENCE)
         self.session_id = 0
         self.keyring.close()
         self._forget_host()
 
     def _forget_host(self) -> None:
-        """Nothing that a session asked for outlives it."""
+        """Discard everything that a session has requested."""
         self.agreed = False
         self.control.forget_host()
         self._freshness.reset()
@@ -337,24 +347,24 @@ class Firmware:
         for spec in self.link.codec.catalogue:
             self.link.codec.limit(spec.type_id, None)
 
-    # ---- what commands ask for ------------------------------------------------------------
+    # ---- effects of commands ------------------------------------------------------------
 
     def stop(self, cause: int, event: Event = Event.STOP) -> None:
-        """Latch a stop and leave any driving mode, as the mode table says."""
+        """Latch a stop and leave any driving mode, as the mode table defines."""
         self.control.stop(cause, event)
 
     def stream_spec(self, type_id: int) -> MessageSpec | None:
-        """The device's stream of this type; None where it is another kind of message."""
+        """Return the device's stream of this type; None for another kind of message."""
         spec = self.link.codec.catalogue.by_type.get(type_id)
         return spec if spec is not None and streams.is_device_stream(spec) else None
 
     def begin_save(self) -> None:
-        """Start to store the present parameters; answered once they are."""
+        """Start to store the present parameters; the answer follows when they are stored."""
         self._flash.begin(self.parameters.image())
 
     @property
     def saving(self) -> bool:
-        """True while parameters are being stored."""
+        """Whether parameters are being stored."""
         return self._flash.busy
 
     def _carry_on_saving(self, now_us: int) -> None:
@@ -390,7 +400,7 @@ class Firmware:
     # ---- time -----------------------------------------------------------------------------
 
     def tick(self, now_us: int) -> tuple[float, float]:
-        """One control period: left and right duty, and the streams that are due."""
+        """Run one control period: return left and right duty, and queue the due streams."""
         if self.session_id and now_us - self._heard_us > HOST_SILENCE_US:
             self._close()
         tick = (now_us + TICK_US // 2) // TICK_US
@@ -402,7 +412,7 @@ class Firmware:
             self._carry_on_saving(now_us)
         due = self.schedule.due(tick)
         self._answer_stop(due, now_us)
-        # The supply is looked after whether or not anybody is told.
+        # The supply is measured even if no stream reports it.
         if tick % POWER_TICKS == POWER_PHASE or "power" in due:
             self.control.on_power(sampler.power())
         if tick % LOAD_TICKS == 0:
@@ -419,13 +429,13 @@ class Firmware:
         return duties
 
     def _answer_stop(self, due: tuple[str, ...], now_us: int) -> None:
-        """Send the status after a stop from anybody, unless it is due anyway."""
+        """Send the status after a stop from any sender, unless it is due anyway."""
         stopped, self._status_wanted = self._status_wanted, False
         if stopped and not (self.agreed and "status" in due):
             self._send_streams(("status",), now_us)
 
     def _send_line(self, now_us: int) -> None:
-        """Send a line for people, if one may be sent now."""
+        """Send a log line, if one may be sent now."""
         line = self._lines.take(now_us)
         if line is not None:
             self._send(line, now_us)
@@ -435,7 +445,7 @@ class Firmware:
         known, send = self.telemetry.streams, self.link.send_payload
         stamp_us, node = now_us + self._clock.offset_us, self.identity.node
         for name in due:
-            if name == "imu":  # a sample is sent once
+            if name == "imu":  # each sample is sent once
                 if self._sampler.imu_samples == self._imu_sent:
                     continue
                 self._imu_sent = self._sampler.imu_samples

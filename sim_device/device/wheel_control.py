@@ -16,7 +16,7 @@ PERIOD_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class WheelGains:
-    """Gains in duty per m/s; the feed-forward is that of the drive motors at 16 V."""
+    """Gains in duty per m/s; the feed-forward matches the drive motors at 16 V."""
 
     feed_forward: float = 2.12
     friction: float = 0.15
@@ -27,7 +27,7 @@ class WheelGains:
 
 
 class WheelControl:
-    """Both wheels, following a body velocity within the acceleration limit."""
+    """Control of both wheels: they follow a body velocity within the acceleration limit."""
 
     def __init__(
         self, model: RobotModel, stop_decel_m_s2: float, gains: WheelGains | None = None
@@ -45,16 +45,16 @@ class WheelControl:
         self.limit(model, stop_decel_m_s2)
 
     def limit(self, model: RobotModel, stop_decel_m_s2: float) -> None:
-        """Keep to other limits from now on; wheels and counts stay those of the boot."""
+        """Use new limits from now on; wheels and counts do not change."""
         loop = self._loop
         loop.v_max, loop.yaw_max = model.max_speed_m_s, model.max_yaw_rate_rad_s
         loop.v_step = stop_decel_m_s2 * PERIOD_S
         loop.yaw_step = loop.v_step / self._half_base_m
 
     def coast(self, counts: tuple[int, int], duties: tuple[float, float]) -> None:
-        """One period in which somebody else gives the duties."""
+        """Count one period in which other code sets the duties."""
         loop = self._loop
-        control(loop, 0.0, 0.0, *counts, MIN_V)  # for its measuring
+        control(loop, 0.0, 0.0, *counts, MIN_V)  # only for its measurement
         loop.v = loop.yaw = 0.0
         for wheel, duty in zip((self.left, self.right), duties, strict=True):
             wheel.integral = wheel.stalled = 0.0
@@ -62,14 +62,14 @@ class WheelControl:
         self.stalling = False
 
     def release(self, counts: tuple[int, int]) -> tuple[float, float]:
-        """One period of the safe state: duties fall to 0, open loop; then the motors brake."""
+        """Run a period of the safe state: duties fall to 0 open loop, then the motors brake."""
         self.stalling = False
         return release(self._loop, *counts)
 
     def step(
         self, v_m_s: float, yaw_rate_rad_s: float, counts: tuple[int, int], supply_v: float
     ) -> tuple[float, float]:
-        """One 10 ms period: counts in, left and right duty out."""
+        """Run one 10 ms period: take counts, return left and right duty."""
         left_count, right_count = counts
         left, right, self.stalling = control(
             self._loop, v_m_s, yaw_rate_rad_s, left_count, right_count, supply_v
@@ -78,15 +78,15 @@ class WheelControl:
 
     @property
     def yaw_rate_rad_s(self) -> float:
-        """As the wheels turn, counter-clockwise."""
+        """Yaw rate by the wheels, rad/s, counter-clockwise."""
         return (self.right.speed_m_s - self.left.speed_m_s) * 0.5 / self._half_base_m
 
     @property
     def moving(self) -> bool:
-        """True where a wheel is measured to turn."""
+        """Whether a wheel turns by its counts."""
         return max(abs(self.left.speed_m_s), abs(self.right.speed_m_s)) >= REST_M_S
 
     @property
     def stalled_s(self) -> float:
-        """How long a driven wheel has not turned."""
+        """Time for which a driven wheel has not turned, s."""
         return max(self.left.stalled_s, self.right.stalled_s)

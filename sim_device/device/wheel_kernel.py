@@ -6,7 +6,7 @@ import cython
 
 PERIODS_A_SECOND = 100.0
 REST_M_S = 0.005
-"""Below one count a period: a wheel that is measured slower than this stands."""
+"""Maximum measured speed of a standing wheel, m/s: below one count a period."""
 MIN_V = 8.0
 NO_COUNT = -1
 
@@ -16,12 +16,12 @@ _MIN_V = cython.declare(cython.double, MIN_V)
 _NO_COUNT = cython.declare(cython.int, NO_COUNT)
 _STALL_TARGET_M_S = cython.declare(cython.double, 0.03)
 _MIN_TARGET_M_S = cython.declare(cython.double, 1e-5)
-"""A tenth of the wire's step: what is slower is the rounding of a wheel that should rest."""
+"""Minimum wheel target, m/s: a tenth of the wire's step. A smaller target is rounding of zero."""
 _RELEASE_PERIODS = cython.declare(cython.double, 8.0)
-"""In the safe state the duty is 0 this long after the ramp would be: of the 0.1 s that it may take,
-the period in which it begins and its rounding are left out."""
+"""Number of periods after the ramp's end at which the duty is 0 in the safe state. The limit of 0.1
+s includes the first period and its rounding."""
 _NOMINAL_V = cython.declare(cython.double, 16.0)
-"""Supply for which the gains are given; duties are scaled to the one measured."""
+"""Supply voltage that the gains refer to, V; duties are scaled to the measured voltage."""
 _HALF_WRAP = cython.declare(cython.int, 1 << 15)
 _MASK = cython.declare(cython.int, 0xFFFF)
 
@@ -29,64 +29,64 @@ _MASK = cython.declare(cython.int, 0xFFFF)
 @cython.final
 @cython.cclass
 class Wheel:
-    """One wheel, as it is measured and controlled."""
+    """Measurement and control state of one wheel."""
 
     m_s_per_count = cython.declare(cython.double, visibility="public")
-    """What a count a period is."""
+    """Speed of one count a period, m/s."""
     count = cython.declare(cython.int, visibility="public")
-    """The last one, 16 bits; ``NO_COUNT`` before the first."""
+    """Last count, 16 bits; ``NO_COUNT`` before the first."""
     integral = cython.declare(cython.double, visibility="public")
     speed_m_s = cython.declare(cython.double, visibility="public")
-    """Measured, forwards."""
+    """Measured forward speed, m/s."""
     stalled = cython.declare(cython.double, visibility="public")
-    """For how many periods it has been driven and has not turned."""
+    """Number of periods for which the wheel has been driven without turning."""
     duty = cython.declare(cython.double, visibility="public")
-    """Of the last period."""
+    """Duty of the last period."""
     fall = cython.declare(cython.double, visibility="public")
-    """What the duty loses in a period of the safe state."""
+    """Decrease of the duty per period in the safe state."""
 
     def __init__(self, m_s_per_count: cython.double) -> None:
-        """At rest, no count known."""
+        """Start at rest, without a count."""
         self.m_s_per_count = m_s_per_count
         self.count = _NO_COUNT
         self.integral = self.speed_m_s = self.stalled = self.duty = self.fall = 0.0
 
     @property
     def stalled_s(self) -> float:
-        """How long it has been driven and has not turned."""
+        """Return the time for which the wheel has been driven without turning, s."""
         return self.stalled / _PERIODS_A_SECOND
 
 
 @cython.final
 @cython.cclass
 class Loop:
-    """Gains and limits, both wheels, and the ramp of the body's velocity."""
+    """Gains and limits, both wheels, and the ramp of the body velocity."""
 
     left = cython.declare(Wheel, visibility="public")
     right = cython.declare(Wheel, visibility="public")
     feed_forward = cython.declare(cython.double, visibility="public")
-    """Duty per m/s, as the other gains."""
+    """Feed-forward gain, duty per m/s; the other gains have the same unit."""
     friction = cython.declare(cython.double, visibility="public")
-    """Duty that overcomes it."""
+    """Duty that overcomes friction."""
     proportional = cython.declare(cython.double, visibility="public")
     integral_gain = cython.declare(cython.double, visibility="public")
-    """For each period."""
+    """Integral gain per period."""
     integral_limit = cython.declare(cython.double, visibility="public")
     half_base_m = cython.declare(cython.double, visibility="public")
     v_max = cython.declare(cython.double, visibility="public")
-    """Of the body's velocity (m/s); so ``yaw_max`` of its yaw rate (rad/s)."""
+    """Maximum body speed, m/s. ``yaw_max``: maximum yaw rate, rad/s."""
     yaw_max = cython.declare(cython.double, visibility="public")
     v_step = cython.declare(cython.double, visibility="public")
-    """Greatest change in a period; so ``yaw_step``."""
+    """Maximum change of the speed in a period, m/s. ``yaw_step``: of the yaw rate, rad/s."""
     yaw_step = cython.declare(cython.double, visibility="public")
     v = cython.declare(cython.double, visibility="public")
-    """The ramp (m/s); so ``yaw`` (rad/s)."""
+    """Ramped speed, m/s. ``yaw``: ramped yaw rate, rad/s."""
     yaw = cython.declare(cython.double, visibility="public")
     released = cython.declare(cython.bint, visibility="public")
     """Whether the last period was one of the safe state."""
 
     def __init__(self, left: Wheel, right: Wheel) -> None:
-        """Take the wheels; gains and limits are to be set."""
+        """Take the wheels; the caller sets gains and limits."""
         self.left, self.right = left, right
         self.feed_forward = self.friction = self.proportional = 0.0
         self.integral_gain = self.integral_limit = self.half_base_m = 0.0
@@ -110,7 +110,7 @@ def _measure(wheel: Wheel, count: cython.int) -> cython.void:
 def _towards(
     value: cython.double, wanted: cython.double, step: cython.double, limit: cython.double
 ) -> cython.double:
-    """``wanted``, limited, or as near to it as one step comes."""
+    """Return ``wanted``, limited, or the closest value that one step reaches."""
     wanted = max(-limit, min(limit, wanted))
     return value + step if wanted > value + step else max(value - step, wanted)
 
@@ -118,7 +118,7 @@ def _towards(
 @cython.cfunc
 @cython.exceptval(check=False)
 def _duty(loop: Loop, wheel: Wheel, target: cython.double, scale: cython.double) -> cython.double:
-    """Duty for the next period; exactly 0 where the wheel should rest and does."""
+    """Return the duty for the next period; exactly 0 if the wheel should rest and does."""
     speed = wheel.speed_m_s
     base = far = 0.0
     if target > _MIN_TARGET_M_S:
@@ -147,7 +147,7 @@ def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a s
     right_count: cython.int,
     supply_v: cython.double,
 ) -> tuple[float, float, bool]:
-    """One period: body velocity wanted (m/s, rad/s), counts and supply in; duties out.
+    """Run one period: take body velocity (m/s, rad/s), counts and supply; return duties.
 
     Returns:
         Left and right duty, and whether a driven wheel does not turn.
@@ -168,7 +168,7 @@ def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a s
 @cython.cfunc
 @cython.exceptval(check=False)
 def _let_fall(loop: Loop, wheel: Wheel, target: cython.double) -> cython.double:
-    """A duty nearer to 0 in the safe state; ``target`` is where the wheel's ramp was."""
+    """Return a duty nearer to 0 in the safe state; ``target`` was the wheel's last ramp value."""
     if not loop.released:
         periods = max(target, -target) / loop.v_step + _RELEASE_PERIODS
         wheel.fall = max(wheel.duty, -wheel.duty) / periods
@@ -178,7 +178,7 @@ def _let_fall(loop: Loop, wheel: Wheel, target: cython.double) -> cython.double:
 
 
 def release(loop: Loop, left_count: cython.int, right_count: cython.int) -> tuple[float, float]:
-    """One period of the safe state: duties only fall, whatever the encoders say.
+    """Run one period of the safe state: duties only fall, whatever the encoders report.
 
     Returns:
         Left and right duty.

@@ -1,15 +1,15 @@
-"""The line between device and host in time: UART, USB adapter, CAN bus, and their buffers.
+"""Timing of the line between device and host: UART, USB adapter, CAN bus, and their buffers.
 
-Sans-I/O: bytes and time go in with :meth:`Channel.push`, what has arrived by a moment comes out
-of :meth:`Channel.pull`, and :meth:`Channel.next_us` says when that is. One channel is one
-direction. Moments are microseconds since the device was switched on and never go back.
+Sans-I/O: bytes and time go in with :meth:`Channel.push`; :meth:`Channel.pull` returns the bytes
+that have arrived by a moment, and :meth:`Channel.next_us` the time of the next arrival. One channel
+is one direction. Times are microseconds since power-on of the device and never go back.
 
-What is modelled, device to host: the device's transmit buffer; the UART, 10 bits a byte (8N1);
-the adapter, which hands bytes over when 62 are there or when its latency timer fires (FTDI
-AN232B-04: the timer runs freely from the last hand-over; 62 is a 64-byte USB packet less two
-of status). Host to device: the adapter's buffer and the UART; a host that writes faster is held
-back by USB, so nothing is lost there. The adapter's buffer towards a host that does not read
-belongs to whoever owns the port (:class:`sim_device.rig.Rig`).
+Model, device to host: the device's transmit buffer; the UART, 10 bits a byte (8N1); the adapter.
+The adapter delivers when it holds 62 bytes or its latency timer fires (FTDI AN232B-04: the timer
+runs freely from the last delivery; 62 is a 64-byte USB packet minus two status bytes). Host to
+device: the adapter's buffer and the UART. USB flow control holds back a host that writes faster, so
+nothing is lost there. The port's owner (:class:`sim_device.rig.Rig`) models the adapter's buffer
+towards a host that does not read.
 """
 
 from __future__ import annotations
@@ -28,34 +28,35 @@ DEFAULT_BAUD = 921_600
 DEFAULT_LATENCY_US = 1_000
 DEFAULT_BITRATE = 500_000
 BITS_PER_BYTE = 10
-"""8N1: start, eight of data, stop."""
+"""Number of bits per byte on the UART, 8N1: start, eight data bits, stop."""
 PACKET = 62
 FIFO_BYTES = 4096
-"""An adapter's buffer per direction (FT232H: 1 KiB, FT2232H: 4 KiB)."""
+"""Size of an adapter's buffer per direction, bytes (FT232H: 1 KiB, FT2232H: 4 KiB)."""
 TRANSMIT_BYTES = 4096
-"""The device's buffer for bytes that wait for the UART."""
+"""Size of the device's buffer for bytes that wait for the UART, bytes."""
 CAN_QUEUE = 64
-"""Frames that wait for the bus, in the controller's mailboxes and the driver's queue."""
+"""Number of frames that can wait for the bus, in the controller's mailboxes and the driver's queue.
+"""
 _US = 1_000_000
 _CHUNK = 64
-"""The device looks at its receive buffer at the latest after this many bytes: half a DMA ring."""
+"""Maximum number of bytes after which the device reads its receive buffer: half a DMA ring."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """How a device is connected; the defaults are a USB serial adapter in low-latency mode."""
+    """Connection of a device; the defaults are a USB serial adapter in low-latency mode."""
 
     baud: int = DEFAULT_BAUD
     """Baud rate of the UART; 0: bytes take no time."""
     latency_us: int = DEFAULT_LATENCY_US
-    """Latency timer of the adapter, µs; 0: no adapter, bytes are delivered when the link falls
-    idle."""
+    """Latency timer of the adapter, µs; 0: no adapter. The line then delivers when it becomes idle.
+    """
     bitrate: int = 0
     """Bit rate of a CAN bus, instead of ``baud``; 0: no bus."""
 
 
 STRAIGHT = LineSettings(0, 0)
-"""No time, no limit: for tests, and where something else models the line."""
+"""A line without delay or limit, for tests and for callers that model the line themselves."""
 
 
 class Channel(ABC):
@@ -63,7 +64,7 @@ class Channel(ABC):
 
     def __init__(self) -> None:
         self.overrun = 0
-        """Bytes lost because a buffer on this side of the line was full."""
+        """Number of bytes lost because a buffer on this side of the line was full."""
 
     @abstractmethod
     def push(self, data: bytes, now_us: int) -> None:
@@ -71,7 +72,7 @@ class Channel(ABC):
 
     @abstractmethod
     def pull(self, now_us: int) -> bytes:
-        """Fetch what has arrived at the far end."""
+        """Return what has arrived at the far end."""
 
     @abstractmethod
     def next_us(self) -> int | None:
@@ -79,15 +80,15 @@ class Channel(ABC):
 
     @abstractmethod
     def clear(self) -> None:
-        """Drop the bytes in flight: the plug was pulled."""
+        """Drop the bytes in flight, as an unplugged cable does."""
 
     def room(self) -> int:
-        """Bytes that can be pushed now without loss."""
+        """Return the number of bytes that can be pushed now without loss."""
         return FIFO_BYTES
 
 
 class StraightChannel(Channel):
-    """Bytes arrive in the moment in which they are written."""
+    """A channel without delay."""
 
     def __init__(self, damage: Callable[[bytes], bytes]) -> None:
         super().__init__()
@@ -102,23 +103,23 @@ class StraightChannel(Channel):
             self._at_us = now_us
 
     def pull(self, now_us: int) -> bytes:
-        """Fetch them."""
+        """Return the bytes."""
         if now_us < self._at_us:
             return b""
         data, self._data = self._data, b""
         return data
 
     def next_us(self) -> int | None:
-        """At once."""
+        """Return the present time if there are bytes."""
         return self._at_us if self._data else None
 
     def clear(self) -> None:
-        """Lose them."""
+        """Drop the bytes."""
         self._data = b""
 
 
 class Wire:
-    """A UART's shift register and what waits for it: exact to the microsecond."""
+    """A UART's shift register and its queue, exact to the microsecond."""
 
     def __init__(self, baud: int, capacity: int) -> None:
         self._baud = baud
@@ -126,7 +127,7 @@ class Wire:
         self._waiting = bytearray()
         self._began_us = 0
         self._sent = 0
-        """Bytes sent since the line was last idle, which it was until ``_began_us``."""
+        """Number of bytes sent since ``_began_us``, when the line was last idle."""
         self.overrun = 0
 
     def __len__(self) -> int:
@@ -134,11 +135,11 @@ class Wire:
 
     @property
     def room(self) -> int:
-        """Bytes that still fit."""
+        """Return the number of bytes that still fit."""
         return self._capacity - len(self._waiting)
 
     def put(self, data: bytes, now_us: int) -> None:
-        """Queue what fits; the rest is lost and counted. The line is up to date with now."""
+        """Queue the bytes that fit; the rest is lost and counted. The line must be up to date."""
         if not self._waiting and data and now_us >= self.after_us(0):
             self._began_us, self._sent = now_us, 0
         room = self.room
@@ -148,12 +149,12 @@ class Wire:
         self._waiting += data
 
     def after_us(self, count: int) -> int:
-        """When so many more bytes will have left, rounded up."""
+        """Return the time at which ``count`` more bytes will have left, rounded up."""
         bits = (self._sent + count) * BITS_PER_BYTE * _US
         return self._began_us + -(-bits // self._baud)
 
     def take(self, now_us: int) -> bytes:
-        """The bytes that have left by now."""
+        """Return the bytes that have left by now."""
         if not self._waiting:
             return b""
         sent = (now_us - self._began_us) * self._baud // (BITS_PER_BYTE * _US)
@@ -164,7 +165,7 @@ class Wire:
         return data
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Drop the queue."""
         self._waiting.clear()
 
 
@@ -179,7 +180,7 @@ class UartUp(Channel):
         self._packet = bytearray()
         self._handed = bytearray()
         self._timer_us = 0
-        """A moment at which the timer fired; it has fired each ``latency_us`` since."""
+        """A time at which the timer fired; it has fired every ``latency_us`` since."""
 
     def push(self, data: bytes, now_us: int) -> None:
         """Put bytes into the device's transmit buffer."""
@@ -188,14 +189,14 @@ class UartUp(Channel):
         self.overrun = self._wire.overrun
 
     def pull(self, now_us: int) -> bytes:
-        """Fetch what the adapter has handed over."""
+        """Return the bytes that the adapter has delivered."""
         self._run(now_us)
         data = bytes(self._handed)
         self._handed.clear()
         return data
 
     def next_us(self) -> int | None:
-        """When the adapter hands over next."""
+        """Return the time of the adapter's next delivery."""
         if self._handed:
             return self._timer_us
         return self._next_packet_us()
@@ -219,7 +220,7 @@ class UartUp(Channel):
         return timer_us if full_us is None else min(full_us, timer_us)
 
     def _fires_us(self, at_least_us: int) -> int:
-        """The first moment not before this at which the timer fires."""
+        """Return the first time from ``at_least_us`` on at which the timer fires."""
         periods = -(-(at_least_us - self._timer_us) // self._latency_us)
         return self._timer_us + periods * self._latency_us
 
@@ -249,17 +250,17 @@ class UartDown(Channel):
         self.overrun = self._wire.overrun
 
     def pull(self, now_us: int) -> bytes:
-        """Fetch what has come out of the UART."""
+        """Return the bytes that have come out of the UART."""
         data = self._wire.take(now_us)
         return self._damage(data) if data else b""
 
     def next_us(self) -> int | None:
-        """When the device's receive interrupt comes."""
+        """Return the time of the device's next receive interrupt."""
         waiting = len(self._wire)
         return self._wire.after_us(min(waiting, _CHUNK)) if waiting else None
 
     def room(self) -> int:
-        """Bytes that the adapter takes."""
+        """Return the number of bytes that the adapter takes."""
         return self._wire.room
 
     def clear(self) -> None:
@@ -268,27 +269,27 @@ class UartDown(Channel):
 
 
 class CanChannel(Channel):
-    """Frames of 16 bytes over a bus; a damaged one is sent again by its controller.
+    """Frames of 16 bytes over a bus; the controller repeats a damaged frame.
 
-    A frame takes the time of its worst stuffing. The adapter's latency is a delay; frames of
-    the other direction are not waited for (the bus is a few per cent full).
+    Each frame takes its time with worst-case bit stuffing. The adapter's latency is a delay. Frames
+    of the other direction do not delay a frame (the bus load is a few per cent).
     """
 
     def __init__(
         self, bitrate: int, latency_us: int, damage: Callable[[bytes], list[bytes] | None]
     ) -> None:
-        """``damage`` gives what becomes of a frame: None, it is destroyed and sent again."""
+        """``damage`` returns what becomes of a frame; None: it is destroyed and sent again."""
         super().__init__()
         self._bitrate = bitrate
         self._latency_us = latency_us
         self._damage = damage
         self._queue: deque[bytes] = deque()
         self._sent_us = 0
-        """When the frame at the head will have been sent."""
+        """Time at which the first frame of the queue will have been sent, µs."""
         self._arriving: deque[tuple[int, bytes]] = deque()
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Queue frames; what finds no room is lost."""
+        """Queue frames; those without room are lost."""
         self._run(now_us)
         for start in range(0, len(data) - RECORD.size + 1, RECORD.size):
             record = data[start : start + RECORD.size]
@@ -300,7 +301,7 @@ class CanChannel(Channel):
             self._queue.append(record)
 
     def pull(self, now_us: int) -> bytes:
-        """Fetch the frames that have arrived."""
+        """Return the frames that have arrived."""
         self._run(now_us)
         data = b""
         while self._arriving and self._arriving[0][0] <= now_us:
@@ -308,14 +309,14 @@ class CanChannel(Channel):
         return data
 
     def next_us(self) -> int | None:
-        """When a frame arrives, or has been sent."""
+        """Return the time at which the next frame arrives, or has been sent."""
         times = [self._sent_us] if self._queue else []
         if self._arriving:
             times.append(self._arriving[0][0])
         return min(times, default=None)
 
     def room(self) -> int:
-        """Bytes of the frames that still fit."""
+        """Return the number of bytes of the frames that still fit."""
         return (CAN_QUEUE - len(self._queue)) * RECORD.size
 
     def clear(self) -> None:

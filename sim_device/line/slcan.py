@@ -1,7 +1,7 @@
-"""A serial CAN adapter as the LAWICEL protocol has it: lines of text to frames and back.
+"""A serial CAN adapter with the LAWICEL protocol: it converts lines of text to frames and back.
 
-Sans-I/O. Commands end with CR; the answer is what was asked for and CR, or BELL for what the
-adapter does not take. Frames are the 16 bytes of :data:`protocol.can.frames.RECORD`.
+Sans-I/O. A command ends with CR. The answer is the requested value and CR, or BELL for an invalid
+command. Frames are the 16 bytes of :data:`protocol.can.frames.RECORD`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ VERSION, SERIAL = b"V1013", b"NSW01"
 BUS_ERROR = 0x80
 """Status flag of a bus error."""
 SHORTEST_LINE = 6
-"""A standard frame without data: ``t1230`` and CR."""
+"""Minimum length of a frame line, characters: a standard frame without data, ``t1230`` and CR."""
 LONGEST_LINE = 32
-"""An extended frame with 8 bytes and a time stamp has 30 characters."""
+"""Maximum length of a line, characters: an extended frame with 8 bytes and a time stamp has 30."""
 _EXTENDED, _REMOTE, _FLAGS = 0x8000_0000, 0x4000_0000, 0xE000_0000
 _KINDS = {b"t": (3, 0), b"T": (8, _EXTENDED), b"r": (3, _REMOTE), b"R": (8, _EXTENDED | _REMOTE)}
-"""Command → digits of its identifier, flags."""
+"""Number of identifier digits and flags for each frame command."""
 _LIMITS = {3: 0x7FF, 8: 0x1FFF_FFFF}
 _MAX_LENGTH = 8
 
@@ -47,7 +47,7 @@ class SlcanAdapter:
         self._overlong = False
 
     def feed(self, data: bytes) -> tuple[bytes, bytes]:
-        """Take bytes of the serial port; give frames for the bus, and the answer."""
+        """Take bytes of the serial port; return frames for the bus, and the answer."""
         records: list[bytes] = []
         answers: list[bytes] = []
         lines = (self._line + data).split(OK)
@@ -90,13 +90,13 @@ class SlcanAdapter:
         if record is None or not self.is_open or self.listens_only:
             return BELL
         if self._bitrate != self._bus_bitrate:
-            self._flags |= BUS_ERROR  # nobody acknowledges it
+            self._flags |= BUS_ERROR  # no node acknowledges it
             return BELL
         records.append(record)
         return OK
 
     def from_bus(self, records: bytes) -> bytes:
-        """Frames of the bus, as lines for the host."""
+        """Convert frames of the bus to lines for the host."""
         if not self.is_open or not records:
             return b""
         if self._bitrate != self._bus_bitrate:
@@ -108,7 +108,7 @@ class SlcanAdapter:
 
 
 def parse_frame(line: bytes) -> bytes | None:
-    """``tIIILDD…`` and its kin as a record; None for what is none."""
+    """Return ``tIIILDD…`` and similar lines as a record; None if a line is invalid."""
     digits, flags = _KINDS[line[:1]]
     head, rest = line[1 : 2 + digits], line[2 + digits :]
     try:
@@ -123,7 +123,7 @@ def parse_frame(line: bytes) -> bytes | None:
 
 
 def format_frame(record: bytes) -> bytes:
-    """A record as the line that an adapter sends, without a time stamp."""
+    """Return a record as the line that an adapter sends, without a time stamp."""
     word, length, data = RECORD.unpack(record)
     extended, remote = bool(word & _EXTENDED), bool(word & _REMOTE)
     kind = ("R" if extended else "r") if remote else ("T" if extended else "t")

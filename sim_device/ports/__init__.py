@@ -1,7 +1,7 @@
 """The emulator's only I/O: pseudo-terminals, TCP, CAN buses, QEMU, the control socket, the clock.
 
-Like a UART, a port does not care whether anybody listens: what does not fit its buffers is
-dropped and counted.
+Like a UART, a port works without a listener: bytes that do not fit its buffers are dropped and
+counted.
 """
 
 from __future__ import annotations

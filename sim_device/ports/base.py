@@ -1,4 +1,4 @@
-"""What every kind of port is to the loop that serves it."""
+"""Interface of a port to the loop that serves it."""
 
 from __future__ import annotations
 
@@ -14,46 +14,52 @@ if TYPE_CHECKING:
 
 
 class PortUnavailableError(OSError):
-    """The port cannot be made; one line for people."""
+    """The port cannot be made; the message is one line for people."""
 
 
 class DevicePort(ABC):
     """The device's end of a link."""
 
     path: str
-    """What a host opens."""
+    """Name that a host opens."""
 
     @abstractmethod
     def filenos(self) -> list[int]:
-        """Become readable when :meth:`read` has something to do; none while unplugged."""
+        """File descriptors that become readable when :meth:`read` has work.
+
+        None while unplugged.
+        """
 
     @abstractmethod
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """What has come, at most so many bytes; empty when nothing has."""
+        """Return the received bytes, at most ``limit``; empty if there are none."""
 
     @abstractmethod
     def write(self, data: bytes) -> int:
-        """Write what fits; how many bytes that was. What nobody wants counts as written."""
+        """Write the bytes that fit; return their number.
+
+        Bytes without a listener count as written.
+        """
 
     def tend(self) -> None:  # noqa: B027 - most ports have nothing to do
-        """Do what the passing of time asks for; called at every turn of the loop."""
+        """Do the port's timed work; called at every turn of the loop."""
 
     @abstractmethod
     def unplug(self) -> None:
-        """Disappear, as if the plug were pulled."""
+        """Disappear, as if the cable were pulled."""
 
     @abstractmethod
     def plug(self) -> None:
-        """Come back under the same name, where it has one of its own.
+        """Come back under the same name, if the port has a name of its own.
 
         Raises:
-            PortUnavailableError: something else has the name by now.
+            PortUnavailableError: another process has the name by now.
 
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Go, and leave nothing behind."""
+        """Close the port and leave nothing behind."""
 
     def __enter__(self) -> Self:
         return self
@@ -82,11 +88,11 @@ class Stopper:
             self._write.send(b"!")
 
     def fileno(self) -> int:
-        """Becomes readable when the loop should end."""
+        """Return a file descriptor that becomes readable when the loop should end."""
         return self._read.fileno()
 
     def close(self) -> None:
-        """Give its sockets back; it can no longer wake anybody."""
+        """Close the sockets; the stopper cannot wake a loop any more."""
         self._read.close()
         self._write.close()
 

@@ -1,20 +1,20 @@
-"""The emulator's control socket: faults switched on and off while it runs, the truth told.
+"""The emulator's control socket: change faults and read the truth while it runs.
 
-A Unix socket that only its owner may open (mode 0600). One request is one line of text, one
-answer one line of JSON, ``{"ok": true, ...}`` or ``{"ok": false, "error": "..."}``:
+A Unix socket that only its owner may open (mode 0600). One request is one line of text, one answer
+one line of JSON, ``{"ok": true, ...}`` or ``{"ok": false, "error": "..."}``:
 
 ``start SPEC``
-    begins a fault, at once where SPEC names no time; answers with its full text
+    starts a fault, at once if SPEC has no time; returns its full text
 ``check SPEC``
-    answers like ``start``, and begins nothing
+    returns the same as ``start``, but starts nothing
 ``clear [KIND]``
-    ends the faults of a kind, or all; answers with how many there were
+    ends the faults of a kind, or all; returns their number
 ``list``
-    the faults that are active and those that wait
+    returns the active and the waiting faults
 ``truth``
-    where the robot really is, and what the plant has counted
+    returns the robot's true pose and the plant's counters
 ``line``
-    what went over the line, and what was lost on it
+    returns what went over the line, and what was lost on it
 """
 
 from __future__ import annotations
@@ -43,21 +43,21 @@ MAX_ANSWER = 1 << 20
 
 
 class ControlServer:
-    """Answers on the socket, one turn at a time, from the serving loop."""
+    """Answers requests on the socket, one turn at a time, from the serving loop."""
 
     def __init__(self, path: Path) -> None:
         """Listen.
 
         Raises:
-            PortUnavailableError: no Unix sockets on this system, another emulator listens
-                there, or the path is taken or too long.
+            PortUnavailableError: this system has no Unix sockets, another emulator listens there,
+                or the path is taken or too long.
 
         """
         if not hasattr(socket, "AF_UNIX"):
             raise PortUnavailableError("a control socket needs Linux or macOS")
         self.path = path
         self._clients: dict[socket.socket, bytes] = {}
-        """With the beginning of a line each; the one that has been idle the longest first."""
+        """Each client's incomplete line; the client idle for the longest time comes first."""
         with folder_locked(path):
             self._listener = socket.socket(socket.AF_UNIX)
             try:
@@ -91,15 +91,15 @@ class ControlServer:
         self._made = self.path.stat().st_ino
 
     def filenos(self) -> list[int]:
-        """Become readable when :meth:`turn` has something to do."""
+        """File descriptors that become readable when :meth:`turn` has work."""
         return [self._listener.fileno(), *(client.fileno() for client in self._clients)]
 
     def turn(self, rig: Rig) -> None:
-        """Take what has come, and answer it."""
+        """Read and answer the waiting requests."""
         with suppress(OSError):
             client, _ = self._listener.accept()
             client.setblocking(False)  # noqa: FBT003 - positional in C
-            if len(self._clients) >= MAX_CLIENTS:  # nobody keeps a place by asking nothing
+            if len(self._clients) >= MAX_CLIENTS:  # an idle client must not keep others out
                 longest_idle = next(iter(self._clients))
                 del self._clients[longest_idle]
                 longest_idle.close()
@@ -114,18 +114,19 @@ class ControlServer:
             return
         except OSError:
             data = b""
-        *lines, rest = (self._clients.pop(client) + data).split(b"\n")  # now the last to be idle
+        # now last in the order of idle clients
+        *lines, rest = (self._clients.pop(client) + data).split(b"\n")
         self._clients[client] = rest
         for line in lines:
             reply = answer(line.decode(errors="replace"), rig)
-            with suppress(OSError):  # it has left, or does not read: its loss
+            with suppress(OSError):  # it has left or does not read; the answer is lost
                 client.send(json.dumps(reply).encode() + b"\n")
         if not data or len(rest) > MAX_LINE:
             del self._clients[client]
             client.close()
 
     def close(self) -> None:
-        """Hang up and take the socket's name away, unless it is another's by now."""
+        """Close all connections; remove the socket's name unless another process has it now."""
         for client in self._clients:
             client.close()
         self._clients.clear()
@@ -135,8 +136,8 @@ class ControlServer:
                 self.path.unlink()
 
 
-def answer(line: str, rig: Rig) -> dict[str, Any]:  # noqa: PLR0911 - one for each
-    """Do what a line asks for."""
+def answer(line: str, rig: Rig) -> dict[str, Any]:  # noqa: PLR0911 - one for each request
+    """Execute a request line and return the answer."""
     verb, _, rest = line.strip().partition(" ")
     rest = rest.strip()
     try:
@@ -181,10 +182,10 @@ def _truth(rig: Rig) -> dict[str, Any]:
 
 
 def ask_control(path: Path, line: str) -> dict[str, Any]:
-    """Ask a running emulator; its answer.
+    """Send a request to a running emulator and return its answer.
 
     Raises:
-        PortUnavailableError: nobody listens there, or the answer is none.
+        PortUnavailableError: no emulator listens there, or its answer is invalid.
 
     """
     if not hasattr(socket, "AF_UNIX"):

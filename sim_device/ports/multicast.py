@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import can
 
 MULTICAST_GROUP = "239.74.163.2"
-"""The IPv4 group that python-can names as its default."""
+"""IPv4 group that python-can uses by default."""
 _ECHOES = 512
 
 
@@ -23,7 +23,7 @@ class MulticastPort(DevicePort):
     """The device's node on the bus."""
 
     def __init__(self, join: Callable[[str], can.BusABC], group: str = MULTICAST_GROUP) -> None:
-        """Join the group by ``join``, which gives the bus of a group.
+        """Join the group with ``join``, which returns the bus of a group.
 
         Raises:
             PortUnavailableError: this system has no multicast.
@@ -63,18 +63,18 @@ class MulticastPort(DevicePort):
         self.unplug()
 
     def filenos(self) -> list[int]:
-        """The socket."""
+        """File descriptor of the socket."""
         return [] if self._bus is None else [self._bus.fileno()]
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """Frames of the other nodes on the bus; the socket gives our own back to us too."""
+        """Return frames of the other nodes; our own, which the socket echoes, are left out."""
         found: list[bytes] = []
         for _ in range(max(1, limit // RECORD.size)):
             if self._bus is None:
                 break
             try:
                 message = self._bus.recv(0.0)
-            except (self._error, ValueError):  # any process may send anything to the group
+            except (self._error, ValueError):  # any process may send any datagram to the group
                 continue
             if message is None:
                 break
@@ -90,7 +90,7 @@ class MulticastPort(DevicePort):
         return b"".join(found)
 
     def write(self, data: bytes) -> int:
-        """Send frames as long as the system takes them; unplugged, nobody wants them."""
+        """Send as many frames as the system takes; while unplugged, drop them."""
         import can  # noqa: PLC0415 - loaded already
 
         if self._bus is None:

@@ -1,7 +1,7 @@
-"""Names in the file system that belong to one living emulator: claimed, and given back.
+"""Names in the file system that belong to one running emulator: claimed and released.
 
-A name is claimed under a lock on its folder, so that two emulators that start at once cannot
-both have it; nothing but the name itself is ever left in the folder.
+A name is claimed under a lock on its folder, so that two emulators that start at once cannot both
+have it. Only the name itself is ever left in the folder.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def folder_locked(path: Path) -> Iterator[None]:
 class PtyLink:
     """A symbolic link with a stable name to a pseudo-terminal.
 
-    Whose it is says a lock on the pseudo-terminal itself, at an offset made from the link's
-    path: it ends with its process, so a link that outlived its emulator is free to take.
+    A lock on the pseudo-terminal itself, at an offset made from the link's path, shows the owner.
+    The lock ends with its process, so another emulator may take a stale link.
     """
 
     def __init__(self, path: Path, slave: int) -> None:
@@ -72,7 +72,7 @@ class PtyLink:
             _lock(slave, offset)
 
     def _take_over(self, offset: int) -> None:
-        """Remove a link that nobody lives behind."""
+        """Remove a link whose emulator has ended."""
         target = self.path.readlink()
         if self.path.is_char_device():
             try:
@@ -92,19 +92,19 @@ class PtyLink:
         self.path.unlink()
 
     def remove(self) -> None:
-        """Take the link away, unless it leads to something else by now."""
+        """Remove the link, unless it points to something else by now."""
         with suppress(OSError), folder_locked(self.path):
             if str(self.path.readlink()) == self._target:
                 self.path.unlink()
 
 
 def _lock(fd: int, offset: int) -> bool:
-    """Lock one byte for as long as ``fd`` is open; False: somebody else has it."""
+    """Lock one byte while ``fd`` is open; return False if another process has the lock."""
     import fcntl  # noqa: PLC0415 - not on every platform
 
     try:
         if sys.platform == "linux":
-            # Of the open file, not the process: it holds against the same process too.
+            # The lock belongs to the open file, so it excludes other files of the same process too.
             wanted = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, offset, 1, 0)
             fcntl.fcntl(fd, fcntl.F_OFD_SETLK, wanted)
         else:

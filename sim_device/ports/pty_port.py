@@ -24,11 +24,11 @@ class PtyPort(DevicePort):
     """A pseudo-terminal whose far end is the device's serial port."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Make it, raw, and optionally a symbolic link with a stable name to it.
+        """Create a raw pseudo-terminal, and optionally a symbolic link with a stable name to it.
 
         Raises:
-            PortUnavailableError: no pseudo-terminals on this system, or the link's path is
-                taken by something that is not a link, or by an emulator that runs.
+            PortUnavailableError: this system has no pseudo-terminals, or the link's path is taken
+                by a file that is no link, or by a running emulator.
 
         """
         if sys.platform == "win32":
@@ -40,7 +40,7 @@ class PtyPort(DevicePort):
         self.plug()
 
     def plug(self) -> None:
-        """Make the pseudo-terminal, and the link to it."""
+        """Create the pseudo-terminal, and the link to it."""
         import pty  # noqa: PLC0415 - not on every platform
         import tty  # noqa: PLC0415 - not on every platform
 
@@ -64,7 +64,7 @@ class PtyPort(DevicePort):
             self.path = str(self._wanted)
 
     def unplug(self) -> None:
-        """Take the pseudo-terminal and its link away."""
+        """Remove the pseudo-terminal and its link."""
         if self._link is not None:
             self._link.remove()
             self._link = None
@@ -75,22 +75,22 @@ class PtyPort(DevicePort):
         self._master = self._slave = _GONE
 
     def close(self) -> None:
-        """Take the pseudo-terminal and its link away."""
+        """Remove the pseudo-terminal and its link."""
         self.unplug()
 
     def filenos(self) -> list[int]:
-        """The device's end."""
+        """File descriptor of the device's end."""
         return [] if self._master == _GONE else [self._master]
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """What has come; empty when nothing has."""
+        """Return the received bytes; empty if there are none."""
         try:
             return os.read(self._master, min(limit, FIFO_BYTES))
         except (BlockingIOError, InterruptedError):
             return b""
 
     def write(self, data: bytes) -> int:
-        """Write what fits."""
+        """Write the bytes that fit."""
         written = 0
         with suppress(BlockingIOError, InterruptedError):
             written = os.write(self._master, data)
@@ -101,7 +101,7 @@ class SlcanPort(PtyPort):
     """A serial CAN adapter on a pseudo-terminal, the device alone on its bus."""
 
     def __init__(self, link: Path | None = None, *, bitrate: int = 500_000) -> None:
-        """Plug it in; the host opens its bus.
+        """Create the adapter; the host opens its bus.
 
         Raises:
             PortUnavailableError: as for :class:`PtyPort`.
@@ -113,7 +113,7 @@ class SlcanPort(PtyPort):
         super().__init__(link)
 
     def plug(self) -> None:
-        """Make the pseudo-terminal; an adapter without power forgets that it was open."""
+        """Create the pseudo-terminal; an adapter without power forgets that its bus was open."""
         super().plug()
         self._adapter = SlcanAdapter(self._bitrate)
         self._text = b""
@@ -121,14 +121,14 @@ class SlcanPort(PtyPort):
             self.path = f"can:slcan:{self.path}"
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """Frames that the host has put on the bus, at most as many as fit ``limit``."""
+        """Return the frames that the host has put on the bus, as many as fit ``limit``."""
         frames = max(1, limit // RECORD.size)
         records, answer = self._adapter.feed(super().read(frames * SHORTEST_LINE))
         self._write_text(answer)
         return records
 
     def write(self, data: bytes) -> int:
-        """Frames for the host; while its bus is closed they go nowhere."""
+        """Send frames to the host; while its bus is closed they are dropped."""
         self._write_text(b"")
         if self._text:
             return 0

@@ -1,4 +1,4 @@
-"""The firmware for the emulated chip: built from its sources when they have changed."""
+"""Build of the firmware for the emulated chip, whenever its sources have changed."""
 
 from __future__ import annotations
 
@@ -29,19 +29,18 @@ ELF = "board_f405_qemu.elf"
 
 
 class FirmwareBuildError(PortUnavailableError):
-    """The firmware cannot be built; one line for people."""
+    """The firmware cannot be built; the message is one line for people."""
 
 
 def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lambda _: None) -> Path:
-    """The firmware's program for the emulated chip, built now if it is not there yet.
+    """Return the firmware for the emulated chip; build it if necessary.
 
-    ``notify`` gets a line for people before something takes time.
+    ``notify`` gets a line for people before a step that takes time.
 
-    It is kept by what it is made of, so that a change of its sources or
-    of the compiler makes another one.
+    The cache key covers the sources and the compiler, so a change of either builds a new program.
 
     Raises:
-        FirmwareBuildError: a tool is missing (says how to get it), or refuses.
+        FirmwareBuildError: a tool is missing (the message says how to get it), or fails.
 
     """
     for tool, remedy in _NEEDED.items():
@@ -61,7 +60,7 @@ def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lamb
             _build(Path(build))
             whole = folder / f"{ELF}.{os.getpid()}"
             shutil.copyfile(Path(build) / ELF, whole)
-            whole.replace(elf)  # at once: another process may build it too
+            whole.replace(elf)  # atomic: another process may build it too
     except OSError as error:
         reason = error.strerror or error
         raise FirmwareBuildError(f"cannot build the firmware in {folder}: {reason}") from None
@@ -69,7 +68,7 @@ def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lamb
 
 
 def _found(tool: str) -> str | None:
-    """The program, of this environment or of the system."""
+    """Return the path of a tool, of this environment or of the system."""
     return shutil.which(tool, path=sysconfig.get_path("scripts")) or shutil.which(tool)
 
 
@@ -107,7 +106,7 @@ def _cache() -> Path:
 
 
 def _digest() -> str:
-    """What the program follows from, as a name."""
+    """Return a name made of everything that the program depends on."""
     digest = hashlib.sha256()
     sources = [FIRMWARE / "CMakeLists.txt"]
     for part in _PARTS:

@@ -1,8 +1,8 @@
-"""The link to the plant, frame by frame: what the emulated chip's second UART carries.
+"""Frames of the link to the plant, which the emulated chip's second UART carries.
 
 A frame is 0xA5, type, length of the payload, payload, CRC-32 of zlib over type to payload; all
-numbers little-endian. The chip's end is ``firmware/board_f405_qemu/plant_link.h``, which holds
-the same numbers. No clock and no socket here.
+numbers little-endian. The chip's end is ``firmware/board_f405_qemu/plant_link.h``, which holds the
+same numbers. This module has no clock and no socket.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 VERSION = 2
 CHUNK = 128
-"""Bytes of flash in a frame."""
+"""Number of flash bytes in a frame."""
 DUTY_ONE = 10_000
 NO_RANGE = 0xFFFF
 PAGES, PAGE_SIZE = 2, 1024
@@ -63,30 +63,30 @@ class ToChip(IntEnum):
 
 
 class Boot(NamedTuple):
-    """The chip has begun and asks who it is."""
+    """The chip has started and asks for its identity."""
 
     version: int
 
 
 class Request(NamedTuple):
-    """The plant may go on to ``sample_us``, where readings are to be taken."""
+    """Permission for the plant to advance to ``sample_us``, the time of the requested readings."""
 
     now_us: int
-    """The chip's clock, 32 bits, as are all its times."""
+    """Present time of the chip's clock, µs, 32 bits like all its times."""
     sample_us: int
     newest_us: int
-    """Of the last readings that have come."""
+    """Time of the last readings that the chip has received, µs."""
     left: int
-    """Duty, of ``DUTY_ONE``."""
+    """Left duty, in units of ``DUTY_ONE``."""
     right: int
     stack_free: int
-    """Bytes of the chip's stack that were never used."""
+    """Number of bytes of the chip's stack that were never used."""
     drivers: bool
     """Whether the motor drivers are enabled."""
 
 
 class Motors(NamedTuple):
-    """Duties have changed, or the drivers are switched."""
+    """New duties, or a switch of the motor drivers."""
 
     now_us: int
     left: int
@@ -95,13 +95,13 @@ class Motors(NamedTuple):
 
 
 class Erase(NamedTuple):
-    """A page of flash is erased."""
+    """The chip erases a page of flash."""
 
     page: int
 
 
 class Write(NamedTuple):
-    """Bytes stand in a page of flash."""
+    """The chip writes bytes to a page of flash."""
 
     page: int
     offset: int
@@ -109,7 +109,7 @@ class Write(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """The chip is about to begin anew, for this cause."""
+    """The chip is about to reset, for this cause."""
 
     cause: int
 
@@ -118,18 +118,18 @@ Message = Boot | Request | Motors | Erase | Write | Reset
 
 
 def frame(kind: int, payload: bytes = b"") -> bytes:
-    """Bytes of a frame."""
+    """Return the bytes of a frame."""
     body = bytes((kind, len(payload))) + payload
     return bytes((_SYNC,)) + body + _CHECK.pack(crc32(body))
 
 
 def identity(uid: bytes, boot_id: int, cause: int, node: int, chunks: int) -> bytes:
-    """Who the chip is; ``chunks`` counts the pages' frames sent before this one."""
+    """Return the identity frame; ``chunks`` counts the pages' frames sent before it."""
     return frame(ToChip.IDENTITY, _IDENTITY.pack(uid, boot_id, cause, node, chunks))
 
 
 def pages(content: Sequence[bytes | bytearray]) -> list[bytes]:
-    """Frames that fill the chip's copy of its flash; what is erased needs none."""
+    """Return frames that fill the chip's copy of its flash; erased parts need none."""
     frames = []
     for number, page in enumerate(content):
         used = len(bytes(page).rstrip(b"\xff"))
@@ -148,7 +148,7 @@ def sample(  # noqa: PLR0913 - all that is sampled together
     *,
     cliff: bool,
 ) -> bytes:
-    """One period's readings, taken at ``at_us`` of the chip's clock."""
+    """Return one period's readings, taken at ``at_us`` of the chip's clock."""
     contacts = (
         (Contact.BUMPER_LEFT if bumpers.left else 0)
         | (Contact.BUMPER_RIGHT if bumpers.right else 0)
@@ -167,7 +167,7 @@ def sample(  # noqa: PLR0913 - all that is sampled together
 
 
 def power(at_us: int, reading: PowerReading) -> bytes:
-    """Rails and currents in millivolts and milliamperes; a current has no sign."""
+    """Return rails and currents in millivolts and milliamperes; currents are unsigned."""
     milli = (
         _milli(v) for v in (reading.battery_v, reading.rail_v, reading.left_a, reading.right_a)
     )
@@ -183,19 +183,19 @@ def _range(range_m: float | None, per_m: float) -> int:
 
 
 class Parser:
-    """Frames from the chip's bytes; what is damaged is passed over and counted."""
+    """Parses the chip's bytes into frames; damaged frames are skipped and counted."""
 
     def __init__(self) -> None:
         self._data = bytearray()
         self.damaged = 0
-        """Frames whose check did not hold, or that say what there is not."""
+        """Number of frames with a wrong CRC or with invalid content."""
 
     def clear(self) -> None:
-        """Forget half a frame: the chip begins anew."""
+        """Drop half a frame, because the chip restarts."""
         self._data.clear()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """Messages that are whole by now."""
+        """Yield the messages that are complete."""
         self._data += data
         while (start := self._data.find(_SYNC)) >= 0:
             del self._data[:start]
@@ -235,7 +235,7 @@ _READERS: dict[int, Callable[[bytes], Message]] = {
 
 
 def _message(kind: int, payload: bytes) -> Message | None:
-    """None where a frame says what there is not: another type, length, or place in flash."""
+    """Return a message; None for an unknown type, a wrong length or a place outside the flash."""
     reader = _READERS.get(kind)
     if reader is None:
         return None

@@ -1,4 +1,4 @@
-"""A QEMU that emulates the chip, as a process of this one's own."""
+"""A QEMU child process that emulates the chip."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 
 PROGRAM = "qemu-system-arm"
 MACHINE = "netduinoplus2"
-"""An STM32F405 with a Cortex-M4."""
+"""QEMU machine: an STM32F405 with a Cortex-M4."""
 END_S = 5.0
 _PR_SET_PDEATHSIG = 1
 _READ = 65_536
 _BACKLOG = 65_536
-"""Bytes kept for a chip that does not take them; more is lost, as in an adapter."""
+"""Number of bytes kept for a chip that does not read; more are lost, as in an adapter."""
 
 
 class QemuGoneError(PortUnavailableError):
-    """QEMU could not be started, or has ended by itself; one line for people."""
+    """QEMU could not be started, or has ended by itself; the message is one line for people."""
 
 
 class Lane:
-    """One end of a serial line of the chip: never waits."""
+    """Our end of a serial line of the chip; it never waits."""
 
     def __init__(self) -> None:
         ours, self.theirs = socket.socketpair()
@@ -44,18 +44,18 @@ class Lane:
         self.gone = False
 
     def fileno(self) -> int:
-        """Becomes readable when the chip has said something, or QEMU has ended."""
+        """Return a file descriptor that is readable after output of the chip or the end of QEMU."""
         return self._socket.fileno()
 
     def write(self, data: bytes) -> None:
-        """Send, or keep what does not go yet."""
+        """Send bytes, or keep those that cannot be sent yet."""
         self._waiting += data[: _BACKLOG - len(self._waiting)]
         if self._waiting:
             with suppress(BlockingIOError, InterruptedError, BrokenPipeError, ConnectionError):
                 del self._waiting[: self._socket.send(self._waiting)]
 
     def read(self) -> bytes:
-        """All that has come."""
+        """Return all received bytes."""
         if self._waiting:
             self.write(b"")
         data = b""
@@ -65,20 +65,20 @@ class Lane:
                     data += chunk
             except ConnectionError:
                 pass
-            self.gone = True  # the end of the stream: otherwise recv had raised
+            self.gone = True  # the end of the stream: otherwise recv would have raised
         return data
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._socket.close()
         self.theirs.close()
 
 
 def find_qemu() -> str:
-    """Path of the program.
+    """Return the path of the program.
 
     Raises:
-        QemuGoneError: it is not installed; says how to get it.
+        QemuGoneError: it is not installed; the message says how to get it.
 
     """
     if sys.platform == "win32":
@@ -93,10 +93,10 @@ def find_qemu() -> str:
 
 
 class QemuProcess:
-    """QEMU with a firmware: USART1 is ``wire``, USART2 ``plant``; told what to do by QMP."""
+    """QEMU with a firmware: USART1 is ``wire``, USART2 ``plant``; QMP controls it."""
 
     def __init__(self, firmware: Path) -> None:
-        """Start it; the chip runs at once.
+        """Start QEMU; the chip runs at once.
 
         Raises:
             QemuGoneError: QEMU is not installed or cannot be started.
@@ -118,7 +118,7 @@ class QemuProcess:
                 stdout=self._said,
                 stderr=self._said,
                 pass_fds=[lane.theirs.fileno() for lane in lanes.values()],
-                start_new_session=True,  # Ctrl-C is for us, who then end it in order
+                start_new_session=True,  # Ctrl-C is for this process, which then ends QEMU
                 preexec_fn=_end_with_parent(),  # noqa: PLW1509 - one system call, no lock, no memory
             )
         except OSError as error:
@@ -131,19 +131,19 @@ class QemuProcess:
 
     @property
     def pid(self) -> int:
-        """Of QEMU."""
+        """Process id of QEMU."""
         number: int = self._process.pid
         return number
 
     def filenos(self) -> list[int]:
-        """Become readable when there is something to do."""
+        """File descriptors that become readable when there is work."""
         return [self.wire.fileno(), self.plant.fileno()]
 
     def check(self) -> None:
-        """Note what QEMU has answered.
+        """Read QEMU's answers.
 
         Raises:
-            QemuGoneError: it has ended.
+            QemuGoneError: QEMU has ended.
 
         """
         self._orders.read()
@@ -152,7 +152,7 @@ class QemuProcess:
                 self._process.wait(1.0)
             self._said.seek(0)
             lines = self._said.read().decode(errors="replace").strip().splitlines()
-            # A crash ends in a page of registers; what it was stands before them.
+            # A crash ends with a page of registers; the cause stands before them.
             lines = [line for line in lines if line.startswith("qemu")] or lines
             why = lines[0] if lines else f"status {self._process.returncode}"
             raise QemuGoneError(f"QEMU has ended by itself: {why}")
@@ -162,11 +162,11 @@ class QemuProcess:
         self._order("system_reset")
 
     def halt(self) -> None:
-        """Let the chip and its clock stand still."""
+        """Stop the chip and its clock."""
         self._order("stop")
 
     def go_on(self) -> None:
-        """Let it run again."""
+        """Let the chip and its clock continue."""
         self._order("cont")
 
     def close(self) -> None:
@@ -190,7 +190,7 @@ class QemuProcess:
 
 
 def _end_with_parent() -> Callable[[], None] | None:
-    """What makes the kernel end QEMU when this process is killed; nothing where it cannot."""
+    """Return a function that lets the kernel end QEMU with this process; None if unsupported."""
     if sys.platform != "linux":
         return None
     prctl = ctypes.CDLL(None).prctl

@@ -1,10 +1,10 @@
-"""The virtual sweeper's body with the real firmware: its binary runs on a chip that QEMU emulates.
+"""The virtual sweeper with the real firmware: its binary runs on a chip that QEMU emulates.
 
-To the line, the faults and the port it is what :class:`sim_device.sweeper.VirtualSweeper` is. The
-chip's clock paces the body: before each control period the chip asks for the readings at its
-begin; the plant goes on to that moment, as duties stay until then, and answers. While the chip is
-silent (it boots, is off, or the computer is too busy to run it) the body follows this computer's
-clock, so that a robot whose chip is dead still rolls on.
+Line, faults and port use it like :class:`sim_device.sweeper.VirtualSweeper`. The chip's clock paces
+the plant. Before each control period the chip requests the readings at its beginning. The plant
+advances to that moment, because duties do not change until then, and answers. While the chip is
+silent (it boots, is off, or the computer is too busy to run it) the plant follows this computer's
+clock, so that a robot with a dead chip still rolls on.
 """
 
 from __future__ import annotations
@@ -34,21 +34,24 @@ if TYPE_CHECKING:
 CANNOT = "the emulated chip keeps its own time; --target python has this fault"
 CANNOT_IMU = "the emulated chip reads a sample in each period; --target python has this fault"
 START_S = 10.0
-"""From QEMU's start to the chip's first word; measured 0.2 s on an idle computer."""
+"""Maximum time from QEMU's start to the chip's first message, s; measured 0.2 s on an idle
+computer."""
 TURN_US = 10_000
-"""How often the body is seen to while the chip is silent."""
+"""Period at which the plant advances while the chip is silent, µs."""
 SILENCE_US = 50_000
-"""Five requests missed: the body goes on without the chip."""
+"""Silence after which the plant advances without the chip, µs: five missed requests."""
 LOST_US = 200_000
-"""Readings that have not come by then never will: a reset has cut them."""
+"""Time after which readings count as lost, µs; a reset has cut them."""
 DEAD_US = 2_000_000
-"""A chip that runs and asks for nothing: its interrupts are off for good. Its own watchdog, which
-counts in an interrupt, cannot see that. Long, as a busy computer may stop QEMU for so long."""
+"""Silence after which a running chip counts as dead, µs: its interrupts are off for good. Its own
+watchdog counts in an interrupt and cannot detect this. The time is long because a busy computer may
+suspend QEMU."""
 GATHER_S = 0.0002
-"""QEMU hands over byte by byte: wait for the rest of a frame instead of waking for each."""
+"""Time to wait for the rest of a frame, s. QEMU delivers byte by byte, and a wake-up for each byte
+would be slow."""
 POWER_PERIODS = 10
 BROWN_OUT_V, SUPPLY_GOOD_V = 4.0, 4.3
-"""See ``sim_device.sweeper``."""
+"""Voltages of brown-out and recovery on the 5 V rail, V; see ``sim_device.sweeper``."""
 _WRAP = 1 << 32
 
 
@@ -63,9 +66,9 @@ def _boot_id(rng: np.random.Generator) -> int:
 
 
 class QemuSweeper:
-    """A body in a room, with a chip in a process of its own. Time passed in is since its start."""
+    """A plant in a room, with a chip in its own process. Times are since the start of the plant."""
 
-    def __init__(  # noqa: PLR0913 - what a device can be made with
+    def __init__(  # noqa: PLR0913 - options of a device
         self,
         firmware: Path,
         plan: FloorPlan,
@@ -76,10 +79,10 @@ class QemuSweeper:
         node: int = 1,
         boot_id: int | None = None,
     ) -> None:
-        """Start QEMU with ``firmware``; the chip waits for :meth:`step` to be told who it is.
+        """Start QEMU with ``firmware``; the chip gets its identity in :meth:`step`.
 
         Raises:
-            FloorPlanError: the robot does not fit where it should start.
+            FloorPlanError: the robot does not fit at its start.
             QemuGoneError: QEMU is not installed, or does not run this firmware.
 
         """
@@ -89,7 +92,7 @@ class QemuSweeper:
         self.plant = Plant(World(plan, model), model, level, plant_rng)
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         self.clock = DeviceClock()
-        """Not the chip's own, which nobody can turn; see ``cannot``."""
+        """A device clock without effect: the chip's own clock cannot be changed; see ``cannot``."""
         self.cannot = {
             "clock-drift": CANNOT,
             "clock-jump": CANNOT,
@@ -97,30 +100,30 @@ class QemuSweeper:
             "i2c-stuck": CANNOT_IMU,
             "imu-clock": CANNOT_IMU,
         }
-        """Faults that this device refuses, by kind, and why."""
+        """Kinds of faults that this device rejects, and why."""
         self.flash = [bytearray(b"\xff" * link.PAGE_SIZE) for _ in range(link.PAGES)]
         self.drivers = False
         """Whether the motor drivers are enabled."""
         self.stack_free = 0
-        """Bytes of the chip's stack that were never used, as it says."""
+        """Number of bytes of the chip's stack that were never used, as it reports."""
         self._node, self._uid = node, identity_rng.bytes(12)
         self._boot_id = boot_id or _boot_id(identity_rng)
         self._identity_rng = identity_rng
         self._cause = ResetCause.POWER_ON
         self._state = _Chip.BOOTING
         self._on_us = 0
-        """When a chip that is off comes back."""
+        """Time at which a chip that is off starts again, µs."""
         self._now_us = self._deadline_us = 0
         self._heard_us = 0
-        """When the chip last asked for readings, or booted."""
+        """Time at which the chip last requested readings, or booted, µs."""
         self._base_us: int | None = None
-        """The body's time when the chip's clock was 0; None until its first request."""
+        """Time of the plant when the chip's clock was 0; None until its first request."""
         self._chip_us = 0
         """The chip's clock at its last request, extended beyond 32 bits."""
         self._answered_us = 0
-        """Of what moment of the chip's clock the last readings are that were sent ..."""
+        """Time of the chip's clock that the last sent readings belong to, µs."""
         self._answered_at_us = -LOST_US
-        """... and when that was."""
+        """Time at which they were sent, µs."""
         self._periods = 0
         self._parser = link.Parser()
         self._out = bytearray()
@@ -135,7 +138,7 @@ class QemuSweeper:
     # ---- like a virtual sweeper -----------------------------------------------------------
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Live until ``now_us``, then take ``data``; give what the chip has said meanwhile.
+        """Advance to ``now_us``, then take ``data``; return what the chip has sent meanwhile.
 
         Raises:
             QemuGoneError: QEMU has ended.
@@ -152,16 +155,16 @@ class QemuSweeper:
         return out
 
     def next_deadline_us(self) -> int:
-        """When there is something to do next."""
+        """Return the time of the next work."""
         return self._deadline_us
 
     @property
     def truth(self) -> Truth:
-        """What is really so."""
+        """Return the true state."""
         return self.plant.truth
 
     def reset(self, cause: ResetCause, off_s: float = 0.0, *, boot_id: int | None = None) -> None:
-        """Reset the chip where the body stands; it comes back ``off_s`` later.
+        """Reset the chip; the plant stays. The chip starts again after ``off_s``.
 
         After ``POWER_ON`` and ``BROWN_OUT`` it also waits for its supply.
         """
@@ -175,31 +178,31 @@ class QemuSweeper:
             self.qemu.reset()
 
     def hang(self) -> None:
-        """Let the firmware stand still, its outputs as they are, until its watchdog resets it."""
+        """Freeze the firmware with its outputs as they are, until its watchdog resets it."""
         self.qemu.plant.write(link.frame(link.ToChip.HANG))
 
     def crash(self) -> None:
-        """Let the processor fault, on an instruction that there is not."""
+        """Let the processor fault on an invalid instruction."""
         self.qemu.plant.write(link.frame(link.ToChip.CRASH))
 
     def fail_crystal(self, drift_ppm: float) -> None:
         """Never called: see ``cannot``."""
         raise NotImplementedError(drift_ppm)
 
-    # ---- the serving loop's ----------------------------------------------------------------
+    # ---- interface of the serving loop -------------------------------------------------------
 
     def filenos(self) -> list[int]:
-        """Become readable when the chip has said something."""
+        """File descriptors that become readable when the chip has sent bytes."""
         return self.qemu.filenos()
 
     def poll(self, now_us: int) -> None:
-        """Note that it has: what it says is fetched by the next step, at ``now_us``."""
+        """Note that the chip has sent bytes; the next step at ``now_us`` reads them."""
         time.sleep(GATHER_S)
         self._deadline_us = min(self._deadline_us, now_us)
 
     @property
     def pid(self) -> int:
-        """QEMU's."""
+        """Process id of QEMU."""
         return self.qemu.pid
 
     def close(self) -> None:
@@ -209,7 +212,7 @@ class QemuSweeper:
     # ---- the chip ---------------------------------------------------------------------------
 
     def _await_chip(self) -> None:
-        """Wait for its first word."""
+        """Wait for the chip's first message."""
         until_s = time.monotonic() + START_S
         while not self._asked:
             if time.monotonic() > until_s:
@@ -226,7 +229,7 @@ class QemuSweeper:
                     self._asked = True
 
     def _begin_anew(self, cause: ResetCause, boot_id: int | None = None) -> None:
-        """What a reset means to the body and to what is under way."""
+        """Apply a reset to the plant and to pending work."""
         self.plant.set_duty(0.0, 0.0)
         self.drivers = False
         self._cause, self._boot_id = cause, boot_id or _boot_id(self._identity_rng)
@@ -238,7 +241,8 @@ class QemuSweeper:
     def _listen(self) -> None:
         self.qemu.check()
         messages = list(self._parser.feed(self.qemu.plant.read()))
-        said = self.qemu.wire.read()  # second: with all that was said before a chip's own reset
+        # the second read: all that was sent before the chip's own reset
+        said = self.qemu.wire.read()
         if self._state is _Chip.RUNNING:
             self._out += said
         newest = max((i for i, m in enumerate(messages) if isinstance(m, link.Request)), default=0)
@@ -250,11 +254,11 @@ class QemuSweeper:
 
     def _take(self, message: link.Message, *, answered: bool) -> None:
         if isinstance(message, link.Boot):
-            if self._state is _Chip.RUNNING:  # it began anew without a word: a fault of its own
+            if self._state is _Chip.RUNNING:  # it restarted without a message: a fault of its own
                 self._begin_anew(ResetCause.SOFTWARE)
             self._asked = True
         elif self._state is not _Chip.RUNNING:
-            return  # the last words of a program that is reset
+            return  # the last message of a program before its reset
         elif isinstance(message, link.Request):
             self._request(message)
             if answered and self._wanted(message):
@@ -286,7 +290,7 @@ class QemuSweeper:
             self._base_us = self._now_us - request.now_us
         chip_us = self._extended(request.now_us)
         ahead_us = 1000 * self.plant.tick_ms - (self._base_us + chip_us)
-        if ahead_us > SILENCE_US:  # the chip's clock stood still, and the body went on
+        if ahead_us > SILENCE_US:  # the chip's clock stood still, and the plant went on
             self._base_us += ahead_us
         self._chip_us = chip_us
         self._heard_us = self._now_us
@@ -295,9 +299,9 @@ class QemuSweeper:
         self._advance(self._extended(request.sample_us))
 
     def _wanted(self, request: link.Request) -> bool:
-        """Whether the chip has had the last readings: a busy computer is late, and more so by more.
+        """Return whether to answer: a chip that is late gets fewer answers, the later the fewer.
 
-        Without this what QEMU takes too slowly would queue up, and all of it come too late.
+        Otherwise the data that QEMU takes too slowly would queue up, and all of it would be late.
         """
         had = request.newest_us == self._answered_us % _WRAP
         return had or self._now_us - self._answered_at_us > LOST_US
@@ -327,11 +331,11 @@ class QemuSweeper:
     # ---- time -------------------------------------------------------------------------------
 
     def _extended(self, chip_us: int) -> int:
-        """The chip's clock beyond 32 bits, nearest to where it was."""
+        """Return the chip's clock beyond 32 bits, nearest to its last value."""
         return extend_us(DeviceUs(self._chip_us), chip_us)
 
     def _advance(self, chip_us: int) -> None:
-        """Let the body live until a moment of the chip's clock; never back."""
+        """Advance the plant to a time of the chip's clock; never back."""
         if self._base_us is not None:
             self._advance_to(self._base_us + chip_us)
 
@@ -341,7 +345,7 @@ class QemuSweeper:
             self.plant.advance_ms(missing_ms)
 
     def _keep_pace(self) -> None:
-        """See to the body and the supply, whatever the chip does."""
+        """Advance plant and supply independently of the chip."""
         silent_us = self._now_us - self._heard_us
         if self._state is not _Chip.RUNNING or silent_us > SILENCE_US:
             self._advance_to(self._now_us)

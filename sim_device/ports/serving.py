@@ -1,4 +1,4 @@
-"""The real-time loop: the clock that paces the device, and how well it kept time."""
+"""The real-time loop: it paces the device by the clock, and measures its lateness."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 _STEPS = 8
-"""Bins of lateness for each doubling: a percentile is known to 9 %."""
+"""Number of lateness bins per doubling: a percentile is exact to 9 %."""
 _BINS = 28 * _STEPS
-"""Up to four minutes."""
+"""Number of bins; the last one is at four minutes."""
 
 
 @dataclass(slots=True)
 class Lateness:
-    """How late control periods began, in a memory that does not grow."""
+    """Distribution of the lateness of control periods, in constant memory."""
 
     periods: int = 0
     worst_us: int = 0
     _bins: list[int] = field(default_factory=lambda: [0] * _BINS)
 
     def add(self, late_us: int) -> None:
-        """Count one."""
+        """Count one period."""
         self.periods += 1
         self.worst_us = max(self.worst_us, late_us)
         place = int(_STEPS * math.log2(late_us)) + 1 if late_us > 0 else 0
         self._bins[min(place, _BINS - 1)] += 1
 
     def percentile_us(self, percent: float) -> int:
-        """So many of a hundred were no later than this."""
+        """Return the lateness that ``percent`` of the periods did not exceed, µs."""
         wanted = math.ceil(self.periods * percent / 100.0)
         seen = 0
         for place, count in enumerate(self._bins):
@@ -53,7 +53,7 @@ class Lateness:
 
 @dataclass(slots=True)
 class ServeReport:
-    """What a served run was like."""
+    """Statistics of a served run."""
 
     lateness: Lateness
     duration_s: float
@@ -61,30 +61,30 @@ class ServeReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Watchers:
-    """Who is told of what while a device is served; Unix times in nanoseconds."""
+    """Callbacks while a device is served; times are Unix times in nanoseconds."""
 
     on_truth: Callable[[Truth, int], None] | None = None
-    """After every control period: the truth, and when it is so."""
+    """Called after every control period with the truth and its time."""
     on_fault: Callable[[FaultEvent, int], None] | None = None
-    """At each beginning and end of a fault."""
+    """Called at each start and end of a fault."""
     on_plug: Callable[[str | None], None] | None = None
-    """The port's name when it is back, None when it has gone."""
+    """Called with the port's name when the port appears, and with None when it disappears."""
 
 
 NOBODY = Watchers()
 
 
 class Waker(Protocol):
-    """A device that has something to say at its own times: its chip is another process."""
+    """A device that also works at its own times, because its chip is another process."""
 
     def filenos(self) -> list[int]:
-        """Become readable when it has."""
+        """File descriptors that become readable when the device has work."""
 
     def poll(self, now_us: int) -> None:
-        """Note that one has: the device wants to be stepped at this moment."""
+        """Note that the device has work: step it at this time."""
 
 
-def serve(  # noqa: PLR0913 - who takes part in a run
+def serve(  # noqa: PLR0913 - participants of a run
     device: RiggedDevice | Rig,
     port: DevicePort,
     stopper: Stopper,
@@ -93,7 +93,9 @@ def serve(  # noqa: PLR0913 - who takes part in a run
     *,
     waker: Waker | None = None,
 ) -> ServeReport:
-    """Run the device in real time on a port until stopped; ``waker``: the device, if it is one.
+    """Run the device in real time on a port until stopped.
+
+    ``waker`` is the device itself, if it is a :class:`Waker`.
 
     Raises:
         PortUnavailableError: a port that was unplugged cannot come back.
@@ -126,7 +128,7 @@ class _Served:
         self._plugged = True
 
     def turn(self, stopper: Stopper) -> None:
-        """Wait for bytes, a request or the time; live until now; write."""
+        """Wait for bytes, a request or the time; advance to now; write."""
         rig, port = self._rig, self._port
         wait_s = max(0.0, (rig.next_deadline_us() - self._now_us()) / 1e6)
         room = rig.room()
@@ -152,7 +154,7 @@ class _Served:
         self._report_changes()
 
     def report(self) -> ServeReport:
-        """What the run was like."""
+        """Return the statistics of the run."""
         return ServeReport(self._lateness, self._now_us() / 1e6)
 
     def _now_us(self) -> int:

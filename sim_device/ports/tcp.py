@@ -1,4 +1,4 @@
-"""The device's serial port on a TCP socket: one host at a time, and a stop from anyone."""
+"""The device's serial port on a TCP socket: one host at a time, and a stop from any client."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 QUIET_S = 10.0
-"""Between two lines about clients that were refused."""
+"""Minimum time between two log lines about rejected clients, s."""
 SILENT_S = 3.0
-"""How long a host may send no intact frame before another client takes its place: three times what
-ends a session on the device. A host that is connected sends at least one ping a second."""
+"""Silence of a host after which another client may take its place, s: three times the device's
+session timeout. A connected host sends at least one ping a second."""
 GRACE_S = 1.0
-"""How long a second client may take to send its first frame, which may be a stop."""
+"""Maximum time in which a second client may send its first frame, which may be a stop, s."""
 STOPPING_S = 5.0
-"""How long a client that has sent a stop hears the device: ``sweepctl stop`` waits for 3 s."""
+"""Time for which a client that has sent a stop receives the device's data, s; ``sweepctl stop``
+waits for 3 s."""
 WAITING_MAX = 4
-"""Clients beside the host; one more ends the wait of the first of them."""
+"""Maximum number of clients besides the host; one more ends the wait of the first of them."""
 _STOPS = frozenset(CATALOGUE.by_class[stop].type_id for stop in (StopAll, Stop))
 _READ_MAX = 4096
-"""Bytes of a waiting client that are looked at: some 20 frames of the longest kind."""
+"""Number of bytes of a waiting client that are parsed: some 20 frames of the longest kind."""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach an address."""
+    """Return whether only this machine can reach an address."""
     if host == "localhost":
         return True
     try:
@@ -47,20 +48,20 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(eq=False, slots=True)
 class _Client:
-    """A connection, and what has come from it."""
+    """A connection, and its received data."""
 
     socket: socket.socket
     who: str
     heard_s: float
-    """When its last intact frame came; before the first, when it connected."""
+    """Time of its last intact frame, s; before the first frame, the time of its connection."""
     parser: UartParser = field(default_factory=UartParser)
     data: bytes = b""
-    """What it wrote while it waited."""
+    """Bytes that it wrote while it waited."""
     stopped_s: float | None = None
-    """When it last sent a stop while it waited."""
+    """Time of its last stop while it waited, s."""
 
     def receive(self, limit: int, now_s: float) -> tuple[bytes, list[Frame]] | None:
-        """What it has written, and the intact frames that ends; None where it has hung up."""
+        """Return its new bytes, and the intact frames that they complete; None if it has closed."""
         try:
             data = self.socket.recv(limit)
         except (BlockingIOError, InterruptedError):
@@ -75,7 +76,7 @@ class _Client:
         return data, frames
 
     def send(self, data: bytes) -> int | None:
-        """How many bytes its socket takes; None where it has hung up."""
+        """Return the number of bytes that its socket takes; None if it has closed."""
         try:
             return self.socket.send(data)
         except (BlockingIOError, InterruptedError):
@@ -84,7 +85,7 @@ class _Client:
             return None
 
     def dismiss(self, reason: str) -> None:
-        """Hang up, with a line that says why."""
+        """Close the connection, with a line that gives the reason."""
         with suppress(OSError):
             self.socket.send(f"{reason}\r\n".encode())
             self.socket.shutdown(socket.SHUT_WR)
@@ -92,18 +93,18 @@ class _Client:
 
 
 class TcpPort(DevicePort):
-    """A listening socket: its first client is the host, another one may only stop the robot.
+    """A listening socket: its first client is the host, any other client may only stop the robot.
 
-    A second client is listened to for :data:`GRACE_S`. Its stop goes to the device, and it hears
-    what the device says. Where it sends something else, or nothing, it is told who has the device
-    and closed; but where the host has sent no intact frame for :data:`SILENT_S`, it is the host
-    from then on. While nobody is there, what the device says goes nowhere, as on a serial line.
+    A second client has :data:`GRACE_S` to send a frame. A stop goes to the device, and the client
+    then receives the device's data. After another frame, or none, the client gets the host's
+    address and is closed. But if the host has sent no intact frame for :data:`SILENT_S`, this
+    client becomes the host. Without a client, the device's data is dropped, as on a serial line.
     """
 
     def __init__(
         self, host: str = LOOPBACK, port: int = 0, notify: Callable[[str], None] = lambda _: None
     ) -> None:
-        """Listen; ``notify`` gets a line for people when a client comes, goes or is refused.
+        """Listen; ``notify`` gets a line for people when a client comes, goes or is rejected.
 
         Raises:
             PortUnavailableError: the address is not ours, or taken.
@@ -114,9 +115,9 @@ class TcpPort(DevicePort):
         self._client: _Client | None = None
         self._waiting: list[_Client] = []
         self._stops = b""
-        """Frames of waiting clients that the device has yet to get."""
+        """Frames of waiting clients that the device has not received yet."""
         self._rejected = 0
-        """Since it was last told of."""
+        """Number of rejections since the last line about them."""
         self._rejection_s = -QUIET_S
         self.path = ""
         self.plug()
@@ -140,12 +141,12 @@ class TcpPort(DevicePort):
         listener.setblocking(False)  # noqa: FBT003 - positional in C
         self._listener = listener
         self._port = listener.getsockname()[1]
-        wild = self._host in {"", "0.0.0.0", "::"}  # noqa: S104 - asked for by the user
+        wild = self._host in {"", "0.0.0.0", "::"}  # noqa: S104 - the user's choice
         host = LOOPBACK if wild else self._host
         self.path = f"socket://{f'[{host}]' if ':' in host else host}:{self._port}"
 
     def unplug(self) -> None:
-        """Stop listening and hang up."""
+        """Stop listening and close the connections."""
         for client in (self._client, *self._waiting):
             if client is not None:
                 client.socket.close()
@@ -156,16 +157,16 @@ class TcpPort(DevicePort):
         self._stops = b""
 
     def close(self) -> None:
-        """Stop listening and hang up."""
+        """Stop listening and close the connections."""
         self.unplug()
 
     def filenos(self) -> list[int]:
-        """Those on which somebody may knock or talk."""
+        """File descriptors of the listening socket and of the clients."""
         clients = [c.socket for c in (self._client, *self._waiting) if c is not None]
         return [end.fileno() for end in (self._listener, *clients) if end is not None]
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """Open the door, and take what the host has written and the stops of others."""
+        """Accept clients; return the host's bytes and the stops of other clients."""
         self._answer_the_door()
         if len(self._stops) < _READ_MAX:
             for waiting in list(self._waiting):
@@ -174,18 +175,18 @@ class TcpPort(DevicePort):
         client, room = self._client, min(limit - len(stops), FIFO_BYTES)
         if client is None or not room:
             return stops
-        if client.data:  # from before it was the host
+        if client.data:  # from before it became the host
             data, client.data = client.data[:room], client.data[room:]
             return stops + data
         received = client.receive(room, time.monotonic())
         if received is None:
             self._hang_up()
             return stops
-        # A stop may cut a frame of the host's short: that frame is damaged, and no other.
+        # A stop may cut a frame of the host: that one frame is damaged.
         return stops + received[0]
 
     def write(self, data: bytes) -> int:
-        """Send what the host's socket takes; to one that stops the robot, all of it."""
+        """Send what the host's socket takes; send everything to a client that stops the robot."""
         written = len(data)
         if self._client is not None:
             taken = self._client.send(data)
@@ -197,11 +198,11 @@ class TcpPort(DevicePort):
         for client in stopping:
             if client.send(data) is None:
                 self._drop(client)
-        # A host that does not read loses it then: the answer to the stop does not wait for it.
+        # A host that does not read then loses data, so that the answer to the stop is not delayed.
         return len(data) if stopping else written
 
     def tend(self) -> None:
-        """End the waits that are over; a client that waits is the host once there is none."""
+        """End the waits that are over; a waiting client becomes the host if there is none."""
         now_s = time.monotonic()
         for client in list(self._waiting):
             if client.stopped_s is None:
@@ -220,7 +221,7 @@ class TcpPort(DevicePort):
                 return
             try:
                 accepted, address = self._listener.accept()
-            except OSError:  # nobody, or gone again
+            except OSError:  # no client, or it has left again
                 return
             accepted.setblocking(False)  # noqa: FBT003 - positional in C
             with suppress(OSError):
@@ -235,7 +236,7 @@ class TcpPort(DevicePort):
             self._waiting.append(client)
 
     def _hear(self, client: _Client) -> bytes:
-        """Take what a waiting client writes: the last stop in it, as a frame."""
+        """Read a waiting client; return its last stop as a frame."""
         now_s = time.monotonic()
         received = client.receive(_READ_MAX, now_s)
         if received is None:
@@ -257,7 +258,7 @@ class TcpPort(DevicePort):
         return b"\0" + encode_frame(node, newest.type_id, seq, t_us, newest.payload, flags)
 
     def _decide(self, client: _Client) -> None:
-        """Make a client that wants more than a stop the host, or refuse it."""
+        """Make a client that sends more than a stop the host, or reject it."""
         host = self._client
         if host is not None:
             if time.monotonic() - host.heard_s < SILENT_S:
@@ -280,7 +281,10 @@ class TcpPort(DevicePort):
         self._notify(f"{client.who} is connected")
 
     def _reject(self, client: _Client) -> None:
-        """Hang up; say it, but not each time: a client may knock again four times a second."""
+        """Close the connection.
+
+        Limit the log lines, because a client may retry four times a second.
+        """
         host = "" if self._client is None else self._client.who
         client.dismiss(f"refused: this sweeper has a host already, {host}; end it first")
         self._waiting.remove(client)
@@ -299,7 +303,7 @@ class TcpPort(DevicePort):
         self._waiting.remove(client)
 
     def _has_left(self) -> bool:
-        """Whether the host hung up while its successor knocked: both come in one turn."""
+        """Return whether the host closed while its successor connected: both come in one turn."""
         if self._client is None:
             return True
         try:
