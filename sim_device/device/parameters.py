@@ -205,7 +205,7 @@ class ParameterStore:
         self._stored = dict(image)
 
     def value(self, name: str) -> float:
-        """Value in effect, in its unit: the present one, or that of the boot if a change needs one."""
+        """Value in effect, in its unit: the present one, or that at boot if a change needs one."""
         number = self._number[name]
         parameter = self.parameters[number]
         raw = (self._boot if parameter.needs_reboot else self.present)[number]
