@@ -23,7 +23,7 @@ from tools.dev import kernels
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-pytestmark = [pytest.mark.nightly, pytest.mark.realtime, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 PACKAGES = ("protocol", "bridge", "sim_device", "tools")
 MODULES = ("sweepctl_plugins.py", "sweepctl_pytest.py")
