@@ -133,6 +133,8 @@ class EventKind(StrEnum):
     """The device did not pause its planner on request."""
     NOT_RESUMED = "not_resumed"
     """The device did not resume its planner on request."""
+    COMMAND_FAILED = "command_failed"
+    """A command of ``--on`` failed, took too long or was dropped; the run goes on."""
     PRINTED = "printed"
     """A line that bring-up printed."""
     START = "start"

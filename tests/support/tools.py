@@ -197,6 +197,12 @@ TOOLS = (
         ),
     ),
     Tool(
+        "systemd-analyze",
+        "checks the units of `examples/systemd`",
+        (("systemd-analyze",),),
+        (Package("systemd", "checks the units of the examples"),),
+    ),
+    Tool(
         "vulkan",
         "draws the viewer's window off screen",
         (),

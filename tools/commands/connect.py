@@ -12,6 +12,7 @@ from tools.cli import options, planners
 from tools.cli.adapter_delay import adapter_delay_option
 from tools.cli.completion import complete_room
 from tools.cli.console import complain, print_summary
+from tools.cli.on_event import on_option
 from tools.cli.port_options import port_argument
 from tools.cli.recording import recording_options, take_record_options, viewing_options
 from tools.cli.supervising import rule_option
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     "or end the run.  [default: ask on a terminal, else never]",
 )
 @viewing_options
+@on_option
 @recording_options
 @options.key_option
 @options.robot_option
@@ -93,6 +95,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     key_file: Path | None,
     view: bool,
     serve: bool,
+    on_events: tuple[tuple[str, str], ...],
     robot: Path | None,
     start: Pose2 | None,
     out: Path | None,
@@ -111,7 +114,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     import random
 
     from bridge.api.robot_parts import planner_number
-    from bridge.config import load_robot
+    from bridge.config import load_robot, load_supervise
     from bridge.io.reopening import PortOptions
     from bridge.run.mission import Resume
     from tools.cli.keyfile import read_key
@@ -155,6 +158,8 @@ def command(  # noqa: PLR0913 - one parameter per option
             recording=recording,
             view=view,
             serve=serve,
+            on_events=on_events,
+            battery=load_supervise(robot).battery,
             opening=PortOptions(**opening),
             key=read_key(key_file),
             adapter_delay_ns=adapter_delay_ns,

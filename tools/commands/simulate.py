@@ -13,6 +13,7 @@ from tools.cli import options, planners
 from tools.cli.completion import complete_room
 from tools.cli.configuration import ConfiguredOption
 from tools.cli.console import complain, err, inform, print_summary
+from tools.cli.on_event import EventCommands, on_option
 from tools.cli.supervising import rule_option
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="After the device was lost and is back: resume the run automatically, or end it.",
 )
+@on_option
 @options.robot_option
 @options.start_option
 @options.out_option
@@ -92,6 +94,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     supervise: bool,
     rules: tuple[str, ...],
     resume: str,
+    on_events: tuple[tuple[str, str], ...],
     robot: Path | None,
     start: Pose2 | None,
     out: Path | None,
@@ -104,10 +107,11 @@ def command(  # noqa: PLR0913 - one parameter per option
     real link.
     """
     from bridge.api.robot_parts import planner_number
-    from bridge.config import load_robot
+    from bridge.config import load_robot, load_supervise
     from bridge.record.log_writer import RunWriter
     from bridge.record.names import VIRTUAL_PORT
     from bridge.run.mission import Resume
+    from bridge.run.notices import NoticeSink
     from bridge.session.records import RunInfo
     from tools.cli.cautions import caution_lines, caution_records
     from tools.cli.rooms import load_room
@@ -144,18 +148,23 @@ def command(  # noqa: PLR0913 - one parameter per option
         extra,
     )
     writer = RunWriter(path, info, force=force)
+    facts = {"port": VIRTUAL_PORT, "log": str(path)}
     for line in caution_lines(model, plan):
         inform(line)
     try:
         for record in caution_records(model, plan, EPOCH_NS):
             writer.write(record)
-        with _interruptible() as ended:  # a signal must not cut off the summary either
+        with (
+            _interruptible() as ended,  # a signal must not cut off the summary either
+            EventCommands(on_events, facts, complain) as commands,
+        ):
+            notices = NoticeSink(writer, model, load_supervise(robot).battery, commands.notify)
             with _progress(max_time_s) as progress:
                 run = run_virtual(
                     plan,
                     model,
                     planner,
-                    writer,
+                    notices if on_events else writer,
                     seed=seed,
                     noise=noise,
                     max_time_s=max_time_s,
@@ -172,12 +181,15 @@ def command(  # noqa: PLR0913 - one parameter per option
             summary = _conclude(run, plan, planner, seed, str(path))
             writer.close(summary)
             ending = run.host.mission.ending
+            status = ending.exit_status if ending else 1
+            if ending is not None:
+                notices.finish(ending, status, summary)
             if run.crash is not None and ending is not None:
                 complain(ending.reason)
             print_summary(summary, as_json=as_json)
     finally:
         writer.close()
-    return ending.exit_status if ending else 1
+    return status
 
 
 def _conclude(

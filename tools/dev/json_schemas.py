@@ -19,7 +19,7 @@ def with_schemas(text: str) -> str:
     for path in sorted((PATH.parent / "schemas").glob("*.json")):
         schema = json.loads(path.read_text("utf-8"))
         names = ", ".join(f"`{name}`" for name in schema["x-commands"])
-        shown = "any command that fails" if names == "`*`" else names
+        shown = "any command that fails" if names == "`*`" else names or "`--on`"
         rows.append(f"| {shown} | [{path.name}](schemas/{path.name}) | {schema['title']} |")
     return head + _BEGIN + "\n".join(rows) + "\n" + _END + tail
 

@@ -6,7 +6,7 @@ import contextlib
 import gc
 import signal
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,15 +31,18 @@ from bridge.run.build import build_run
 from bridge.run.dead_man import DeadMan
 from bridge.run.ending import Ending, described
 from bridge.run.manual import Operator
+from bridge.run.notices import NoticeSink
 from bridge.run.options import HostOptions
 from bridge.run.recording import LogFailureRule
 from bridge.run.summary import crash_summary, run_summary
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import RoomRecord, RunInfo, Severity
 from bridge.supervise import Supervisor
+from bridge.supervise.settings import BatteryRule
 from tools.cli.cautions import cautions
 from tools.cli.console import inform, is_drawable
 from tools.cli.lan_risk import bus_risk
+from tools.cli.on_event import EventCommands
 from tools.cli.planners import DEFAULT_PLANNER
 from tools.cli.recording import check_view, live_view
 from tools.cli.remedies import with_remedy
@@ -65,9 +68,12 @@ if TYPE_CHECKING:
     from bridge.run.mission import Resume
     from bridge.supervise import SuperviseSettings
     from protocol.messages.values import OnboardPlanner
+    from tools.cli.on_event import Commands
     from tools.live.terminal_keys import Key
 
 
+_REPORT_S = 1.0
+"""Maximum time for the loop to record that a command failed, s."""
 _ANY_WIDTH = 10_000
 """Width of a line that is not shortened, columns: more than any line has."""
 HAND_M_S = 0.15
@@ -119,6 +125,10 @@ class LiveOptions:
     """Show the run live in Rerun."""
     serve: bool = False
     """Show the run live in a browser on this machine."""
+    on_events: Commands = ()
+    """Commands that the run starts at its events."""
+    battery: BatteryRule = field(default_factory=BatteryRule)
+    """Limits by which the battery is low, for ``on_events``."""
 
     @property
     def planner_name(self) -> str | None:
@@ -161,6 +171,20 @@ def run_live(asked: LiveOptions) -> LiveResult:
         raise
     events = EventLines(recorder, plain=not is_drawable())
     events.on_agreed = replaced.drop
+    late: list[str] = []
+
+    def report(text: str) -> None:
+        try:
+            pump.call(
+                lambda: host.event(
+                    clock.now(), Severity.WARNING, "on", EventKind.COMMAND_FAILED, text
+                )
+            ).result(_REPORT_S)
+        except (BridgeError, TimeoutError):  # the loop has ended
+            late.append(text)
+
+    commands = EventCommands(asked.on_events, _on_facts(asked), report)
+    notices = NoticeSink(events, asked.model, asked.battery, commands.notify)
     options = HostOptions(
         offset_ns,
         asked.planner_name or "",
@@ -172,7 +196,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     )
     host = build_run(
         asked.model,
-        events,
+        notices,
         options,
         new_session_id,
         runner=operator if asked.drive or asked.planner is not None else None,
@@ -195,27 +219,31 @@ def run_live(asked: LiveOptions) -> LiveResult:
     operating = _operating(asked, pump, operator)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
-    try:
-        with _endings(pump, operating, asked.gamepad):  # a signal must not cut off the summary
-            with (
-                live_view(asked.log, view=asked.view, serve=asked.serve) as page,
-                _owner(asked, pump, opened),
-                compared(pump, asked.model, from_file=asked.robot_file),
-                start_checked(pump, asked.model, asked.plan),
-                _dashboard(pump, events, operating, _facts(asked, page, path)),
-            ):
-                gc.freeze()  # the collector skips the objects of the start-up during the run
-                pump.run()
-            summary = _conclude(pump, asked, path)
-            recorder.close(summary)
-    finally:
-        recorder.close()
-        is_ours = not isinstance(recorder.error, LogGoneError)
-        if host.hello is None and pump.crash is None and is_ours:
-            _discard(asked.log)
-            replaced.put_back()
-        replaced.drop()
-    return _result(host, asked, recorder, summary)
+    with commands:
+        try:
+            with _endings(pump, operating, asked.gamepad):  # a signal must not cut off the summary
+                with (
+                    live_view(asked.log, view=asked.view, serve=asked.serve) as page,
+                    _owner(asked, pump, opened),
+                    compared(pump, asked.model, from_file=asked.robot_file),
+                    start_checked(pump, asked.model, asked.plan),
+                    _dashboard(pump, events, operating, _facts(asked, page, path)),
+                ):
+                    gc.freeze()  # the collector skips the objects of the start-up during the run
+                    pump.run()
+                summary = _conclude(pump, asked, path)
+                recorder.close(summary)
+        finally:
+            _close_log(asked, recorder, pump, replaced)
+        result = _result(host, asked, recorder, summary)
+        if host.mission.ending is not None:
+            notices.finish(host.mission.ending, result.exit_status, result.summary)
+    return replace(result, complaints=[*result.complaints, *late])
+
+
+def _on_facts(asked: LiveOptions) -> dict[str, Any]:
+    """Return what every event of ``--on`` says about the run."""
+    return {"port": asked.port, "log": str(asked.log)}
 
 
 def _operator(asked: LiveOptions) -> Operator:
@@ -308,6 +336,18 @@ def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
     if asked.plan is not None:
         recorder.write(RoomRecord(opened_ns, asked.plan))
     return recorder, offset_ns
+
+
+def _close_log(
+    asked: LiveOptions, recorder: ThreadedRecorder, pump: Pump, replaced: ReplacedLog
+) -> None:
+    """Close the log; put back the one that it replaced if there was no robot to record."""
+    recorder.close()
+    is_ours = not isinstance(recorder.error, LogGoneError)
+    if pump.host.hello is None and pump.crash is None and is_ours:
+        _discard(asked.log)
+        replaced.put_back()
+    replaced.drop()
 
 
 def _discard(log: Path) -> None:
