@@ -42,14 +42,16 @@ def message(at_s: float, content: Message) -> DeviceMessage:
 
 
 def status(at_s: float, cause: StopCause) -> DeviceMessage:
-    zero = Status(*(0 for _ in CATALOGUE.spec(Status).fields))
-    return message(at_s, zero._replace(stop_cause=int(cause)))
+    values = {"stop_cause": int(cause)}
+    names = [field.name for field in CATALOGUE.spec(Status).fields]
+    return message(at_s, Status(*(values.get(name, 0) for name in names)))
 
 
 def power(at_s: float, battery_v: float) -> DeviceMessage:
-    zero = Power(*(0 for _ in CATALOGUE.spec(Power).fields))
-    scale = zero._replace(battery=1).battery_v
-    return message(at_s, zero._replace(battery=round(battery_v / scale)))
+    fields = CATALOGUE.spec(Power).fields
+    (battery,) = [field for field in fields if field.name == "battery"]
+    values = {"battery": round((battery_v - battery.si_offset) / battery.si_gain)}
+    return message(at_s, Power(*(values.get(field.name, 0) for field in fields)))
 
 
 def session(at_s: float, kind: EventKind) -> EventRecord:
