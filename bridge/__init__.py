@@ -59,7 +59,7 @@ def open(  # noqa: A001, PLR0913 - bridge.open, like os.open; the options of a p
         PortError: the port cannot be opened.
         NoDeviceError: no device answered.
         SeveralDevicesError: several devices answered, and ``node`` is missing.
-        DisagreementError: the device is incompatible.
+        IncompatibleError: the device is incompatible.
 
     """
     from bridge.api.robot import Robot  # noqa: PLC0415 - importing the package must stay fast

@@ -143,7 +143,7 @@ class DeviceLostError(PortError):
     """The device fell silent or its port vanished, and it did not come back."""
 
 
-class DisagreementError(BridgeError):
+class IncompatibleError(BridgeError):
     """The device speaks another protocol or refuses us."""
 
     exit_status = 4

@@ -1,4 +1,4 @@
-/* A whole device on top of the generated C: hello until a host agrees, streams, setpoints with
+/* A whole device on top of the generated C: hello until the handshake is complete, streams, setpoints with
  * a time to live, commands that are carried out once, and a stop that stays latched.
  *
  * Build it with sweepctl_protocol.c (`sweepctl generate c --out DIR`) and your own board.h
@@ -34,7 +34,7 @@ static struct {
     uint32_t boot_id;
 
     uint32_t session_id; /* 0: none */
-    bool agreed;
+    bool negotiated;
     uint32_t heard_us;
 
     uint8_t mode;
@@ -93,7 +93,7 @@ static void send_hello(uint32_t now_us)
     };
     board_uid(hello.uid);
     SEND(hello, now_us, &hello);
-    if (device.agreed) {
+    if (device.negotiated) {
         send_imu_info(now_us);
     }
 }
@@ -129,7 +129,7 @@ static void link_lost(void)
     }
     device.mode = SP_MODE_IDLE;
     let_go();
-    device.agreed = false;
+    device.negotiated = false;
     device.delay_known = false;
     device.counter_known = false;
 }
@@ -161,7 +161,7 @@ static void take_setpoint(const sp_velocity_setpoint_t *setpoint, int32_t extra_
     if (live_us > MAX_TIME_TO_LIVE_US) {
         live_us = MAX_TIME_TO_LIVE_US;
     }
-    if (device.mode != SP_MODE_VELOCITY || !device.agreed) {
+    if (device.mode != SP_MODE_VELOCITY || !device.negotiated) {
         return;
     }
     if ((device.counter_known && (advance == 0 || advance >= 128)) || live_us <= extra_us) {
@@ -188,7 +188,7 @@ static bool carry_out(const sp_frame_t *frame, uint8_t *reason)
 {
     sp_clear_stop_t clear;
     sp_set_mode_t set;
-    if (!device.agreed) {
+    if (!device.negotiated) {
         return refuse(SP_NACK_REASON_NO_SESSION, reason);
     }
     if (frame->type == SP_TYPE_CLEAR_STOP) {
@@ -269,9 +269,9 @@ static bool greet(const sp_host_hello_t *hello, uint32_t now_us)
             link_lost(); /* another host, or the same anew: it must ask to move again */
         }
         device.session_id = hello->session_id;
-        device.agreed = false;
+        device.negotiated = false;
     }
-    device.agreed = device.agreed || (hello->agreed & 1u);
+    device.negotiated = device.negotiated || (hello->negotiated & 1u);
     send_hello(now_us);
     return true;
 }
@@ -404,7 +404,7 @@ static void control(uint32_t tick, uint32_t now_us)
         device.faults |= SP_FAULT_SETPOINT_EXPIRED;
         let_go(); /* not a latch: fresh setpoints go on */
     }
-    if (device.agreed) {
+    if (device.negotiated) {
         stream(tick, now_us);
     } else if (tick % TICKS_PER_SECOND == 0) {
         send_hello(now_us);

@@ -30,7 +30,7 @@ from bridge.config import parse_robot, to_toml
 from bridge.errors import (
     BridgeError,
     DeviceLostError,
-    DisagreementError,
+    IncompatibleError,
     NoDeviceError,
     SeveralDevicesError,
     StoppedForSafetyError,
@@ -88,7 +88,7 @@ _POLL_S = 0.02
 """Poll interval of waits, s."""
 
 _UNREADY: dict[int, type[BridgeError]] = {
-    kind.exit_status: kind for kind in (DisagreementError, SeveralDevicesError)
+    kind.exit_status: kind for kind in (IncompatibleError, SeveralDevicesError)
 }
 """Error of a failed session, by the exit status of its run."""
 
@@ -149,7 +149,7 @@ class Robot:
             PortError: the port cannot be opened.
             NoDeviceError: no device answered.
             SeveralDevicesError: several devices answered, and ``node`` is missing.
-            DisagreementError: the device is incompatible.
+            IncompatibleError: the device is incompatible.
 
         """
         self.model = model or RobotModel()

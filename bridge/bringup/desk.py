@@ -13,7 +13,7 @@ from bridge.bringup.desk_wire import InterruptedByPersonError
 from bridge.errors import (
     BridgeError,
     DeviceLostError,
-    DisagreementError,
+    IncompatibleError,
     NoDeviceError,
     PortError,
     Remedy,
@@ -58,7 +58,7 @@ LINK_S = 4.0
 SILENT_NS = 100_000_000
 """Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
 judges a silence, within a second."""
-_DISAGREES = frozenset({EventKind.DISAGREEMENT, EventKind.VERSION})
+_INCOMPATIBLE = frozenset({EventKind.INCOMPATIBLE, EventKind.VERSION})
 """Failures of a session in which a device answers and does not agree."""
 M = TypeVar("M", bound="Message")
 R = TypeVar("R")
@@ -83,7 +83,7 @@ class Desk:
 
         Raises:
             NoDeviceError: none answered.
-            DisagreementError: it speaks another protocol.
+            IncompatibleError: it speaks another protocol.
 
         """
         self._wire, self._records = wire, records
@@ -130,7 +130,7 @@ class Desk:
             error = SeveralDevicesError(failed.text)
             error.remedy = Remedy.NODE
             return error
-        kind = DisagreementError if failed.kind in _DISAGREES else NoDeviceError
+        kind = IncompatibleError if failed.kind in _INCOMPATIBLE else NoDeviceError
         return kind(failed.text)
 
     @property

@@ -35,7 +35,7 @@ class BenchRecords:
         self._records = HostRecords(sink, unix_offset_ns, "", bus=is_bus)
         self._tap = self._records.can if is_bus else self._records.uart
         self._clock_ns = wire.now()
-        self._agreed: SessionReady | None = None
+        self._ready: SessionReady | None = None
 
     def opened(self, now_ns: HostNs) -> None:
         """Record the start of the session."""
@@ -65,16 +65,16 @@ class BenchRecords:
                         self._records.log_text(message, now_ns)
                 case _:
                     self._happened(event, now_ns)
-        if self._agreed is not None and now_ns - self._clock_ns >= _CLOCK_NS:
+        if self._ready is not None and now_ns - self._clock_ns >= _CLOCK_NS:
             self._clock_ns = now_ns
-            self._records.clock(self._ingest.sync, self._agreed.hello, now_ns)
+            self._records.clock(self._ingest.sync, self._ready.hello, now_ns)
 
     def _happened(self, event: SessionEvent, now_ns: HostNs) -> None:
         match event:
             case Ping():
                 self._ingest.exchange(event)
             case SessionReady():
-                self._agreed = event
+                self._ready = event
                 self._records.identity(event, now_ns)
                 if event.rebooted:
                     self._ingest.reset()

@@ -175,7 +175,7 @@ class Squares:
         """
         model, side_m = self._model, asked.side_m
         room_m = side_m + 2.0 * model.robot_diameter_m
-        self._agree(
+        self._confirm(
             f"The robot will DRIVE squares of {side_m:g} m at {asked.speed_m_s:g} m/s, first to "
             f"its right, then to its left: it needs {room_m:.1f} m of free floor on both sides. "
             "Is it free?"
@@ -212,7 +212,7 @@ class Squares:
             result = result._replace(verified=verified, refuted=refuted)
         return result
 
-    def _agree(self, text: str) -> None:
+    def _confirm(self, text: str) -> None:
         if not self._person.confirm(text):
             raise BridgeError("ended: nothing was driven and nothing changed")
 
@@ -220,7 +220,7 @@ class Squares:
         self, model: RobotModel, asked: Asked
     ) -> tuple[tuple[tuple[int, int], ...], float]:
         """Drive straight; return the encoder counts and the measured distance, m."""
-        self._agree("STRAIGHT AHEAD next. Put the robot on its mark. Ready?")
+        self._confirm("STRAIGHT AHEAD next. Put the robot on its mark. Ready?")
         self._measure.begin()
         counts = self._drive(model, asked, (Drive(0.0, asked.side_m, asked.speed_m_s),))
         return counts, math.hypot(*self._measure.end())
@@ -230,7 +230,7 @@ class Squares:
         for clockwise in (True, False):
             direction = "to the RIGHT (clockwise)" if clockwise else "to the LEFT"
             for number in range(asked.runs):
-                self._agree(
+                self._confirm(
                     f"Square {number + 1} of {asked.runs} {direction}. "
                     "Put the robot on its mark. Ready?"
                 )

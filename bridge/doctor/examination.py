@@ -59,7 +59,7 @@ _CONTACT = frozenset(
 _FINDING_OF: dict[str, str] = {
     EventKind.SILENCE: "no_data",
     EventKind.GARBAGE: "wrong_baud",
-    EventKind.DEAF: "no_answer",
+    EventKind.TRANSMIT_ONLY: "no_answer",
 }
 """Findings of the session failures that have another name."""
 _WARN, _BAD, _NOTE = Severity.WARNING, Severity.ERROR, Severity.INFO
@@ -128,7 +128,7 @@ class Examination:
             if kind in _CONTACT:
                 yield Finding(kind, _BAD, text)
                 return
-            yield Finding("schema" if kind == EventKind.DISAGREEMENT else "no_answer", _BAD, text)
+            yield Finding("schema" if kind == EventKind.INCOMPATIBLE else "no_answer", _BAD, text)
         elif self.raw and wire.bytes_in == 0:
             yield Finding("no_data", _BAD, "no bytes were received from the device")
         elif wire.versions and wire.frames == 0:

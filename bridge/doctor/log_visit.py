@@ -44,7 +44,7 @@ FROZEN = 60
 _FAILURES = frozenset(
     {
         *(EventKind.SILENCE, EventKind.GARBAGE, EventKind.ECHO, EventKind.WORDS),
-        *(EventKind.VERSION, EventKind.DEAF, EventKind.RESTLESS, EventKind.DISAGREEMENT),
+        *(EventKind.VERSION, EventKind.TRANSMIT_ONLY, EventKind.RESTLESS, EventKind.INCOMPATIBLE),
         *(EventKind.OTHER_HOST, EventKind.OTHER_NODE),
     }
 )

@@ -34,7 +34,7 @@ class Visit:
         """Create the session; nothing is sent before :meth:`open`."""
         self._session = Session(new_session_id, name="sweepctl doctor", node=node, link=link)
         self.examination = Examination(self._session.link.medium)
-        self.agreed = False
+        self.negotiated = False
         self.over = False
         """True once the session has failed, so that nothing more will arrive."""
 
@@ -63,7 +63,7 @@ class Visit:
     def _digest(self, events: list[SessionEvent]) -> None:
         for event in events:
             if isinstance(event, SessionReady):
-                self.agreed = True
+                self.negotiated = True
                 self.examination.differences = [d.report() for d in event.differences]
             elif isinstance(event, Failed):
                 self.examination.failure = event.kind, event.text

@@ -42,8 +42,8 @@ from protocol.messages.host import (
     TimeRequest,
 )
 from protocol.messages.values import Mode, NackReason, StopCause
-from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.comparison import describe
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame
 from protocol.uart.link import Link
@@ -271,7 +271,7 @@ class ReplayDevice:
         match message:
             case HostHello():
                 self.session_id = message.session_id
-                if message.agreed and self._begun_ns is None:
+                if message.negotiated and self._begun_ns is None:
                     self._begun_ns = now_ns
                 self._send_hello(now_ns)
             case TimeRequest():

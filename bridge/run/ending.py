@@ -39,7 +39,7 @@ class Ending:
         """Return True if this end replaces ``other``, which occurred at the same time.
 
         The order is that of the protocol and the device
-        (:func:`protocol.messages.values.by_gravity`). The first of two equal causes stays.
+        (:func:`protocol.messages.values.by_severity`). The first of two equal causes stays.
         """
         return other is None or self.gravity > other.gravity
 

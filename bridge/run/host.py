@@ -99,7 +99,7 @@ CLOCK_PERIOD_NS = 1_000_000_000
 COUNT_PERIOD_NS = 100_000_000
 """Interval of copies of the link's counts for other threads, ns. A person cannot read faster."""
 _AFTER_SILENCE_NS = round(STALE_S * 1e9)
-_EXIT = {EventKind.DISAGREEMENT: 4, EventKind.VERSION: 4, EventKind.SEVERAL: 2}
+_EXIT = {EventKind.INCOMPATIBLE: 4, EventKind.VERSION: 4, EventKind.SEVERAL: 2}
 
 
 class Host:

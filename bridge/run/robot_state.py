@@ -20,15 +20,15 @@ from protocol.messages.device import (
 )
 from protocol.messages.host import ClearStop, SetMode, VelocitySetpoint
 from protocol.messages.values import Contact
-from protocol.schema.agreement import MessageAgreement
 from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.comparison import MessageComparison
 from protocol.schema.message import MAKERS_TYPES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from bridge.motion.geometry import Pose2
-    from protocol.schema.agreement import Difference
+    from protocol.schema.comparison import Difference
     from protocol.schema.message import Message
 
 STALE_S = 0.3
@@ -76,7 +76,7 @@ def missing_needs(differences: Iterable[Difference]) -> list[str]:
     return [
         d.spec.name
         for d in differences
-        if isinstance(d, MessageAgreement) and d.shared_fields < _NEEDED.get(d.spec.cls, 0)
+        if isinstance(d, MessageComparison) and d.shared_fields < _NEEDED.get(d.spec.cls, 0)
     ]
 
 

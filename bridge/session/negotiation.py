@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.schema.agreement import Comparison
+from protocol.schema.comparison import Comparison
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase
     from protocol.messages.device import Hello
-    from protocol.schema.agreement import Difference, Question, Reply
     from protocol.schema.catalogue import Catalogue
+    from protocol.schema.comparison import Difference, Question, Reply
 
 QUESTIONS_AT_ONCE = 4
 """Maximum number of questions that wait for a reply at the same time."""
@@ -63,10 +63,10 @@ class SchemaNegotiation:
         if broken:
             return "; ".join(a.report() for a in broken)
         link = self._link
-        for type_id, agreement in outcome.items():
-            if agreement.usable:
-                shared = agreement.shared_fields
-                equal = shared == len(agreement.spec.fields) == agreement.peer_fields
+        for type_id, comparison in outcome.items():
+            if comparison.usable:
+                shared = comparison.shared_fields
+                equal = shared == len(comparison.spec.fields) == comparison.peer_fields
                 link.codec.limit(type_id, None if equal else shared)
                 link.disabled.discard(type_id)
             else:

@@ -62,7 +62,7 @@ HANDSHAKE_PERIOD_NS = 1_000_000_000
 device that answers each hello with a new boot id."""
 OPEN_TIMEOUT_NS = 3_000_000_000
 """Maximum wait for a device, ns: three of its own hellos, which it sends at 1 Hz."""
-AGREE_TIMEOUT_NS = 8_000_000_000
+HANDSHAKE_TIMEOUT_NS = 8_000_000_000
 """Maximum time from opening to a complete handshake, ns: some devices send but never answer."""
 LOST_AFTER_NS = 1_000_000_000
 """Silence after which the device counts as lost, ns."""
@@ -183,7 +183,7 @@ class Session:
 
     def unplugged(self, now_ns: HostNs) -> None:
         """Enter the lost state at once, because the port is gone."""
-        if self.state in {State.READY, State.AGREEING}:
+        if self.state in {State.READY, State.NEGOTIATING}:
             self._lose(now_ns, "unplugged", "its port is gone")
         elif self.state is State.OPENING and self._evidence.text_line is not None:
             self._no_device()  # a port server has sent its reason
@@ -236,7 +236,7 @@ class Session:
 
     def _notice(self, now_ns: HostNs) -> None:
         """Handle silence and the end of waiting times."""
-        if self.state in {State.READY, State.AGREEING}:
+        if self.state in {State.READY, State.NEGOTIATING}:
             if now_ns - self._last_frame_ns > LOST_AFTER_NS:
                 self._lose(now_ns)
         elif self._others_talk:
@@ -246,16 +246,16 @@ class Session:
         elif self.state is State.OPENING and now_ns - self._opened_ns > OPEN_TIMEOUT_NS:
             self._no_device()
         if (
-            self.state in {State.AGREEING, State.LOST}
+            self.state in {State.NEGOTIATING, State.LOST}
             and self._boot_known is None
-            and now_ns - self._opened_ns > AGREE_TIMEOUT_NS
+            and now_ns - self._opened_ns > HANDSHAKE_TIMEOUT_NS
         ):
             if self._restless:
                 self._fail("give_up", EventKind.RESTLESS, RESTLESS)
             else:
                 self._fail(
                     "give_up",
-                    EventKind.DEAF,
+                    EventKind.TRANSMIT_ONLY,
                     "the device is received but does not answer; check the wire from the host's TX "
                     "to the device's RX",
                 )
@@ -360,7 +360,7 @@ class Session:
         """Sign with this key from now on and request a challenge; None: sign nothing."""
         self._key.use(key)
         if key is not None and self.state is State.READY:
-            self._send_hello(now_ns, agreed=1)
+            self._send_hello(now_ns, negotiated=1)
 
     @property
     def signs(self) -> bool:
@@ -379,9 +379,9 @@ class Session:
     def _periodic(self, now_ns: HostNs) -> None:
         match self.state:
             case State.OPENING:
-                self._send_hello(now_ns, agreed=0)
+                self._send_hello(now_ns, negotiated=0)
                 self._next_ns = now_ns + HELLO_PERIOD_NS
-            case State.AGREEING:
+            case State.NEGOTIATING:
                 if self._greeted:
                     self._ask(now_ns)
                     self._next_ns = now_ns + ANSWER_PERIOD_NS
@@ -395,7 +395,7 @@ class Session:
                 early_ns = self._pings * _GOLDEN_NS % PING_SPREAD_NS
                 self._next_ns = now_ns + (FAST_PING_NS if fast else SLOW_PING_NS) - early_ns
             case State.LOST:
-                self._send_hello(now_ns, agreed=0)
+                self._send_hello(now_ns, negotiated=0)
                 self._next_ns = now_ns + _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]
                 self._tries += 1
             case _:
@@ -405,7 +405,7 @@ class Session:
         handler = self._handlers.get(event.message.__class__)
         if handler is not None:
             handler(event.message, event, now_ns)
-        elif self.state is State.AGREEING and self._negotiation.settled and self._joined:
+        elif self.state is State.NEGOTIATING and self._negotiation.settled and self._joined:
             if not self._key.allows(self.hello):
                 return  # the next hello brings the challenge
             # Telemetry starts after the device has confirmed this session. Frames received before
@@ -413,7 +413,7 @@ class Session:
             self._ready(now_ns)
             self.round_trip.begin(now_ns)
         state = self.state
-        if state is State.READY or (state is State.AGREEING and handler == self._hello):
+        if state is State.READY or (state is State.NEGOTIATING and handler == self._hello):
             self._events.append(Data(event, now_ns))
 
     def _reply(self, reply: Ack | Nack, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every handler
@@ -456,13 +456,13 @@ class Session:
 
     # ---- handshake --------------------------------------------------------------------------
 
-    def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
+    def _send_hello(self, now_ns: HostNs, *, negotiated: int) -> None:
         self._outbox.send(
             HostHello(
                 self._catalogue.hash,
                 self.session_id,
                 0 if self.hello is None else self.hello.boot_id,
-                agreed,
+                negotiated,
                 self._name,
             ),
             now_ns,
@@ -470,7 +470,7 @@ class Session:
 
     def _ask(self, now_ns: HostNs) -> None:
         if self._negotiation.settled:
-            self._send_hello(now_ns, agreed=1)
+            self._send_hello(now_ns, negotiated=1)
             return
         for question in self._negotiation.questions():
             self._outbox.send(question, now_ns)
@@ -514,7 +514,7 @@ class Session:
                     "the device rebooted" if rebooted else "the device ended the session",
                 )
                 self._negotiate(hello, now_ns)
-        elif self.state is State.AGREEING:
+        elif self.state is State.NEGOTIATING:
             if known is not None and (known.boot_id, known.catalogue_hash) != (
                 hello.boot_id,
                 hello.catalogue_hash,
@@ -556,7 +556,7 @@ class Session:
         if self._renew:
             self._renew = False
             self.session_id = self._new_session_id()
-        self._send_hello(now_ns, agreed=0)
+        self._send_hello(now_ns, negotiated=0)
         self._ask(now_ns)
         self._next_ns = now_ns + ANSWER_PERIOD_NS
 
@@ -566,18 +566,24 @@ class Session:
         event: Received,  # noqa: ARG002 - the signature of every handler
         now_ns: HostNs,
     ) -> None:
-        agreement = self._negotiation
-        if self.state is not State.AGREEING or not self._greeted or not agreement.answer(reply):
+        negotiation = self._negotiation
+        if (
+            self.state is not State.NEGOTIATING
+            or not self._greeted
+            or not negotiation.answer(reply)
+        ):
             return
-        if not agreement.settled:
+        if not negotiation.settled:
             # One reply, one new question. Lost questions are repeated by `poll`.
-            for question in agreement.questions()[QUESTIONS_AT_ONCE - 1 :]:
+            for question in negotiation.questions()[QUESTIONS_AT_ONCE - 1 :]:
                 self._outbox.send(question, now_ns)
             return
-        broken = agreement.apply()
+        broken = negotiation.apply()
         if broken is not None:
             self._fail(
-                "disagree", EventKind.DISAGREEMENT, f"host and device are incompatible: {broken}"
+                "incompatible",
+                EventKind.INCOMPATIBLE,
+                f"host and device are incompatible: {broken}",
             )
             return
         self._ask(now_ns)
@@ -592,7 +598,7 @@ class Session:
         self._boot_known, self._schema_known = hello.boot_id, hello.catalogue_hash
         self._tries = 0
         self._next_ns = now_ns
-        self.fire("agreed", "host and device are compatible")
+        self.fire("negotiated", "host and device are compatible")
         differences = self._negotiation.differences
         self._events.append(
             SessionReady(hello, self.node, rebooted, differences, again, other_schema)

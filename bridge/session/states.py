@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
     from protocol.commands import Outcome
     from protocol.messages.device import Hello
-    from protocol.schema.agreement import Difference
+    from protocol.schema.comparison import Difference
 
 
 class State(Enum):
@@ -22,7 +22,7 @@ class State(Enum):
 
     CLOSED = "closed"
     OPENING = "opening"
-    AGREEING = "agreeing"
+    NEGOTIATING = "negotiating"
     READY = "ready"
     LOST = "lost"
     FAILED = "failed"
@@ -30,21 +30,21 @@ class State(Enum):
 
 TRANSITIONS: dict[tuple[State, str], State] = {
     (State.CLOSED, "open"): State.OPENING,
-    (State.OPENING, "hello"): State.AGREEING,
+    (State.OPENING, "hello"): State.NEGOTIATING,
     (State.OPENING, "no_device"): State.FAILED,
-    (State.AGREEING, "agreed"): State.READY,
-    (State.AGREEING, "disagree"): State.FAILED,
-    (State.AGREEING, "silence"): State.LOST,
-    (State.AGREEING, "unplugged"): State.LOST,
-    (State.AGREEING, "give_up"): State.FAILED,
+    (State.NEGOTIATING, "negotiated"): State.READY,
+    (State.NEGOTIATING, "incompatible"): State.FAILED,
+    (State.NEGOTIATING, "silence"): State.LOST,
+    (State.NEGOTIATING, "unplugged"): State.LOST,
+    (State.NEGOTIATING, "give_up"): State.FAILED,
     (State.READY, "silence"): State.LOST,
     (State.READY, "unplugged"): State.LOST,
-    (State.READY, "rebooted"): State.AGREEING,
-    (State.READY, "forgotten"): State.AGREEING,
-    (State.LOST, "hello"): State.AGREEING,
+    (State.READY, "rebooted"): State.NEGOTIATING,
+    (State.READY, "forgotten"): State.NEGOTIATING,
+    (State.LOST, "hello"): State.NEGOTIATING,
     (State.LOST, "other_device"): State.FAILED,
     (State.LOST, "give_up"): State.FAILED,
-    (State.AGREEING, "other_device"): State.FAILED,
+    (State.NEGOTIATING, "other_device"): State.FAILED,
     (State.READY, "other_device"): State.FAILED,
     **{(state, "close"): State.CLOSED for state in State},
 }

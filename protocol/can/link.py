@@ -30,8 +30,8 @@ from protocol.can.senders import Pending, Sender
 from protocol.can.transfers import (
     FLAG_WHOLE_STAMP,
     TRANSFER,
-    Heard,
     Reassembler,
+    TransferResult,
     content,
     parse_content,
     segments,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from protocol.schema.codec import Codec
     from protocol.schema.message import Message, MessageSpec
 
-DOUBLE_US = 500_000
+DUPLICATE_US = 500_000
 """A frame equal to the last of its identifier within this is that frame again: stamps and
 transfer ids come back no sooner."""
 _SPAN32, _HALF32 = 1 << 32, 1 << 31
@@ -67,7 +67,7 @@ class CanStatistics(LinkStatistics):
 
     foreign: int = 0
     """Frames that are none of ours by their form."""
-    doubled: int = 0
+    duplicates: int = 0
     stale: int = 0
     """Frames with a stamp too old to be understood."""
     incomplete: int = 0
@@ -153,8 +153,8 @@ class CanLink(LinkBase):
         can_id, data = frame
         statistics.bytes_in += _ID_SIZE + len(data)
         last = self._last.get(can_id)
-        if last is not None and last[0] == data and now_us - last[1] < DOUBLE_US:
-            statistics.doubled += 1
+        if last is not None and last[0] == data and now_us - last[1] < DUPLICATE_US:
+            statistics.duplicates += 1
             return None
         self._last[can_id] = (data, now_us)
         native = self._native.get(frame.can_type)
@@ -342,8 +342,8 @@ class CanLink(LinkBase):
         statistics, reassembler = self.statistics, self._reassembler
         whole = reassembler.feed(frame.can_id, frame.data, now_us)
         statistics.given_up = reassembler.given_up
-        if isinstance(whole, Heard):
-            if whole is Heard.DAMAGED:
+        if isinstance(whole, TransferResult):
+            if whole is TransferResult.DAMAGED:
                 statistics.damaged += 1
                 return DamagedFrame(
                     Damage.CRC, statistics.bytes_in - len(frame.data), len(frame.data), frame.data

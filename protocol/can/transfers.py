@@ -80,7 +80,7 @@ def segments(data: bytes, transfer_id: int) -> list[bytes]:
     ]
 
 
-class Heard(Enum):
+class TransferResult(Enum):
     """What a segment was."""
 
     PART = "part"
@@ -117,16 +117,16 @@ class Reassembler:
         """Content of open transfers."""
         return sum(len(o.data) for o in self._open.values())
 
-    def feed(self, can_id: int, data: bytes, now_us: int) -> bytes | Heard:
+    def feed(self, can_id: int, data: bytes, now_us: int) -> bytes | TransferResult:
         """Take a frame; give the content that it completes, or what it was."""
         if not data:
-            return Heard.STRAY
+            return TransferResult.STRAY
         piece, tail = data[:-1], data[-1]
         if tail & START:
             return self._begin(can_id, piece, tail, now_us)
         opened = self._open.get(can_id)
         if opened is None:
-            return Heard.STRAY
+            return TransferResult.STRAY
         if (
             tail & TOGGLE != opened.next_toggle
             or tail & TRANSFER != opened.transfer
@@ -135,33 +135,33 @@ class Reassembler:
             or len(opened.data) + len(piece) > MAX_CONTENT + CRC.size
         ):
             self._give_up(can_id)
-            return Heard.STRAY
+            return TransferResult.STRAY
         opened.data += piece
         opened.next_toggle ^= TOGGLE
         if not tail & END:
-            return Heard.PART
+            return TransferResult.PART
         del self._open[can_id]
         return self._check(bytes(opened.data))
 
-    def _begin(self, can_id: int, piece: bytes, tail: int, now_us: int) -> bytes | Heard:
+    def _begin(self, can_id: int, piece: bytes, tail: int, now_us: int) -> bytes | TransferResult:
         if can_id in self._open:
             self._give_up(can_id)
         if not tail & TOGGLE or not piece:
-            return Heard.STRAY
+            return TransferResult.STRAY
         if tail & END:
             return piece
         if len(self._open) >= MAX_OPEN:
             self._give_up(next(iter(self._open)))
         self._open[can_id] = _Open(piece, tail & TRANSFER, now_us)
-        return Heard.PART
+        return TransferResult.PART
 
     def _give_up(self, can_id: int) -> None:
         del self._open[can_id]
         self.given_up += 1
 
     @staticmethod
-    def _check(data: bytes) -> bytes | Heard:
+    def _check(data: bytes) -> bytes | TransferResult:
         whole, given = data[: -CRC.size], data[-CRC.size :]
         if len(whole) <= SEGMENT or CRC.pack(crc32(whole)) != given:
-            return Heard.DAMAGED
+            return TransferResult.DAMAGED
         return whole

@@ -8,7 +8,7 @@ from __future__ import annotations
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
 from protocol.can.authentication import TOGETHER_US
 from protocol.can.frames import STAMP_SHIFT
-from protocol.can.link import DOUBLE_US
+from protocol.can.link import DUPLICATE_US
 from protocol.can.stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US
 from protocol.can.transfers import (
     END,
@@ -103,7 +103,7 @@ def _source(catalogue: Catalogue) -> str:
         spans=c_can.spans(catalogue),
         slow_us=", ".join(f"{us}u" for us in slow.values()) or "0u",
         stamp_shift=STAMP_SHIFT,
-        double_us=DOUBLE_US,
+        duplicate_us=DUPLICATE_US,
         open_us=OPEN_US,
         oldest_us=OLDEST_US,
         lead_us=LEAD_US,

@@ -16,7 +16,7 @@ from protocol.generate.c_text import (
     snake,
     upper,
 )
-from protocol.messages.values import StopCause, by_gravity, latched_cause
+from protocol.messages.values import StopCause, by_severity, latched_cause
 from protocol.schema.message import Direction, RateClass
 
 if TYPE_CHECKING:
@@ -47,15 +47,15 @@ def _enum(name: str, enum: type[IntEnum]) -> str:
 
 
 def latch_rule(catalogue: Catalogue) -> str:
-    """What a stop leaves latched; nothing where the catalogue has no causes."""
+    """C function for the cause that a stop leaves latched; empty without stop causes."""
     if not any(field.enum is StopCause for spec in catalogue for field in spec.fields):
         return ""
     gravest, unnamed = max(StopCause).name, latched_cause(StopCause.NONE, StopCause.NONE).name
     return lines(
         [
             comment(
-                "What a device has latched after a stop of a cause: the graver one. From the "
-                f"least grave to the gravest: {', '.join(c.name.lower() for c in by_gravity())}."
+                "Cause that a device latches for a stop: the more severe of both. Ascending "
+                f"severity: {', '.join(c.name.lower() for c in by_severity())}."
             ),
             "static inline uint8_t sp_latched_cause(uint8_t held, uint8_t cause)",
             "{",
@@ -166,7 +166,7 @@ def declaration(spec: MessageSpec) -> str:
 
 def _members(spec: MessageSpec) -> Iterator[str]:
     if spec.is_bare:
-        yield "    uint8_t nothing; /* it says all by its type */"
+        yield "    uint8_t nothing; /* no fields: the type is the whole message */"
     for field in spec.fields:
         yield comment(meaning(field), "    ")
         name = identifier(field.name)

@@ -1,9 +1,9 @@
 """CAN database: every periodic frame of one device and its tags, for cantools, SavvyCAN and others.
 
-A frame is described as a whole, so that its values need nothing but this file. Transfers (all
-that is not periodic) are cut into segments, which the format cannot describe; they are left out.
-The frame that signs a message (:mod:`protocol.authentication`) is described too: it shows that
-and with which counter a setpoint was signed.
+Each periodic frame can be decoded with this file alone. All other messages are split into segments,
+which the format cannot describe, so they are omitted. The database also contains the frame that
+signs a message (:mod:`protocol.authentication`): it shows whether a setpoint was signed, and with
+which counter.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def render(
 
 
 def frames_of(spec: MessageSpec, node: int) -> Iterator[Frame]:
-    """The frames that carry one periodic message of a device."""
+    """Yield the frames of one periodic message."""
     parts = parts_of(spec, len(spec.fields))
     period_ms = round(1000 / spec.default_hz)
     ends = (DEVICE, HOST) if spec.direction is Direction.DEVICE else (HOST, DEVICE)
@@ -96,7 +96,9 @@ def frames_of(spec: MessageSpec, node: int) -> Iterator[Frame]:
         if len(parts) > 1:
             name = f"{spec.name}_{spec.can_parts[part.number].name}"
             kept = (
-                "; kept until it comes again" if part.slow_us else "; equal stamps belong together"
+                "; holds until the next one"
+                if part.slow_us
+                else "; parts with equal stamps belong together"
             )
             doc = f"{doc} Part {part.number} of {parts[0].number} to {parts[-1].number}{kept}."
         signals = tuple(_signals(spec, part))
@@ -106,14 +108,16 @@ def frames_of(spec: MessageSpec, node: int) -> Iterator[Frame]:
 
 
 def tag_frame(node: int) -> Frame:
-    """The frame that follows those of a message that the host has signed."""
+    """Return the frame that follows a signed message of the host."""
     counter_bits = 16
     tag_bits = 8 * CAN_TRAILER.size - counter_bits
     signals = (
         _plain("counter", 0, counter_bits, 1.0, "", "low 16 bits of the session's counter"),
-        _plain("tag", counter_bits, tag_bits, 1.0, "", "HMAC-SHA-256 under the device's key, cut"),
+        _plain(
+            "tag", counter_bits, tag_bits, 1.0, "", "HMAC-SHA-256 with the device's key, truncated"
+        ),
     )
-    doc = "Signs the message whose frames came right before it; sent where the device has a key."
+    doc = "Signature of the preceding message; sent if the device has a key."
     can_id = CAN_AUTH_TYPE << 4 | node
     return Frame(can_id, TAG, CAN_TRAILER.size, HOST, DEVICE, 0, doc, signals)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
 from protocol.can.frames import is_native, parts_of
-from protocol.can.link import DOUBLE_US
+from protocol.can.link import DUPLICATE_US
 from protocol.can.transfers import MAX_CONTENT, OPEN_US, SEGMENT
 from protocol.generate.template import fill
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
@@ -46,7 +46,7 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
         can_auth_type=f"0x{CAN_AUTH_TYPE:02X}",
         can_auth_size=CAN_TRAILER.size,
         open_s=OPEN_US / 1e6,
-        double_s=DOUBLE_US / 1e6,
+        duplicate_s=DUPLICATE_US / 1e6,
         values="\n".join(f"  {n} = {_value_names(enum)}," for n, enum in sorted(values.items())),
         catalogue="\n".join(line for spec in catalogue for line in _message(spec)),
         can_frames="\n".join(

@@ -1,7 +1,7 @@
-"""PROTOCOL.md: the wire for people, from the catalogue and from what runs on it.
+"""PROTOCOL.md: the protocol specification, from the catalogue and from the programs.
 
-What only the programs on either end know (states, timing) is passed in; without it the
-document has the wire alone.
+States and timing belong to the programs on both ends, so the caller passes them in. Without them
+the document contains the messages only.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
 from protocol.generate.template import fill
 from protocol.messages.host import VelocitySetpoint
-from protocol.messages.values import StopCause, by_gravity, latched_cause
+from protocol.messages.values import StopCause, by_severity, latched_cause
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 FILE = "PROTOCOL.md"
 _CONTENTS = "[contents]"
-"""Stands for the table of contents until all titles are known."""
+"""Placeholder of the table of contents until all titles are known."""
 _BITS_A_BYTE = 10
 _MBAUD = 0.9216
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """A state machine to be drawn: its first state, and every (state, what happened, next)."""
+    """A state machine to draw: its initial state, and every (state, event, next state)."""
 
     title: str
     text: str
@@ -45,7 +45,7 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """One timing rule: who keeps it, what it is about, its value, and where it stands."""
+    """One timing rule: the side that applies it, its meaning, its value, and its constant."""
 
     who: str
     what: str
@@ -55,12 +55,12 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Behaviour:
-    """What the programs on either end do with the messages."""
+    """States and timing of the programs on both ends."""
 
     machines: Sequence[Machine]
     rules: Sequence[Rule]
     numbers: Mapping[str, str]
-    """For the life of a motor command: values by the names used in it."""
+    """Values for the section about one setpoint, by their names in the template."""
 
 
 def render(catalogue: Catalogue = CATALOGUE, behaviour: Behaviour | None = None) -> dict[str, str]:
@@ -86,7 +86,7 @@ def _wire(catalogue: Catalogue) -> str:
         values="\n".join(enum_tables(catalogue)),
         can_frames="\n".join(can_tables(catalogue)),
         hashes="\n".join(hash_table(catalogue)),
-        causes=", ".join(f"`{c.name.lower()}`" for c in by_gravity()),
+        causes=", ".join(f"`{c.name.lower()}`" for c in by_severity()),
         unnamed=latched_cause(StopCause.NONE, StopCause.NONE).name.lower(),
         stop_repeat_ms=STOP_REPEAT_US // 1000,
         remembered=REMEMBERED,
@@ -125,7 +125,7 @@ def _machines(behaviour: Behaviour) -> Iterator[str]:
 
 
 def diagram(machine: Machine) -> Iterator[str]:
-    """A machine as Mermaid's state diagram, moves between the same two states as one arrow."""
+    """Draw a Mermaid state diagram; moves between the same two states share an arrow."""
     yield "stateDiagram-v2"
     yield f"    [*] --> {machine.first}"
     arrows: dict[tuple[str, str], list[str]] = {}
@@ -136,7 +136,7 @@ def diagram(machine: Machine) -> Iterator[str]:
 
 
 def _rules(behaviour: Behaviour) -> Iterator[str]:
-    yield "| who | what | value | in the code |"
+    yield "| side | rule | value | constant |"
     yield "|---|---|---|---|"
     for rule in behaviour.rules:
         yield f"| {rule.who} | {rule.what} | {rule.value} | `{rule.source}` |"

@@ -1,4 +1,4 @@
-"""Tables of PROTOCOL.md: what each CAN frame carries."""
+"""Tables of PROTOCOL.md: layout of each CAN frame, and bus load."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ BITRATE = 500_000
 
 
 def can_tables(catalogue: Catalogue) -> Iterator[str]:
-    """Every native frame, and how much of the bus they take."""
-    yield "| identifier, node 1 | message | bytes | every |"
+    """Layout of every periodic frame, and the bus load."""
+    yield "| identifier, node 1 | message | bytes | period |"
     yield "|---|---|---|---|"
     bits = worst = 0.0
     for spec in catalogue:
@@ -30,7 +30,7 @@ def can_tables(catalogue: Catalogue) -> Iterator[str]:
             cells = _layout(spec, part)
             length = sum(size for _, size in cells)
             hz = 1e6 / part.slow_us if part.slow_us else spec.default_hz
-            if spec.name != "wheel_duty":  # in bring-up, instead of velocity setpoints
+            if spec.name != "wheel_duty":  # replaces velocity setpoints in bring-up
                 bits += hz * nominal_bits(length)
                 worst += hz * worst_bits(length)
             text = ", ".join(f"{size} `{field}`" for field, size in cells)
@@ -38,10 +38,10 @@ def can_tables(catalogue: Catalogue) -> Iterator[str]:
             yield f"| 0x{part.can_type << 4 | 1:03x} | {name} | {text} | {_every(hz)} |"
     yield ""
     yield (
-        f"At these rates periodic frames, setpoints included, take {bits / 1000:.1f} kbit/s "
-        f"without stuff bits and at most {worst / 1000:.1f} kbit/s with them: "
-        f"{100 * bits / BITRATE:.1f} to {100 * worst / BITRATE:.1f} % of a bus of "
-        f"{BITRATE // 1000} kbit/s.\n"
+        f"At these rates the periodic frames, including setpoints, need {bits / 1000:.1f} kbit/s "
+        f"without stuff bits and at most {worst / 1000:.1f} kbit/s with stuff bits. This is "
+        f"{100 * bits / BITRATE:.1f} to {100 * worst / BITRATE:.1f} % of {BITRATE // 1000} "
+        "kbit/s.\n"
     )
 
 
@@ -50,7 +50,7 @@ def _every(hz: float) -> str:
 
 
 def _layout(spec: MessageSpec, part: Part) -> list[tuple[str, int]]:
-    """Names and sizes in the order of the frame's bytes."""
+    """Return names and sizes in the order of the bytes."""
     fields: list[Field] = [f for f in spec.fields if f.can_part == part.number]
     mine = [(f.name, f.wire.size) for f in fields]
     return [("t_us", 4) if part.full_stamp else ("t16", 2), *mine]

@@ -1,4 +1,4 @@
-"""Tables of PROTOCOL.md: messages, their bytes, the names of values, the hashes."""
+"""Tables of PROTOCOL.md: messages, layouts, enumerations, hashes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SENDER = {Direction.HOST: "host", Direction.DEVICE: "device"}
 
 
 def message_index(catalogue: Catalogue) -> Iterator[str]:
-    """One line for each message."""
+    """Table of all messages, a row each."""
     yield "## Messages\n"
     yield (
         "Integers are little-endian, without padding. *Stream*: periodic, not acknowledged. "
-        "*Command*: carries an id and is answered with `ack` or `nack`. *Rare*: on occasion. "
-        "**b**: bootstrap, needed to agree at all and never changed.\n"
+        "*Command*: has an id and is answered with `ack` or `nack`. *Rare*: all other messages. "
+        "**b**: bootstrap message, used before schema negotiation; never changes.\n"
     )
-    yield "| type | message | sender | kind | default rate | payload | |"
+    yield "| type | message | sender | kind | default rate | payload | meaning |"
     yield "|---|---|---|---|---|---|---|"
     for spec in catalogue:
         rate = f"{spec.default_hz:g} Hz" if spec.default_hz else ""
@@ -43,11 +43,14 @@ def _size(spec: MessageSpec) -> str:
 
 
 def message_section(spec: MessageSpec) -> Iterator[str]:
-    """The bytes of one message."""
-    rate = f", {spec.default_hz:g} Hz unless told otherwise" if spec.default_hz else ""
+    """Layout of one message."""
+    rate = f", {spec.default_hz:g} Hz by default" if spec.default_hz else ""
     yield f"### {spec.name}\n"
     yield f"0x{spec.type_id:02x}, from the {_SENDER[spec.direction]}{rate}. {_cell(spec.doc)}\n"
-    yield "| offset | field | wire | one step | unit | range | meaning |"
+    if not spec.fields:
+        yield "No payload.\n"
+        return
+    yield "| offset | field | type | one step | unit | range | meaning |"
     yield "|---|---|---|---|---|---|---|"
     offset = 0
     for field in spec.fields:
@@ -71,7 +74,7 @@ def _step(field: Field) -> str:
 
 
 def _number(value: Fraction) -> str:
-    """A decimal where it is exact and short, else the fraction and its value."""
+    """Format as a decimal if that is exact and short, else as a fraction with its value."""
     decimal = f"{float(value):.10g}"
     return decimal if Fraction(decimal) == value else f"{value} ≈ {float(value):.6g}"
 
@@ -82,7 +85,7 @@ def _unit(field: Field) -> str:
 
 def _range(field: Field) -> str:
     if not field.wire.is_integer:
-        return "to the payload's end" if field.wire.is_text else f"{field.wire.size} B"
+        return "to the end of the payload" if field.wire.is_text else f"{field.wire.size} B"
     if not field.is_scaled:
         whole = (field.low, field.high) == (field.wire.low, field.wire.high)
         return "" if whole else f"{field.low} … {field.high}"
@@ -98,15 +101,15 @@ def _meaning(field: Field) -> str:
 
 
 def enum_tables(catalogue: Catalogue) -> Iterator[str]:
-    """Every value that has a name."""
+    """Values of all enumerations."""
     enums = {f.enum.__name__: (f.enum, f.unit) for s in catalogue for f in s.fields if f.enum}
-    yield "## Names of values\n"
+    yield "## Enumerations\n"
     for name, (enum, unit) in sorted(enums.items()):
         users = ", ".join(
             f"`{s.name}.{f.name}`" for s in catalogue for f in s.fields if f.enum is enum
         )
         doc = " ".join((enum.__doc__ or "").split())
-        yield f"### {name}\n\n{doc} In {users}.\n"
+        yield f"### {name}\n\n{doc} Used in {users}.\n"
         yield f"| {'bit' if unit == 'bits' else 'value'} | name |"
         yield "|---|---|"
         for member in enum:
@@ -116,7 +119,7 @@ def enum_tables(catalogue: Catalogue) -> Iterator[str]:
 
 
 def hash_table(catalogue: Catalogue) -> Iterator[str]:
-    """The chain of each message."""
+    """Chains of all messages and enumerations."""
     yield "| message | fields | chain before the first field | after the last |"
     yield "|---|---|---|---|"
     for spec in catalogue:
@@ -125,7 +128,7 @@ def hash_table(catalogue: Catalogue) -> Iterator[str]:
     yield ""
     example = next(spec for spec in catalogue if spec.fields)
     yield f"The chain of `{example.name}`, step by step:\n"
-    yield "| hashed | value |"
+    yield "| hashed text | value |"
     yield "|---|---|"
     texts = example.canonical()
     for text, value in zip(texts, catalogue.chains[example.type_id], strict=True):

@@ -38,29 +38,31 @@ _GYRO_SCALE = "1/131"  # MPU6050 register map 4.19: 131 LSB/(°/s) at ±250 °/s
 ULTRASONIC_NONE = 0xFFFF
 INFRARED_NONE = 0xFF
 UNKNOWN = 0xFF
-"""Count in a describe reply that says: there is no such message or enumeration here."""
+"""Count in a describe reply if the device has no such message or enumeration."""
 
 
 @message(0x10, _DEVICE, _STREAM, default_hz=10, full_stamp=True)
 class Sync(Message):
-    """Count of all frames sent, to find losses that the 8-bit sequence cannot."""
+    """Count of all frames sent; reveals losses that the 8-bit sequence number cannot."""
 
     frame_count: Annotated[int, number(U32, "count", "frames sent since boot, this one included")]
 
 
 @message(0x11, _DEVICE, _STREAM, default_hz=10, minimal=True)
 class Status(Message):
-    """What the device is doing and why it is not."""
+    """Mode, latched stop, faults and load of the device."""
 
     mode: Annotated[int, number(U8, "enum", "what moves the wheels", enum=Mode)]
-    stop_cause: Annotated[int, number(U8, "enum", "0: no stop latched", enum=StopCause)]
-    faults: Annotated[int, number(U16, "bits", "conditions that hold now", enum=Fault)]
-    setpoint_left: Annotated[
-        int, number(U8, "s", "time to live left of the setpoint", scale="0.001", high=250)
+    stop_cause: Annotated[
+        int, number(U8, "enum", "cause of the latched stop; 0: none", enum=StopCause)
     ]
-    load: Annotated[int, number(U8, "percent", "busy share of the control loop", high=100)]
+    faults: Annotated[int, number(U16, "bits", "present conditions", enum=Fault)]
+    setpoint_remaining: Annotated[
+        int, number(U8, "s", "remaining time to live of the setpoint", scale="0.001", high=250)
+    ]
+    load: Annotated[int, number(U8, "percent", "busy share of the control period", high=100)]
 
-    setpoint_left_s = si("setpoint_left")
+    setpoint_remaining_s = si("setpoint_remaining")
 
 
 @message(
@@ -76,7 +78,7 @@ class Status(Message):
     ),
 )
 class Imu(Message):
-    """MPU6050 registers as read: ±2 g, ±250 °/s, in the chip's order."""
+    """Raw MPU6050 registers (±2 g, ±250 °/s), in the chip's order."""
 
     accel_x: Annotated[int, number(I16, "m/s2", "forward", scale=_ACCEL_SCALE)]
     accel_y: Annotated[int, number(I16, "m/s2", "left", scale=_ACCEL_SCALE)]
@@ -84,7 +86,7 @@ class Imu(Message):
     temperature: Annotated[
         int,
         # MPU6050 register map 4.18: raw / 340 + 36.53
-        number(I16, "degC", "of the chip", scale="1/340", offset="36.53", can_part=2),
+        number(I16, "degC", "chip temperature", scale="1/340", offset="36.53", can_part=2),
     ]
     gyro_x: Annotated[int, number(I16, "deg/s", "roll rate", scale=_GYRO_SCALE, can_part=1)]
     gyro_y: Annotated[int, number(I16, "deg/s", "pitch rate", scale=_GYRO_SCALE, can_part=1)]
@@ -101,10 +103,10 @@ class Imu(Message):
 
 @message(0x16, _DEVICE, _STREAM, default_hz=50, minimal=True)
 class Encoders(Message):
-    """Absolute wheel counts after ×4; they wrap at 16 bits."""
+    """Absolute wheel counts after ×4 decoding; they wrap at 16 bits."""
 
-    left: Annotated[int, number(U16, "count", "left wheel, rising forward")]
-    right: Annotated[int, number(U16, "count", "right wheel, rising forward")]
+    left: Annotated[int, number(U16, "count", "left wheel; increases forward")]
+    right: Annotated[int, number(U16, "count", "right wheel; increases forward")]
 
 
 @message(0x20, _DEVICE, _STREAM, default_hz=20)
@@ -113,17 +115,40 @@ class Range(Message):
 
     ultrasonic: Annotated[
         int,
-        number(U16, "m", "front; 65535: no echo", scale="0.001", high=4000, none=ULTRASONIC_NONE),
+        number(
+            U16,
+            "m",
+            "distance ahead; 65535: no echo",
+            scale="0.001",
+            high=4000,
+            none=ULTRASONIC_NONE,
+        ),
     ]
     infrared_left: Annotated[
         int,
-        number(U8, "m", "255: nothing near", scale="0.00125", high=254, none=INFRARED_NONE),
+        number(
+            U8,
+            "m",
+            "distance to the left; 255: out of range",
+            scale="0.00125",
+            high=254,
+            none=INFRARED_NONE,
+        ),
     ]
     infrared_right: Annotated[
         int,
-        number(U8, "m", "255: nothing near", scale="0.00125", high=254, none=INFRARED_NONE),
+        number(
+            U8,
+            "m",
+            "distance to the right; 255: out of range",
+            scale="0.00125",
+            high=254,
+            none=INFRARED_NONE,
+        ),
     ]
-    contacts: Annotated[int, number(U8, "bits", "bumper halves and cliff", enum=Contact, high=7)]
+    contacts: Annotated[
+        int, number(U8, "bits", "bumper switches and cliff sensor", enum=Contact, high=7)
+    ]
 
     ultrasonic_m = si_or_none("ultrasonic")
     infrared_left_m = si_or_none("infrared_left")
@@ -136,8 +161,8 @@ class Power(Message):
 
     battery: Annotated[int, number(U16, "V", "16 V rail", scale="0.001")]
     logic: Annotated[int, number(U8, "V", "5 V rail", scale="0.025")]
-    motor_left: Annotated[int, number(U8, "A", "magnitude", scale="0.02")]
-    motor_right: Annotated[int, number(U8, "A", "magnitude", scale="0.02")]
+    motor_left: Annotated[int, number(U8, "A", "absolute current", scale="0.02")]
+    motor_right: Annotated[int, number(U8, "A", "absolute current", scale="0.02")]
 
     battery_v = si("battery")
     logic_v = si("logic")
@@ -153,26 +178,26 @@ class Power(Message):
     can_parts=(CanPart(0x28, "received"), CanPart(0x29, "dropped"), CanPart(0x2A, "can")),
 )
 class LinkCounters(Message):
-    """What the device received and dropped since boot; each wraps."""
+    """Counters of received and dropped frames since boot; each wraps."""
 
     received: Annotated[int, number(U16, "count", "intact frames")]
-    damaged: Annotated[int, number(U16, "count", "frames with a bad check or form")]
-    stale: Annotated[int, number(U16, "count", "setpoints refused as old or repeated")]
+    damaged: Annotated[int, number(U16, "count", "frames with an invalid CRC or format")]
+    stale: Annotated[int, number(U16, "count", "setpoints rejected as too old or repeated")]
     receive_dropped: Annotated[
         int,
-        number(U16, "count", "lost for want of room as they came", can_part=1),
+        number(U16, "count", "received frames dropped because a queue was full", can_part=1),
     ]
     send_dropped: Annotated[
-        int, number(U16, "count", "messages that were not sent for want of room", can_part=1)
+        int, number(U16, "count", "messages not sent because a queue was full", can_part=1)
     ]
     can_send_errors: Annotated[
-        int, number(U8, "count", "error counter of its CAN controller (TEC)", can_part=2)
+        int, number(U8, "count", "transmit error counter (TEC) of the CAN controller", can_part=2)
     ]
     can_receive_errors: Annotated[
-        int, number(U8, "count", "error counter of its CAN controller (REC)", can_part=2)
+        int, number(U8, "count", "receive error counter (REC) of the CAN controller", can_part=2)
     ]
     can_bus_offs: Annotated[
-        int, number(U16, "count", "times that its CAN controller left the bus", can_part=2)
+        int, number(U16, "count", "bus-off events of the CAN controller", can_part=2)
     ]
 
 
@@ -184,19 +209,19 @@ class LinkCounters(Message):
     can_parts=(CanPart(0x2C, "target"), CanPart(0x2D, "lane")),
 )
 class PlannerState(Message):
-    """The device's own planner: the paper's variables and where it drives to."""
+    """State of the device's own planner: the paper's variables and the target."""
 
-    phase: Annotated[int, number(U8, "enum", "what it is doing", enum=PlannerPhase)]
+    phase: Annotated[int, number(U8, "enum", "current phase", enum=PlannerPhase)]
     turn_count: Annotated[int, number(U8, "count", "T of the paper")]
-    target_x: Annotated[int, number(I16, "m", "in the frame of its start", scale="0.001")]
-    target_y: Annotated[int, number(I16, "m", "in the frame of its start", scale="0.001")]
+    target_x: Annotated[int, number(I16, "m", "in the frame of the start pose", scale="0.001")]
+    target_y: Annotated[int, number(I16, "m", "in the frame of the start pose", scale="0.001")]
     lane_distance: Annotated[int, number(U16, "m", "D of the paper", scale="0.001", can_part=1)]
     previous_lane_distance: Annotated[
         int, number(U16, "m", "Prev-D of the paper", scale="0.001", can_part=1)
     ]
     length: Annotated[int, number(U8, "m", "Length of the paper", scale="0.02", can_part=1)]
     lane_case: Annotated[
-        int, number(U8, "count", "case of the last lane; 0: none", high=3, can_part=1)
+        int, number(U8, "count", "case of the last lane in the paper; 0: none", high=3, can_part=1)
     ]
 
     target_x_m = si("target_x")
@@ -208,15 +233,15 @@ class PlannerState(Message):
 
 @message(0x18, _DEVICE, _RARE, minimal=True)
 class TimeReply(Message):
-    """Answer to a time request; the header's stamp is the moment of sending."""
+    """Answer to a time request; the header's stamp is the time of sending."""
 
-    ping: Annotated[int, number(U8, "id", "of the request")]
+    ping: Annotated[int, number(U8, "id", "copied from the request")]
     received_us: Annotated[int, number(U32, "us", "device clock when the request arrived")]
 
 
 @message(0x19, _DEVICE, _RARE, bootstrap=True)
 class Ack(Message):
-    """The command was carried out (repeated as it was for a repeated command)."""
+    """The command was carried out. A repeated command gets the same reply again."""
 
     command_id: Annotated[int, number(U16, "id", "of the command")]
     command_type: Annotated[int, number(U8, "id", "type of the command", high=0x7E)]
@@ -224,42 +249,44 @@ class Ack(Message):
 
 @message(0x1A, _DEVICE, _RARE, bootstrap=True)
 class Nack(Message):
-    """The command was refused, and nothing was done."""
+    """The command was rejected and not carried out."""
 
     command_id: Annotated[int, number(U16, "id", "of the command")]
     command_type: Annotated[int, number(U8, "id", "type of the command", high=0x7E)]
-    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason)]
+    reason: Annotated[int, number(U8, "enum", "reason", enum=NackReason)]
 
 
 @message(0x1B, _DEVICE, _RARE, default_hz=1, bootstrap=True)
 class Hello(Message):
-    """Who the device is; sent at 1 Hz until a host has agreed, and as answer to its hello."""
+    """Identity of the device; sent at 1 Hz until negotiated, and in reply to ``host_hello``."""
 
     catalogue_hash: Annotated[int, number(U32, "hash", "of the device's whole catalogue")]
     uid: Annotated[bytes, uid("the chip's 96-bit unique id")]
     boot_id: Annotated[int, number(U32, "id", "random, new at each boot")]
-    session_id: Annotated[int, number(U32, "id", "the session it belongs to; 0: none")]
-    reset_cause: Annotated[int, number(U8, "enum", "why it booted", enum=ResetCause)]
-    capabilities: Annotated[int, number(U16, "bits", "what it has", enum=Capability)]
+    session_id: Annotated[int, number(U32, "id", "its current session; 0: none")]
+    reset_cause: Annotated[int, number(U8, "enum", "cause of the last reset", enum=ResetCause)]
+    capabilities: Annotated[int, number(U16, "bits", "features of the device", enum=Capability)]
     version_major: Annotated[int, number(U8, "count", "firmware version")]
     version_minor: Annotated[int, number(U8, "count", "firmware version")]
     version_patch: Annotated[int, number(U8, "count", "firmware version")]
-    name: Annotated[str, text("the firmware's name")]
+    name: Annotated[str, text("name of the firmware")]
 
 
 @message(0x1C, _DEVICE, _RARE, bootstrap=True)
 class DescribeReply(Message):
     """How the device declares one message."""
 
-    described_type: Annotated[int, number(U8, "id", "type asked about", high=0x7E)]
-    field_count: Annotated[int, number(U8, "count", "fields it has; 255: no such message")]
-    payload_length: Annotated[int, number(U8, "count", "bytes of its fixed part")]
-    chain: Annotated[int, number(U32, "hash", "after min(asked, own) fields")]
+    described_type: Annotated[int, number(U8, "id", "requested message type", high=0x7E)]
+    field_count: Annotated[
+        int, number(U8, "count", "fields that the device declares; 255: no such message")
+    ]
+    payload_length: Annotated[int, number(U8, "count", "length of the fixed part in bytes")]
+    chain: Annotated[int, number(U32, "hash", "chain value after min(requested, own) fields")]
 
 
 @message(0x79, _DEVICE, _RARE)
 class LogText(Message):
-    """A line for people; at most 10 a second."""
+    """A log line; at most 10 per second."""
 
     level: Annotated[int, number(U8, "enum", "severity", enum=LogLevel)]
     line: Annotated[str, text("UTF-8")]
@@ -267,34 +294,40 @@ class LogText(Message):
 
 @message(0x78, _DEVICE, _RARE)
 class ParameterValue(Message):
-    """A parameter with all that is to be known of it; sent as get and set are carried out."""
+    """A parameter's value, limits and name; sent for get and set."""
 
-    parameter: Annotated[int, number(U8, "id", "number of the parameter")]
-    parameter_count: Annotated[int, number(U8, "count", "parameters that the device has")]
-    kind: Annotated[int, number(U8, "enum", "how its 32 bits are read", enum=ParameterKind)]
-    flags: Annotated[int, number(U8, "bits", "what is true of it", enum=ParameterFlag)]
-    value: Annotated[int, number(U32, "raw", "present value")]
-    default: Annotated[int, number(U32, "raw", "after a factory reset")]
-    low: Annotated[int, number(U32, "raw", "least value")]
-    high: Annotated[int, number(U32, "raw", "greatest value")]
-    name: Annotated[str, text('name, a blank, unit: "wheel_diameter m"')]
+    parameter: Annotated[int, number(U8, "id", "index of the parameter")]
+    parameter_count: Annotated[int, number(U8, "count", "number of parameters of the device")]
+    kind: Annotated[int, number(U8, "enum", "type of the 32-bit values", enum=ParameterKind)]
+    flags: Annotated[int, number(U8, "bits", "state of the value", enum=ParameterFlag)]
+    value: Annotated[int, number(U32, "raw", "current value")]
+    default: Annotated[int, number(U32, "raw", "value after a factory reset")]
+    low: Annotated[int, number(U32, "raw", "minimum")]
+    high: Annotated[int, number(U32, "raw", "maximum")]
+    name: Annotated[str, text('name, a space, unit: "wheel_diameter m"')]
 
 
 @message(0x1F, _DEVICE, _RARE)
 class Challenge(Message):
-    """A key is set: from which count this session's authenticated frames go on; with each hello."""
+    """Start of the counter of this session's signed frames; sent with hello if a key is set."""
 
     counter: Annotated[int, number(U32, "count", "random, new for each session")]
 
 
 @message(0x1D, _DEVICE, _RARE, default_hz=1, minimal=True)
 class ImuInfo(Message):
-    """What the counts of the IMU message are worth; sent after hello, and then at 1 Hz."""
+    """Scale of the raw counts in ``imu``; sent after hello and at 1 Hz."""
 
-    accel: Annotated[int, number(U32, "count/g", "of an accelerometer axis", scale="0.0001", low=1)]
-    gyro: Annotated[int, number(U32, "count/(deg/s)", "of a gyroscope axis", scale="0.0001", low=1)]
-    temperature: Annotated[int, number(U32, "count/K", "of the thermometer", scale="0.0001", low=1)]
-    zero: Annotated[int, number(I16, "degC", "temperature at a count of 0", scale="0.01")]
+    accel: Annotated[
+        int, number(U32, "count/g", "accelerometer sensitivity", scale="0.0001", low=1)
+    ]
+    gyro: Annotated[
+        int, number(U32, "count/(deg/s)", "gyroscope sensitivity", scale="0.0001", low=1)
+    ]
+    temperature: Annotated[
+        int, number(U32, "count/K", "thermometer sensitivity", scale="0.0001", low=1)
+    ]
+    zero: Annotated[int, number(I16, "degC", "temperature at a raw count of 0", scale="0.01")]
 
     accel_per_g = si("accel")
     gyro_per_deg_s = si("gyro")
@@ -306,6 +339,8 @@ class ImuInfo(Message):
 class DescribeEnumReply(Message):
     """How the device numbers one enumeration."""
 
-    enumeration: Annotated[int, number(U32, "hash", "enumeration asked about")]
-    member_count: Annotated[int, number(U8, "count", "members it has; 255: no such enumeration")]
-    chain: Annotated[int, number(U32, "hash", "after min(asked, own) members")]
+    enumeration: Annotated[int, number(U32, "hash", "requested enumeration")]
+    member_count: Annotated[
+        int, number(U8, "count", "members that the device declares; 255: no such enumeration")
+    ]
+    chain: Annotated[int, number(U32, "hash", "chain value after min(requested, own) members")]

@@ -26,30 +26,30 @@ from protocol.schema.message import Direction, Message, RateClass, message
 _HOST = Direction.HOST
 _STREAM, _COMMAND, _RARE = RateClass.STREAM, RateClass.COMMAND, RateClass.RARE
 
-_ID = number(U16, "id", "chosen by the host, counts up; names the command in its reply")
+_ID = number(U16, "id", "counted up by the host; identifies the command in its reply")
 
 
 @message(0x00, _HOST, _RARE, bootstrap=True, to_all=True, tagged=False)
 class StopAll(Message):
-    """Every device stops and latches ``operator``; the same bytes from whoever sends it."""
+    """Every device stops and latches ``operator``. All senders send the same bytes."""
 
 
 @message(0x01, _HOST, _COMMAND, bootstrap=True, tagged=False)
 class Stop(Message):
-    """The owner's stop: latched with its cause, repeated until acknowledged."""
+    """Stop sent by the session's owner; latched with its cause, repeated until acknowledged."""
 
     command_id: Annotated[int, _ID]
-    cause: Annotated[int, number(U8, "enum", "why", enum=StopCause, low=1)]
+    cause: Annotated[int, number(U8, "enum", "cause to latch", enum=StopCause, low=1)]
 
 
 @message(0x02, _HOST, _STREAM, default_hz=50, minimal=True)
 class VelocitySetpoint(Message):
-    """Body velocity to hold until the time to live runs out."""
+    """Body velocity to hold until its time to live expires."""
 
     v: Annotated[int, number(I16, "m/s", "forward speed", scale="0.0001")]
     yaw_rate: Annotated[int, number(I16, "rad/s", "counter-clockwise", scale="0.0002")]
     time_to_live: Annotated[
-        int, number(U8, "s", "the device ramps to rest after it", scale="0.001", high=250)
+        int, number(U8, "s", "the device ramps to rest when it expires", scale="0.001", high=250)
     ]
     counter: Annotated[int, number(U8, "count", "must advance; wraps")]
 
@@ -60,7 +60,7 @@ class VelocitySetpoint(Message):
 
 @message(0x0A, _HOST, _STREAM, default_hz=50)
 class WheelDuty(Message):
-    """Motor duties, obeyed in bring-up mode only and capped there."""
+    """Motor duties; accepted only in bring-up mode, which limits them."""
 
     left: Annotated[
         int, number(I16, "duty", "forward positive", scale="1/10000", low=-10000, high=10000)
@@ -69,7 +69,7 @@ class WheelDuty(Message):
         int, number(I16, "duty", "forward positive", scale="1/10000", low=-10000, high=10000)
     ]
     time_to_live: Annotated[
-        int, number(U8, "s", "the motors are off after it", scale="0.001", high=250)
+        int, number(U8, "s", "the motors are off when it expires", scale="0.001", high=250)
     ]
     counter: Annotated[int, number(U8, "count", "must advance; wraps")]
 
@@ -80,18 +80,18 @@ class WheelDuty(Message):
 
 @message(0x04, _HOST, _RARE, bootstrap=True, to_all=True, tagged=False)
 class HostHello(Message):
-    """Opens a session; sent again with ``agreed`` set once the catalogues are compared."""
+    """Opens a session; sent again with ``negotiated`` = 1 after schema negotiation."""
 
     catalogue_hash: Annotated[int, number(U32, "hash", "of the host's whole catalogue")]
     session_id: Annotated[int, number(U32, "id", "random, new for each session", low=1)]
-    boot_id: Annotated[int, number(U32, "id", "of the device's hello; 0: not known yet")]
-    agreed: Annotated[int, number(U8, "bits", "1: streams and commands may start", high=1)]
+    boot_id: Annotated[int, number(U32, "id", "of the device's hello; 0: unknown")]
+    negotiated: Annotated[int, number(U8, "bits", "1: negotiation complete", high=1)]
     name: Annotated[str, text("the host program and its version")]
 
 
 @message(0x05, _HOST, _COMMAND, minimal=True)
 class ClearStop(Message):
-    """Release the latch, if its cause is still the one named."""
+    """Release the latched stop if its cause equals ``cause``."""
 
     command_id: Annotated[int, _ID]
     cause: Annotated[int, number(U8, "enum", "the cause to clear", enum=StopCause, low=1)]
@@ -99,25 +99,25 @@ class ClearStop(Message):
 
 @message(0x06, _HOST, _COMMAND, minimal=True)
 class SetMode(Message):
-    """Choose what moves the wheels; refused while a stop is latched."""
+    """Select what moves the wheels; rejected while a stop is latched."""
 
     command_id: Annotated[int, _ID]
-    mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode)]
+    mode: Annotated[int, number(U8, "enum", "requested mode", enum=Mode)]
 
 
 @message(0x07, _HOST, _RARE, to_all=True, minimal=True, tagged=False)
 class TimeRequest(Message):
     """Ask for the device's clock; also keeps the session alive."""
 
-    ping: Annotated[int, number(U8, "id", "comes back in the reply")]
+    ping: Annotated[int, number(U8, "id", "copied into the reply")]
 
 
 @message(0x08, _HOST, _RARE, bootstrap=True, tagged=False)
 class Describe(Message):
     """Ask how the device declares one message."""
 
-    described_type: Annotated[int, number(U8, "id", "type asked about", high=0x7E)]
-    field_count: Annotated[int, number(U8, "count", "fields that the host knows of it")]
+    described_type: Annotated[int, number(U8, "id", "requested message type", high=0x7E)]
+    field_count: Annotated[int, number(U8, "count", "fields that the host declares")]
 
 
 @message(0x09, _HOST, _COMMAND)
@@ -125,41 +125,41 @@ class PlannerCommand(Message):
     """Start, pause, resume or abort the device's own planner."""
 
     command_id: Annotated[int, _ID]
-    action: Annotated[int, number(U8, "enum", "what to do", enum=PlannerAction)]
-    planner: Annotated[int, number(U8, "enum", "which, at start", enum=OnboardPlanner)]
+    action: Annotated[int, number(U8, "enum", "requested action", enum=PlannerAction)]
+    planner: Annotated[int, number(U8, "enum", "planner to start", enum=OnboardPlanner)]
 
 
 @message(0x70, _HOST, _COMMAND)
 class GetParameter(Message):
-    """Ask for one parameter; the value comes before the acknowledgement."""
+    """Ask for one parameter; ``parameter_value`` precedes the acknowledgement."""
 
     command_id: Annotated[int, _ID]
-    parameter: Annotated[int, number(U8, "id", "number of the parameter, from 0 without gaps")]
+    parameter: Annotated[int, number(U8, "id", "index of the parameter, from 0 without gaps")]
 
 
 @message(0x71, _HOST, _COMMAND)
 class SetParameter(Message):
-    """Change one parameter until the next boot; save makes it stay."""
+    """Change one parameter until the next boot; ``save_parameters`` keeps it."""
 
     command_id: Annotated[int, _ID]
-    parameter: Annotated[int, number(U8, "id", "number of the parameter")]
-    kind: Annotated[int, number(U8, "enum", "must be the parameter's own", enum=ParameterKind)]
-    value: Annotated[int, number(U32, "raw", "32 bits, read as the kind says")]
+    parameter: Annotated[int, number(U8, "id", "index of the parameter")]
+    kind: Annotated[int, number(U8, "enum", "must equal the parameter's kind", enum=ParameterKind)]
+    value: Annotated[int, number(U32, "raw", "32 bits, interpreted by kind")]
 
 
 @message(0x72, _HOST, _COMMAND)
 class SaveParameters(Message):
-    """Store every parameter's present value."""
+    """Store the current values of all parameters in flash memory."""
 
     command_id: Annotated[int, _ID]
 
 
 @message(0x0D, _HOST, _COMMAND)
 class SetStreamRate(Message):
-    """Change how often a stream is sent, until the session ends."""
+    """Change the rate of a stream until the session ends."""
 
     command_id: Annotated[int, _ID]
-    stream_type: Annotated[int, number(U8, "id", "type of the stream", high=0x7E)]
+    stream_type: Annotated[int, number(U8, "id", "message type of the stream", high=0x7E)]
     rate: Annotated[int, number(U16, "Hz", "0: off", scale="0.1", high=10000)]
 
     rate_hz = si("rate")
@@ -167,15 +167,15 @@ class SetStreamRate(Message):
 
 @message(0x0E, _HOST, _COMMAND)
 class Reboot(Message):
-    """Boot anew; acknowledged before it happens, refused while the robot moves."""
+    """Reboot; acknowledged first, rejected while the robot moves."""
 
     command_id: Annotated[int, _ID]
-    kind: Annotated[int, number(U8, "enum", "how", enum=RebootKind)]
+    kind: Annotated[int, number(U8, "enum", "kind of reboot", enum=RebootKind)]
 
 
 @message(0x73, _HOST, _COMMAND)
 class SetKey(Message):
-    """Set the key that motion is authenticated with; over a local UART only, never told again."""
+    """Set the key that authenticates motion; over a local UART only, never readable."""
 
     command_id: Annotated[int, _ID]
     key_0: Annotated[int, number(U32, "raw", "bytes 0 to 3 of the key; all words 0: no key")]
@@ -184,7 +184,7 @@ class SetKey(Message):
     key_3: Annotated[int, number(U32, "raw", "bytes 12 to 15")]
 
     def __repr__(self) -> str:
-        """Without the key: a message may be shown in an exception or a test's output."""
+        """Omit the key: a message may appear in an exception or in a test's output."""
         return f"SetKey(command_id={self.command_id})"
 
 
@@ -192,5 +192,7 @@ class SetKey(Message):
 class DescribeEnum(Message):
     """Ask how the device numbers one enumeration."""
 
-    enumeration: Annotated[int, number(U32, "hash", "of its name and kind: its chain's start")]
-    member_count: Annotated[int, number(U8, "count", "members that the host knows of it")]
+    enumeration: Annotated[
+        int, number(U32, "hash", "hash of its name and kind; start of its chain")
+    ]
+    member_count: Annotated[int, number(U8, "count", "members that the host declares")]

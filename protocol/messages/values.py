@@ -1,4 +1,4 @@
-"""Names of the values that messages carry."""
+"""Enumerations that messages use."""
 
 from __future__ import annotations
 
@@ -9,46 +9,46 @@ class Mode(IntEnum):
     """What moves the wheels."""
 
     IDLE = 0
-    """Nothing: motors are off."""
+    """Motors are off."""
     VELOCITY = 1
     """The host's cyclic velocity setpoints."""
     BRINGUP = 2
-    """Wheel duties set by hand, capped, wheels off the floor."""
+    """Wheel duties set by the operator and limited; the wheels are off the floor."""
     ONBOARD = 3
     """The device's own planner."""
 
 
 class StopCause(IntEnum):
-    """Why a stop is latched, from the least grave cause to the gravest one."""
+    """Cause of a latched stop, in ascending severity."""
 
     NONE = 0
     SESSION_END = 1
-    """An orderly end, and the state at power-on: the one cause that a motion command clears."""
+    """Clean end of a session, and the state at power-on; motion commands clear only this."""
     LINK = 2
-    """The host fell silent or was replaced while the robot was free to move."""
+    """The host fell silent or was replaced while no stop was latched."""
     SUPERVISE = 3
-    """A rule of the host's supervision."""
+    """A supervision rule on the host."""
     OPERATOR = 4
     HARDWARE = 5
     """The device's own fault handling."""
 
 
-def by_gravity() -> list[StopCause]:
-    """Causes of a stop from the least grave to the gravest; their values rise with gravity."""
+def by_severity() -> list[StopCause]:
+    """Causes of a stop in ascending severity, which is the order of their values."""
     return sorted(cause for cause in StopCause if cause is not StopCause.NONE)
 
 
 def latched_cause(held: int, cause: int) -> StopCause:
-    """What a device has latched after a stop of ``cause`` where ``held`` was latched.
+    """Cause that a device latches for a stop with ``cause`` while ``held`` is latched.
 
-    The graver cause: the greater value. An operator's stop is never hidden by an orderly end or
-    a lost link. A cause without a name, and none at all, count as the operator's.
+    The more severe cause, which has the greater value. So a clean end or a lost link never hides
+    an operator's stop. An unknown cause, and ``NONE``, count as ``OPERATOR``.
     """
-    return StopCause(max(held, cause if cause in by_gravity() else StopCause.OPERATOR))
+    return StopCause(max(held, cause if cause in by_severity() else StopCause.OPERATOR))
 
 
 class Fault(IntFlag):
-    """Conditions that the status message reports: faults, and what the device does about them."""
+    """Conditions in the status message: faults, and two states that are no faults."""
 
     IMU = 1 << 0
     ENCODER_LEFT = 1 << 1
@@ -60,23 +60,23 @@ class Fault(IntFlag):
     SETPOINT_EXPIRED = 1 << 7
     LIFTED = 1 << 8
     ENCODER_LEFT_REVERSED = 1 << 9
-    """The left wheel counts against its duty."""
+    """The left wheel counts against the sign of its duty."""
     ENCODER_RIGHT_REVERSED = 1 << 10
-    """The right wheel counts against its duty."""
+    """The right wheel counts against the sign of its duty."""
     ENCODERS_SWAPPED = 1 << 11
-    """The duty of one side gives counts on the other."""
+    """The duty of one wheel gives counts on the other."""
     CLOCK = 1 << 12
-    """The crystal does not run: the device keeps time by a 1 % oscillator, and stays off CAN."""
+    """The crystal does not run. The device uses a 1 % oscillator and does not send on CAN."""
     BUMPER = 1 << 13
-    """A switch stays pressed without other evidence of contact."""
+    """A bumper switch stays pressed without other evidence of contact."""
     LIMITED = 1 << 14
-    """No fault: a reflex of the device holds the speed below what is asked for."""
+    """No fault: a reflex of the device limits the speed below the setpoint."""
     DRIVERS_OFF = 1 << 15
     """No fault: the motor drivers are disabled."""
 
 
 class ResetCause(IntEnum):
-    """Why the device booted."""
+    """Cause of the last reset."""
 
     POWER_ON = 0
     PIN = 1
@@ -84,11 +84,11 @@ class ResetCause(IntEnum):
     WATCHDOG = 3
     BROWN_OUT = 4
     CRASH = 5
-    """A fault of the processor, or an unexpected interrupt; a log line gives the record."""
+    """A processor fault or an unexpected interrupt; the crash record follows as a log line."""
 
 
 class Capability(IntFlag):
-    """What the device has."""
+    """Features of the device."""
 
     ENCODERS = 1 << 0
     IMU = 1 << 1
@@ -98,7 +98,7 @@ class Capability(IntFlag):
     CLIFF = 1 << 5
     ONBOARD_PLANNER = 1 << 6
     AUTHENTICATION = 1 << 7
-    """A key is set: whatever moves the robot or changes it needs a tag."""
+    """A key is set: every message that moves the robot or changes a setting needs a tag."""
 
 
 class Contact(IntFlag):
@@ -110,7 +110,7 @@ class Contact(IntFlag):
 
 
 class NackReason(IntEnum):
-    """Why a command was rejected."""
+    """Reason for rejecting a command."""
 
     UNKNOWN_COMMAND = 0
     BAD_VALUE = 1
@@ -118,23 +118,23 @@ class NackReason(IntEnum):
     """No host has opened a session with the device."""
     STOP_LATCHED = 3
     OTHER_CAUSE = 4
-    """The latched stop has another cause than the one to be cleared."""
+    """The latched stop has a different cause than the one to clear."""
     FAULT = 5
     """The condition that stopped the device still holds."""
     UNSUPPORTED = 6
-    """The device lacks what the command needs; its hello's capabilities say so."""
+    """The device lacks the feature that the command needs (``hello.capabilities``)."""
     READ_ONLY = 7
     UNKNOWN_PARAMETER = 8
     OTHER_MODE = 9
-    """The command needs another mode."""
+    """The command is not allowed in the current mode."""
     NOT_AUTHENTICATED = 10
-    """A key is set, and the command came without its tag."""
+    """A key is set and the command has no valid tag."""
     NOT_SAVED = 11
-    """What was written to the flash does not read back."""
+    """The flash memory does not return what was written."""
 
 
 class ParameterKind(IntEnum):
-    """How a parameter's 32 bits are read."""
+    """Type of a parameter's 32-bit value."""
 
     U32 = 0
     F32 = 2
@@ -142,7 +142,7 @@ class ParameterKind(IntEnum):
 
 
 class ParameterFlag(IntFlag):
-    """What is true of a parameter's value now."""
+    """State of a parameter's value."""
 
     STORED = 1 << 0
     """The value survives a reset."""
@@ -150,11 +150,11 @@ class ParameterFlag(IntFlag):
     """The value differs from the stored one."""
     READ_ONLY = 1 << 2
     NEEDS_REBOOT = 1 << 3
-    """A change counts from the next boot on."""
+    """A change takes effect at the next boot."""
 
 
 class PlannerAction(IntEnum):
-    """What to do with the device's own planner."""
+    """Action for the device's own planner."""
 
     START = 0
     PAUSE = 1
@@ -163,7 +163,7 @@ class PlannerAction(IntEnum):
 
 
 class OnboardPlanner(IntEnum):
-    """Planners that a device may have."""
+    """Planners that a device may offer."""
 
     PAPER = 0
     RECOVERY = 1
@@ -172,7 +172,7 @@ class OnboardPlanner(IntEnum):
 
 
 class PlannerPhase(IntEnum):
-    """What the device's own planner is doing."""
+    """Phase of the device's own planner."""
 
     IDLE = 0
     LANE = 1
@@ -187,11 +187,11 @@ class PlannerPhase(IntEnum):
 
 
 class RebootKind(IntEnum):
-    """How to boot."""
+    """Kind of reboot."""
 
     NORMAL = 0
     FACTORY_RESET = 1
-    """Stored parameters are forgotten."""
+    """Stored parameters are erased."""
 
 
 class LogLevel(IntEnum):
@@ -204,11 +204,11 @@ class LogLevel(IntEnum):
 
 
 NO_FAULTS = Fault.LIMITED | Fault.DRIVERS_OFF
-"""Bits of the status message that a device in order sets too."""
+"""Bits of ``status.faults`` that are no faults."""
 
 
 def label(enum: type[IntEnum], value: int) -> str:
-    """The value's name in lower case, or ``unknown(7)``; never raises."""
+    """Name of the value in lower case, or ``unknown(7)``; never raises."""
     try:
         return enum(value).name.lower()
     except ValueError:
@@ -216,7 +216,7 @@ def label(enum: type[IntEnum], value: int) -> str:
 
 
 def flag_labels(flags: type[IntFlag], value: int) -> list[str]:
-    """Names of the bits that are set; a bit without a name as ``bit13``."""
+    """Names of the set bits; an unknown bit as ``bit13``."""
     return [
         (flags(1 << bit).name or f"bit{bit}").lower()
         for bit in range(value.bit_length())
@@ -225,5 +225,5 @@ def flag_labels(flags: type[IntFlag], value: int) -> list[str]:
 
 
 def fault_labels(bits: int) -> list[str]:
-    """Names of the faults among the bits of a status message."""
+    """Names of the faults in ``status.faults``."""
     return flag_labels(Fault, bits & ~int(NO_FAULTS))

@@ -41,7 +41,7 @@ s after a sync, and one may be lost."""
 class Commanded(Protocol):
     """The part of the firmware that commands act on."""
 
-    agreed: bool
+    negotiated: bool
     """Whether a session is open."""
     control: Control
     parameters: ParameterStore
@@ -69,7 +69,7 @@ Act = Callable[["Commanded", Any], NackReason | None]
 
 def carry_out(firmware: Commanded, command: Message) -> NackReason | None:
     """Execute the command, or return the reason of the rejection."""
-    if not firmware.agreed:
+    if not firmware.negotiated:
         return NackReason.NO_SESSION
     act = _ACTS.get(type(command))
     return NackReason.UNKNOWN_COMMAND if act is None else act(firmware, command)

@@ -61,8 +61,8 @@ class Event(Enum):
 class Guard(Enum):
     """A condition that rejects an event."""
 
-    OTHER_CAUSE = "another cause holds"
-    CAUSE_HOLDS = "what stopped it still holds"
+    OTHER_CAUSE = "a different cause is latched"
+    CAUSE_HOLDS = "the fault that stopped it persists"
     FAULT_HOLDS = "a stopping fault holds"
     NO_PLANNER = "no such planner"
 
@@ -108,8 +108,8 @@ _AWAKE = tuple(s for s in State if s not in _UNPOWERED)
 _FREE = tuple(s for s in _AWAKE if s is not State.STOPPED)
 
 
-def _to(state: State, *refusals: Branch) -> Branches:
-    return (*refusals, Branch(state))
+def _to(state: State, *rejections: Branch) -> Branches:
+    return (*rejections, Branch(state))
 
 
 def _rows() -> Iterator[tuple[State, Event, Branches]]:
@@ -217,7 +217,7 @@ def drawn() -> list[tuple[str, str, str]]:
     return found
 
 
-def refusals() -> list[tuple[str, str, str]]:
+def rejections() -> list[tuple[str, str, str]]:
     """Return the rejections of the table as (event and condition, states, reason)."""
     found: dict[tuple[str, str], list[str]] = {}
     for (state, event), branches in TABLE.items():

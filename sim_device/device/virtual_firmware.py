@@ -35,9 +35,9 @@ from protocol.messages.values import (
     RebootKind,
     StopCause,
 )
-from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
+from protocol.schema.comparison import describe
 from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_AUTHENTICATED
 from protocol.uart.link import Link
@@ -113,7 +113,7 @@ class Firmware:
 
         """
         self.identity = identity
-        self.agreed = False
+        self.negotiated = False
         self.session_id = 0
         self._status_wanted = False
         """True: a stop from any sender is to be answered with the status."""
@@ -311,8 +311,8 @@ class Firmware:
             self.link.forget_sequence()  # another host, or the same host with a new session
             self.keyring.open(hello.session_id)
             self._forget_host()
-        if hello.agreed and not self.agreed:
-            self.agreed = True
+        if hello.negotiated and not self.negotiated:
+            self.negotiated = True
             self._heard_us = now_us
             self.log(LogLevel.INFO, f"session with {hello.name}")
             if self.identity.crystal_failed:
@@ -328,7 +328,7 @@ class Firmware:
         self._send(hello, now_us)
         if self.session_id and keyed:
             self._send(self.keyring.challenge(), now_us)
-        if self.agreed:  # before any sample
+        if self.negotiated:  # before any sample
             self._send(self._imu_info, now_us)
 
     def _close(self) -> None:
@@ -340,7 +340,7 @@ class Firmware:
 
     def _forget_host(self) -> None:
         """Discard everything that a session has requested."""
-        self.agreed = False
+        self.negotiated = False
         self.control.forget_host()
         self._freshness.reset()
         self.schedule.reset()
@@ -384,12 +384,12 @@ class Firmware:
     def _setpoint(self, message: VelocitySetpoint, extra_us: float, now_us: int) -> None:
         if not self.session_id:
             self._strange(now_us)
-        elif self.agreed and self.control.modes.state is State.VELOCITY:
+        elif self.negotiated and self.control.modes.state is State.VELOCITY:
             taken = self.control.setpoints.offer(message, extra_us, now_us)
             self.telemetry.stale += not taken
 
     def _duty(self, message: WheelDuty, extra_us: float, now_us: int) -> None:
-        if self.agreed and self.control.modes.state is State.BRINGUP:
+        if self.negotiated and self.control.modes.state is State.BRINGUP:
             taken = self.control.duties.offer(message, extra_us, now_us)
             self.telemetry.stale += not taken
 
@@ -406,7 +406,7 @@ class Firmware:
         tick = (now_us + TICK_US // 2) // TICK_US
         sampler = self._sampler
         sampler.begin()
-        around = sampler.around() if self.agreed and tick % RANGE_TICKS == RANGE_PHASE else None
+        around = sampler.around() if self.negotiated and tick % RANGE_TICKS == RANGE_PHASE else None
         duties = self.control.tick(tick, now_us, sampler, around)
         if self._flash.busy:
             self._carry_on_saving(now_us)
@@ -417,7 +417,7 @@ class Firmware:
             self.control.on_power(sampler.power())
         if tick % LOAD_TICKS == 0:
             self.telemetry.measure_load()
-        if self.agreed:
+        if self.negotiated:
             if due:
                 self._send_streams(due, now_us)
             if tick % HELLO_TICKS == 0:
@@ -431,7 +431,7 @@ class Firmware:
     def _answer_stop(self, due: tuple[str, ...], now_us: int) -> None:
         """Send the status after a stop from any sender, unless it is due anyway."""
         stopped, self._status_wanted = self._status_wanted, False
-        if stopped and not (self.agreed and "status" in due):
+        if stopped and not (self.negotiated and "status" in due):
             self._send_streams(("status",), now_us)
 
     def _send_line(self, now_us: int) -> None:

@@ -59,7 +59,7 @@ def device() -> None:
                 session = message.session_id
                 hello = Hello(CATALOGUE.hash, bytes(12), 1, session, 0, 0, 0, 1, 0, "far end")
                 link.send(hello, 0, node=1)
-                if message.agreed:
+                if message.negotiated:
                     link.send(Sync(1), 0, node=1)
             elif isinstance(message, TimeRequest):
                 link.send(TimeReply(message.ping, frame.t_us), frame.t_us, node=1)

@@ -268,7 +268,7 @@ static void can_hear(char **words)
         printf(event == SP_BAD_CRC ? "damaged" : "-");
     }
     printf(" | %lu %lu %lu %lu\n", (unsigned long)receiver.damaged,
-        (unsigned long)receiver.doubled, (unsigned long)receiver.stale,
+        (unsigned long)receiver.duplicates, (unsigned long)receiver.stale,
         (unsigned long)receiver.given_up);
 }
 #endif

@@ -126,9 +126,9 @@ def beyond(end: str, by: int) -> str:
 def test_the_range_on_the_page_is_the_commands_own(option: Range) -> None:
     """What lies beyond either end is refused by the option's name, both ends are not."""
     for value in (beyond(option.low, -1), beyond(option.high, 1)):
-        assert option.name in refusals(option.path, option.name, value), value
+        assert option.name in rejections(option.path, option.name, value), value
     for value in (option.low, option.high):
-        assert refusals(option.path, option.name, value) == [], value
+        assert rejections(option.path, option.name, value) == [], value
 
 
 def _ports(command: click.Command) -> list[str]:
@@ -137,7 +137,7 @@ def _ports(command: click.Command) -> list[str]:
     return ["/dev/none"] if eager else []
 
 
-def refusals(path: tuple[str, ...], name: str, value: str) -> list[str]:
+def rejections(path: tuple[str, ...], name: str, value: str) -> list[str]:
     """Names of the option that the command's parser refuses; none is run."""
     try:
         ALL[path].make_context(path[-1], [name, value, *_ports(ALL[path])])

@@ -21,7 +21,7 @@ DUTY = 0.3
 
 
 def ready(device: Probe, mode: Mode = Mode.BRINGUP) -> None:
-    device.agree()
+    device.handshake()
     device.needs(WheelDuty)
     device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.free()

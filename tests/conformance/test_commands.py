@@ -39,7 +39,7 @@ def again(device: Probe, message: Message, command_id: int) -> list[Ack | Nack]:
 
 
 def test_an_answer_names_the_command(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     first = device.next_id()
     for ahead in (0, 1, 0x1234, 0x7FFF, 0xEDCC, 0xFFFF):  # ids count up, and wrap
         command_id = (first + ahead) & 0xFFFF
@@ -49,7 +49,7 @@ def test_an_answer_names_the_command(device: Probe) -> None:
 
 
 def test_one_command_has_one_answer(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     command_id = device.next_id()
     mark = len(device.heard)
     device.send(SetMode(command_id, Mode.IDLE))
@@ -57,8 +57,8 @@ def test_one_command_has_one_answer(device: Probe) -> None:
     assert len(device.replies(command_id, 0x06, mark)) == 1
 
 
-def test_before_agreement_everything_but_stop_is_rejected(device: Probe) -> None:
-    device.agree()
+def test_before_the_handshake_everything_but_stop_is_rejected(device: Probe) -> None:
+    device.handshake()
     device.stop()
     device.greet()
     commands = (
@@ -81,7 +81,7 @@ def test_before_agreement_everything_but_stop_is_rejected(device: Probe) -> None
 
 def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: Probe) -> None:
     """The stop that came in between must hold, though the same clear_stop comes again."""
-    device.agree()
+    device.handshake()
     device.stop()
     device.free()
     device.stop()
@@ -98,7 +98,7 @@ def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: 
 
 def test_a_command_that_comes_again_late_is_not_carried_out_again(device: Probe) -> None:
     """Sixteen others came in between, and the device keeps sixteen replies."""
-    device.agree()
+    device.handshake()
     device.stop()
     command_id = device.next_id()
     clear = ClearStop(command_id, OPERATOR)
@@ -112,7 +112,7 @@ def test_a_command_that_comes_again_late_is_not_carried_out_again(device: Probe)
 
 
 def test_a_repeated_refusal_stays_a_refusal(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.stop()
     command_id = device.next_id()
     wanted = SetMode(command_id, Mode.VELOCITY)
@@ -125,7 +125,7 @@ def test_a_repeated_refusal_stays_a_refusal(device: Probe) -> None:
 
 
 def test_the_last_sixteen_are_remembered(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.stop()
     command_id = device.next_id()
     clear = ClearStop(command_id, OPERATOR)
@@ -138,7 +138,7 @@ def test_the_last_sixteen_are_remembered(device: Probe) -> None:
 
 
 def test_the_same_id_of_another_command_is_another(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.stop()
     command_id = device.next_id()
     assert isinstance(device.reply_to(SetMode(command_id, Mode.IDLE)), Ack)
@@ -147,18 +147,18 @@ def test_the_same_id_of_another_command_is_another(device: Probe) -> None:
 
 
 def test_the_same_id_in_another_session_is_another(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.stop()
     command_id = device.next_id()
     assert isinstance(device.reply_to(ClearStop(command_id, OPERATOR)), Ack)
     device.stop()
-    device.agree()
+    device.handshake()
     assert isinstance(device.reply_to(ClearStop(command_id, OPERATOR)), Ack)
     assert device.status().stop_cause == StopCause.NONE
 
 
 def test_a_value_that_cannot_be_is_rejected(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     reason = device.refusal(lambda i: SetMode(i, 77))
     assert reason in {NackReason.BAD_VALUE, NackReason.UNSUPPORTED}, reason

@@ -71,7 +71,7 @@ def pings_answered(device: Probe, mark: int) -> list[int]:
 
 def quiet(device: Probe) -> None:
     """A session that is agreed, at a standstill, with few streams in the way."""
-    device.agree()
+    device.handshake()
     device.stop()
 
 
@@ -161,7 +161,7 @@ def test_another_version_is_not_obeyed(device: Probe, version: int) -> None:
 
 @pytest.mark.link("uart")
 def test_a_payload_of_another_length_is_not_obeyed(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     mark = len(device.heard)
     command_id = device.next_id()
@@ -309,7 +309,7 @@ def random_harmless(rng: random.Random) -> tuple[int, bytes]:
 def still_itself(device: Probe) -> None:
     """The same boot, still latched, idle, and agreeing as ever."""
     before = device.hello
-    hello = device.agree()
+    hello = device.handshake()
     assert before is not None
     assert hello.boot_id == before.boot_id, "it booted anew"
     status = device.status()
@@ -349,7 +349,7 @@ def test_a_devices_own_message_is_passed_over(device: Probe) -> None:
 
 def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
     """Every other message for all devices is passed over: nothing changes, nobody answers."""
-    device.agree()
+    device.handshake()
     device.enter(Mode.VELOCITY)
     before = device.status()
     mark = len(device.heard)
@@ -370,7 +370,9 @@ def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
     ):
         device.send(message, node=0)
     status = device.status()
-    assert (status.mode, status.setpoint_left) == (before.mode, 0), "it obeyed a message for all"
+    assert (status.mode, status.setpoint_remaining) == (before.mode, 0), (
+        "it obeyed a message for all"
+    )
     assert not device.of(DescribeReply, mark), "it described a message to all"
     answers: list[Ack | Nack] = [*device.of(Ack, mark), *device.of(Nack, mark)]
     assert not [m for m in answers if m.command_id in ids], "it answered a message for all"
@@ -380,7 +382,7 @@ def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
 
 
 def test_another_nodes_messages_are_passed_over(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     other = 15 if device.node != 15 else 14
     mark = len(device.heard)

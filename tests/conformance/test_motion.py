@@ -32,7 +32,7 @@ RAMP_S = 0.5
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
     """Free, in a driving mode, at rest, with encoders that come often."""
-    device.agree()
+    device.handshake()
     device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.enter(mode)
     assert device.until(lambda: at_rest(device), 3.0), "it moves and was not told to"
@@ -116,21 +116,21 @@ def test_an_expired_setpoint_ramps_to_rest_and_does_not_latch(device: Probe) -> 
 
 def test_a_setpoint_lives_for_its_time_to_live(device: Probe) -> None:
     ready(device)
-    assert device.status().setpoint_left == 0
+    assert device.status().setpoint_remaining == 0
     device.setpoint(0.0, 0.0, ttl_ms=240)
-    left_ms = device.status().setpoint_left
+    left_ms = device.status().setpoint_remaining
     assert 0 < left_ms <= 240
     device.listen(0.3)
-    assert device.status().setpoint_left == 0
+    assert device.status().setpoint_remaining == 0
 
 
 def test_a_time_to_live_is_clamped(device: Probe) -> None:
     ready(device)
     device.setpoint(0.0, 0.0, ttl_ms=255)
     mark = now_us()
-    assert device.status().setpoint_left <= 250
+    assert device.status().setpoint_remaining <= 250
     device.until(lambda: now_us() - mark > 270_000, 1.0)
-    assert device.status().setpoint_left == 0
+    assert device.status().setpoint_remaining == 0
 
 
 @pytest.mark.parametrize("advance", [0, -1, -100])
@@ -174,7 +174,7 @@ def test_a_late_setpoint_lives_as_much_shorter(device: Probe) -> None:
         device.ping()  # the session's quickest frame is known
     device.setpoint(0.0, 0.0, ttl_ms=200, late_us=150_000)
     device.listen(0.1)
-    assert device.status().setpoint_left == 0, "it lives on as if it had come in time"
+    assert device.status().setpoint_remaining == 0, "it lives on as if it had come in time"
 
 
 @pytest.mark.parametrize("mode", [Mode.IDLE])
@@ -219,7 +219,7 @@ def test_a_silent_host_ends_it_and_latches(device: Probe) -> None:
     assert (host_of_rest(device) - last_us) / 1e6 <= EXPIRY_S + RAMP_S
     device.listen(0.6, alive=False)
     device.session_id = session
-    device.agree()
+    device.handshake()
     assert device.status().stop_cause == StopCause.LINK
 
 
@@ -234,7 +234,7 @@ def test_another_session_ends_it_and_latches(device: Probe) -> None:
     ready(device)
     turning(device, 0.4)
     gone_us = now_us()
-    device.agree()
+    device.handshake()
     device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.forget()
     mark = now_us()
@@ -247,7 +247,7 @@ def test_another_session_ends_it_and_latches(device: Probe) -> None:
 
 def test_it_keeps_to_its_top_speed(device: Probe) -> None:
     """Asked for ten times what its parameters allow, it turns as fast as they allow."""
-    device.agree()
+    device.handshake()
     device.needs(SetParameter)
     known = {p.name.split()[0]: p for p in every(device)}
     needed = {"max_yaw_rate", "wheel_base", "wheel_diameter", "counts_per_turn"}

@@ -51,13 +51,13 @@ def reboot(device: Probe, kind: int) -> Hello:
     )
     assert found is not None, f"no hello of a new boot within {REBOOT_S} s"
     device.link.forget_sequence()
-    device.agree()
+    device.handshake()
     assert isinstance(found.message, Hello)
     return found.message
 
 
 def test_the_list_is_whole(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     found = every(device)
     assert [p.parameter for p in found] == list(range(found[0].parameter_count))
     names = [p.name.partition(" ")[0] for p in found]
@@ -72,7 +72,7 @@ def test_the_list_is_whole(device: Probe) -> None:
 
 
 def test_a_value_is_set_and_read_back(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     for parameter in writable(every(device)):
         wanted = other_value(parameter)
         try:
@@ -88,7 +88,7 @@ def test_a_value_is_set_and_read_back(device: Probe) -> None:
 
 
 def test_a_repeated_set_does_not_undo_a_later_one(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     parameter = one_to_set(device)
     first, number, kind = other_value(parameter), parameter.parameter, parameter.kind
     command_id = device.next_id()
@@ -100,7 +100,7 @@ def test_a_repeated_set_does_not_undo_a_later_one(device: Probe) -> None:
 
 
 def test_what_is_out_of_range_is_rejected(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     for p in writable(every(device)):
         wrong: list[int] = []
         if p.kind == ParameterKind.F32:
@@ -117,7 +117,7 @@ def test_what_is_out_of_range_is_rejected(device: Probe) -> None:
 
 
 def test_another_kind_is_rejected(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     p = one_to_set(device)
     for kind in set(ParameterKind) - {p.kind}:
         reason = device.refusal(lambda i, k=kind: SetParameter(i, p.parameter, k, p.value))  # type: ignore[misc]  # bound now
@@ -125,7 +125,7 @@ def test_another_kind_is_rejected(device: Probe) -> None:
 
 
 def test_what_is_not_there_is_rejected(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     count = every(device)[0].parameter_count
     for number in {count, 255}:
 
@@ -140,7 +140,7 @@ def test_what_is_not_there_is_rejected(device: Probe) -> None:
 
 
 def test_what_is_read_only_stays(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     found = [p for p in every(device) if p.flags & ParameterFlag.READ_ONLY]
     device.needs(bool(found), "every parameter can be set")
     for p in found:
@@ -149,7 +149,7 @@ def test_what_is_read_only_stays(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_a_reboot_is_a_new_boot(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     before = device.hello
     hello = reboot(device, RebootKind.NORMAL)
@@ -165,7 +165,7 @@ def test_a_reboot_is_a_new_boot(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_saved_values_survive_a_reboot_and_others_do_not(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     found = writable(every(device))
     device.needs(len(found) > 1, "fewer than two parameters can be set")
     saved, unsaved = sorted(found, key=needs_reboot)[:2]
@@ -187,7 +187,7 @@ def test_saved_values_survive_a_reboot_and_others_do_not(device: Probe) -> None:
 @pytest.mark.slow
 def test_a_factory_reset_forgets_what_was_saved(device: Probe) -> None:
     """The device's own values are put back and saved again, whatever comes of the check."""
-    device.agree()
+    device.handshake()
     found = writable(every(device))
     device.needs(bool(found), "no parameter can be set")
     try:
@@ -206,7 +206,7 @@ def needs_reboot(parameter: ParameterValue) -> bool:
 
 def restore(device: Probe, found: list[ParameterValue]) -> None:
     """Put the device's own values back, store them, and boot it with them."""
-    device.agree()
+    device.handshake()
     rejected = [p for p in found if put(device, p, p.value) is not None]
     saved = device.refusal(SaveParameters) is None
     lines = "\n".join(f"  {p.name.partition(' ')[0]} = {value_of(p.kind, p.value)}" for p in found)

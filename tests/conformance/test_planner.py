@@ -39,7 +39,7 @@ def command(device: Probe, action: PlannerAction, planner: int | None = None) ->
 
 
 def ready(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.needs(Capability.ONBOARD_PLANNER)
     device.refusal(lambda i: SetStreamRate(i, 0x16, 500))
     device.refusal(lambda i: SetStreamRate(i, 0x2C, 200))
@@ -66,7 +66,7 @@ def moves(device: Probe, seconds: float) -> bool:
 
 
 def test_its_hello_shows_whether_it_has_a_planner(device: Probe) -> None:
-    has = bool(device.agree().capabilities & Capability.ONBOARD_PLANNER)
+    has = bool(device.handshake().capabilities & Capability.ONBOARD_PLANNER)
     device.stop()
     reason = command(device, PlannerAction.START)
     lacks = reason in {NackReason.UNSUPPORTED, NackReason.UNKNOWN_COMMAND}
@@ -136,7 +136,7 @@ def test_a_silent_host_ends_it(device: Probe) -> None:
     assert phase_becomes(device, DRIVING)
     device.session_id = 0
     device.listen(2.0, alive=False)
-    device.agree()
+    device.handshake()
     device.refusal(lambda i: SetStreamRate(i, 0x16, 500))
     device.forget()
     device.listen(0.1)

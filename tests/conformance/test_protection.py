@@ -43,7 +43,7 @@ CLOCK_PPM = 3000.0
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
     """Free, in a driving mode, with encoders that come often."""
-    device.agree()
+    device.handshake()
     device.refusal(lambda i: SetStreamRate(i, 0x13, 1000))
     device.enter(mode)
     device.listen(0.3)
@@ -113,7 +113,7 @@ def test_encoders_that_agree_with_their_motors_are_no_fault(device: Probe) -> No
 @pytest.mark.motion
 @pytest.mark.slow
 def test_at_a_cliff_it_does_not_go_ahead(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.needs(Capability.CLIFF)
     device.needs(bool(contacts(device) & Contact.CLIFF), "the cliff sensor sees the floor")
     assert parameter(device, "cliff_reflex").value == 1, "it is off by default"
@@ -138,7 +138,7 @@ def test_at_a_cliff_it_does_not_go_ahead(device: Probe) -> None:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_with_a_bumper_pressed_it_creeps(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.needs(Capability.BUMPER)
     device.needs(bool(contacts(device) & BUMPERS), "no bumper is held pressed")
     assert parameter(device, "bumper_reflex").value == 1, "it is off by default"
@@ -153,7 +153,7 @@ def test_with_a_bumper_pressed_it_creeps(device: Probe) -> None:
 
 
 def test_a_save_is_acknowledged_once_it_stands(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.needs(SaveParameters)
     before = writable(every(device))[0]
     raw = before.high if before.value != before.high else before.low
@@ -171,7 +171,7 @@ def test_a_save_is_acknowledged_once_it_stands(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_its_clock_is_a_crystals_or_it_reports_that_it_is_not(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     first = device.ping()
     began_us = now_us()
     device.until(lambda: now_us() - began_us > CLOCK_S * 1e6, CLOCK_S + 1.0)
@@ -188,7 +188,7 @@ def test_its_clock_is_a_crystals_or_it_reports_that_it_is_not(device: Probe) -> 
 
 def test_a_crash_comes_with_its_record(device: Probe) -> None:
     """Program counter, link register, CFSR and uptime, in a log line after the hello."""
-    hello = device.agree()
+    hello = device.handshake()
     device.needs(hello.reset_cause == ResetCause.CRASH, "its last reset was no crash")
     device.until(lambda: bool(device.of(LogText)), 1.0)
     device.listen(0.5)

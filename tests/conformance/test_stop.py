@@ -9,7 +9,7 @@ import pytest
 
 from protocol.messages.device import Ack, Status
 from protocol.messages.host import ClearStop, Describe, SetMode, Stop, StopAll, TimeRequest
-from protocol.messages.values import Mode, NackReason, StopCause, by_gravity
+from protocol.messages.values import Mode, NackReason, StopCause, by_severity
 from support.probe import now_us
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def acknowledged(device: Probe, ids: tuple[int, ...], mark: int) -> bool:
 
 
 def test_a_stop_is_latched_and_leaves_every_mode(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     device.stop(StopCause.OPERATOR)
     status = device.status()
@@ -39,7 +39,7 @@ def test_a_stop_is_latched_and_leaves_every_mode(device: Probe) -> None:
 
 
 def test_every_repetition_is_acknowledged(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     command_id = device.next_id()
     mark = len(device.heard)
     for _ in range(4):
@@ -55,7 +55,7 @@ def reported(device: Probe, cause: StopCause, mark: int) -> bool:
 
 
 def test_a_stop_of_every_device_is_latched_as_the_operators(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     mark = len(device.heard)
     device.send(StopAll(), node=0)
@@ -67,7 +67,7 @@ def test_a_stop_of_every_device_is_latched_as_the_operators(device: Probe) -> No
 
 @pytest.mark.slow
 def test_a_stop_of_every_device_is_answered_outside_a_session(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.session_id = 0
     device.listen(1.3, alive=False)  # the session is over
     for _ in range(2):  # equal bytes, a moment later
@@ -79,26 +79,26 @@ def test_a_stop_of_every_device_is_answered_outside_a_session(device: Probe) -> 
             alive=False,
         )
         assert answered, "its status is the answer"
-    device.agree()
+    device.handshake()
     device.free()
 
 
 @pytest.mark.slow
 def test_it_is_obeyed_and_acknowledged_outside_a_session(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     device.session_id = 0
     device.listen(1.3, alive=False)  # the session is over
     command_id = device.next_id()
     device.reply_to(Stop(command_id, StopCause.HARDWARE))
-    device.agree()
+    device.handshake()
     assert device.status().stop_cause == StopCause.HARDWARE
     device.free()
 
 
 def test_the_graver_of_two_stops_that_coincide_is_latched(device: Probe) -> None:
-    device.agree()
-    for first, second in itertools.product(by_gravity(), repeat=2):
+    device.handshake()
+    for first, second in itertools.product(by_severity(), repeat=2):
         device.free()
         ids = device.next_id(), device.next_id()
         mark = len(device.heard)
@@ -114,7 +114,7 @@ def test_the_graver_of_two_stops_that_coincide_is_latched(device: Probe) -> None
 
 
 def test_a_cause_without_a_name_counts_as_the_operators(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     for cause in (0, 6, 200):
         device.free()
         device.reply_to(Stop(device.next_id(), cause))
@@ -123,7 +123,7 @@ def test_a_cause_without_a_name_counts_as_the_operators(device: Probe) -> None:
 
 @pytest.mark.parametrize("cause", GRAVE)
 def test_only_its_own_name_clears_it(device: Probe, cause: StopCause) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     device.stop(cause)
     for other in set(StopCause) - {cause, StopCause.NONE}:
@@ -134,31 +134,31 @@ def test_only_its_own_name_clears_it(device: Probe, cause: StopCause) -> None:
 
 
 def test_to_clear_where_nothing_is_latched_is_no_error(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     assert clear(device, StopCause.OPERATOR) is None
     assert device.status().stop_cause == StopCause.NONE
 
 
 def test_another_sessions_hello_stops_a_robot_that_was_free(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
-    device.agree()
+    device.handshake()
     status = device.status()
     assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.LINK)
 
 
 def test_another_sessions_hello_keeps_the_cause_of_a_robot_that_was_not(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     device.stop(StopCause.SESSION_END)
-    device.agree()
+    device.handshake()
     assert device.status().stop_cause == StopCause.SESSION_END, "an orderly end stays one"
 
 
 @pytest.mark.slow
 def test_a_silent_host_is_a_lost_link(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     session, device.session_id = device.session_id, 0
     device.listen(0.6, alive=False)
@@ -170,13 +170,13 @@ def test_a_silent_host_is_a_lost_link(device: Probe) -> None:
     late = [h for h in heard if h.at_us - silent_us > 1_200_000]
     reported = {type(h.message).__name__ for h in late} - {"Hello"}
     assert not reported, f"1.2 s after the host fell silent it still sends {sorted(reported)}"
-    device.agree()
+    device.handshake()
     assert device.status().stop_cause == StopCause.LINK
 
 
 @pytest.mark.slow
 def test_any_frame_of_the_host_keeps_the_link(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     for ping in range(8):
         device.send(TimeRequest(ping))
@@ -186,7 +186,7 @@ def test_any_frame_of_the_host_keeps_the_link(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_frames_that_are_not_for_it_do_not_keep_it(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.free()
     other = 15 if device.node != 15 else 14
     session, device.session_id = device.session_id, 0
@@ -195,5 +195,5 @@ def test_frames_that_are_not_for_it_do_not_keep_it(device: Probe) -> None:
         device.send(Describe(STOP, 0), node=0)
         device.listen(0.1, alive=False)
     device.session_id = session
-    device.agree()
+    device.handshake()
     assert device.status().stop_cause == StopCause.LINK

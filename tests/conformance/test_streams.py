@@ -62,7 +62,7 @@ def streams_of(device: Probe) -> list[MessageSpec]:
 
 @pytest.mark.slow
 def test_every_stream_flows_at_its_default_rate(device: Probe) -> None:
-    device.agree(quick_status=False)
+    device.handshake(quick_status=False)
     heard = device.listen(2.6)
     for spec in streams_of(device):
         measured = rate_hz(heard, spec.cls)
@@ -73,7 +73,7 @@ def test_every_stream_flows_at_its_default_rate(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_a_rate_ends_with_the_session_that_set_it(device: Probe) -> None:
-    device.agree(quick_status=False)
+    device.handshake(quick_status=False)
     for kind, tenths in ((Imu, 200), (Encoders, 1000), (Range, 0)):
         if device.has(kind):
             set_rate(device, kind, tenths)
@@ -83,7 +83,7 @@ def test_a_rate_ends_with_the_session_that_set_it(device: Probe) -> None:
         if device.has(kind):
             measured = rate_hz(heard, kind)
             assert measured == pytest.approx(hertz, rel=TOLERANCE), f"{kind.__name__} {measured}"
-    device.agree(quick_status=False)
+    device.handshake(quick_status=False)
     heard = device.listen(0.6)
     for kind in (Imu, Encoders, Range):
         if device.has(kind):
@@ -106,7 +106,7 @@ def test_a_rate_ends_with_the_session_that_set_it(device: Probe) -> None:
 def test_a_rate_that_cannot_be_is_rejected(
     device: Probe, stream: int, tenths: int, why: str
 ) -> None:
-    device.agree()
+    device.handshake()
     reason = device.refusal(lambda i: SetStreamRate(i, stream, tenths))
     if reason is NackReason.UNKNOWN_COMMAND:
         device.needs(what=False, name="it does not set rates")
@@ -119,7 +119,7 @@ def test_stamps_advance_and_are_of_the_sampling(device: Probe) -> None:
     Under a storm of questions the line is busy; a device that stamps as it sends would then show
     it in the spacing of its stamps. Some jitter of the sampling itself is honest.
     """
-    device.agree()
+    device.handshake()
     mark = len(device.heard)
     period_us = 1e6 / CATALOGUE.by_class[Imu].default_hz
     for _ in range(25):
@@ -138,7 +138,7 @@ def test_stamps_advance_and_are_of_the_sampling(device: Probe) -> None:
 
 
 def test_stamps_are_of_the_devices_clock_and_not_of_the_future(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     pings = [p for p in (device.ping() for _ in range(8)) if p is not None]
     best = min(pings, key=lambda p: p.round_trip_us)
     mark = len(device.heard)
@@ -152,7 +152,7 @@ def test_stamps_are_of_the_devices_clock_and_not_of_the_future(device: Probe) ->
 
 
 def test_values_are_in_their_declared_ranges(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     heard = device.listen(0.5)
     assert heard
     for message, frame in ((h.message, h.frame) for h in heard):
@@ -162,7 +162,7 @@ def test_values_are_in_their_declared_ranges(device: Probe) -> None:
 
 
 def test_at_rest_the_imu_feels_the_earth_and_nothing_else(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.needs(Capability.IMU)
     device.listen(0.3)
     samples = device.of(Imu)
@@ -178,7 +178,7 @@ def test_at_rest_the_imu_feels_the_earth_and_nothing_else(device: Probe) -> None
 def test_what_a_count_of_the_imu_is_worth_is_said_after_hello_and_each_second(
     device: Probe,
 ) -> None:
-    device.agree()
+    device.handshake()
     device.needs(Capability.IMU)
     device.listen(0.3)
     infos = device.of(ImuInfo)
@@ -193,7 +193,7 @@ def test_what_a_count_of_the_imu_is_worth_is_said_after_hello_and_each_second(
 
 @pytest.mark.link("uart")
 def test_sequence_numbers_count_every_frame(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.listen(0.1)
     device.forget()
     device.ping()
@@ -212,7 +212,7 @@ def test_sequence_numbers_count_every_frame(device: Probe) -> None:
 @pytest.mark.link("uart")
 def test_what_it_writes_is_what_another_codec_reads(device: Probe) -> None:
     """The whole capture by a second codec that shares no code with ours."""
-    device.agree()
+    device.handshake()
     device.forget()
     device.ping()
     device.listen(0.3)
@@ -224,7 +224,7 @@ def test_what_it_writes_is_what_another_codec_reads(device: Probe) -> None:
 
 
 def test_sync_counts_every_frame(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.needs(Sync)
     device.forget()
     device.listen(0.7)
@@ -248,7 +248,7 @@ def test_sync_counts_every_frame(device: Probe) -> None:
 
 
 def test_log_lines_come_at_most_ten_a_second(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     device.needs(LogText)
     for _ in range(20):
         device.stop()

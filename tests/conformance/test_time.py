@@ -25,14 +25,14 @@ def pings(device: Probe, count: int) -> list[Ping]:
 
 
 def test_a_reply_is_sent_after_the_request_came(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     taken = sorted(since(p.reached_us, p.replied_us) for p in pings(device, 15))
     assert taken[0] >= 0, f"sent {-taken[0]} us before the request came"
     assert taken[len(taken) // 2] <= WORST_US, f"answered after {taken} us"
 
 
 def test_the_devices_stay_is_part_of_the_round_trip(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     for ping in pings(device, 10):
         stay_us = since(ping.reached_us, ping.replied_us)
         assert stay_us <= ping.round_trip_us + 1_000, (
@@ -41,7 +41,7 @@ def test_the_devices_stay_is_part_of_the_round_trip(device: Probe) -> None:
 
 
 def test_its_clock_runs_as_ours_does(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     first = min(pings(device, 6), key=lambda p: p.round_trip_us)
     device.listen(1.0)
     last = min(pings(device, 6), key=lambda p: p.round_trip_us)
@@ -52,7 +52,7 @@ def test_its_clock_runs_as_ours_does(device: Probe) -> None:
 
 
 def test_each_request_has_its_own_reply(device: Probe) -> None:
-    device.agree()
+    device.handshake()
     mark = len(device.heard)
     for number in (7, 200, 7, 0, 255):
         device.send(TimeRequest(number))

@@ -55,7 +55,7 @@ TARGETS = (
         "modes",
         "sim_device.device.modes",
         _tests("sim_device/mode_table", "sim_device/device_modes"),
-        frozenset({"drawn", "refusals"}),  # what is printed
+        frozenset({"drawn", "rejections"}),  # what is printed
     ),
     Target(
         "mission",

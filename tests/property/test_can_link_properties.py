@@ -315,7 +315,7 @@ def test_losses_are_shown_by_sync() -> None:
         receiver.receive(b"".join(records) * (2 if i == 22 else 1), t_us)
     assert lost == 6
     assert receiver.statistics.lost == 6
-    assert receiver.statistics.doubled == 2
+    assert receiver.statistics.duplicates == 2
     assert receiver.statistics.reordered == 0
 
 

@@ -74,7 +74,7 @@ def test_random_frames_in_a_running_session_break_neither_end(
 def test_damaged_frames_are_answered_by_nothing(frame: bytes) -> None:
     device = sweeper()
     device.step(b"", 0)
-    device.firmware.agreed = False
+    device.firmware.negotiated = False
     before = device.firmware.latch.cause
     device.step(b"\0" + frame + b"\0", 5_000)
     assert device.firmware.latch.cause >= before

@@ -27,13 +27,13 @@ def specs(draw: st.DrawFn) -> FaultSpec:
 
 def read_or_rejected(text: str, *, timed: bool = True) -> FaultSpec | None:
     """The fault; None where it was refused, in one line that keeps the text."""
-    refusals: list[FaultSpecError] = []
+    rejections: list[FaultSpecError] = []
     try:
         return parse_fault(text) if timed else parse_fault_now(text)
     except FaultSpecError as error:
-        refusals.append(error)
-    assert [refusal.text for refusal in refusals] == [text]
-    assert len(str(refusals[0]).splitlines()) == 1
+        rejections.append(error)
+    assert [refusal.text for refusal in rejections] == [text]
+    assert len(str(rejections[0]).splitlines()) == 1
     return None
 
 

@@ -107,7 +107,7 @@ def test_python_understands_what_c_sends(adapter: Adapter) -> None:
 
 
 def troubled(rng: random.Random, records: list[CanFrame]) -> list[CanFrame]:
-    """Frames lost, doubled, cut, or with a bit wrong; of one identifier never out of order."""
+    """Frames lost, duplicated, cut, or with a bit wrong; of one identifier never out of order."""
     out = []
     for frame in records:
         match rng.randrange(40):
@@ -190,10 +190,10 @@ def test_c_receives_what_python_receives(adapter: Adapter) -> None:
             assert " ".join(printed[:7]) == wanted
             complete += len(printed) > 1
         s = link.statistics
-        assert counts == f"{s.damaged} {s.doubled} {s.stale} {s.given_up}"
+        assert counts == f"{s.damaged} {s.duplicates} {s.stale} {s.given_up}"
     assert complete > MESSAGES // 2
     s = link.statistics
-    assert min(s.damaged, s.doubled, s.stale, s.given_up) > 10  # all of it was tried
+    assert min(s.damaged, s.duplicates, s.stale, s.given_up) > 10  # all of it was tried
 
 
 PARTS = tuple(map(declared.CanPart, (0x02, 0x03, 0x04), ("velocity", "tools", "suction")))

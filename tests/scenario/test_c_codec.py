@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from protocol.messages.host import Describe, DescribeEnum, StopAll
-from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec
+from protocol.schema.comparison import describe
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame, Frame, UartParser, encode_frame
 from protocol.uart.link import Link
@@ -328,7 +328,7 @@ def test_crc_by_software_and_by_the_unit_is_zlibs(adapter: Adapter) -> None:
         assert answer.split() == [str(zlib.crc32(piece))] * 3, len(piece)
 
 
-# ---- agreement --------------------------------------------------------------------------------
+# ---- comparison -------------------------------------------------------------------------------
 
 
 def test_c_describes_every_message(adapter: Adapter) -> None:

@@ -203,7 +203,7 @@ def device(program: Path, launch: Callable[[Path], Device]) -> Device:
     return launch(program)
 
 
-def test_it_sends_hello_once_a_second_until_a_host_agrees(device: Device) -> None:
+def test_it_sends_hello_once_a_second_until_the_handshake(device: Device) -> None:
     bench = Bench(device)
     parser = UartParser()
     wire = b"".join(device.turn(t * STEP_US, b"") for t in range(3_500))
@@ -383,7 +383,7 @@ def test_what_it_does_not_do_is_rejected(device: Device) -> None:
     assert bench.outcome() == (False, NackReason.UNSUPPORTED)
 
 
-def test_it_agrees_and_obeys_on_a_bad_line(device: Device) -> None:
+def test_it_negotiates_and_obeys_on_a_bad_link(device: Device) -> None:
     rng = random.Random(9)
 
     def bad() -> Wire:
@@ -404,7 +404,7 @@ def test_it_agrees_and_obeys_on_a_bad_line(device: Device) -> None:
     assert bench.session.link.statistics.damaged > 10
 
 
-def test_a_minimal_build_agrees_message_by_message(
+def test_a_minimal_build_negotiates_message_by_message(
     tmp_path: Path, launch: Callable[[Path], Device]
 ) -> None:
     device = launch(build(tmp_path, "-DSP_MINIMAL", "-DSP_WITH_POWER=0"))

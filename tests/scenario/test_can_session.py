@@ -58,13 +58,13 @@ def statistics(end: SessionEnd) -> CanStatistics:
     return found
 
 
-def test_agreement_streams_and_a_drive() -> None:
+def test_handshake_streams_and_a_drive() -> None:
     host = session_end(link=CanLink)
     ends = BusEnds(host, sweeper(link=CanLink))
     assert ends.run(3.0, lambda: host.session.state is State.READY)
-    (agreed,) = host.of(SessionReady)
-    assert agreed.differences == ()
-    assert agreed.node == 1
+    (negotiated,) = host.of(SessionReady)
+    assert negotiated.differences == ()
+    assert negotiated.node == 1
     host.session.clear_stop(StopCause.SESSION_END, ends.host_ns)
     ends.run(0.2)
     host.session.set_mode(Mode.VELOCITY, ends.host_ns)
@@ -88,7 +88,7 @@ def test_agreement_streams_and_a_drive() -> None:
     check_safe(ends)
     found = statistics(host)
     assert (found.lost, found.damaged, found.rejected, found.stale) == (0, 0, 0, 0)
-    assert (found.incomplete, found.given_up, found.doubled, found.foreign) == (0, 0, 0, 0)
+    assert (found.incomplete, found.given_up, found.duplicates, found.foreign) == (0, 0, 0, 0)
     assert len(host.of(Ping)) > 15
     assert not host.of(Failed)
 
@@ -222,7 +222,7 @@ def test_a_bus_that_loses_and_doubles_frames(seed: int) -> None:
     assert host.session.state is State.READY
     found = statistics(host)
     assert found.lost > 50
-    assert found.doubled > 50
+    assert found.duplicates > 50
     assert found.incomplete > 20
     assert found.damaged == 0
     kinds = {type(d.received.message) for d in host.of(Data)}

@@ -31,8 +31,8 @@ INSTALLED = bool(entry_points(group="pytest11", name="sweepctl"))
 AT_ONCE = 4
 
 FOUND_BY = {
-    "reciting": {"test_describe_agrees_with_the_catalogue"},
-    "shy": {"test_hello_once_a_second_until_a_host_agrees"},
+    "reciting": {"test_describe_matches_the_catalogue"},
+    "shy": {"test_hello_once_a_second_until_the_handshake"},
     "eager": {"test_a_repeated_command_is_answered_again_and_not_carried_out_again"},
     "forgetful": {"test_a_stop_is_latched_and_leaves_every_mode"},
     "batching": {"test_stamps_advance_and_are_of_the_sampling"},
@@ -174,10 +174,10 @@ def test_a_sound_device_passes(runs: dict[str, Future[Outcome]]) -> None:
     assert "test_it_follows_a_setpoint" in outcome.of("not_run"), "nobody allowed motion"
     assert report["device"]["node"] == 1
     assert len(bytes.fromhex(report["device"]["uid"])) == 12
-    assert report["chapters"]["Hello and agreement"]["passed"] == 1
+    assert report["chapters"]["Handshake"]["passed"] == 1
     assert "moving checks were off" in outcome.out
     assert "--allow-motion" in outcome.out
-    assert "Hello and agreement" in outcome.out
+    assert "Handshake" in outcome.out
 
 
 @pytest.mark.parametrize(

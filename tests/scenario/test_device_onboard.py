@@ -98,7 +98,7 @@ def test_it_rests_first_and_then_drives_from_its_own_origin() -> None:
     # It stands at (10, 10) in the room; its own frame begins where it began.
     assert state.target_x_m == pytest.approx(host.device.truth.path_m, abs=0.06)
     assert abs(state.target_y_m) < 0.02
-    assert host.status.setpoint_left == 0, "nobody's setpoints move it"
+    assert host.status.setpoint_remaining == 0, "nobody's setpoints move it"
 
 
 def test_paused_it_stands_and_goes_on_along_its_line() -> None:

@@ -209,18 +209,18 @@ class Host:
         self.counter += 1
         return self.send(VelocitySetpoint(1500, 0, 200, self.counter))
 
-    def agree(self) -> None:
-        self.greet(agreed=0)
+    def handshake(self) -> None:
+        self.greet(negotiated=0)
         self.greet()
 
-    def greet(self, *, agreed: int = 1) -> None:
-        self.send(HostHello(0, SESSION, self.boot_id, agreed, "host"))
+    def greet(self, *, negotiated: int = 1) -> None:
+        self.send(HostHello(0, SESSION, self.boot_id, negotiated, "host"))
 
 
 def keyed_by_uart() -> list[Act]:
     """A key is set over the serial link, and stands after the quarter of a second of a save."""
     host = Host(Link(Direction.HOST), None, 1)
-    host.agree()
+    host.handshake()
     host.send(SetKey(1, *key_words(KEY)))
     for _ in range(20):
         host.greet()
@@ -237,7 +237,7 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
     """What is signed drives; what is not, is played back or changed moves nothing."""
     kind = CanLink if can else Link
     host = Host(kind(Direction.HOST), KEY, 2)
-    host.agree()
+    host.handshake()
     host.sign_from(1)
     host.send(ClearStop(1, StopCause.SESSION_END))
     host.send(SetMode(2, Mode.VELOCITY))
@@ -271,7 +271,7 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
 def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
     """It outlives a save of the parameters; without its tag nobody removes it."""
     host = Host(Link(Direction.HOST), KEY, 2)
-    host.agree()
+    host.handshake()
     host.send(SetKey(1, 0, 0, 0, 0))  # without a tag
     host.sign_from(1)
     host.send(ClearStop(2, StopCause.SESSION_END))
@@ -280,7 +280,7 @@ def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
     for _ in range(20):
         host.greet()
     after = Host(Link(Direction.HOST), KEY, 3)
-    after.agree()
+    after.handshake()
     after.sign_from(1)
     after.send(SetKey(5, 0, 0, 0, 0))
     for _ in range(20):
@@ -306,7 +306,7 @@ def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
 def test_only_what_is_signed_keeps_a_session_alive(signs: bool) -> None:  # noqa: FBT001 - a parameter of the test
     """Hellos come from anybody; a signed time request only from the host."""
     host = Host(Link(Direction.HOST), KEY, 2)
-    host.agree()
+    host.handshake()
     host.sign_from(1)
     host.send(ClearStop(1, StopCause.SESSION_END))
     for ping in range(60):

@@ -368,5 +368,5 @@ def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(*, can: bool) -> 
         writer.inform(Describe(0x04, fields))
         writer.begin()
         reported = compare(writer.acts, can=can)
-        assert reported[-1].agreed
+        assert reported[-1].negotiated
         assert reported[-1].session_id == 7

@@ -139,7 +139,7 @@ def test_what_it_cannot_do_is_rejected(built: Path, arguments: list[str], why: s
 def test_conformance(device: Emulated, tmp_path: Path) -> None:
     """A share of the suite that `pytest --port PORT` runs: what is safe, and what is quick."""
     report = tmp_path / "report.json"
-    chosen = "test_stop.py or test_agreement.py or test_commands.py or test_it_follows_a_setpoint"
+    chosen = "test_stop.py or test_handshake.py or test_commands.py or test_it_follows_a_setpoint"
     done = subprocess.run(
         [
             *(sys.executable, "-m", "pytest", "-q", f"--port={device.port}", "--allow-motion"),
@@ -213,7 +213,7 @@ def test_a_host_that_is_killed(device: Emulated, tmp_path: Path) -> None:
 
 
 def _latched(host: Probe) -> StopCause:
-    host.agree()
+    host.handshake()
     return StopCause(host.status().stop_cause)
 
 
@@ -221,7 +221,7 @@ def _latched(host: Probe) -> StopCause:
 def test_a_stop_holds_until_it_is_cleared(device: Emulated) -> None:
     host = probe(device)
     try:
-        host.agree()
+        host.handshake()
         host.free()
         host.enter(Mode.VELOCITY)
         host.keep_saying(lambda: host.setpoint(0.15, 0.0), 1.0)
@@ -251,10 +251,10 @@ def test_a_reset_is_reported_and_latched(device: Emulated, fault: str, cause: Re
     """A reset from outside, and the chip's own watchdog on a program that hangs."""
     host = probe(device)
     try:
-        before = host.agree()
+        before = host.handshake()
         device.ask(f"start {fault}")
         until(lambda: _booted(host, before), 5.0, "it boots anew")
-        hello = host.agree()
+        hello = host.handshake()
         assert hello.reset_cause == cause
         assert hello.uid == before.uid
         assert hello.boot_id != before.boot_id
@@ -274,7 +274,7 @@ def _booted(host: Probe, before: Hello) -> bool:
 def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
     host = probe(device)
     try:
-        host.agree()
+        host.handshake()
         assert not host.status().faults & ~Fault.DRIVERS_OFF
         device.ask("start battery-flat:charge=0.02")
         until(lambda: bool(host.status().faults & Fault.BATTERY_LOW), 5.0, "the battery is low")

@@ -71,7 +71,7 @@ def messages(events: list[LinkEvent]) -> list[Message]:
     return [event.message for event in events if isinstance(event, Received)]
 
 
-def test_it_sends_hello_and_waits_for_a_host_that_agrees(log: Path) -> None:
+def test_it_sends_hello_and_waits_for_a_handshake(log: Path) -> None:
     peer = Peer(replay_device(LogReader(log)))
     before = messages(peer.wait(3.0))
     assert {type(message) for message in before} == {Hello}

@@ -94,7 +94,7 @@ class Feeder:
                     CATALOGUE.hash, bytes(12), 1, message.session_id, 0, 0, 1, 0, 0, "feeder"
                 )
                 self._link.send(hello, stamp_us, node=1)
-                if message.agreed:
+                if message.negotiated:
                     self._agreed = True
                     self._link.send(Status(0, 1, 0, 0, 5), stamp_us, node=1)
             elif isinstance(message, TimeRequest):

@@ -31,7 +31,7 @@ from protocol.messages.host import (
     TimeRequest,
     VelocitySetpoint,
 )
-from protocol.messages.values import Fault, StopCause, by_gravity
+from protocol.messages.values import Fault, StopCause, by_severity
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.codec import Codec
 from protocol.uart.framing import Frame, UartParser, encode_frame
@@ -326,7 +326,7 @@ class Newest(Sound):
     def host_frame(self, frame: Frame) -> list[Frame]:
         if not isinstance(self.message(frame), Stop):
             return [frame]
-        clears = [ClearStop(self.own_id(), cause) for cause in by_gravity()]
+        clears = [ClearStop(self.own_id(), cause) for cause in by_severity()]
         self._own |= {clear.command_id for clear in clears}
         return [*(self.saying(frame, c, command_id=c.command_id) for c in clears), frame]
 

@@ -115,7 +115,7 @@ class Reported(NamedTuple):
 
     now_us: int
     session_id: int
-    agreed: bool
+    negotiated: bool
     state: int
     """Of ``modes.h``: stopped, idle, velocity, bring-up, onboard, running, paused."""
     stop_cause: int
@@ -137,13 +137,13 @@ def read(data: bytes) -> list[Reported]:
     while at < len(data):
         values = REPORTED.unpack_from(data, at)
         at += REPORTED.size
-        now_us, session_id, agreed, state, stop_cause, faults, stale, reboots = values[:8]
+        now_us, session_id, negotiated, state, stop_cause, faults, stale, reboots = values[:8]
         left, right, drivers, length = values[-4:]
         reported.append(
             Reported(
                 now_us,
                 session_id,
-                bool(agreed),
+                bool(negotiated),
                 state,
                 stop_cause,
                 faults,

@@ -159,7 +159,7 @@ class Twin:
         return Reported(
             self._now_us - self._booted_us,
             firmware.session_id,
-            firmware.agreed,
+            firmware.negotiated,
             _STATES.index(control.modes.state),
             int(control.latch.cause),
             control.fault_bits,

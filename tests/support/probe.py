@@ -32,8 +32,8 @@ from protocol.messages.host import (
     WheelDuty,
 )
 from protocol.messages.values import Capability, Mode, NackReason, StopCause
-from protocol.schema.agreement import Comparison
 from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.comparison import Comparison
 from support.wire_probe import Heard, Ping, WireProbe, now_us, since
 
 if TYPE_CHECKING:
@@ -59,10 +59,12 @@ class Probe(WireProbe):
         """What a hello must name to open a session; 0: the device has not said it yet."""
         return 0 if self.hello is None else self.hello.boot_id
 
-    def send_hello(self, *, agreed: int = 0, session_id: int | None = None) -> int:
+    def send_hello(self, *, negotiated: int = 0, session_id: int | None = None) -> int:
         """Say hello in our session, or in another."""
         session = self.session_id if session_id is None else session_id
-        return self.send(HostHello(CATALOGUE.hash, session, self.boot_id, agreed, "conformance"))
+        return self.send(
+            HostHello(CATALOGUE.hash, session, self.boot_id, negotiated, "conformance")
+        )
 
     def greet(self) -> Hello:
         """Open a session of our own and hear the device's answer; nothing is agreed yet."""
@@ -80,13 +82,13 @@ class Probe(WireProbe):
             mark = len(self.heard)
         raise AssertionError("the device does not answer a hello")
 
-    def agree(self, *, quick_status: bool = True) -> Hello:
+    def handshake(self, *, quick_status: bool = True) -> Hello:
         """Open a session and agree, as a host does; streams flow from then on."""
         hello = self.greet()
         self._compare(hello)
         mark = len(self.heard)
         for _ in range(5):
-            self.send_hello(agreed=1)
+            self.send_hello(negotiated=1)
             if self.until(lambda: self._streams_since(mark), TRY_S, alive=False):
                 break
         else:

@@ -118,7 +118,7 @@ class Drive:
             if isinstance(e, Ping) and since_s * 1e6 <= at_us < until_s * 1e6
         ]
 
-    def agreed(self) -> list[SessionReady]:
+    def negotiated(self) -> list[SessionReady]:
         """Each agreement."""
         return [e for _, e in self.events if isinstance(e, SessionReady)]
 

@@ -73,8 +73,8 @@ class WireHost:
         self.send(HostHello(CATALOGUE.hash, session, 0, 0, "frames"))
         hello = self.newest[Hello]
         assert isinstance(hello, Hello)
-        for agreed in (0, 1):
-            self.send(HostHello(CATALOGUE.hash, session, hello.boot_id, agreed, "frames"))
+        for negotiated in (0, 1):
+            self.send(HostHello(CATALOGUE.hash, session, hello.boot_id, negotiated, "frames"))
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:
         """A command and its answer, which must come at once."""

@@ -15,7 +15,7 @@ import click
 
 from bridge.errors import (
     CommandRejectedError,
-    DisagreementError,
+    IncompatibleError,
     PortError,
     StoppedForSafetyError,
 )
@@ -54,7 +54,7 @@ def desk_on(
 
     Raises:
         PortError: the port cannot be opened, or no device answers.
-        DisagreementError: the device is incompatible.
+        IncompatibleError: the device is incompatible.
         LogExistsError: the log exists, and ``--force`` is not given.
         LogWriteError: the log cannot be written.
 
@@ -88,7 +88,7 @@ def _named(port: str) -> Iterator[None]:
     """Prefix errors of the device or its link with the port, unless they name it."""
     try:
         yield
-    except (PortError, DisagreementError, CommandRejectedError, StoppedForSafetyError) as error:
+    except (PortError, IncompatibleError, CommandRejectedError, StoppedForSafetyError) as error:
         if port not in error.bare:
             error.args = (f"{port}: {error.bare}",)
         raise

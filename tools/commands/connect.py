@@ -170,6 +170,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     )
     for line in result.complaints:
         complain(line)
-    if as_json or result.agreed or not result.complaints:
+    if as_json or result.negotiated or not result.complaints:
         print_summary(result.summary, as_json=as_json)
     return result.exit_status

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _NO_DEVICE = frozenset({"no_data", "no_answer", "wrong_baud", "echo", "other_node", "words"})
 """Kinds of finding that mean that no device answered: exit status 3."""
-_NO_AGREEMENT = frozenset({"version"})
+_INCOMPATIBLE = frozenset({"version"})
 """Kinds of finding that mean that host and device are incompatible: exit status 4."""
 
 
@@ -159,7 +159,7 @@ def _status(findings: list[Finding]) -> int:
     if any(f.kind in _NO_DEVICE and f.severity.value == "error" for f in grave):
         return 3
     if any(
-        f.kind in _NO_AGREEMENT or (f.kind == "schema" and f.severity.value == "error")
+        f.kind in _INCOMPATIBLE or (f.kind == "schema" and f.severity.value == "error")
         for f in grave
     ):
         return 4

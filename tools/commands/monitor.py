@@ -41,7 +41,7 @@ def _complete_type(
 @port_options
 @click.argument("types", nargs=-1, metavar="[TYPE]...", shell_complete=_complete_type)
 @click.option(
-    "--agree",
+    "--handshake",
     is_flag=True,
     help="Connect to the device, so that it sends its sensor data, and show its state. Nothing "
     "moves.",
@@ -65,7 +65,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     *,
     port: PortAsked,
     types: tuple[str, ...],
-    agree: bool,
+    handshake: bool,
     raw: bool,
     lines: bool,
     jsonl: bool,
@@ -78,7 +78,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     shown. On a serial line a device that no host is connected to sends only a hello each second. On
     a CAN bus the frames of both sides are shown.
 
-    With --agree the command completes the handshake, and the device sends its sensor data: the
+    With --handshake the command completes the handshake, and the device sends its sensor data: the
     state of an idle robot is shown four times a second. Nothing that is sent can move a wheel, and
     a robot that another host left moving stops.
 
@@ -97,13 +97,13 @@ def command(  # noqa: PLR0913 - one parameter per option
         monitor = Monitor(link_of(port.name), types=types, node=port.node)
     except UnknownTypeError as error:
         raise click.BadParameter(str(error), param_hint="'[TYPE]...'") from None
-    if agree and (types or raw):
-        raise click.UsageError("--agree shows the device's state: omit TYPE and --raw")
+    if handshake and (types or raw):
+        raise click.UsageError("--handshake shows the device's state: omit TYPE and --raw")
     looker = _Looker(port.name, duration_s, as_json=as_json, jsonl=jsonl, lines=lines)
     if has_owner(port.name):
         _check_followed(port, types, raw=raw)
         looker.look_on_owner()
-    elif agree:
+    elif handshake:
         looker.look_on_device(port)
     else:
         view = _view(monitor, port.name, types, raw=raw, lines=lines, jsonl=jsonl, quiet=as_json)
@@ -226,7 +226,7 @@ class _Looker:
         Raises:
             PortError: the port cannot be opened.
             NoDeviceError: no device answered.
-            DisagreementError: the device is incompatible.
+            IncompatibleError: the device is incompatible.
             DeviceLostError: the device was lost for good.
 
         """

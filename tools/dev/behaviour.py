@@ -1,6 +1,7 @@
-"""What both ends do with the wire, gathered from the code that does it, for PROTOCOL.md.
+"""States and timing of host and device for PROTOCOL.md, read from the code.
 
-States are the transition tables of both ends; of the device's latch, what trying gives.
+Session and modes come from their transition tables. The latch has no table: every stop and every
+clear is tried in each of its states.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def wire_behaviour() -> Behaviour:
-    """States, timing rules and the numbers of a motor command's life."""
+    """Return states, timing rules and the numbers of the section about one setpoint."""
     return Behaviour(
         machines=[_session(), _latch(), _modes()], rules=list(_rules()), numbers=_numbers()
     )
@@ -54,8 +55,8 @@ def _session() -> Machine:
     ]
     return Machine(
         "The host's session",
-        "`bridge.session.states.TRANSITIONS`. A lost device is looked for again; what answers then "
-        "must be the same device, and agrees anew.",
+        "Source: `bridge.session.states.TRANSITIONS`. After a loss the host searches for its "
+        "device. The same device must answer, and the handshake is repeated.",
         session_events.State.CLOSED.value,
         moves,
     )
@@ -74,8 +75,8 @@ def _latch() -> Machine:
                 moves.append((_name(held), f"clear {_name(cause)}", _name(latch.cause)))
     return Machine(
         "The device's latch",
-        "`sim_device.device.safety.StopLatch`. The gravest cause holds, and only `clear_stop` with "
-        "its name releases it. What is not drawn changes nothing.",
+        "Source: `sim_device.device.safety.StopLatch`. The most severe cause stays latched. Only "
+        "`clear_stop` with that cause releases it. Events that are not shown change nothing.",
         _name(safety.StopLatch().cause),
         moves,
     )
@@ -88,12 +89,12 @@ def _name(cause: StopCause) -> str:
 def _modes() -> Machine:
     return Machine(
         "The device's modes",
-        "`sim_device.device.modes.TABLE`, from which the emulated firmware takes every step. "
-        "`onboard`, `running` and `paused` are one mode on the wire; `stopped` and what stands "
-        "before it are idle. A stopping fault is a robot lifted, a wheel without counts, a motor "
-        f"that has stood for {health.STALL_STOP_S:g} s under current, an empty battery, and while "
-        "the device plans for itself a gyro that cannot be believed. What is not drawn changes "
-        "nothing or is refused.",
+        "Source: `sim_device.device.modes.TABLE`, which the emulated firmware executes. The "
+        "protocol reports `onboard`, `running` and `paused` as mode `onboard`, and `off`, `boot` "
+        "and `stopped` as mode `idle`. Stopping faults: the robot is lifted, a wheel gives no "
+        f"counts, a motor stalls for {health.STALL_STOP_S:g} s, or the battery is empty. While "
+        "the device's own planner runs, an implausible gyro is a stopping fault as well. Events "
+        "that are not shown change nothing or are rejected.",
         modes.State.OFF.value,
         modes.drawn(),
     )
@@ -113,62 +114,66 @@ def _us(us: float) -> str:
 def _rules() -> Iterator[Rule]:
     yield Rule(
         "device",
-        "control period; no stream is quicker",
+        "control period, and minimum period of a stream",
         _us(virtual_firmware.TICK_US),
         "sim_device.device.virtual_firmware.TICK_US",
     )
     yield Rule(
         "device",
-        "hello, until agreed, every",
+        "period of `hello` until the handshake is complete",
         _us(virtual_firmware.HELLO_TICKS * virtual_firmware.TICK_US),
         "sim_device.device.virtual_firmware.HELLO_TICKS",
     )
     yield Rule(
         "device",
-        "most that a setpoint may live",
+        "maximum time to live of a setpoint",
         _us(safety.MAX_TIME_TO_LIVE_US),
         "sim_device.device.safety.MAX_TIME_TO_LIVE_US",
     )
     yield Rule(
         "device",
-        "no valid host frame: session over, stop latched with cause `link`",
+        "no valid host frame: the session ends and a stop with cause `link` is latched after",
         _us(safety.HOST_SILENCE_US),
         "sim_device.device.safety.HOST_SILENCE_US",
     )
     yield Rule(
         "device",
-        "most drift between the two clocks that freshness allows for",
+        "maximum clock drift that the freshness check allows",
         f"{safety.DRIFT_ALLOWANCE_PPM} ppm",
         "sim_device.device.safety.DRIFT_ALLOWANCE_PPM",
     )
     yield Rule(
         "device",
-        "replies kept for repeated commands",
+        "stored replies for repeated commands",
         str(commands.REMEMBERED),
         "protocol.commands.REMEMBERED",
     )
     yield Rule(
         "device",
-        "between two log texts",
+        "minimum time between two log texts",
         _us(log_lines.LOG_PERIOD_US),
         "sim_device.device.log_lines.LOG_PERIOD_US",
     )
     yield Rule(
         "device",
-        "slowest rate that `sync` may be set to",
+        "minimum rate of `sync`",
         f"{device_commands.SYNC_RATE_MIN / 10:g} Hz",
         "sim_device.device.commands.SYNC_RATE_MIN",
     )
     yield Rule(
         "device",
-        "most duty in bring-up",
+        "maximum duty in bring-up mode",
         f"{safety.BRINGUP_DUTY_MAX:g}",
         "sim_device.device.safety.BRINGUP_DUTY_MAX",
     )
     for what, us, source in (
-        ("from reset to its first control period", device.BOOT_US, "sweeper.BOOT_US"),
-        ("a program that hangs is reset after", device.WATCHDOG_US, "sweeper.WATCHDOG_US"),
-        ("onboard: at rest before the first leg", onboard.AT_REST_US, "device.onboard.AT_REST_US"),
+        ("time from reset to the first control period", device.BOOT_US, "sweeper.BOOT_US"),
+        ("watchdog reset of a program that hangs after", device.WATCHDOG_US, "sweeper.WATCHDOG_US"),
+        (
+            "own planner: standstill before the first leg",
+            onboard.AT_REST_US,
+            "device.onboard.AT_REST_US",
+        ),
     ):
         yield Rule("device", what, _us(us), f"sim_device.{source}")
     yield from _host_rules()
@@ -177,17 +182,29 @@ def _rules() -> Iterator[Rule]:
 
 def _host_rules() -> Iterator[Rule]:
     for what, value, source in (
-        ("hello while nobody has answered, every", session.HELLO_PERIOD_NS, "HELLO_PERIOD_NS"),
         (
-            "gives up on a port where nobody answers after",
+            "period of `host_hello` until a device answers",
+            session.HELLO_PERIOD_NS,
+            "HELLO_PERIOD_NS",
+        ),
+        (
+            "no device answers on the port: failed after",
             session.OPEN_TIMEOUT_NS,
             "OPEN_TIMEOUT_NS",
         ),
-        ("from opening to agreement at most", session.AGREE_TIMEOUT_NS, "AGREE_TIMEOUT_NS"),
-        ("no device frame: lost after", session.LOST_AFTER_NS, "LOST_AFTER_NS"),
-        (f"first {session.FAST_PINGS} time requests, every", session.FAST_PING_NS, "FAST_PING_NS"),
         (
-            "then time requests, which keep the session alive, every",
+            "handshake not complete: failed after",
+            session.HANDSHAKE_TIMEOUT_NS,
+            "HANDSHAKE_TIMEOUT_NS",
+        ),
+        ("no device frame: lost after", session.LOST_AFTER_NS, "LOST_AFTER_NS"),
+        (
+            f"period of the first {session.FAST_PINGS} time requests",
+            session.FAST_PING_NS,
+            "FAST_PING_NS",
+        ),
+        (
+            "period of later time requests, which keep the session alive",
             session.SLOW_PING_NS,
             "SLOW_PING_NS",
         ),
@@ -195,72 +212,84 @@ def _host_rules() -> Iterator[Rule]:
         yield Rule("host", what, _ms(value), f"bridge.session.session.{source}")
     yield Rule(
         "host",
-        f"least round trip of the last {round_trip.PINGS} time requests, the device's turnaround "
-        "taken off, that allows motion; no motion before there are as many, and in a run a stop "
-        "with cause `link`",
+        f"maximum round-trip time for motion: the minimum of the last {round_trip.PINGS} time "
+        "requests, less the device's turnaround. Before as many replies there is no motion; "
+        "above the maximum a run stops with cause `link`",
         _ms(round_trip.LIMIT_NS),
         "bridge.session.round_trip.LIMIT_NS",
     )
     yield Rule(
         "host",
-        "the same stop where no time request is answered within that limit for",
+        "stop with cause `link` if no reply arrives within that maximum for",
         _ms(round_trip.UNANSWERED_NS),
         "bridge.session.round_trip.UNANSWERED_NS",
     )
     yield Rule(
         "host",
-        "turnaround of the device that is taken off a round trip, at most",
+        "maximum turnaround that is subtracted from a round trip",
         _ms(round_trip.TURNAROUND_NS),
         "bridge.session.round_trip.TURNAROUND_NS",
     )
     yield Rule(
         "host",
-        "a time request comes early, each by another share of",
+        "random advance of each time request, at most",
         _ms(session.PING_SPREAD_NS),
         "bridge.session.session.PING_SPREAD_NS",
     )
     yield Rule(
         "host",
-        f"handshakes with a device that begins anew: {session.HANDSHAKES_AT_ONCE} at "
-        "once, then one every",
+        f"handshakes with a device that restarts: {session.HANDSHAKES_AT_ONCE} without delay, "
+        "then one every",
         _ms(session.HANDSHAKE_PERIOD_NS),
         "bridge.session.session.HANDSHAKE_PERIOD_NS",
     )
     yield Rule(
         "host",
-        "questions asked again after",
+        "unanswered `describe` repeated after",
         _ms(session.ANSWER_PERIOD_NS),
         "bridge.session.session.ANSWER_PERIOD_NS",
     )
     yield Rule(
         "host",
-        "questions under way at the same time",
+        "maximum number of `describe` without an answer yet",
         str(session_negotiation.QUESTIONS_AT_ONCE),
         "bridge.session.negotiation.QUESTIONS_AT_ONCE",
     )
     yield Rule(
-        "host", "setpoint, every", _ms(host.CONTROL_PERIOD_NS), "bridge.run.host.CONTROL_PERIOD_NS"
+        "host",
+        "period of setpoints",
+        _ms(host.CONTROL_PERIOD_NS),
+        "bridge.run.host.CONTROL_PERIOD_NS",
     )
     yield Rule(
         "host",
-        "time to live that it gives a setpoint",
+        "time to live of a setpoint",
         f"{host.SETPOINT_TTL_MS} ms",
         "bridge.run.host.SETPOINT_TTL_MS",
     )
-    yield Rule("host", "sends nothing older than", _ms(host.LATE_NS), "bridge.run.host.LATE_NS")
+    yield Rule(
+        "host",
+        "maximum age of a setpoint that is sent",
+        _ms(host.LATE_NS),
+        "bridge.run.host.LATE_NS",
+    )
     for what, value, source in (
-        ("first reply to a command awaited for", commands.FIRST_TIMEOUT_US, "FIRST_TIMEOUT_US"),
+        ("timeout of a session's first command", commands.FIRST_TIMEOUT_US, "FIRST_TIMEOUT_US"),
         (
-            "then by the measured round trip (RFC 6298), at least",
+            "minimum timeout from the measured round trip (RFC 6298)",
             commands.MIN_TIMEOUT_US,
             "MIN_TIMEOUT_US",
         ),
-        ("doubling with each try, at most", commands.MAX_TIMEOUT_US, "MAX_TIMEOUT_US"),
+        (
+            "maximum timeout; it doubles with each attempt",
+            commands.MAX_TIMEOUT_US,
+            "MAX_TIMEOUT_US",
+        ),
     ):
         yield Rule("host", what, _us(value), f"protocol.commands.{source}")
     yield Rule(
         "host",
-        "tries of a command; a stop is repeated until answered",
+        "attempts for a command; a stop is repeated until acknowledged",
         str(commands.MAX_TRIES),
         "protocol.commands.MAX_TRIES",
     )
@@ -268,14 +297,18 @@ def _host_rules() -> Iterator[Rule]:
 
 def _can_rules() -> Iterator[Rule]:
     for what, value, source in (
-        ("oldest short stamp that can be extended", can_stamps.OLDEST_US, "can.stamps.OLDEST_US"),
-        ("a transfer is given up after", can_segments.OPEN_US, "can.transfers.OPEN_US"),
-        ("an equal frame is the same one again within", can_link.DOUBLE_US, "can.link.DOUBLE_US"),
+        ("maximum age of a short stamp", can_stamps.OLDEST_US, "can.stamps.OLDEST_US"),
+        ("an incomplete transfer is dropped after", can_segments.OPEN_US, "can.transfers.OPEN_US"),
+        (
+            "an identical frame counts as a duplicate within",
+            can_link.DUPLICATE_US,
+            "can.link.DUPLICATE_US",
+        ),
     ):
         yield Rule("both, on CAN", what, _us(value), f"protocol.{source}")
     yield Rule(
         "host, on CAN",
-        "from the first hello heard, time for other devices to answer",
+        "time for other devices to answer after the first hello",
         _ms(session_bus.ANSWERS_NS),
         "bridge.session.discovery.ANSWERS_NS",
     )

@@ -52,7 +52,7 @@ the key for it, given by a person who looked.
 | 1 | anything else: out of time, log not writable, a fault found, Ctrl-C before it was done |
 | 2 | usage, or an invalid room, robot file, fault or value |
 | 3 | cannot open the port, or the device was lost for good |
-| 4 | the device refused or disagreed |
+| 4 | the device rejected a command, or is incompatible |
 | 5 | stopped for safety |
 
 **Files**: logs go to `runs/<UTC>-<room or port>.mcap` unless `--out` says otherwise, and none is

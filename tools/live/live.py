@@ -87,7 +87,7 @@ class EventLines:
         self._status_ns = 0
         self.status: Callable[[], str] | None = None
         """Returns the status line that is printed every 5 s with ``plain``."""
-        self.on_agreed: Callable[[], None] = lambda: None
+        self.on_ready: Callable[[], None] = lambda: None
         """Called after each handshake with a device, also after a loss."""
         self.lines: deque[tuple[Severity, str]] = deque(maxlen=_KEPT_EVENTS)
         """The newest lines with their severity."""
@@ -103,7 +103,7 @@ class EventLines:
         elif isinstance(record, LogRecord):
             self._show_line(record.log_ns, record.severity, f"{record.source}: {record.text}")
         elif isinstance(record, IdentityRecord):
-            self.on_agreed()
+            self.on_ready()
         if self._plain and self.status and record.log_ns - self._status_ns >= _STATUS_NS:
             self._status_ns = record.log_ns
             self._show_line(record.log_ns, Severity.INFO, self.status())

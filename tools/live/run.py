@@ -146,7 +146,7 @@ class LiveResult:
     exit_status: int
     complaints: list[str]
     """Lines about what went wrong."""
-    agreed: bool = True
+    negotiated: bool = True
     """The handshake succeeded; otherwise there is no log and nothing to sum up."""
 
 
@@ -170,7 +170,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
         replaced.put_back()
         raise
     events = EventLines(recorder, plain=not is_drawable())
-    events.on_agreed = replaced.drop
+    events.on_ready = replaced.drop
     late: list[str] = []
 
     def report(text: str) -> None:

@@ -221,7 +221,7 @@ size_t sp_parser_block(
 /* ---- messages ---------------------------------------------------------------------------- */
 
 @definitions@
-/* ---- agreement ---------------------------------------------------------------------------- */
+/* ---- comparison --------------------------------------------------------------------------- */
 
 #define SP_DEVICE_BIT 0x80u
 
@@ -595,7 +595,7 @@ static bool sp_can_short_stamp(
 }
 
 /* Whether the frame is one that has just been taken; else it is kept for the next time. */
-static bool sp_can_doubled(
+static bool sp_can_duplicate(
     sp_can_receiver_t *receiver, const sp_can_frame_t *in, uint32_t now_us)
 {
     size_t place = SP_CAN_RECENT;
@@ -604,7 +604,7 @@ static bool sp_can_doubled(
         if (!receiver->recent[i].used || known->id != in->id) {
             continue;
         }
-        bool same = known->length == in->length && now_us - receiver->recent[i].at_us < @double_us@u;
+        bool same = known->length == in->length && now_us - receiver->recent[i].at_us < @duplicate_us@u;
         for (size_t k = 0; same && k < in->length; k++) {
             same = known->data[k] == in->data[k];
         }
@@ -842,7 +842,7 @@ static bool sp_can_parse(sp_can_receiver_t *receiver, const uint8_t *content, si
             receiver->stale++;
             return false;
         }
-        frame->t_us = now_us + receiver->ahead_us; /* obeyed whenever it was said */
+        frame->t_us = now_us + receiver->ahead_us; /* accepted at any time */
     }
     frame->version = content[0] >> 4;
     frame->flags = content[0] & 0x0Fu & ~SP_CAN_WHOLE_STAMP;
@@ -862,7 +862,7 @@ sp_event_t sp_can_receive(
         return event;
     }
     if (type == SP_TYPE_STOP_ALL) {
-        /* It says all by its identifier: taken whatever its data, and each time. */
+        /* Its identifier is the whole message: accepted with any data, never a duplicate. */
         frame->version = SP_VERSION;
         frame->flags = 0;
         frame->type = type;
@@ -874,8 +874,8 @@ sp_event_t sp_can_receive(
         receiver->frames++;
         return SP_FRAME;
     }
-    if (sp_can_doubled(receiver, in, now_us)) {
-        receiver->doubled++;
+    if (sp_can_duplicate(receiver, in, now_us)) {
+        receiver->duplicates++;
         return event;
     }
     if (in->length == 0 || sp_direction(type) != SP_FROM_HOST) {

@@ -14,7 +14,7 @@ static void to_nowhere(void *to, const uint8_t *data, size_t length)
     (void)length;
 }
 
-/* host_hello of session 7, agreed; clear_stop session_end; set_mode: velocity, or onboard and
+/* host_hello of session 7, negotiated; clear_stop session_end; set_mode: velocity, or onboard and
  * planner_command start; 3 s. */
 static const uint8_t driving[] = {
     'F', 1, 0x04, 0, 0, 0, 0, 9, 0, 0, 0, 0, 7, 0, 0, 0, 1, /**/

@@ -363,7 +363,7 @@ static void tell(const writer_t *writer)
     const firmware_t *const state = &device;
     put(writer, (uint64_t)state->now_us, 8);
     put(writer, state->session_id, 4);
-    put(writer, state->agreed, 1);
+    put(writer, state->negotiated, 1);
     put(writer, state->control.state, 1);
     put(writer, state->control.latch.cause, 1);
     put(writer, control_faults(&state->control), 2);

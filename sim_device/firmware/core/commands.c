@@ -170,7 +170,7 @@ static int reboot(firmware_t *firmware, const sp_frame_t *frame)
 /* The payload has been judged: it is as long as its message. */
 static int carry_out(firmware_t *firmware, const sp_frame_t *frame)
 {
-    if (!firmware->agreed) {
+    if (!firmware->negotiated) {
         return SP_NACK_REASON_NO_SESSION;
     }
     switch (frame->type) {

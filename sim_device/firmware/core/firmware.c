@@ -100,7 +100,7 @@ static void period(firmware_t *firmware)
     board_watchdog_feed(firmware->board);
     session_tick(firmware);
     readings_begin(&firmware->readings);
-    const bool sounded = firmware->agreed && due(firmware, RANGE_PERIODS, RANGE_PHASE);
+    const bool sounded = firmware->negotiated && due(firmware, RANGE_PERIODS, RANGE_PHASE);
     const motors_t motors = control_tick(&firmware->control, firmware->tick, firmware->now_us,
         &firmware->readings, sounded ? readings_around(&firmware->readings) : NULL);
     board_motors(firmware->board, motors.left, motors.right);
@@ -116,7 +116,7 @@ static void period(firmware_t *firmware)
     }
     const bool stopped = firmware->status_wanted;
     firmware->status_wanted = false;
-    if (firmware->agreed) {
+    if (firmware->negotiated) {
         tell(firmware, stopped);
         return;
     }

@@ -41,7 +41,7 @@ struct firmware {
 
     /* ---- session ---- */
     uint32_t session_id; /* 0: none */
-    bool agreed;
+    bool negotiated;
     bool status_wanted; /* a stop from anybody is to be answered with the status */
     int64_t heard_us; /* last valid frame of a host */
     bool strange_known;

@@ -140,11 +140,11 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
 {
     sp_can_frame_t in;
     while (inbox_take_frame(inbox, &in, arrived_us)) {
-        const uint32_t doubled = line->can_receiver.doubled;
+        const uint32_t duplicates = line->can_receiver.duplicates;
         const stamps_t before = stamps_of(&line->can_receiver);
         const sp_event_t event = sp_can_receive(&line->can_receiver, &in, *arrived_us, frame);
         const sp_direction_t sender = sp_can_direction((uint8_t)(in.id >> 4));
-        if (line->can_receiver.doubled == doubled && sender != SP_FROM_DEVICE) {
+        if (line->can_receiver.duplicates == duplicates && sender != SP_FROM_DEVICE) {
             line->intact++; /* on a bus they are counted as they come */
             if (sender == SP_UNKNOWN) {
                 if (held_tagged(&line->held, &line->authentication, &in, *arrived_us, frame)) {

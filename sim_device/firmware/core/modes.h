@@ -38,7 +38,7 @@ typedef enum {
 /* Conditions on which an event is refused, as bits of what holds now. */
 enum {
     GUARD_OTHER_CAUSE = 1, /* another cause than the one named holds the latch */
-    GUARD_CAUSE_HOLDS = 2, /* what stopped it still holds */
+    GUARD_CAUSE_HOLDS = 2, /* the fault that stopped it persists */
     GUARD_FAULT_HOLDS = 4, /* a stopping fault holds */
     GUARD_NO_PLANNER = 8   /* no such planner */
 };

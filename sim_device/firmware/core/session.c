@@ -43,7 +43,7 @@ void session_hello(firmware_t *firmware, int64_t now_us)
     line_send(&firmware->line, SP_TYPE_HELLO, (uint32_t)now_us,
         sp_hello_encode(&hello, line_payload(&firmware->line), SP_PAYLOAD_MAX));
     commands_challenge(firmware, now_us);
-    if (firmware->agreed) { /* before any sample */
+    if (firmware->negotiated) { /* before any sample */
         session_imu_info(firmware, now_us);
     }
 }
@@ -61,7 +61,7 @@ static void strange(firmware_t *firmware, int64_t now_us)
 /* Nothing that a session asked for outlives it. */
 static void forget_host(firmware_t *firmware)
 {
-    firmware->agreed = false;
+    firmware->negotiated = false;
     control_forget_host(&firmware->control);
     freshness_reset(&firmware->freshness);
     schedule_reset(&firmware->schedule);
@@ -122,8 +122,8 @@ static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
             board_identity(firmware->board)->boot_id, hello->session_id);
         forget_host(firmware);
     }
-    if (hello->agreed && !firmware->agreed) {
-        firmware->agreed = true;
+    if (hello->negotiated && !firmware->negotiated) {
+        firmware->negotiated = true;
         firmware->heard_us = now_us;
         text_t *const line = log_begin(&firmware->control.log, SP_LOG_LEVEL_INFO);
         text_add(line, "session with ");
@@ -182,7 +182,7 @@ static void setpoint(
 {
     if (firmware->session_id == 0) {
         strange(firmware, arrived_us);
-    } else if (firmware->agreed && firmware->control.state == STATE_VELOCITY
+    } else if (firmware->negotiated && firmware->control.state == STATE_VELOCITY
         && !control_velocity(&firmware->control, wanted, extra, arrived_us)) {
         firmware->stale++;
     }
@@ -191,7 +191,7 @@ static void setpoint(
 static void duty(
     firmware_t *firmware, const sp_wheel_duty_t *wanted, int64_t extra, int64_t arrived_us)
 {
-    if (firmware->agreed && firmware->control.state == STATE_BRINGUP
+    if (firmware->negotiated && firmware->control.state == STATE_BRINGUP
         && !control_wheel_duty(&firmware->control, wanted, extra, arrived_us)) {
         firmware->stale++;
     }

@@ -1,4 +1,4 @@
-/* One host at a time: who it is, whether both agree, and what it may move. */
+/* One host at a time: who it is, whether the handshake is complete, and what it may move. */
 #ifndef SESSION_H
 #define SESSION_H
 
@@ -13,7 +13,7 @@ void session_tick(firmware_t *firmware);
 /* Say who we are. */
 void session_hello(firmware_t *firmware, int64_t now_us);
 
-/* Say what a count of the IMU is worth: after each hello once a host has agreed, and once a second. */
+/* Say what a count of the IMU is worth: after each hello once the handshake is complete, and at 1 Hz. */
 void session_imu_info(firmware_t *firmware, int64_t now_us);
 
 #endif

@@ -1,7 +1,7 @@
 /* The sweeper's wire in C99.
  *
  * Made by `sweepctl generate c`; changes belong into the catalogue.
- * Protocol version 2, catalogue 0xE851B5E5, 35 messages.
+ * Protocol version 2, catalogue 0x4CE121F8, 35 messages.
  * SPDX-License-Identifier: MIT
  */
 
@@ -337,7 +337,7 @@ int sp_host_hello_encode(const sp_host_hello_t *message, uint8_t *payload, size_
     sp_put_u32(payload, message->catalogue_hash);
     sp_put_u32(payload + 4, message->session_id);
     sp_put_u32(payload + 8, message->boot_id);
-    payload[12] = message->agreed;
+    payload[12] = message->negotiated;
     sp_copy(payload + 13, (const uint8_t *)message->name, message->name_length);
     return (int)length;
 }
@@ -350,7 +350,7 @@ bool sp_host_hello_decode(sp_host_hello_t *message, const uint8_t *payload, size
     message->catalogue_hash = sp_get_u32(payload);
     message->session_id = sp_get_u32(payload + 4);
     message->boot_id = sp_get_u32(payload + 8);
-    message->agreed = payload[12];
+    message->negotiated = payload[12];
     message->name = (const char *)(payload + 13);
     message->name_length = (uint8_t)(length - SP_HOST_HELLO_SIZE);
     return true;
@@ -585,7 +585,7 @@ int sp_status_encode(const sp_status_t *message, uint8_t *payload, size_t capaci
     payload[0] = message->mode;
     payload[1] = message->stop_cause;
     sp_put_u16(payload + 2, message->faults);
-    payload[4] = message->setpoint_left;
+    payload[4] = message->setpoint_remaining;
     payload[5] = message->load;
     return (int)SP_STATUS_SIZE;
 }
@@ -598,7 +598,7 @@ bool sp_status_decode(sp_status_t *message, const uint8_t *payload, size_t lengt
     message->mode = payload[0];
     message->stop_cause = payload[1];
     message->faults = sp_get_u16(payload + 2);
-    message->setpoint_left = payload[4];
+    message->setpoint_remaining = payload[4];
     message->load = payload[5];
     return true;
 }
@@ -1130,7 +1130,7 @@ bool sp_log_text_decode(sp_log_text_t *message, const uint8_t *payload, size_t l
 }
 #endif
 
-/* ---- agreement ---------------------------------------------------------------------------- */
+/* ---- comparison --------------------------------------------------------------------------- */
 
 #define SP_DEVICE_BIT 0x80u
 
@@ -1323,7 +1323,7 @@ static const uint32_t sp_chains[] = {
     0x22DE17E3u, 0x0C48A406u, 0x45E8C1EDu, 0x4FF96DD3u, 0x8D4E7AF7u,
 #endif
     /* host_hello */
-    0xCEAD6422u, 0x44696583u, 0xC803D3A1u, 0xBA61EB48u, 0x7132E42Bu, 0x1584C033u,
+    0xCEAD6422u, 0x44696583u, 0xC803D3A1u, 0xBA61EB48u, 0x0B4DF5EDu, 0x40F6E3FBu,
 #if SP_WITH_CLEAR_STOP
     /* clear_stop */
     0xDA543D58u, 0x0A9E9690u, 0x04F9A367u,
@@ -1362,7 +1362,7 @@ static const uint32_t sp_chains[] = {
 #endif
 #if SP_WITH_STATUS
     /* status */
-    0xC299F437u, 0xF6D50AE1u, 0xF422ADE4u, 0x1108BAF7u, 0x132A3BB8u, 0x33BB36AEu,
+    0xC299F437u, 0xF6D50AE1u, 0xF422ADE4u, 0x1108BAF7u, 0xB78EF3CBu, 0x9ED0F2B1u,
 #endif
 #if SP_WITH_IMU
     /* imu */
@@ -1934,7 +1934,7 @@ static bool sp_can_short_stamp(
 }
 
 /* Whether the frame is one that has just been taken; else it is kept for the next time. */
-static bool sp_can_doubled(
+static bool sp_can_duplicate(
     sp_can_receiver_t *receiver, const sp_can_frame_t *in, uint32_t now_us)
 {
     size_t place = SP_CAN_RECENT;
@@ -2181,7 +2181,7 @@ static bool sp_can_parse(sp_can_receiver_t *receiver, const uint8_t *content, si
             receiver->stale++;
             return false;
         }
-        frame->t_us = now_us + receiver->ahead_us; /* obeyed whenever it was said */
+        frame->t_us = now_us + receiver->ahead_us; /* accepted at any time */
     }
     frame->version = content[0] >> 4;
     frame->flags = content[0] & 0x0Fu & ~SP_CAN_WHOLE_STAMP;
@@ -2201,7 +2201,7 @@ sp_event_t sp_can_receive(
         return event;
     }
     if (type == SP_TYPE_STOP_ALL) {
-        /* It says all by its identifier: taken whatever its data, and each time. */
+        /* Its identifier is the whole message: accepted with any data, never a duplicate. */
         frame->version = SP_VERSION;
         frame->flags = 0;
         frame->type = type;
@@ -2213,8 +2213,8 @@ sp_event_t sp_can_receive(
         receiver->frames++;
         return SP_FRAME;
     }
-    if (sp_can_doubled(receiver, in, now_us)) {
-        receiver->doubled++;
+    if (sp_can_duplicate(receiver, in, now_us)) {
+        receiver->duplicates++;
         return event;
     }
     if (in->length == 0 || sp_direction(type) != SP_FROM_HOST) {

@@ -15,8 +15,8 @@ from bridge.session.states import Failed
 from protocol.clock import HostNs
 from protocol.generate import render
 from protocol.messages.host import Stop
-from protocol.schema.agreement import Match, MessageAgreement
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.schema.comparison import Match, MessageComparison
 from protocol.schema.fields import U8, number
 from support.ends import Ends, session_end, sweeper
 from support.peers import catalogue, variant
@@ -48,7 +48,7 @@ def test_every_link_leads_to_a_file() -> None:
 
 def test_it_names_all_that_driving_needs() -> None:
     def lacks(spec: MessageSpec) -> bool:
-        return bool(missing_needs([MessageAgreement(spec, Match.MISSING, 0)]))
+        return bool(missing_needs([MessageComparison(spec, Match.MISSING, 0)]))
 
     needed = {spec.name for spec in CATALOGUE if lacks(spec)}
     paragraph = TEXT[TEXT.index("`connect --plan` the device needs") :].split("\n\n")[0]
@@ -102,8 +102,8 @@ FAILURES: dict[str, Callable[[], Failed]] = {
     "garbage": lambda: on_a_line(bytes(range(200))),
     "echo": lambda: on_a_line(echo=True),
     "version": lambda: on_a_line(of_a_later_version()),
-    "deaf": lambda: with_a_device(transmit_only=True),
-    "disagreement": lambda: with_a_device(less_of_stop=True),
+    "transmit_only": lambda: with_a_device(transmit_only=True),
+    "incompatible": lambda: with_a_device(less_of_stop=True),
 }
 
 

@@ -65,7 +65,7 @@ def test_it_is_the_same_each_time_and_plain_ascii_of_bounded_width() -> None:
 def test_every_field_is_explained_with_unit_and_range() -> None:
     header = render()[HEADER]
     assert "/* forward; 1 step = 0.000598550415 m/s2 */\n    int16_t accel_x;" in header
-    assert "/* of the chip; 1 step = 0.00294117647 degC; 0 = 36.53 degC */" in header
+    assert "/* chip temperature; 1 step = 0.00294117647 degC; 0 = 36.53 degC */" in header
     assert "0..4000; 65535: none */\n    uint16_t ultrasonic;" in header
     assert "/* what moves the wheels; SP_MODE_*; 0..3 */" in header
 

@@ -96,6 +96,6 @@ def test_a_logged_message_reads_back_by_the_compiled_text(tmp_path: Path) -> Non
 
 def test_what_a_field_means_stands_beside_it() -> None:
     text = render("proto")["sweepctl.proto"]
-    assert "// Front; 65535: no echo (1/1000 m a step)." in text
+    assert "// Distance ahead; 65535: no echo (1/1000 m a step)." in text
     assert "// 0 idle, 1 velocity, 2 bringup, 3 onboard." in text
     assert f"catalogue {CATALOGUE.hash:08x}" in text

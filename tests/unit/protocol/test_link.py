@@ -204,7 +204,7 @@ def test_a_payload_of_a_wrong_length_is_rejected() -> None:
     assert event.reason == "payload"
 
 
-def test_fields_agreed_on_reach_the_message() -> None:
+def test_shared_fields_reach_the_message() -> None:
     ours = Link(Direction.HOST, codec=Codec())
     ours.codec.limit(0x24, 2)
     data = ref.frame_bytes(flags=0, node=1, type_id=0x24, seq=9, t_us=0, payload=b"\x80\x3e\xc8")

@@ -22,8 +22,8 @@ from protocol.messages.device import (
 )
 from protocol.messages.host import Describe, DescribeEnum
 from protocol.messages.values import Mode, StopCause
-from protocol.schema.agreement import Comparison, Match, describe
 from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.comparison import Comparison, Match, describe
 from protocol.schema.fields import I16, U8, U16, U32, Field, number, si, si_or_none
 from protocol.schema.message import CanPart, Direction, Message, MessageSpec, RateClass, message
 
@@ -204,11 +204,11 @@ def test_a_peer_that_differs_in_one_message(
     rng = None if seed is None else Random(seed)
     outcome = compare(CATALOGUE, device, rng).outcome
     assert set(outcome) == {s.type_id for s in CATALOGUE}
-    agreement = outcome.pop(POWER)
-    assert agreement.match is match
-    assert agreement.shared_fields == shared
-    assert agreement.usable is (shared > 0)
-    assert agreement.report().startswith(report)
+    comparison = outcome.pop(POWER)
+    assert comparison.match is match
+    assert comparison.shared_fields == shared
+    assert comparison.usable is (shared > 0)
+    assert comparison.report().startswith(report)
     assert {a.match for a in outcome.values()} == {Match.EQUAL}
 
 
@@ -258,9 +258,9 @@ def test_any_reply_is_survived() -> None:
         key = rng.choice([*CATALOGUE.enums, 7])
         comparison.answer(DescribeEnumReply(key, rng.randrange(256), 0))
     assert comparison.complete
-    for agreement in comparison.outcome.values():
-        assert not agreement.usable
-        assert "disabled" in agreement.report()
+    for result in comparison.outcome.values():
+        assert not result.usable
+        assert "disabled" in result.report()
 
 
 def test_an_appended_optional_field_in_the_declaration_itself() -> None:
@@ -338,8 +338,8 @@ def test_an_enumeration_of_a_field_that_is_not_shared_disables_nothing() -> None
     swapped = with_causes(*OWN_CAUSES[:4], ("OPERATOR", 5), ("HARDWARE", 4))
     short = variant(Status, list(CATALOGUE.spec(Status).fields[:1]))
     device = Catalogue([*(s.cls for s in swapped if s.name != "status"), short])
-    agreement = compare(CATALOGUE, device).outcome[0x11]
-    assert (agreement.match, agreement.shared_fields) == (Match.OLDER, 1)
+    comparison = compare(CATALOGUE, device).outcome[0x11]
+    assert (comparison.match, comparison.shared_fields) == (Match.OLDER, 1)
 
 
 def test_an_enumeration_that_the_device_lacks() -> None:

@@ -145,7 +145,7 @@ def test_a_reboot_while_driving_ends_the_run() -> None:
     ends.reboot_device(4711)
     assert ends.run(5.0, lambda: host.mission.done)
     assert ending(host).exit_status == 5
-    assert ("session", "agreeing") in events(host)
+    assert ("session", "negotiating") in events(host)
     ends.run(2.0)
     assert not ends.moving
 

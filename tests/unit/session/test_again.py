@@ -75,7 +75,7 @@ def test_a_port_that_is_back_is_asked_at_once() -> None:
     assert (last.again, last.rebooted, last.other_schema) == (True, False, False)
 
 
-def test_the_first_agreement_is_no_return() -> None:
+def test_the_first_handshake_is_no_return() -> None:
     _, host = ready()
     (first,) = host.of(SessionReady)
     assert (first.again, first.rebooted, first.other_schema) == (False, False, False)

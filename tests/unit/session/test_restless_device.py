@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.session.session import (
-    AGREE_TIMEOUT_NS,
     HANDSHAKE_PERIOD_NS,
+    HANDSHAKE_TIMEOUT_NS,
     HANDSHAKES_AT_ONCE,
     Session,
 )
@@ -102,7 +102,7 @@ def test_it_is_answered_three_times_and_then_once_a_second(
 ) -> None:
     session, device = opened(), Fickle(CHANGES[what])
     device.joins = joins
-    seconds = 0.9 * AGREE_TIMEOUT_NS / SECOND_NS
+    seconds = 0.9 * HANDSHAKE_TIMEOUT_NS / SECOND_NS
     events = run(session, device, SECOND_NS, seconds)
     handshakes = HANDSHAKES_AT_ONCE + seconds * SECOND_NS / HANDSHAKE_PERIOD_NS
     # Each handshake is a hello and the questions at once; a question is asked again at 10 Hz.
@@ -115,18 +115,18 @@ def test_it_is_answered_three_times_and_then_once_a_second(
 
 def test_one_that_never_calms_down_is_given_up_by_that_name() -> None:
     session, device = opened(), Fickle(CHANGES["boot"])
-    events = run(session, device, SECOND_NS, 1.1 * AGREE_TIMEOUT_NS / SECOND_NS)
+    events = run(session, device, SECOND_NS, 1.1 * HANDSHAKE_TIMEOUT_NS / SECOND_NS)
     assert [(e.kind, e.text) for e in events if isinstance(e, Failed)] == [("restless", RESTLESS)]
 
 
-def test_one_that_calms_down_is_agreed_with_at_its_turn() -> None:
+def test_one_that_calms_down_completes_the_handshake() -> None:
     session, device = opened(), Fickle(CHANGES["boot"])
     before = run(session, device, SECOND_NS, 3.0)
     assert not [e for e in before if isinstance(e, SessionReady)]
     device.calm = True
     events = run(session, device, 4 * SECOND_NS, 1.5 * HANDSHAKE_PERIOD_NS / SECOND_NS)
-    (agreed,) = [e for e in events if isinstance(e, SessionReady)]
-    assert agreed.hello.boot_id == 7
+    (negotiated,) = [e for e in events if isinstance(e, SessionReady)]
+    assert negotiated.hello.boot_id == 7
     assert session.state is State.READY
 
 
@@ -139,7 +139,7 @@ def test_a_session_never_goes_on_with_a_boot_that_was_not_greeted() -> None:
         link.send(hello(session.session_id, boot=9), 0, node=1)
     link.send(Status(0, 1, 0, 0, 5), 0, node=1)
     session.receive(link.data_to_send(), HostNs(now_ns))
-    assert session.state is State.AGREEING
+    assert session.state is State.NEGOTIATING
 
 
 def test_three_resets_in_a_row_are_no_matter() -> None:

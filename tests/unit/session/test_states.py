@@ -7,7 +7,7 @@ from zlib import crc32
 import pytest
 from cobs import cobs
 
-from bridge.session.session import AGREE_TIMEOUT_NS, OPEN_TIMEOUT_NS, Session
+from bridge.session.session import HANDSHAKE_TIMEOUT_NS, OPEN_TIMEOUT_NS, Session
 from bridge.session.states import (
     TRANSITIONS,
     CommandEnded,
@@ -121,8 +121,8 @@ def test_a_device_that_is_heard_but_never_answers_is_given_up() -> None:
     ends = Ends(host, sweeper())
     ends.to_device.cut = True  # our TX wire is broken; it says hello at 1 Hz for ever
     assert ends.run(12.0, lambda: host.session.state is State.FAILED)
-    assert [e.kind for e in host.of(Failed)] == ["deaf"]
-    assert ends.now_us * 1000 < AGREE_TIMEOUT_NS + SECOND
+    assert [e.kind for e in host.of(Failed)] == ["transmit_only"]
+    assert ends.now_us * 1000 < HANDSHAKE_TIMEOUT_NS + SECOND
     assert ends.now_us * 1000 > OPEN_TIMEOUT_NS
 
 
@@ -135,9 +135,9 @@ def test_a_session_opens_within_a_fifth_of_a_second() -> None:
     ends = Ends(host, sweeper())
     ready(ends, host)
     assert ends.now_us < 200_000
-    (agreed,) = host.of(SessionReady)
-    assert not agreed.rebooted
-    assert agreed.differences == ()
+    (negotiated,) = host.of(SessionReady)
+    assert not negotiated.rebooted
+    assert negotiated.differences == ()
 
 
 def test_another_device_on_the_port_is_not_taken_for_ours() -> None:
@@ -198,17 +198,17 @@ def test_a_reboot_is_seen_and_reported() -> None:
     assert host.session.hello.boot_id == 77
 
 
-def test_a_reboot_while_agreeing_starts_agreement_anew() -> None:
+def test_a_reboot_during_the_handshake_restarts_it() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
-    assert ends.run(3.0, lambda: host.session.state is State.AGREEING)
+    assert ends.run(3.0, lambda: host.session.state is State.NEGOTIATING)
     ends.reboot_device(78)
     ready(ends, host)
     assert host.of(SessionReady)[-1].hello.boot_id == 78
     assert ends.device.firmware.session_id == host.session.session_id
 
 
-def test_a_device_that_forgot_us_is_agreed_with_anew() -> None:
+def test_a_device_that_lost_the_session_repeats_the_handshake() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
     ready(ends, host)
@@ -218,7 +218,7 @@ def test_a_device_that_forgot_us_is_agreed_with_anew() -> None:
     assert host.of(StateChanged)[-1].why == "the device ended the session"
     ends.to_device.cut = False
     ready(ends, host)
-    assert ends.device.firmware.agreed
+    assert ends.device.firmware.negotiated
 
 
 def test_reopening_forgets_the_device_of_before() -> None:

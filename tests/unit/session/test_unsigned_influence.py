@@ -100,7 +100,7 @@ def test_a_rejected_frame_keeps_no_session_alive() -> None:
     for counter in range(80):
         line.inform(line.stranger, VelocitySetpoint(2000, 0, 200, counter))
     assert line.cause is StopCause.LINK
-    assert not line.device.firmware.agreed
+    assert not line.device.firmware.negotiated
 
 
 @pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
@@ -111,7 +111,7 @@ def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(
     line = Line(key)
     line.inform(line.stranger, Describe(HOST_HELLO, fields))
     line.begin()
-    assert line.device.firmware.agreed
+    assert line.device.firmware.negotiated
     assert line.device.firmware.session_id == SESSION
 
 

@@ -19,7 +19,7 @@ from support.ends import RAMP_US, REST_M_S
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-from support.agreed_device import Desk, cruise
+from support.ready_device import Desk, cruise
 
 
 def forward(duty: float) -> Callable[[int], WheelDuty]:

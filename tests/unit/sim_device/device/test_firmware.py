@@ -46,7 +46,7 @@ def test_streams_do_not_come_in_bursts() -> None:
     assert max(Counter(t for t, m in bench.heard if t > 100_000).values()) <= 5
 
 
-def test_hello_is_sent_each_second_until_agreed() -> None:
+def test_hello_is_sent_each_second_until_the_handshake() -> None:
     bench = Bench()
     assert kinds(bench.run(5.0)) == ["Hello"] * 5
     bench.send(HostHello(CATALOGUE.hash, SESSION, bench.boot_id, 0, "test"))
@@ -76,7 +76,7 @@ def test_a_session_of_id_0_is_none() -> None:
     """Nobody would ever be missed in it."""
     bench = Bench()
     bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))
-    assert not bench.firmware.agreed
+    assert not bench.firmware.negotiated
     bench.join()
     bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))
     assert bench.firmware.session_id == SESSION
@@ -108,7 +108,7 @@ def _ping_node(bench: Bench, node: int) -> None:
     bench.send(TimeRequest(1), node=node)
 
 
-def test_commands_before_agreement_are_rejected() -> None:
+def test_commands_before_the_handshake_are_rejected() -> None:
     bench = Bench()
     rejected = bench.send(ClearStop(1, StopCause.SESSION_END), SetMode(2, Mode.VELOCITY))
     assert [m.reason for m in rejected if isinstance(m, Nack)] == [NackReason.NO_SESSION] * 2

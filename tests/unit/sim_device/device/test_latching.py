@@ -44,7 +44,7 @@ def test_a_silent_host_latches_link() -> None:
     assert not bench.firmware.latch.latched
     bench.run(0.05)
     assert bench.firmware.latch.cause is StopCause.LINK
-    assert not bench.firmware.agreed
+    assert not bench.firmware.negotiated
     assert bench.firmware.mode is Mode.IDLE
     assert kinds(bench.run(1.0)) == ["Hello"], "nobody is there: it says hello"
 
@@ -164,5 +164,5 @@ def test_a_reboot_forgets_session_and_latches() -> None:
     firmware = bench.device.firmware
     assert firmware.latch.cause is StopCause.SESSION_END
     bench.run(1.0, bench.drive)
-    assert not firmware.agreed
+    assert not firmware.negotiated
     assert bench.speed < REST_M_S

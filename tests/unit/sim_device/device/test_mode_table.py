@@ -19,7 +19,7 @@ from sim_device.device.modes import (
     ModeMachine,
     State,
     drawn,
-    refusals,
+    rejections,
 )
 from support.root import ROOT
 
@@ -143,17 +143,17 @@ def test_the_drawing_shows_every_state_and_every_refusal_has_a_reason() -> None:
     assert len(moves) == len(set(moves))
     assert (
         "stopped",
-        "clear_stop (unless another cause holds or what stopped it still holds)",
+        "clear_stop (unless a different cause is latched or the fault that stopped it persists)",
         "idle",
     ) in moves
-    assert ("planner start", "stopped", "stop_latched") in refusals()
+    assert ("planner start", "stopped", "stop_latched") in rejections()
 
 
 def test_the_page_for_firmware_engineers_lists_every_refusal() -> None:
     page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
     part = page.split("## What the emulated device does")[1].split("\n## ")[0]
     rows = re.findall(r"^\| (.+?) \| (.+?) \| `(\w+)` \|$", part, re.MULTILINE)
-    assert rows == refusals()
+    assert rows == rejections()
 
 
 def test_the_page_explains_every_fault_bit() -> None:

@@ -20,8 +20,8 @@ from protocol.messages.values import (
     StopCause,
 )
 from sim_device.device.parameters import Parameter, ParameterStore, from_raw, table, to_raw
-from support.agreed_device import F32, NUMBERS, U32, Desk, cruise, f32
 from support.ends import REST_M_S
+from support.ready_device import F32, NUMBERS, U32, Desk, cruise, f32
 
 # ---- the table ----------------------------------------------------------------------------
 
@@ -130,7 +130,7 @@ def test_parameters_need_a_session() -> None:
     desk.host.session.close()
     desk.ends.run(1.5)  # the device gives its host up
     booted = desk.ends.device.firmware
-    assert not booted.agreed
+    assert not booted.negotiated
     desk.send(SetParameter(1, NUMBERS["max_speed"], F32, f32(0.1)))
     desk.ends.run(0.05)
     assert booted.parameters.value("max_speed") == 0.3

@@ -17,7 +17,7 @@ from support.ends import SessionEnd, session_end
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message
-from support.agreed_device import Desk
+from support.ready_device import Desk
 
 IMU, POWER, SYNC = (CATALOGUE.by_class[c].type_id for c in (Imu, Power, Sync))
 
@@ -45,7 +45,7 @@ def test_rates_end_with_the_session() -> None:
     host = desk.ends.host
     assert isinstance(host, SessionEnd)
     desk.host = host
-    desk.reach_agreement()
+    desk.complete_handshake()
     assert desk.count(Imu, 1.0) == pytest.approx(100, abs=1)
 
 

@@ -15,11 +15,11 @@ from protocol.messages.values import (
     StopCause,
 )
 from sim_device.sweeper import BOOT_US
-from support.agreed_device import Desk, cruise, f32
 from support.ends import HOST_BOOT_US
+from support.ready_device import Desk, cruise, f32
 
 
-def test_a_reboot_is_acknowledged_then_done_and_agreed_on_again() -> None:
+def test_a_reboot_is_acknowledged_then_done_then_the_handshake_repeats() -> None:
     desk = Desk()
     before = desk.ends.device.firmware.identity
     assert desk.reboot() is None

@@ -58,7 +58,7 @@ def test_a_reset_of_any_cause(cause: ResetCause, off_s: float) -> None:
     host.heard.clear()
     silent_s = off_s + BOOT_US / 1e6 - 0.02
     host.run(silent_s)
-    assert not host.heard, "it is deaf and mute while it boots"
+    assert not host.heard, "it neither receives nor sends while it boots"
     host.run(0.1)
     hello = host.hello
     assert hello.reset_cause == cause

@@ -98,7 +98,7 @@ def test_a_longer_silence_loses_the_session_and_it_comes_back_by_itself() -> Non
     drive.run(8.0)
     states.append(drive.session.state)
     assert states == [State.LOST, State.READY]
-    assert len(drive.agreed()) == 2
+    assert len(drive.negotiated()) == 2
     assert abs(drive.rig.truth.v_m_s) < 0.001, "the stop is latched"
 
 
@@ -125,7 +125,7 @@ def test_frames_on_a_bus_come_later_lost_or_twice_but_never_changed() -> None:
 def test_a_reset(cause: str, found: ResetCause) -> None:
     drive = Drive(rig(f"reset@2:cause={cause}"))
     drive.run(6.0)
-    first, second = (event.hello for event in drive.agreed())
+    first, second = (event.hello for event in drive.negotiated())
     assert first.boot_id != second.boot_id
     assert second.reset_cause == found
     assert drive.rig.plant.tick_ms >= 5_990, "the body lives on"
@@ -140,7 +140,7 @@ def test_firmware_that_hangs_drives_on_until_its_watchdog_bites() -> None:
     drive.run(3.6)
     assert abs(drive.rig.truth.v_m_s) < 0.001
     drive.run(8.0)
-    assert drive.agreed()[-1].hello.reset_cause == ResetCause.WATCHDOG
+    assert drive.negotiated()[-1].hello.reset_cause == ResetCause.WATCHDOG
     assert abs(drive.rig.truth.v_m_s) < 0.001
 
 
@@ -148,7 +148,7 @@ def test_a_brown_out_is_silent_for_its_time() -> None:
     drive = Drive(rig("brown-out@2:off=0.8"))
     drive.run(7.0)
     assert not [at for at, _ in drive.bytes if 2.01e6 <= at < 2.8e6]
-    assert drive.agreed()[-1].hello.reset_cause == ResetCause.BROWN_OUT
+    assert drive.negotiated()[-1].hello.reset_cause == ResetCause.BROWN_OUT
 
 
 def stamps(drive: Drive) -> list[tuple[int, int]]:

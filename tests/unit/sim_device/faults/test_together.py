@@ -94,10 +94,10 @@ def test_a_fault_that_never_comes_changes_nothing() -> None:
     assert runs[0] == runs[1] == runs[2]
 
 
-def test_agreement_over_the_real_line_and_its_pace() -> None:
+def test_handshake_over_the_real_line_and_its_pace() -> None:
     drive = Drive(rig(settings=LineSettings(115_200, 16_000)))
     drive.run(4.0)
-    assert isinstance(drive.agreed()[0], SessionReady)
+    assert isinstance(drive.negotiated()[0], SessionReady)
     assert drive.session.link.statistics.lost == 0
     assert lost_frames(drive, 2.0, 4.0) < 0.02
     for at_us, data in drive.bytes:

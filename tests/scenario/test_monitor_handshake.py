@@ -1,4 +1,4 @@
-"""``sweepctl monitor --agree``: an idle robot's sensors, with and without an owner of the port."""
+"""``sweepctl monitor --handshake``: an idle robot's sensors, with and without a port owner."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def served() -> Iterator[Served]:
 
 def test_an_idle_robot_shows_its_sensors_and_stands_still(served: Served) -> None:
     before = served.device.truth.pose
-    done = sweepctl("monitor", served.port, "--agree", "--duration", "2", "--json")
+    done = sweepctl("monitor", served.port, "--handshake", "--duration", "2", "--json")
     assert done.status == 0, done.err
     state = done.json["state"]
     assert (state["session"], state["run"], state["mode"]) == ("ready", "waiting", "idle")
@@ -38,17 +38,17 @@ def test_an_idle_robot_shows_its_sensors_and_stands_still(served: Served) -> Non
 
 
 def test_each_state_is_a_line(served: Served) -> None:
-    done = sweepctl("monitor", served.port, "--agree", "--duration", "1", "--jsonl")
+    done = sweepctl("monitor", served.port, "--handshake", "--duration", "1", "--jsonl")
     states = [json.loads(line) for line in done.out.splitlines()]
     assert len(states) >= 2
     assert all("imu" in state for state in states)
-    plain = sweepctl("monitor", served.port, "--agree", "--duration", "1")
+    plain = sweepctl("monitor", served.port, "--handshake", "--duration", "1")
     assert plain.out.startswith("ready/waiting mode=idle stop=")
 
 
 def test_beside_an_owner_it_shows_the_owners_state(served: Served) -> None:
     with bridge.open(served.port):
-        done = sweepctl("monitor", served.port, "--agree", "--duration", "1", "--json")
+        done = sweepctl("monitor", served.port, "--handshake", "--duration", "1", "--json")
     assert done.status == 0
     assert done.json["owner"]["session"] == "ready"
     assert "another sweepctl has" in done.err
@@ -56,7 +56,7 @@ def test_beside_an_owner_it_shows_the_owners_state(served: Served) -> None:
 
 def test_what_does_not_go_with_it_is_rejected(served: Served) -> None:
     for words in (("imu",), ("--raw",)):
-        done = sweepctl("monitor", served.port, "--agree", *words)
+        done = sweepctl("monitor", served.port, "--handshake", *words)
         assert (done.status, "omit TYPE and --raw" in done.line) == (2, True)
-    done = sweepctl("monitor", "/dev/none-such", "--agree", "--json")
+    done = sweepctl("monitor", "/dev/none-such", "--handshake", "--json")
     assert done.status == 3

@@ -24,8 +24,8 @@ from protocol.messages.device import (
     Status,
 )
 from protocol.messages.host import Describe, SetMode, Stop, VelocitySetpoint
-from protocol.schema.agreement import Match, MessageAgreement
 from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.comparison import Match, MessageComparison
 from protocol.schema.fields import U8, U16, number
 from protocol.schema.message import Direction, Message, RateClass, message, specify
 from protocol.uart.framing import encode_frame
@@ -80,7 +80,7 @@ class Declaring(Wire):
         return data
 
 
-def agreed(host: SessionEnd, ends: Ends, within_s: float = 3.0) -> SessionReady:
+def negotiated(host: SessionEnd, ends: Ends, within_s: float = 3.0) -> SessionReady:
     assert ends.run(within_s, lambda: host.session.state is State.READY)
     return host.of(SessionReady)[-1]
 
@@ -92,14 +92,14 @@ def power_of(host: SessionEnd) -> list[Message]:
 def test_equal_catalogues_ask_nothing() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
-    assert agreed(host, ends).differences == ()
+    assert negotiated(host, ends).differences == ()
     assert not [s for s in ends.sent if isinstance(s.message, Describe)]
 
 
 def test_an_older_device_lacks_our_last_field() -> None:
     host = session_end(catalogue=catalogue(more=[RicherPower]))
     ends = Ends(host, sweeper())
-    (difference,) = agreed(host, ends).differences
+    (difference,) = negotiated(host, ends).differences
     assert difference.match is Match.OLDER
     assert difference.report() == "power: the device lacks fan"
     ends.run(1.0)
@@ -111,7 +111,7 @@ def test_an_older_device_lacks_our_last_field() -> None:
 def test_a_newer_devices_fields_are_passed_over_and_counted() -> None:
     host = session_end(catalogue=catalogue(more=[LonelyPower]))
     ends = Ends(host, sweeper())
-    (difference,) = agreed(host, ends).differences
+    (difference,) = negotiated(host, ends).differences
     assert difference.match is Match.NEWER
     assert "2 more field(s)" in difference.report()
     ends.run(1.0)
@@ -124,7 +124,7 @@ def test_a_newer_devices_fields_are_passed_over_and_counted() -> None:
 def test_a_different_declaration_is_disabled_and_named() -> None:
     host = session_end(catalogue=catalogue(more=[OtherPower]))
     ends = Ends(host, sweeper())
-    (difference,) = agreed(host, ends).differences
+    (difference,) = negotiated(host, ends).differences
     assert difference.match is Match.DIFFERENT
     assert difference.report() == "power: the device declares other fields; disabled"
     ends.run(1.0)
@@ -135,7 +135,7 @@ def test_a_different_declaration_is_disabled_and_named() -> None:
 def test_a_message_that_the_device_does_not_have() -> None:
     host = session_end(catalogue=catalogue(more=[Fan]))
     ends = Ends(host, sweeper())
-    (difference,) = agreed(host, ends).differences
+    (difference,) = negotiated(host, ends).differences
     assert difference.match is Match.MISSING
     assert difference.report() == "fan: the device does not have it; disabled"
 
@@ -143,7 +143,7 @@ def test_a_message_that_the_device_does_not_have() -> None:
 def test_a_message_that_only_the_device_has_is_passed_over() -> None:
     host = session_end(catalogue=catalogue(less=[LinkCounters]))
     ends = Ends(host, sweeper())
-    assert agreed(host, ends).differences == ()
+    assert negotiated(host, ends).differences == ()
     ends.run(1.5)
     assert {e.reason for e in host.of(Rejected)} == {"type"}
 
@@ -152,7 +152,7 @@ def test_a_device_that_cannot_be_asked_is_given_up() -> None:
     host = session_end()
     ends = Ends(host, sweeper(catalogue=catalogue(less=[Describe])))
     ends.run(9.0)
-    assert [e.kind for e in host.of(Failed)] == ["deaf"]
+    assert [e.kind for e in host.of(Failed)] == ["transmit_only"]
 
 
 def test_a_different_bootstrap_message_fails_with_a_name() -> None:
@@ -161,7 +161,7 @@ def test_a_different_bootstrap_message_fails_with_a_name() -> None:
     )  # not of the bootstrap: this one is only disabled
     host = session_end()
     ends = Ends(host, sweeper(catalogue=catalogue(more=[changed])))
-    assert [d.report() for d in agreed(host, ends).differences] == [
+    assert [d.report() for d in negotiated(host, ends).differences] == [
         "set_mode: the device declares other fields; disabled"
     ]
     stop = next(m for m in ALL_MESSAGES if m.__name__ == "Stop")
@@ -170,7 +170,7 @@ def test_a_different_bootstrap_message_fails_with_a_name() -> None:
     ends = Ends(host, sweeper(catalogue=catalogue(more=[bad])))
     assert ends.run(3.0, lambda: host.session.state is State.FAILED)
     (failed,) = host.of(Failed)
-    assert failed.kind == "disagreement"
+    assert failed.kind == "incompatible"
     assert "stop" in failed.text
 
 
@@ -182,12 +182,12 @@ def test_a_bootstrap_message_that_lacks_fields_fails_too(of: type[Message], fiel
     ends.to_host = Valve(Declaring(specify(of).type_id, fields))
     assert ends.run(3.0, lambda: host.session.state is State.FAILED), host.session.state
     (failed,) = host.of(Failed)
-    assert failed.kind == "disagreement"
+    assert failed.kind == "incompatible"
     assert f"{specify(of).name}: the device lacks" in failed.text
 
 
 @pytest.mark.parametrize("p", [0.0, 0.3])
-def test_agreement_costs_a_question_a_message(p: float) -> None:
+def test_negotiation_costs_a_question_a_message(p: float) -> None:
     """Each answer once set off four questions, which set off four answers each."""
 
     def lossy() -> Wire:
@@ -195,16 +195,16 @@ def test_agreement_costs_a_question_a_message(p: float) -> None:
 
     host = session_end(catalogue=catalogue(more=[Fan]))
     ends = Ends(host, sweeper(), to_device=lossy(), to_host=lossy())
-    agreed(host, ends, within_s=9.0)
+    negotiated(host, ends, within_s=9.0)
     questions = [s for s in ends.sent if isinstance(s.message, Describe)]
     assert len(questions) <= (2 if p == 0.0 else 8) * len(CATALOGUE.specs)
 
 
-def test_a_device_that_was_flashed_anew_is_not_read_with_the_old_agreement() -> None:
+def test_a_device_that_was_flashed_anew_is_not_read_with_the_old_schema() -> None:
     ours = catalogue(more=[OtherSetpoint])
     host = session_end(catalogue=ours)
     ends = Ends(host, sweeper())
-    agreed(host, ends)
+    negotiated(host, ends)
     assert host.session.link.disabled
     ends.device.catalogue = ours
     ends.reboot_device(5)
@@ -226,8 +226,8 @@ def test_a_device_without_our_setpoint_is_not_driven() -> None:
 
 
 def test_what_driving_needs() -> None:
-    def differ(cls: type[Message], match: Match, fields: int) -> MessageAgreement:
-        return MessageAgreement(specify(cls), match, fields)
+    def differ(cls: type[Message], match: Match, fields: int) -> MessageComparison:
+        return MessageComparison(specify(cls), match, fields)
 
     assert missing_needs([differ(Power, Match.DIFFERENT, 4)]) == []
     assert missing_needs([differ(Imu, Match.OLDER, 6)]) == ["imu"]

@@ -1,4 +1,4 @@
-"""Hello and agreement: who the device is, and what it declares."""
+"""Handshake: who the device is, and what it declares."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def enumerated(device: Probe, questions: list[DescribeEnum]) -> dict[int, Descri
 
 
 @pytest.mark.slow
-def test_hello_once_a_second_until_a_host_agrees(device: Probe) -> None:
+def test_hello_once_a_second_until_the_handshake(device: Probe) -> None:
     mark = 0
 
     def hellos() -> list[int]:
@@ -101,7 +101,7 @@ def test_hello_is_answered_at_once_and_names_the_session(device: Probe) -> None:
     assert found.message.session_id == device.session_id
 
 
-def test_nothing_is_streamed_before_agreement(device: Probe) -> None:
+def test_nothing_is_streamed_before_the_handshake(device: Probe) -> None:
     device.greet()
     device.ping()  # what was still under way is here by now
     heard = device.listen(0.5)
@@ -111,7 +111,7 @@ def test_nothing_is_streamed_before_agreement(device: Probe) -> None:
 
 def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
     """Such as one that was recorded: it is answered, so that its host learns of this boot."""
-    hello = device.agree()
+    hello = device.handshake()
     for boot_id in (0, hello.boot_id ^ 1):
         mark = len(device.heard)
         device.send(HostHello(CATALOGUE.hash, 0x0BAD_B007, boot_id, 1, "recorded"))
@@ -134,7 +134,7 @@ def test_session_zero_opens_nothing(device: Probe) -> None:
     assert all(type(h.message).__name__ in {"Hello", "TimeReply"} for h in heard)
 
 
-def test_describe_agrees_with_the_catalogue(device: Probe) -> None:
+def test_describe_matches_the_catalogue(device: Probe) -> None:
     device.greet()
     specs = list(CATALOGUE)
     answers = described(device, [Describe(s.type_id, len(s.fields)) for s in specs])

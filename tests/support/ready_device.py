@@ -48,10 +48,10 @@ class Desk:
     def __init__(self, seed: int = 1) -> None:
         self.host = session_end()
         self.ends = Ends(self.host, sweeper(seed=seed))
-        self.reach_agreement()
+        self.complete_handshake()
         self.counter = 0
 
-    def reach_agreement(self) -> None:
+    def complete_handshake(self) -> None:
         assert self.ends.run(4.0, lambda: self.host.session.state is State.READY)
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:

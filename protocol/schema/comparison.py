@@ -30,7 +30,7 @@ class Match(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class EnumAgreement:
+class EnumComparison:
     """The outcome for one enumeration; a peer that lacks it has no message of ours that uses it."""
 
     spec: EnumSpec
@@ -55,7 +55,7 @@ class EnumAgreement:
 
 
 @dataclass(frozen=True, slots=True)
-class MessageAgreement:
+class MessageComparison:
     """The outcome for one message."""
 
     spec: MessageSpec
@@ -96,7 +96,7 @@ class MessageAgreement:
                 return f"{name}: the device {what}; disabled"
 
 
-Difference = MessageAgreement | EnumAgreement
+Difference = MessageComparison | EnumComparison
 Question = Describe | DescribeEnum
 Reply = DescribeReply | DescribeEnumReply
 
@@ -129,8 +129,8 @@ class Comparison:
         for enum in catalogue.enums.values():
             question = DescribeEnum(enum.key, len(enum.members))
             self._open[DescribeEnumReply, enum.key] = question
-        self._messages: dict[int, MessageAgreement] = {}
-        self._enums: dict[int, EnumAgreement] = {}
+        self._messages: dict[int, MessageComparison] = {}
+        self._enums: dict[int, EnumComparison] = {}
 
     @property
     def complete(self) -> bool:
@@ -138,10 +138,10 @@ class Comparison:
         return not self._open
 
     @property
-    def outcome(self) -> dict[int, MessageAgreement]:
+    def outcome(self) -> dict[int, MessageComparison]:
         """What is known of each message, by type; final once it is complete."""
         other = {e.spec.name for e in self._enums.values() if e.match is Match.DIFFERENT}
-        return {t: _judged(agreement, other) for t, agreement in self._messages.items()}
+        return {t: _judged(comparison, other) for t, comparison in self._messages.items()}
 
     @property
     def differences(self) -> tuple[Difference, ...]:
@@ -160,14 +160,14 @@ class Comparison:
                 return False
             enum, count = self._catalogue.enums[reply.enumeration], reply.member_count
             match = _match(enum.chain, count, reply.chain)
-            self._enums[enum.key] = EnumAgreement(enum, match, 0 if count == UNKNOWN else count)
+            self._enums[enum.key] = EnumComparison(enum, match, 0 if count == UNKNOWN else count)
             return True
         if self._open.pop((DescribeReply, reply.described_type), None) is None:
             return False
         spec, count = self._catalogue.by_type[reply.described_type], reply.field_count
         match = _match(self._catalogue.chains[spec.type_id], count, reply.chain)
         peer = 0 if count == UNKNOWN else count
-        self._messages[spec.type_id] = MessageAgreement(spec, match, peer)
+        self._messages[spec.type_id] = MessageComparison(spec, match, peer)
         return True
 
 
@@ -182,11 +182,11 @@ def _match(chain: Sequence[int], peer_count: int, peer_chain: int) -> Match:
     return Match.EQUAL if peer_count == own else Match.NEWER
 
 
-def _judged(agreement: MessageAgreement, other_enums: set[str]) -> MessageAgreement:
+def _judged(comparison: MessageComparison, other_enums: set[str]) -> MessageComparison:
     """A message whose shared fields use an enumeration with other values is another message."""
-    shared = agreement.spec.fields[: agreement.shared_fields]
+    shared = comparison.spec.fields[: comparison.shared_fields]
     used = {f.enum.__name__ for f in shared if f.enum is not None} & other_enums
     if not used:
-        return agreement
+        return comparison
     named = tuple(sorted(used))
-    return MessageAgreement(agreement.spec, Match.DIFFERENT, agreement.peer_fields, named)
+    return MessageComparison(comparison.spec, Match.DIFFERENT, comparison.peer_fields, named)
