@@ -57,9 +57,9 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
 
 
 def _message(spec: MessageSpec) -> Iterator[str]:
-    yield f"  [0x{spec.type_id:02X}] = {{ -- {_one_line(spec.doc)}"
+    yield f"  [0x{spec.type_id:02X}] = {{ -- {_one_line(spec.doc).replace('``', '`')}"
     yield f"    name = {_quoted(spec.name)}, direction = {_quoted(spec.direction.value)},"
-    yield f"    size = {spec.layout.size}, -- B, a text behind it left out"
+    yield f"    size = {spec.layout.size}, -- B, without a text at the end"
     yield "    fields = {"
     for field in spec.fields:
         yield f"      {{ {', '.join(_properties(field))} }},"
