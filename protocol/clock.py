@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from typing import NewType
+from typing import TYPE_CHECKING, NewType, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 HostNs = NewType("HostNs", int)
 """Host's monotonic clock, nanoseconds."""
 DeviceUs = NewType("DeviceUs", int)
 """Device's clock, microseconds since boot, wraps undone."""
 
+Stamps = TypeVar("Stamps", int, "NDArray[np.int64]")
+"""A stamp, or an array of stamps, µs."""
+
 _SPAN = 1 << 32
 _HALF = 1 << 31
 
 
-def elapsed_us(since_us: int, until_us: int) -> int:
+def elapsed_us(since_us: Stamps, until_us: Stamps) -> Stamps:
     """Microseconds from one stamp to another, by their low 32 bits; negative for an earlier one.
 
     Right for stamps that are less than 35 minutes apart.

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from protocol.clock import elapsed_us
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -41,7 +43,6 @@ DRIFT_SIGMAS = 4.0
 """Uncertainty of the drift in standard errors: delays are not Gaussian."""
 STAMP_S = 5e-6
 """Lower bound of the scatter of an offset, s: the resolution of a stamp and of its reading."""
-_WRAP, _HALF = 1 << 32, 1 << 31
 _AROUND = 3
 """Intervals before and after a step that are compared."""
 _MIN_TIMER_MS, _MAX_TIMER_MS = 4.0, 260.0
@@ -151,8 +152,7 @@ def _unwrapped(
         index = int(np.searchsorted(arrived, boot.at_ns))
         if boots[-1] < index < len(arrived):
             boots.append(index)
-    step = np.diff(stamps)
-    step = (step + _HALF) % _WRAP - _HALF
+    step = elapsed_us(stamps[:-1], stamps[1:])
     return np.concatenate(([0.0], np.cumsum(step))) * 1e-6, boots
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from protocol.can.link import CanLink
+from protocol.clock import elapsed_us
 from protocol.link import Medium, Received, Rejected
 from protocol.messages.device import Hello, LinkCounters, LogText, Power, Status, TimeReply
 from protocol.messages.host import PlannerCommand, TimeRequest
@@ -293,7 +294,7 @@ class WireView:
     def _reply(self, reply: TimeReply, replied_us: int, at_ns: int) -> None:
         sent_ns = self._pings.pop(reply.ping, None)
         if sent_ns is not None:
-            own_ns = ((replied_us - reply.received_us) & 0xFFFF_FFFF) * 1000
+            own_ns = elapsed_us(reply.received_us, replied_us) * 1000
             self.round_trips.append((at_ns, at_ns - sent_ns - own_ns))
 
     def _count(self, counters: LinkCounters) -> None:

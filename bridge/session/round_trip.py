@@ -62,7 +62,7 @@ class RoundTrip:
         """Add an answered ping. ``turnaround_us`` is from the device's stamps."""
         elapsed_ns = arrived_ns - sent_ns
         turnaround_ns = turnaround_us * 1000
-        if turnaround_ns > elapsed_ns:  # impossible: the device's clock has jumped
+        if not 0 <= turnaround_ns <= elapsed_ns:  # impossible: the device's clock has jumped
             turnaround_ns = 0
         round_trip_ns = elapsed_ns - min(turnaround_ns, TURNAROUND_NS)
         self._last_ns = (*self._last_ns[-(PINGS - 1) :], round_trip_ns)

@@ -29,7 +29,7 @@ from bridge.session.states import (
     State,
     StateChanged,
 )
-from protocol.clock import HostNs
+from protocol.clock import HostNs, elapsed_us
 from protocol.commands import CommandSender
 from protocol.link import LinkBase, Medium, Received, Rejected
 from protocol.messages.device import (
@@ -432,7 +432,7 @@ class Session:
     def _time_reply(self, reply: TimeReply, event: Received, now_ns: HostNs) -> None:
         sent_ns = self._outbox.pinged_ns(reply.ping)
         if sent_ns is not None:
-            turnaround_us = (event.frame.t_us - reply.received_us) & 0xFFFF_FFFF
+            turnaround_us = elapsed_us(reply.received_us, event.frame.t_us)
             self.round_trip.answered(sent_ns, now_ns, turnaround_us)
             self._events.append(Ping(sent_ns, reply.received_us, event.frame.t_us, now_ns))
 
