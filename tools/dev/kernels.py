@@ -9,6 +9,7 @@ of what it was made of, as text that ``is_stale`` finds there again.
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 import sysconfig
 import tomllib
@@ -25,7 +26,7 @@ _MADE_WITH = ("setup.py", "requirements-build.lock")
 
 _ARRAYS = "bridge/motion/arrays.pxd"
 """What a kernel that declares its types itself uses of other files."""
-_PACKAGES = ("protocol", "bridge", "sim_device")
+_CIMPORT = re.compile(r"^from ([\w.]+) cimport (\w+)", re.MULTILINE)
 
 
 def sources(*, tests: bool = False) -> list[Path]:
@@ -48,10 +49,22 @@ def types(source: Path) -> Path:
 def stamp(source: Path) -> str:
     """The text in the module that is made of this source, as it is now."""
     tools = [path for path in map(ROOT.joinpath, _MADE_WITH) if path.exists()]
-    typed = [path for package in _PACKAGES for path in sorted(ROOT.glob(f"{package}/**/*.pxd"))]
-    made_of = [source, *(typed if types(source).exists() else [ROOT / _ARRAYS]), *tools]
+    typed = _with_cimported(types(source)) if types(source).exists() else [ROOT / _ARRAYS]
+    made_of = [source, *typed, *tools]
     digest = hashlib.sha256(b"\0".join(path.read_bytes() for path in made_of)).hexdigest()
     return f"sweepctl-kernel:{module_name(source)}:{digest}"
+
+
+def _with_cimported(declared: Path) -> list[Path]:
+    """A .pxd and all that it takes types from, at any depth."""
+    found, open_ = {declared}, [declared]
+    while open_:
+        for package, name in _CIMPORT.findall(open_.pop().read_text(encoding="utf-8")):
+            place = ROOT.joinpath(*package.split("."))
+            near = {place.with_suffix(".pxd"), place / f"{name}.pxd"} - found
+            found |= (new := {path for path in near if path.exists()})
+            open_ += new
+    return sorted(found)
 
 
 def compiled(source: Path) -> Path:

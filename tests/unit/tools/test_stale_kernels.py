@@ -54,6 +54,26 @@ def test_what_was_built_of_something_else_is_stale(source: Path, changed: str) -
     assert kernels.stale([source]) == [source]
 
 
+@pytest.mark.parametrize("changed", ["bridge/typed.pxd", "bridge/used/deep.pxd"])
+def test_what_takes_types_of_a_changed_file_is_stale(source: Path, changed: str) -> None:
+    typed = source.with_name("typed.py")
+    typed.write_text("x = 1\n")
+    (kernels.ROOT / "bridge" / "used").mkdir()
+    for name, text in (
+        ("typed.pxd", "from bridge.near cimport Near\n"),
+        ("near.pxd", "from bridge.used cimport deep\n"),
+        ("used/deep.pxd", "cdef class Deep:\n    pass\n"),
+        ("other.pxd", "cdef class Other:\n    pass\n"),
+    ):
+        (kernels.ROOT / "bridge" / name).write_text(text)
+    kernels.compiled(typed).write_bytes(kernels.stamp(typed).encode())
+    (kernels.ROOT / "bridge" / "other.pxd").write_text("changed")
+    assert kernels.stale([typed]) == []
+    path = kernels.ROOT / changed
+    path.write_text(path.read_text() + "\n")
+    assert kernels.stale([typed]) == [typed]
+
+
 def test_what_is_missing_is_stale_and_named_in_one_line(source: Path) -> None:
     kernels.compiled(source).unlink()
     text = kernels.complaint([source])
