@@ -185,7 +185,8 @@ def _explained(where: str, error: sqlite3.Error) -> str:
         return f"the condition {where!r} does more than read runs"
     if text == "interrupted":
         return f"the condition {where!r} takes too long"
-    return f"the condition {where!r} is not SQL over the columns: {text}"
+    cause = text.partition("\n")[0]  # what follows is our part of the query
+    return f"the condition {where!r} is not SQL over the columns: {cause}"
 
 
 def _hint(name: str) -> str:

@@ -33,6 +33,7 @@ _RESOLUTION_M = 0.01
 _OFTEN = 0.5
 """Share of the runs from which a piece of floor counts as often missed."""
 _MIN_PIECE_CM2 = 5.0
+"""Area of the smallest piece that is listed, and surrounded by a line, cm²."""
 _MAX_PIECES = 20
 """Number of pieces of a room that are listed."""
 _MAP_WIDTH, _MAX_HEIGHT, _REST = 8.0, 9.5, 1.3
@@ -210,7 +211,7 @@ def heatmap_page(misses: Misses, what: str) -> str:
     """
     parts = []
     for room in misses.rooms:
-        note = "Of the floor that the mouth could reach. Dark lines surround what every run missed."
+        note = "Of the floor that the mouth could reach."
         parts.append(section(f"{room.name}: {_counted(room.runs)}", _map_svg(room), note))
         head = ("at x, y (m)", "area, cm²", "missed by, % of the runs")
         rows = [
@@ -257,6 +258,9 @@ def _map_svg(room: RoomMisses) -> str:
 
 
 def _draw(axes: Axes, room: RoomMisses) -> None:
+    from matplotlib.lines import Line2D  # noqa: PLC0415 - an extra
+    from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
+
     share = 100.0 * room.missed_share
     x0, y0 = room.origin_m
     rows, columns = share.shape
@@ -271,7 +275,7 @@ def _draw(axes: Axes, room: RoomMisses) -> None:
         interpolation="nearest",
         zorder=1,
     )
-    always = np.nan_to_num(share) >= 100.0  # noqa: PLR2004 - all of them, in per cent
+    always = _without_crumbs(np.nan_to_num(share) >= 100.0)  # noqa: PLR2004 - all of them, in per cent
     if always.any():
         axes.contour(
             always.astype(float),
@@ -287,13 +291,24 @@ def _draw(axes: Axes, room: RoomMisses) -> None:
     mean = 100.0 * float(np.mean(room.shares))
     title = f"{room.name}: {_counted(room.runs)}, {mean:.1f} % swept on average"
     axes.set_title(drawn_text(title), fontsize=10, loc="left")
-    marks = plan_legend(room.plan)
-    if marks:
-        axes.legend(
-            handles=marks,
-            frameon=False,
-            fontsize=8,
-            ncols=3,
-            loc="upper left",
-            bbox_to_anchor=(0.0, -0.1),
-        )
+    lines = [Line2D([], [], color=_ALWAYS, lw=0.9, label="around what every run missed")]
+    unreachable = Patch(
+        facecolor="white", edgecolor="0.6", label="white: the mouth cannot reach it"
+    )
+    axes.legend(
+        handles=[*(lines if always.any() else []), unreachable, *plan_legend(room.plan)],
+        frameon=False,
+        fontsize=8,
+        ncols=3,
+        loc="upper left",
+        bbox_to_anchor=(0.0, -0.1),
+    )
+
+
+def _without_crumbs(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the cells without the pieces that are too small to be listed."""
+    labels, _ = ndimage.label(cells, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    kept: NDArray[np.bool_] = sizes[labels] * _RESOLUTION_M**2 * 1e4 >= _MIN_PIECE_CM2
+    return kept

@@ -170,6 +170,13 @@ def comparison_picture(groups: Sequence[Group]) -> bytes:
         _draw(axes, groups, measure)
     for axes in places[len(drawn) :]:
         axes.set_axis_off()
+    count = sum(len(group.rows) for group in groups)
+    figure.suptitle(
+        f"{count} run{'' if count == 1 else 's'}: each point is a run, the line is the median",
+        fontsize=10,
+        x=0.01,
+        ha="left",
+    )
     return as_png(figure)
 
 
