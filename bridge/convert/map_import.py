@@ -218,6 +218,8 @@ def _free_cells(path: Path, about: _RosMap) -> np.ndarray[Any, np.dtype[np.bool_
             if image.width * image.height > _MAX_PIXELS:
                 raise FloorPlanError(f"{path} has more than {_MAX_PIXELS} pixels")
             grey = np.asarray(image.convert("L"), dtype=np.float64)
+    except Image.UnidentifiedImageError:
+        raise FloorPlanError(f"{path} is no image that can be read") from None
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         if isinstance(error, FloorPlanError):
             raise

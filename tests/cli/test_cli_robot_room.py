@@ -225,3 +225,12 @@ def test_maps_without_their_libraries_are_one_line(
         done = sweepctl("room", "import", tmp_path / file, *more, "--out", tmp_path / "r.json")
         assert done.status == 1
         assert "pip install 'sweepctl[maps]'" in done.line
+
+
+@pytest.mark.parametrize("command", ["robot", "room"])
+def test_check_names_a_file_that_cannot_be_read_once(tmp_path: Path, command: str) -> None:
+    path = tmp_path / "binary.json"
+    path.write_bytes(b"\x00\xff\xfe")
+    for name in (path, tmp_path / "none.json"):
+        done = sweepctl(command, "check", str(name))
+        assert (done.status, done.line.count(name.name)) == (2, 1)

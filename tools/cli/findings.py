@@ -44,7 +44,7 @@ class Findings:
         """Print the findings and return the exit status."""
         status = INVALID if self.problems else 0
         for text in self.problems:
-            complain(f"{self.file}: {text}")
+            complain(text if self.file in text else f"{self.file}: {text}")
         for text in self.warnings:
             inform(f"{self.file}: warning: {text}")
         if as_json:

@@ -217,6 +217,8 @@ def import_(  # noqa: PLR0913 - one parameter per option
 
     check_format("--out", out, *JSON)
     check_outputs([out], [file], force=force)
+    if file.suffix.lower() == ".svg" and scale_m is None:
+        raise click.UsageError(f"{file}: an SVG needs --scale, the length of one unit in metres")
     model, _ = load_robot(robot)
     text = import_map(file, scale_m=scale_m, tolerance_m=tolerance_m, start=start).to_json()
     findings = Findings.of(

@@ -147,7 +147,9 @@ sweepctl simulate case-1 --robot my-robot.toml
 """
 _SENSORS = """\
 Tables `[ultrasonic]`, `[infrared_left]` and `[infrared_right]`. Defaults that differ are
-given in this order.
+given in this order. A robot has these three: the device reports their ranges in one message, and
+a table of another name is an unknown key. A further sensor is a message of a
+[plug-in](plugins.md#messages); it is recorded and shown, and rules read it, but no planner does.
 """
 _RULES = """\
 Tables `[supervise]` and `[supervise.RULE]`. [Supervision](supervise.md) explains the rules.
