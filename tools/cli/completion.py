@@ -1,4 +1,4 @@
-"""Shell completion of rooms, robot files, parameters and kinds of fault."""
+"""Shell completion of rooms, robot files, parameters, kinds of fault, and rules."""
 
 from __future__ import annotations
 
@@ -52,6 +52,51 @@ def complete_fault(
     from sim_device.faults.kinds import KINDS
 
     return _beginning(KINDS, incomplete)
+
+
+def complete_rule(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Return the keys of the rules of supervision with an equals sign; of plug-ins the reaction."""
+    from dataclasses import fields
+
+    import sweepctl_plugins
+    from bridge.supervise.settings import SuperviseSettings
+
+    rules = SuperviseSettings().rules.items()
+    known = [f"{name}.{field.name}=" for name, rule in rules for field in fields(rule)]
+    known += [f"{name}.reaction=" for name in sweepctl_plugins.found("rules")]
+    return _beginning(known, incomplete)
+
+
+def in_list(names: Iterable[str], incomplete: str) -> list[str]:
+    """Return the names with which a list, separated by commas, may go on."""
+    before, comma, begun = incomplete.rpartition(",")
+    listed = before.split(",")
+    return [f"{before}{comma}{n}" for n in _beginning(names, begun) if n not in listed]
+
+
+def complete_rooms(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Return lists of rooms: those that ship, and room files."""
+    from tools.cli.rooms import shipped_rooms
+
+    files = complete_files(incomplete.rpartition(",")[2], ".json")
+    return in_list([*shipped_rooms(), *files], incomplete)
+
+
+def complete_robots(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Return lists of robot files."""
+    return in_list(complete_files(incomplete.rpartition(",")[2], ".toml"), incomplete)
 
 
 def _beginning(names: Iterable[str], incomplete: str) -> list[str]:

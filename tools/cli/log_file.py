@@ -67,6 +67,7 @@ def newest_if_named(path: Path) -> Path:
 
 def complete_log(incomplete: str) -> list[str]:
     """Return logs, folders, and `latest`, that begin with a text."""
-    folder, slash, _ = incomplete.rpartition("/")
-    names = (f"{folder}{slash}latest",) if slash else ("latest",)
+    folder, slash, begun = incomplete.rpartition("/")
+    numbered = [f"latest~{n}" for n in range(1, 10)] if begun.startswith("latest") else []
+    names = [f"{folder}{slash}{name}" for name in ("latest", *numbered)]
     return [*(n for n in names if n.startswith(incomplete)), *complete_files(incomplete, ".mcap")]

@@ -84,6 +84,19 @@ class PlannerList(_Names):
         """Return the names for the help."""
         return f"{PlannerName().get_metavar(param, ctx)},..."
 
+    def shell_complete(
+        self,
+        ctx: click.Context,  # noqa: ARG002 - click's interface
+        param: click.Parameter,  # noqa: ARG002 - click's interface
+        incomplete: str,
+    ) -> list[click.shell_completion.CompletionItem]:
+        """Return the lists that begin with the text."""
+        from click.shell_completion import CompletionItem
+
+        from tools.cli.completion import in_list
+
+        return [CompletionItem(text) for text in in_list(planner_names(), incomplete)]
+
     def convert(
         self,
         value: Any,  # noqa: ANN401 - click's interface

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tools.cli.completion import complete_rule
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
@@ -20,6 +22,7 @@ def rule_option(f: Callable[..., object]) -> Callable[..., object]:
         "rules",
         multiple=True,
         metavar="RULE.KEY=VALUE",
+        shell_complete=complete_rule,
         help="Supervise the run, with this setting of a rule (stall.reaction=pause); may be "
         "repeated.",
     )(f)

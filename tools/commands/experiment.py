@@ -10,6 +10,7 @@ import click
 from click.core import ParameterSource
 
 from tools.cli import options
+from tools.cli.completion import complete_robots, complete_rooms
 from tools.cli.console import complain, inform
 from tools.cli.planners import PLANNERS, PlannerList
 
@@ -52,6 +53,7 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
 @click.option(
     "--rooms",
     callback=_listed(),
+    shell_complete=complete_rooms,
     default=_ROOMS,
     help="Names or files of rooms, separated by commas.  [default: all shipped rooms]",
 )
@@ -88,6 +90,7 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
 @click.option(
     "--robots",
     callback=_listed(),
+    shell_complete=complete_robots,
     help="Robot files, separated by commas: every combination is run with each of them.  "
     "[default: the paper's robot]",
 )

@@ -70,6 +70,25 @@ def _columns(
     return [name for name in NAMES if name.startswith(incomplete)]
 
 
+def _known_tags(
+    ctx: click.Context,
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Return the tags of the runs."""
+    from bridge.errors import BridgeError
+    from bridge.library.library import DEFAULT_FOLDER, Library, Selection
+
+    library = Library(ctx.params.get("folders") or (DEFAULT_FOLDER,))
+    try:
+        library.refresh()
+        runs = library.select(Selection())
+    except BridgeError:  # completion has nothing to say about it
+        return []
+    tags = {tag for run in runs for tag in run.values["tags"].split()}
+    return [tag for tag in sorted(tags) if tag.startswith(incomplete)]
+
+
 def _selecting(f: Callable[..., object]) -> Callable[..., object]:
     """Add the folders and the options of a selection."""
     for add in (
@@ -80,7 +99,12 @@ def _selecting(f: Callable[..., object]) -> Callable[..., object]:
             help="Only the last N runs of the list.",
         ),
         click.option(
-            "--tag", "tags", multiple=True, metavar="TAG", help="Only runs with this tag."
+            "--tag",
+            "tags",
+            multiple=True,
+            metavar="TAG",
+            shell_complete=_known_tags,
+            help="Only runs with this tag.",
         ),
         click.option(
             "--where",
