@@ -65,8 +65,11 @@ def test_the_example_has_one_of_each_and_works(site: Path) -> None:
     assert len(plain_messages(log, "/device/dust")) > 10
     events = {(event.source, event.kind) for _, event in decoded(log, "/events")}
     assert {("supervise", "too_far"), ("fault", "began")} <= events
-    counted = sweepctl_with(site, "dust", "d.mcap")
-    assert re.fullmatch(r"\d+ particles in \d+ messages\n", counted.out), counted.err
+    (site.parent / "runs").mkdir()
+    log.rename(site.parent / "runs" / "d.mcap")
+    for named in ("runs/d.mcap", "latest"):
+        counted = sweepctl_with(site, "dust", named)
+        assert re.fullmatch(r"\d+ particles in \d+ messages\n", counted.out), counted.err
 
 
 def test_every_artefact_has_the_message_of_a_plug_in(site: Path) -> None:

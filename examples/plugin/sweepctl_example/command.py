@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from bridge.library.library import resolve
 from bridge.record.reader import LogReader
 
 
@@ -13,7 +14,8 @@ from bridge.record.reader import LogReader
 @click.argument("file", type=click.Path(path_type=Path))
 def command(*, file: Path) -> int:
     """Print how many particles the dust sensor of the run in FILE counted."""
-    counts = [m.decoded.particles for m in LogReader(file).messages({"/device/dust"})]
+    log = resolve(file)  # `latest` is the newest run
+    counts = [m.decoded.particles for m in LogReader(log).messages({"/device/dust"})]
     if not counts:
         click.echo("no dust message", err=True)
         return 1
