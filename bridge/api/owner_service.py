@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from bridge.api.exchange import LoopExchange
+from bridge.api.owner_view import SnapshotWriter
+from bridge.config import to_toml
 from bridge.errors import BridgeError, NoOwnerError, shown
 from bridge.io import clock
 from bridge.run.client import DeviceClient
@@ -21,12 +23,25 @@ CONFIRM_S = 3.0
 """Maximum wait for a stop, s: longer than the run itself waits for the confirmation."""
 
 
+class RunPage(Protocol):
+    """What a program knows of its run besides the robot's state."""
+
+    def about(self) -> dict[str, Any]:
+        """Return what does not change: port, log, viewer, planner, room, elapsed time, path."""
+
+    def news(self) -> dict[str, Any]:
+        """Return the newest events as lines, and the coverage."""
+
+
 class OwnerService:
     """Executes the requests of other processes on a run."""
 
-    def __init__(self, host: Host, pump: Pump) -> None:
+    def __init__(self, host: Host, pump: Pump, page: RunPage | None = None) -> None:
+        """Serve requests on a run; ``page`` adds what only its program knows."""
         self._host = host
         self._pump = pump
+        self._page = page
+        self._writer = SnapshotWriter()
         self._client = DeviceClient(LoopExchange(host, pump.call))
 
     @property
@@ -37,6 +52,11 @@ class OwnerService:
     def snapshot(self) -> dict[str, Any]:
         """Return the robot's current state for JSON."""
         return snapshot(self._pump.snapshot, clock.now() / 1e9)
+
+    def dashboard(self) -> dict[str, Any]:
+        """Return everything that a dashboard shows and that changes, for JSON."""
+        shown = {"events": [], "coverage": None} if self._page is None else self._page.news()
+        return {**self._writer.write(self._pump.snapshot, clock.now() / 1e9), **shown}
 
     def answer(self, request: dict[str, Any], requester: str) -> dict[str, Any]:
         """Execute a request; return its answer without ``ok``.
@@ -66,6 +86,9 @@ class OwnerService:
         match what:
             case "status":
                 return {"status": self.snapshot()}
+            case "about":
+                about = {} if self._page is None else self._page.about()
+                return {"about": {"robot": to_toml(self._host.model), **about}}
             case "list":
                 return {"parameters": [p.to_dict() for p in ours.list_parameters()]}
             case "get":

@@ -52,6 +52,11 @@ class Recording:
             self._recorder.write(identity._replace(log_ns=info.opened_unix_ns))
         tap.attach(self._recorder)
 
+    def __repr__(self) -> str:
+        """Return the path and whether it is open."""
+        state = "closed" if self.closed else "open"
+        return f"<Recording {self.path}: {state}, {self.dropped} records dropped>"
+
     @property
     def dropped(self) -> int:
         """Number of records that were not written to the file."""

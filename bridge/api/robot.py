@@ -53,7 +53,7 @@ from bridge.run.client import DeviceClient
 from bridge.run.ending import Ending, cannot_move
 from bridge.run.mission import Phase
 from bridge.run.options import HostOptions
-from bridge.run.snapshot import MissionSnapshot, StateSnapshot, snapshot
+from bridge.run.snapshot import MissionSnapshot, Snapshot, StateSnapshot, snapshot
 from bridge.run.summary import run_summary
 from bridge.session.records import RunInfo
 from bridge.session.states import State
@@ -183,7 +183,7 @@ class Robot:
         self.client = DeviceClient(LoopExchange(self.host, self._pump.call))
         self._owner: OwnerSocket | None = None
         with suppress(BridgeError):  # the robot works without the socket
-            self._owner = OwnerSocket(self._name, OwnerService(self.host, self._pump))
+            self._owner = OwnerSocket(self._name, OwnerService(self.host, self._pump, self._events))
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
         self._thread.start()
         try:
@@ -201,6 +201,15 @@ class Robot:
             error = _UNREADY.get(status, NoDeviceError)(f"{self._name}: {text}")
             error.remedy = ending.remedy if ending else None
             raise error
+
+    def __repr__(self) -> str:
+        """Return port, session, run and pose in SI units."""
+        seen = self._pump.snapshot
+        x_m, y_m, theta_rad = seen.estimator.pose
+        return (
+            f"<Robot {self._name}: {seen.session.state.value}, {seen.mission.phase.value}, "
+            f"x_m={x_m:.3f}, y_m={y_m:.3f}, theta_rad={theta_rad:.3f}>"
+        )
 
     def _run(self) -> None:
         try:
@@ -365,6 +374,10 @@ class Robot:
                 self._in_loop(lambda: self.host.use_unix_offset(offset_ns))
                 self._offset_ns = offset_ns
         return self._offset_ns
+
+    def look(self) -> Snapshot:
+        """Return session, run, sensors and pose as one object that never changes."""
+        return self._pump.snapshot
 
     def snapshot(self) -> dict[str, Any]:
         """Return the robot's current state for JSON."""

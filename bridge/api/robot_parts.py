@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from bridge.coverage.planner import PlannerEvent
 from bridge.coverage.planner import PlannerState as RunnerState
 from bridge.errors import BridgeError, StoppedForSafetyError
 from bridge.io import clock
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.session.records import EventRecord, IdentityRecord
+from bridge.session.records import EventRecord, IdentityRecord, Severity
 from protocol.messages.host import SetMode
 from protocol.messages.values import Mode, OnboardPlanner, PlannerAction, StopCause, label
 
@@ -28,6 +28,8 @@ SETPOINT_TIMEOUT_S = 0.5
 """Time after which a velocity that is not repeated expires, s."""
 EVENTS_KEPT = 1000
 """Maximum number of events kept for :meth:`EventTap.take`."""
+_SHARED_EVENTS = 20
+"""Number of newest events that the dashboard of another process gets."""
 T = TypeVar("T", bound="Message")
 
 
@@ -104,6 +106,9 @@ class EventTap:
         self._events: deque[EventRecord] = deque(maxlen=EVENTS_KEPT)
         self.newest_identity: IdentityRecord | None = None
         """The session's device, for a log that starts later."""
+        self._first_ns: int | None = None
+        self._lines: deque[tuple[int, EventRecord]] = deque(maxlen=_SHARED_EVENTS)
+        """The newest events with their time since the first record, ns."""
 
     def attach(self, sink: Sink) -> None:
         """Pass every record to this sink too."""
@@ -117,13 +122,29 @@ class EventTap:
         """Handle one record."""
         for sink in self._sinks:
             sink.write(record)
+        if self._first_ns is None:
+            self._first_ns = record.log_ns
         if isinstance(record, EventRecord):
             self._events.append(record)
+            if record.severity is not Severity.DEBUG:
+                self._lines.append((record.log_ns - self._first_ns, record))
         elif isinstance(record, IdentityRecord):
             self.newest_identity = record
 
     def close(self, summary: object = None) -> None:
         """Do nothing: the creator of a sink closes it."""
+
+    def about(self) -> dict[str, Any]:
+        """Return what another process shows of a program's session, for JSON."""
+        return {}
+
+    def news(self) -> dict[str, Any]:
+        """Return the newest events as lines, for JSON."""
+        lines = [
+            [event.severity.value, f"{since_ns / 1e9:8.2f}  {event.source}: {event.text}"]
+            for since_ns, event in list(self._lines)
+        ]
+        return {"events": lines, "coverage": None}
 
     def take(self) -> list[EventRecord]:
         """Return and remove the events, at most :data:`EVENTS_KEPT`."""
@@ -158,6 +179,10 @@ class OwnPlanner:
 
     def __init__(self, robot: Drivable) -> None:
         self._robot = robot
+
+    def __repr__(self) -> str:
+        """Return the newest state in SI units."""
+        return f"<planner of the device: {self.latest or 'nothing yet'}>"
 
     @property
     def latest(self) -> PlannerState | None:

@@ -40,8 +40,13 @@ def ask(
         return _next(port, answers)
 
 
-def watch(port: str, *, hz: float = 4.0) -> Iterator[dict[str, Any]]:
+def watch(port: str, *, hz: float = 4.0, of: str = "status") -> Iterator[dict[str, Any]]:
     """Yield the robot's state ``hz`` times per second until the owner ends.
+
+    Args:
+        port: The port, by any of its names.
+        hz: Rate, 0.01 to 50 Hz.
+        of: ``status``, or ``dashboard`` for everything that a dashboard shows.
 
     Raises:
         NoOwnerError: the port has no owner.
@@ -49,14 +54,22 @@ def watch(port: str, *, hz: float = 4.0) -> Iterator[dict[str, Any]]:
 
     """
     with _connected(port, ANSWER_TIMEOUT_S) as (client, answers):
-        _send(port, client, {"do": "watch", "hz": hz})
-        yield _next(port, answers)["status"]
+        _send(port, client, {"do": "watch", "hz": hz, "of": of})
+        yield _part(port, _next(port, answers), of)
         while True:
             try:
                 answer = _next(port, answers)
             except NoOwnerError:
                 return
-            yield answer["status"]
+            yield _part(port, answer, of)
+
+
+def _part(port: str, answer: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return a part of an answer; an owner of an older version may not know it."""
+    part = answer.get(name)
+    if not isinstance(part, dict):
+        raise NoOwnerError(f"the owner of {port} is another version of sweepctl")
+    return part
 
 
 def has_owner(port: str) -> bool:

@@ -81,6 +81,9 @@ class Service(Protocol):
     def snapshot(self) -> dict[str, Any]:
         """Return the robot's current state."""
 
+    def dashboard(self) -> dict[str, Any]:
+        """Return everything that a dashboard shows and that changes."""
+
     @property
     def over(self) -> bool:
         """True if the run has ended."""
@@ -356,14 +359,18 @@ class OwnerSocket:
 
     def _watch(self, client: _Client, request: dict[str, Any]) -> None:
         """Start to send the status."""
-        hz = request.get("hz", 4.0)
+        hz, of = request.get("hz", 4.0), request.get("of", "status")
+        shown = {"status": self._service.snapshot, "dashboard": self._service.dashboard}
         if isinstance(hz, bool) or not isinstance(hz, int | float) or not MIN_HZ <= hz <= MAX_HZ:
             self._reject(client, f"hz is not in {MIN_HZ:g} to {MAX_HZ:g}")
+        elif not isinstance(of, str) or of not in shown:
+            self._reject(client, f"of is not one of {', '.join(shown)}")
         elif self._viewers >= MAX_VIEWERS:
             self._reject(client, f"{MAX_VIEWERS} viewers are connected; try again")
         else:
             self._viewers += 1
-            self._begin(client, _Work.VIEW, lambda: self._stream(client, 1.0 / hz))
+            look = _looked(of, shown[of])
+            self._begin(client, _Work.VIEW, lambda: self._stream(client, 1.0 / hz, look))
 
     def _reject(self, client: _Client, text: str) -> None:
         answer = {"ok": False, "error": text}
@@ -435,20 +442,19 @@ class OwnerSocket:
         except BridgeError as error:
             return {"ok": False, "error": error.bare, "exit_status": error.exit_status}
         except Exception as error:  # noqa: BLE001 - reported to the client
-            text = f"internal error: {type(error).__name__}"
-            return {"ok": False, "error": text, "exit_status": 1}
+            return {"ok": False, "error": _internal(error), "exit_status": 1}
 
-    def _stream(self, client: _Client, period_s: float) -> None:
+    def _stream(self, client: _Client, period_s: float, look: Callable[[], dict[str, Any]]) -> None:
         try:
             while not self._closed.is_set():
                 over = self._service.over
-                answer = {"ok": True, "status": self._service.snapshot()}
-                if not self._send_answer(client, answer, SEND_S) or over:
+                answer = look()
+                if not self._send_answer(client, answer, SEND_S) or over or not answer["ok"]:
                     return
                 if not self._wait(client, period_s):
                     break
             if self._closed.is_set():  # send the final status
-                self._send_answer(client, {"ok": True, "status": self._service.snapshot()}, SEND_S)
+                self._send_answer(client, look(), SEND_S)
         finally:
             with suppress(OSError):
                 client.sock.shutdown(socket.SHUT_RDWR)
@@ -487,6 +493,22 @@ class OwnerSocket:
             return False  # disconnected
         finally:
             client.lock.release()
+
+
+def _looked(name: str, look: Callable[[], dict[str, Any]]) -> Callable[[], dict[str, Any]]:
+    """Return what makes a viewer's next answer."""
+
+    def answer() -> dict[str, Any]:
+        try:
+            return {"ok": True, name: look()}
+        except Exception as error:  # noqa: BLE001 - reported to the client
+            return {"ok": False, "error": _internal(error), "exit_status": 1}
+
+    return answer
+
+
+def _internal(error: Exception) -> str:
+    return f"internal error: {type(error).__name__}"
 
 
 def _bind(listener: socket.socket, path: Path) -> None:

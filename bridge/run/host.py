@@ -260,7 +260,7 @@ class Host:
         if now_ns is None or now_ns >= self._counted_ns + COUNT_PERIOD_NS or self._counts is None:
             self._counted_ns = now_ns or 0
             counts = session.link.statistics
-            self._counts = LinkSnapshot(replace(counts, by_type=dict(counts.by_type)))
+            self._counts = LinkSnapshot(replace(counts, by_type=dict(counts.by_type)), now_ns)
         runner, supervision = mission.runner, self.supervision
         return Snapshot(
             self.model,

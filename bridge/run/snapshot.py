@@ -7,7 +7,7 @@ newest one, not the host. Its attributes have the names of the host's.
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from bridge.session.link_stats import wire_summary
 from bridge.session.monitor import physical
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.coverage.planner import PlannerState as RunnerState
-    from bridge.coverage.swept_map import SweptMap
+    from bridge.coverage.swept_map import OccupancyArray
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.run.ending import Ending
@@ -83,6 +83,8 @@ class LinkSnapshot(NamedTuple):
     """The link's counts, at most 0.1 s old."""
 
     statistics: LinkStatistics
+    counted_ns: int | None = None
+    """Host time of the counts, ns; None: now."""
 
 
 class SessionSnapshot(NamedTuple):
@@ -110,6 +112,22 @@ class SyncSnapshot(NamedTuple):
     fit: Fit | None
 
 
+class Swept(Protocol):
+    """The swept floor, for drawing."""
+
+    revision: int
+    """Grows with every change."""
+
+    @property
+    def swept_m2(self) -> float:
+        """Area of the covered cells, m²."""
+        ...
+
+    def to_occupancy(self) -> OccupancyArray:
+        """Return a copy of the cells: 0 swept, -1 unknown."""
+        ...
+
+
 class Snapshot(NamedTuple):
     """State of a robot and its run at one time."""
 
@@ -123,7 +141,7 @@ class Snapshot(NamedTuple):
     path_m: float
     holding: bool
     """Supervision has paused the run until the operator continues it."""
-    swept: SweptMap
+    swept: Swept
     """The loop's own map: other threads may only copy it and read its area."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from typing import TYPE_CHECKING
 
 import pytest
@@ -11,9 +12,12 @@ import bridge
 from protocol.messages.values import Mode
 from support.cli import sweepctl
 from support.served import Served
+from support.terminal import OnTerminal
+from support.two_processes import Command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 pytestmark = pytest.mark.realtime
 
@@ -52,6 +56,33 @@ def test_beside_an_owner_it_shows_the_owners_state(served: Served) -> None:
     assert done.status == 0
     assert done.json["owner"]["session"] == "ready"
     assert "another sweepctl has" in done.err
+
+
+@pytest.mark.parametrize("words", [(), ("--handshake",)])
+def test_beside_an_owner_a_terminal_shows_the_owners_dashboard(
+    served: Served, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    run = ("--plan", "u-shape", "--room", "empty", "--out", "run.mcap")
+    with Command("connect", served.port, *run, cwd=tmp_path) as owner:
+        owner.prints("run is driving")
+        with OnTerminal("monitor", served.port, *words, cwd=tmp_path) as terminal:
+            for text in ("u-shape", "run driving", "coverage", "swept", "walls", "run is driving"):
+                terminal.shows(text)
+            terminal.shows("only shows its run")
+            owner.send(signal.SIGINT)
+            assert owner.end().status == 0
+            assert terminal.end() == 0, "it ends with the run"
+
+
+def test_a_terminal_shows_the_dashboard_of_an_idle_robot(served: Served, tmp_path: Path) -> None:
+    before = served.device.truth.pose
+    with OnTerminal("monitor", served.port, "--handshake", cwd=tmp_path) as terminal:
+        for text in ("run waiting", "idle", "battery", "moves nothing"):
+            terminal.shows(text)
+        terminal.process.send_signal(signal.SIGINT)
+        assert terminal.end() == 0
+    assert served.device.truth.pose == before
+    assert list(tmp_path.iterdir()) == [], "nothing is recorded"
 
 
 def test_what_does_not_go_with_it_is_rejected(served: Served) -> None:

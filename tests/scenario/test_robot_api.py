@@ -414,6 +414,8 @@ def test_a_program_records_and_the_log_is_whole(emulated: Emulated, tmp_path: Pa
             until(lambda: robot.pose.x_m > 0.03, lambda: robot.drive(0.1, 0.0))
             assert recording.error is None
             assert "accel_z_m_s2=" in repr(robot.imu)
+            assert ": ready, driving, x_m=0.0" in repr(robot)
+            assert repr(robot.planner).startswith("<planner of the device: ")
         assert recording.dropped == 0
         after = log.stat().st_size
         with pytest.raises(OutputExistsError, match="force=True"):

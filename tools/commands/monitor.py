@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from tools.cli import options
-from tools.cli.console import flush, inform, plain_console, write_json, write_line
+from tools.cli.console import flush, inform, is_drawable, plain_console, write_json, write_line
 from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, port_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from bridge.api.robot import Robot
+    from bridge.run.snapshot import Snapshot
     from bridge.session.monitor import Monitor
     from protocol.clock import HostNs
+    from tools.live.heading import RunFacts
+    from tools.live.live import EventLines
     from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
 
+S = TypeVar("S")
 _STATES_HZ = 4.0
 """Rate at which the state of a robot is shown, Hz."""
 
@@ -78,12 +81,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     shown. On a serial line a device that no host is connected to sends only a hello each second. On
     a CAN bus the frames of both sides are shown.
 
-    With --handshake the command completes the handshake, and the device sends its sensor data: the
-    state of an idle robot is shown four times a second. Nothing that is sent can move a wheel, and
-    a robot that another host left moving stops.
+    With --handshake the command completes the handshake, and the device sends its sensor data: a
+    dashboard shows the state of an idle robot. Nothing that is sent can move a wheel, and a robot
+    that another host left moving stops.
 
-    If another sweepctl has the port open, its state is shown four times a second; TYPE, --raw and
-    --node are then rejected. With --json one object is printed at the end.
+    If another sweepctl has the port open, its dashboard is shown; TYPE, --raw and --node are then
+    rejected. Without a terminal the state is a line, four times a second. With --json one object is
+    printed at the end.
     """
     from bridge.io.owner_client import has_owner
     from bridge.io.ports import link_of
@@ -216,9 +220,14 @@ class _Looker:
         """Show the state that the port's owner reports; nothing is sent to the device."""
         from bridge.io.owner_client import watch
 
+        if self._draws:
+            from tools.live.shared import OwnerPicture
+
+            picture = OwnerPicture(self._port, _STATES_HZ)
+            self._draw(lambda: picture.snapshot, picture.events, picture.facts, picture.follow())
+            return
         inform(f"another sweepctl has {self._port} open: its state is shown, not the traffic")
-        states = watch(self._port, hz=_STATES_HZ)
-        self._show(states, "state reported by another sweepctl", "owner")
+        self._print(watch(self._port, hz=_STATES_HZ), "owner")
 
     def look_on_device(self, port: PortAsked) -> None:
         """Connect to an idle device and show its state; nothing moves.
@@ -231,36 +240,68 @@ class _Looker:
 
         """
         import bridge
+        from bridge.record.sink import NullSink
+        from tools.live.heading import RunFacts
+        from tools.live.live import EventLines
 
-        with bridge.open(port.name, node=port.node, **port.how) as robot:
+        events = EventLines(NullSink(), plain=False)
+        with bridge.open(port.name, node=port.node, sink=events, **port.how) as robot:
             robot.wait_for_status()
-            self._show(_states(robot), "connected, moves nothing", "state")
+            if self._draws:
+                facts = RunFacts(self._port, note="connected; moves nothing, records nothing")
+                self._draw(robot.look, events, facts, _states(robot))
+            else:
+                self._print(_states(robot), "state")
         set_done()
 
-    def _show(self, states: Iterator[dict[str, Any]], how: str, key: str) -> None:
-        from bridge.io import clock
-        from tools.cli.signals import until_signalled
-        from tools.live.monitor_view import StateTable
+    @property
+    def _draws(self) -> bool:
+        """Whether the state is shown as a dashboard."""
+        is_text = not (self._jsonl or self._as_json or self._lines)
+        return is_text and plain_console().is_interactive and is_drawable()
 
-        ended: list[bool] = []
+    def _draw(
+        self,
+        look: Callable[[], Snapshot],
+        events: EventLines,
+        facts: RunFacts,
+        states: Iterator[object],
+    ) -> None:
+        """Show a dashboard for as long as there are states."""
+        from tools.live.live import Dashboard
+
+        dashboard = Dashboard(look, events, None, facts)
+        dashboard.start()
+        try:
+            for _ in self._until_end(states):
+                pass
+        finally:
+            dashboard.stop()
+
+    def _print(self, states: Iterator[dict[str, Any]], key: str) -> None:
         newest: dict[str, Any] = {}
-        duration_s = self._duration_s
-        end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)
-        plain = self._jsonl or self._as_json or self._lines or not plain_console().is_interactive
-        table = None if plain else StateTable(self._port, how)
-        with until_signalled(lambda: ended.append(True)), table or contextlib.nullcontext():
-            for newest in states:
-                if self._jsonl:
-                    write_json(newest)
-                elif table is not None:
-                    table.show(newest)
-                elif not self._as_json:
-                    write_line(_line(newest))
-                flush()
-                if ended or (end_ns is not None and clock.now() >= end_ns):
-                    break
+        for newest in self._until_end(states):
+            if self._jsonl:
+                write_json(newest)
+            elif not self._as_json:
+                write_line(_line(newest))
+            flush()
         if self._as_json:
             write_json({"port": self._port, key: newest})
+
+    def _until_end(self, states: Iterator[S]) -> Iterator[S]:
+        """Yield states until a signal comes or the time is over."""
+        from bridge.io import clock
+        from tools.cli.signals import until_signalled
+
+        ended: list[bool] = []
+        duration_s = self._duration_s
+        end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)
+        with until_signalled(lambda: ended.append(True)):
+            for state in states:
+                yield state
+                if ended or (end_ns is not None and clock.now() >= end_ns):
+                    return
 
 
 def _line(known: dict[str, Any]) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import threading
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
 
 from rich.text import Text
 
@@ -24,6 +26,18 @@ _GAP = "   "
 """Space between two values."""
 
 
+class Coverage(Protocol):
+    """Coverage of a run in progress."""
+
+    def share(self, now_s: float) -> float:
+        """Return the swept share of the reachable floor, 0 to 1."""
+        ...
+
+
+def _trail() -> deque[tuple[float, float]]:
+    return deque(maxlen=2000)
+
+
 @dataclass(slots=True)
 class RunFacts:
     """Facts of the run that the dashboard shows besides the state of the robot."""
@@ -37,10 +51,14 @@ class RunFacts:
     """Name of the planner; empty: none."""
     plan: FloorPlan | None = None
     """The room, if it is known."""
-    coverage: LiveCoverage | None = None
+    coverage: Coverage | None = None
     """Coverage, if the room is known."""
     began_ns: int | None = None
-    """Host time at which the dashboard was started, ns."""
+    """Host time at which the run began, ns."""
+    trail: deque[tuple[float, float]] = field(default_factory=_trail)
+    """Positions of the path, m; the dashboard adds them."""
+    note: str = ""
+    """What the footer says of a dashboard without keys."""
 
 
 class LiveCoverage:
@@ -60,18 +78,21 @@ class LiveCoverage:
         self._taken = 0
         self._counted_s = 0.0
         self._share = 0.0
+        self._lock = threading.Lock()
+        """The dashboards of other processes ask in threads of their own."""
 
     def share(self, now_s: float) -> float:
         """Return the swept share of the reachable floor, 0 to 1; it is updated each second."""
-        if now_s - self._counted_s >= _PERIOD_S:
-            self._counted_s = now_s
-            until = len(self._poses) // 4 * 4  # complete poses only: another thread appends
-            values = iter(self._poses[self._taken : until])
-            self._taken = until
-            for pose in zip(values, values, values, values, strict=True):
-                self._track.add(*pose)
-            self._share = self._track.share()
-        return self._share
+        with self._lock:
+            if now_s - self._counted_s >= _PERIOD_S:
+                self._counted_s = now_s
+                until = len(self._poses) // 4 * 4  # complete poses only: another thread appends
+                values = iter(self._poses[self._taken : until])
+                self._taken = until
+                for pose in zip(values, values, values, values, strict=True):
+                    self._track.add(*pose)
+                self._share = self._track.share()
+            return self._share
 
 
 def heading(facts: RunFacts, swept_m2: float, now_ns: int, width: int, lines: int) -> Text:

@@ -80,7 +80,7 @@ class EventLines:
     """A sink that passes every record on and shows events and device logs as lines."""
 
     def __init__(self, sink: Sink, *, plain: bool) -> None:
-        """Pass records on to ``sink``; with ``plain`` print the lines, else keep them."""
+        """Pass records on to ``sink`` and keep the newest lines; with ``plain`` print them too."""
         self._sink = sink
         self._plain = plain
         self._first_ns: int | None = None
@@ -106,18 +106,22 @@ class EventLines:
             self.on_ready()
         if self._plain and self.status and record.log_ns - self._status_ns >= _STATUS_NS:
             self._status_ns = record.log_ns
-            self._show_line(record.log_ns, Severity.INFO, self.status())
+            self._print(record.log_ns, Severity.INFO, self.status())
 
     def close(self, summary: object = None) -> None:
         """Do nothing: the code that opened the sink closes it."""
 
     def _show_line(self, log_ns: int, severity: Severity, text: str) -> None:
-        line = f"{(log_ns - (self._first_ns or 0)) / 1e9:8.2f}  {one_line(text)}"
+        self.lines.append((severity, self._line(log_ns, text)))
         if self._plain:
-            with contextlib.suppress(OSError):  # stderr is closed; the run continues
-                inform(line, style=_STYLES[severity])
-            return
-        self.lines.append((severity, line))
+            self._print(log_ns, severity, text)
+
+    def _print(self, log_ns: int, severity: Severity, text: str) -> None:
+        with contextlib.suppress(OSError):  # stderr is closed; the run continues
+            inform(self._line(log_ns, text), style=_STYLES[severity])
+
+    def _line(self, log_ns: int, text: str) -> str:
+        return f"{(log_ns - (self._first_ns or 0)) / 1e9:8.2f}  {one_line(text)}"
 
 
 def _ends_run(event: EventRecord) -> bool:
@@ -151,12 +155,12 @@ class Dashboard:
         self._events = events
         self._operating = operating
         self._rates = Rates(look)
-        self._trail: deque[tuple[float, float]] = deque(maxlen=2000)
         self._live = Live(self, console=err(), refresh_per_second=3, screen=True)
 
     def start(self) -> None:
         """Take the screen and begin to draw."""
-        self._facts.began_ns = clock.now()
+        if self._facts.began_ns is None:
+            self._facts.began_ns = clock.now()
         self._live.start()
 
     def stop(self) -> None:
@@ -187,8 +191,9 @@ class Dashboard:
         """
         host = self._look()
         pose = host.estimator.pose
-        if not self._trail or math.dist(self._trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
-            self._trail.append((pose.x_m, pose.y_m))
+        trail = self._facts.trail
+        if not trail or math.dist(trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
+            trail.append((pose.x_m, pose.y_m))
         # A low window shows only the compact table and the footer with the keys.
         facts, now_ns = self._facts, clock.now() if now_ns is None else now_ns
         heads = 0 if height < _LOWEST else 2 if height < _TALL else 3
@@ -227,7 +232,7 @@ class Dashboard:
         shown = legend(plan, inside - 2)
         below = shown if len(shown) > 1 else []
         rows = max(1, height - 2 - len(below))
-        picture = swept_picture(host, inside, max(2, 2 * rows), self._trail, plan)
+        picture = swept_picture(host, inside, max(2, 2 * rows), self._facts.trail, plan)
         subtitle = None if below else shown[0]
         content = Group(picture, *below) if rows >= _MIN_ROWS else picture
         return Panel(content, title="map", title_align="left", subtitle=subtitle)
@@ -253,12 +258,12 @@ class Dashboard:
     def _event_text(self, count: int) -> Text:
         text = Text(no_wrap=True, overflow="ellipsis")
         for severity, line in list(self._events.lines)[-max(1, count) :]:
-            text.append(line + "\n", style=_STYLES[severity])
+            text.append(one_line(line) + "\n", style=_STYLES[severity])
         return text
 
     def _footer(self, width: int) -> Text:
         if self._operating is None:
-            return Text("Ctrl-C: end", style="dim")
+            return Text(f"{self._facts.note}\nCtrl-C: end".lstrip(), style="dim")
         text = Text(no_wrap=True, overflow="ellipsis")
         text.append(self._operating.note + "\n", style="bold")
         text.append(self._operating.help(width), style="dim")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import math
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from protocol.messages.values import Contact, flag_labels
 from tools.cli.console import drop_queued, flush, inform, plain_console, write_json, write_line
 
 if TYPE_CHECKING:
@@ -209,82 +207,6 @@ class Table(Nothing):
         with contextlib.suppress(OSError):
             self._live.update(self.picture(self._console), refresh=True)
             self._live.stop()
-
-
-class StateTable:
-    """A table of a robot's state, redrawn in place on a terminal."""
-
-    def __init__(self, port: str, how: str) -> None:
-        """Prepare; ``__enter__`` begins to draw. ``how`` is where the state comes from."""
-        self._title = f"{port} - {how}"
-        self._console = plain_console()
-        self._known: dict[str, Any] | None = None
-        self._live = Live(self, console=self._console, auto_refresh=False, screen=False)
-
-    def show(self, known: dict[str, Any]) -> None:
-        """Redraw with a new state."""
-        self._known = known
-        self._live.refresh()
-
-    def __rich__(self) -> Group:
-        """Return the table in its present state."""
-        title = Text(self._title, "italic")
-        table = RichTable(title=title, title_justify="left", show_header=False)
-        table.add_column(style="dim", no_wrap=True)
-        table.add_column(no_wrap=True, overflow="ellipsis")
-        for name, value in [] if self._known is None else state_rows(self._known):
-            table.add_row(name, Text(value))
-        return Group(table, Text("Ctrl-C: end", style="dim"))
-
-    def __enter__(self) -> Self:
-        """Begin to draw."""
-        self._live.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Draw the last state and restore the terminal."""
-        drop_queued()  # older tables
-        with contextlib.suppress(OSError):
-            self._live.refresh()
-            self._live.stop()
-
-
-def state_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return a robot's snapshot as names and values; a dash is an unknown value."""
-    pose, ranges, imu, power = known["pose"], known["range"], known["imu"], known["power"]
-    is_ready = known["session"] == "ready"
-    degrees = math.degrees(pose["theta_rad"])
-    speed = f"{known['v_m_s']:+.2f} m/s {math.degrees(known['yaw_rate_rad_s']):+.0f}°/s"
-    faults = known["faults"]
-    rows = [
-        ("session", f"{known['session']}, run {known['run']}"),
-        ("device", "-" if known["device"] is None else str(known["device"]["firmware"])),
-        ("mode", known["mode"] or "-"),
-        ("stop", known["stop"] or "-"),
-        ("faults", "-" if faults is None else ", ".join(faults) or "none"),
-        ("pose", f"{pose['x_m']:+.3f} m {pose['y_m']:+.3f} m {degrees:+.0f}°"),
-        ("speed", f"{speed if is_ready else '-'}, path {known['path_m']:.1f} m"),
-        ("planner", known["planner"] or "-"),
-    ]
-    if ranges is None:
-        rows.append(("ranges", "-"))
-    else:
-        seen = [ranges[k] for k in ("ultrasonic_m", "infrared_left_m", "infrared_right_m")]
-        front, left, right = ("-" if r is None else f"{r:.2f} m" for r in seen)
-        touched = ", ".join(flag_labels(Contact, ranges["contacts"])) or "no contact"
-        rows.append(("ranges", f"front {front}, left {left}, right {right}, {touched}"))
-    gyro = "-" if imu is None else f"{math.degrees(imu['gyro_rad_s'][2]):+.2f} °/s"
-    rows.append(("gyro z", gyro))
-    rows.append(("battery", "-" if power is None else f"{power['battery_v']:.2f} V"))
-    wire = known["wire"]
-    frames = wire["frames"]["rx"]
-    rows.append(("link", f"{frames} in, {wire['lost']} lost, {wire['crc_errors']} damaged"))
-    return rows
 
 
 def _rates(monitor: Monitor) -> str:

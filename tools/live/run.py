@@ -52,6 +52,7 @@ from tools.live.comparing import compared, start_checked
 from tools.live.heading import LiveCoverage, RunFacts
 from tools.live.live import Dashboard, EventLines
 from tools.live.operating import Operating
+from tools.live.shared import SharedPage
 from tools.live.tables import status_line
 from tools.live.terminal_keys import Keyboard
 from tools.version import VERSION
@@ -216,18 +217,18 @@ def run_live(asked: LiveOptions) -> LiveResult:
     )
     for source, text in cautions(asked.model, asked.plan):
         host.event(clock.now(), Severity.WARNING, source, EventKind.CAUTION, text)
-    operating = _operating(asked, pump, operator)
+    operating, facts = _operating(asked, pump, operator), _facts(asked, path)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
     with commands:
         try:
             with _endings(pump, operating, asked.gamepad):  # a signal must not cut off the summary
                 with (
-                    live_view(asked.log, view=asked.view, serve=asked.serve) as page,
-                    _owner(asked, pump, opened),
+                    live_view(asked.log, view=asked.view, serve=asked.serve) as facts.page,
+                    _owner(asked, pump, opened, SharedPage(events, facts)),
                     compared(pump, asked.model, from_file=asked.robot_file),
                     start_checked(pump, asked.model, asked.plan),
-                    _dashboard(pump, events, operating, _facts(asked, page, path)),
+                    _dashboard(pump, events, operating, facts),
                 ):
                     gc.freeze()  # the collector skips the objects of the start-up during the run
                     pump.run()
@@ -284,7 +285,7 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
 
 
 @contextlib.contextmanager
-def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
+def _owner(asked: LiveOptions, pump: Pump, opened: BytePort, page: SharedPage) -> Iterator[None]:
     """Let other shells reach the robot through this run, and warn about the port."""
 
     def warn(kind: EventKind, text: str) -> None:
@@ -297,7 +298,7 @@ def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
     if risk is not None:
         warn(EventKind.LAN, risk)
     try:
-        owner = OwnerSocket(asked.port, OwnerService(pump.host, pump))
+        owner = OwnerSocket(asked.port, OwnerService(pump.host, pump, page))
     except BridgeError as error:
         warn(EventKind.NO_SOCKET, f"other shells cannot reach this run: {error}")
         yield
@@ -429,11 +430,16 @@ def _gamepad(path: str, operating: Operating) -> Gamepad:
     )
 
 
-def _facts(asked: LiveOptions, page: str, path: array[float]) -> RunFacts:
+def _facts(asked: LiveOptions, path: array[float]) -> RunFacts:
     """Return the facts of the run for the heading of the dashboard."""
     coverage = None if asked.plan is None else LiveCoverage(asked.plan, asked.model, path)
     return RunFacts(
-        asked.port, str(asked.log), page, asked.planner_name or "", asked.plan, coverage
+        asked.port,
+        str(asked.log),
+        planner=asked.planner_name or "",
+        plan=asked.plan,
+        coverage=coverage,
+        began_ns=clock.now(),
     )
 
 

@@ -60,11 +60,12 @@ class Rates:
         """Received and sent bytes a second."""
 
     def look(self, now_ns: int) -> None:
-        """Compute the rates again if a second has passed."""
+        """Compute the rates again if the counts have grown for a second."""
+        statistics, counted_ns = self._look().session.link
+        now_ns = now_ns if counted_ns is None else counted_ns
         since_s = (now_ns - self._at_ns) / 1e9
         if since_s * 1e9 < _RATE_NS:
             return
-        statistics = self._look().session.link.statistics
         counts = dict(statistics.by_type)
         total = statistics.bytes_in, statistics.bytes_out
         if self._at_ns:

@@ -76,6 +76,10 @@ class Newest(Generic[T]):
         self._sweeper = sweeper
         self._kind = kind
 
+    def __repr__(self) -> str:
+        """Return the message in SI units."""
+        return f"<{self._kind.__name__.lower()}: {self.latest or 'nothing yet'}>"
+
     @property
     def latest(self) -> T | None:
         """The message, or None before the first of this session."""
@@ -150,6 +154,14 @@ class SimulatedSweeper:
                 recording.write(fault_record(event, EPOCH_NS + event.t_us * 1000))
 
     # ---- state ----------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        """Return room, time and true pose in SI units."""
+        x_m, y_m, theta_rad = self.truth.pose
+        return (
+            f"<SimulatedSweeper {self.plan.name}: time_s={self.time_s:.2f}, "
+            f"x_m={x_m:.3f}, y_m={y_m:.3f}, theta_rad={theta_rad:.3f}>"
+        )
 
     @property
     def time_s(self) -> float:

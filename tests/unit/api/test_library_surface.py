@@ -15,6 +15,8 @@ from bridge.run.ending import Ending, cannot_move
 from protocol.messages.device import Imu, Range, Status
 from tools.cli.remedies import error_line
 from tools.dev.api_reference import PATH, documented, page
+from tools.virtual.settings import Settings
+from tools.virtual.sweeper import SimulatedSweeper
 
 
 @pytest.mark.parametrize("name", ["imu", "encoders", "range", "power", "status", "planner"])
@@ -45,6 +47,18 @@ def test_a_message_shows_itself_in_si_units() -> None:
     assert "accel_z_m_s2=9.80665" in shown
     assert "gyro_z_rad_s=0.0174533" in shown
     assert "16384" not in shown
+
+
+def test_a_virtual_robot_and_its_recording_show_themselves(tmp_path: Path) -> None:
+    sweeper = SimulatedSweeper(Settings(room="empty", noise="none"))
+    with sweeper.record(tmp_path / "drive.mcap") as recording:
+        sweeper.enable()
+        sweeper.drive(0.1, 0.0, for_s=1.0)
+        assert repr(recording) == f"<Recording {tmp_path}/drive.mcap: open, 0 records dropped>"
+    assert "drive.mcap: closed" in repr(recording)
+    assert repr(sweeper).startswith("<SimulatedSweeper empty: time_s=")
+    assert "x_m=0.3" in repr(sweeper), "it started at 0.3 m and drove less than 0.1 m"
+    assert "ultrasonic_m=" in repr(sweeper.range)
 
 
 def test_an_error_has_the_callers_own_words() -> None:

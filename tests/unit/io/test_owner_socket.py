@@ -79,6 +79,9 @@ class Robot:
             raise BridgeError("no such request")
         return {"request": request, "asker": requester}
 
+    def dashboard(self) -> dict[str, Any]:
+        raise ZeroDivisionError
+
     def snapshot(self) -> dict[str, Any]:
         self.shown += 1
         self.over = self.shown == 3
@@ -305,6 +308,16 @@ def test_eight_clients_that_ask_again_and_again_are_never_too_many(
     for thread in threads:
         thread.join()
     assert rejected == []
+    assert owner.path.exists()
+
+
+def test_a_viewer_chooses_what_it_watches(owner: OwnerSocket, port: str) -> None:
+    assert [state["shown"] for state in watch(port, hz=50.0)] == [1, 2, 3, 4]
+    with pytest.raises(OwnerRejectedError, match="internal error: ZeroDivisionError"):
+        next(watch(port, of="dashboard"))
+    for of in ("everything", None):
+        with pytest.raises(OwnerRejectedError, match="of is not one of status, dashboard"):
+            next(watch(port, of=of))  # type: ignore[arg-type]  # None on purpose
     assert owner.path.exists()
 
 
