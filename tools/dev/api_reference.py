@@ -38,8 +38,10 @@ with bridge.open("/dev/ttyUSB0") as robot, robot.record("drive.mcap"):
     for _ in range(20):
         robot.drive(0.1, 0.0)  # repeat it: a velocity expires after half a second
         time.sleep(0.1)
-    robot.stop()
 ```
+
+The end of the `with` block stops the robot. `robot.stop()` is for danger: it latches the stop, and
+the next `enable` needs `clear_stop=True`.
 
 Units are SI: metres, radians, seconds, volts, amperes. Every name ends with its unit. A call with
 an argument of the wrong type or range raises an `ArgumentError` before anything is sent.
