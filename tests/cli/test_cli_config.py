@@ -13,8 +13,10 @@ from support.cli import sweepctl
 from support.root import ROOT
 from tools.cli.configuration import Defaults, NamedRobot
 from tools.cli.main import cli
+from tools.commands.calibrate import command as calibrate
 from tools.commands.connect import command as connect
 from tools.commands.drive import command as drive
+from tools.commands.param import command as param
 from tools.commands.simulate import command as simulate
 from tools.commands.stop import command as stop
 
@@ -78,6 +80,24 @@ def test_a_named_robot_gives_port_robot_file_key_and_node(home: Path) -> None:
     opened = parameters(drive, "kitchen")
     assert (opened["port"], opened["node"]) == ("/dev/ttyK", 7)
     assert parameters(connect, "/dev/other")["node"] == 3
+
+
+def test_calibration_takes_the_named_robots_own_file_only(home: Path) -> None:
+    local(
+        home,
+        "[defaults]\nrobot = 'all.toml'\n[robots.kitchen]\nport = '/dev/ttyK'\nrobot = 'k.toml'\n"
+        "[robots.bath]\nport = '/dev/ttyB'\n",
+    )
+    gyro, diff = calibrate.commands["gyro"], param.commands["diff"]
+    assert str(parameters(gyro, "kitchen")["robot"]) == "k.toml"
+    assert str(parameters(gyro, "kitchen", "--robot", "x.toml")["robot"]) == "x.toml"
+    assert parameters(gyro, "bath")["robot"] is None
+    assert parameters(gyro, "/dev/other")["robot"] is None
+    assert str(parameters(diff, "kitchen")["file"]) == "k.toml"
+    assert str(parameters(diff, "kitchen", "x.toml")["file"]) == "x.toml"
+    for port in ("bath", "/dev/other"):
+        done = sweepctl("param", "diff", port)
+        assert (done.status, "Missing argument" in done.err) == (2, True)
 
 
 def test_completion_offers_named_robots(home: Path) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from tools.cli.completion import complete_robot
+from tools.cli.configuration import RobotsOwnOption
 from tools.cli.paths import is_there
 
 if TYPE_CHECKING:
@@ -157,7 +158,9 @@ def writing_options(f: Callable[..., object]) -> Callable[..., object]:
     )(f)
     return click.option(
         "--robot",
+        cls=RobotsOwnOption,
         type=click.Path(dir_okay=False, path_type=ClickPath),
         shell_complete=complete_robot,
-        help="Robot file (TOML) to read and to update; created if missing.",
+        help="Robot file (TOML) to read and to update; created if missing.  [default: that of the "
+        "named robot]",
     )(f)

@@ -296,6 +296,9 @@ def ports_of(
 class ConfiguredOption(click.Option):
     """Option whose default a configuration file may set: under its own name."""
 
+    takes_defaults = True
+    """False: only the table of the named robot counts."""
+
     def consume_value(
         self,
         ctx: click.Context,
@@ -307,9 +310,46 @@ class ConfiguredOption(click.Option):
             return value, source
         if ctx.resilient_parsing or self.name is None:
             return value, source
-        named: Mapping[str, Value] = ctx.meta.get(_ROBOT, {})
-        found = named.get(self.name) or configuration(ctx).defaults.get(self.name)
+        found = _named(ctx, self.name)
+        if found is None and self.takes_defaults:
+            found = configuration(ctx).defaults.get(self.name)
         if found is None:
             return value, source
         inform(f"{self.opts[0]} {found.value} ({found.source})")
         return found.value, ParameterSource.DEFAULT_MAP
+
+
+class RobotsOwnOption(ConfiguredOption):
+    """Option whose default is the named robot's own value, never one for all robots."""
+
+    takes_defaults = False
+
+
+class RobotsOwnFile(click.Argument):
+    """Argument whose default is the robot file of the named robot."""
+
+    def consume_value(
+        self,
+        ctx: click.Context,
+        opts: Mapping[str, Any],
+    ) -> tuple[Any, ParameterSource]:
+        """Return the value of the command line, else of the named robot.
+
+        Raises:
+            click.MissingParameter: neither has one.
+
+        """
+        value, source = super().consume_value(ctx, opts)
+        if source is not ParameterSource.DEFAULT or ctx.resilient_parsing:
+            return value, source
+        found = _named(ctx, "robot")
+        if found is None:
+            raise click.MissingParameter(ctx=ctx, param=self)
+        inform(f"robot file {found.value} ({found.source})")
+        return found.value, ParameterSource.DEFAULT_MAP
+
+
+def _named(ctx: click.Context, key: str) -> Value | None:
+    """Return a value of the robot that the command line names."""
+    named: Mapping[str, Value] = ctx.meta.get(_ROBOT, {})
+    return named.get(key)

@@ -10,6 +10,7 @@ import click
 
 from tools.cli import options
 from tools.cli.completion import complete_parameter, complete_robot
+from tools.cli.configuration import RobotsOwnFile
 from tools.cli.console import inform, plain_console, write_json, write_line
 from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, keyed_port_options
@@ -144,12 +145,14 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
 @keyed_port_options
 @click.argument(
     "file",
+    cls=RobotsOwnFile,
+    required=False,
     type=click.Path(dir_okay=False, path_type=Path),
     shell_complete=complete_robot,
 )
 @options.json_option
 def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
-    """Compare a device's parameters with a robot file.
+    """Compare a device's parameters with a robot file: FILE, or that of the named robot.
 
     Exit status: 0 they are equal; 1 they differ.
     """
