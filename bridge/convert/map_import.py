@@ -207,7 +207,7 @@ def _ros_keys(path: Path, data: dict[object, Any]) -> _RosMap:
 def _free_cells(path: Path, about: _RosMap) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Read the image: which cells are free, the lowest row first."""
     try:
-        from PIL import Image  # noqa: PLC0415 - an extra
+        from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - an extra
     except ImportError:
         raise MapsMissingError from None
     import io  # noqa: PLC0415 - beside the extra
@@ -218,7 +218,7 @@ def _free_cells(path: Path, about: _RosMap) -> np.ndarray[Any, np.dtype[np.bool_
             if image.width * image.height > _MAX_PIXELS:
                 raise FloorPlanError(f"{path} has more than {_MAX_PIXELS} pixels")
             grey = np.asarray(image.convert("L"), dtype=np.float64)
-    except Image.UnidentifiedImageError:
+    except UnidentifiedImageError:
         raise FloorPlanError(f"{path} is no image that can be read") from None
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         if isinstance(error, FloorPlanError):
