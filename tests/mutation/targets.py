@@ -45,16 +45,16 @@ class Target:
 
 def _tests(*names: str) -> tuple[str, ...]:
     """Paths of test files, each given as ``folder/name``."""
-    places = (name.split("/") for name in names)
+    places = (name.rpartition("/")[::2] for name in names)
     return tuple(f"{_UNIT}/{folder}/test_{name}.py" for folder, name in places)
 
 
 TARGETS = (
-    Target("latch", "sim_device.device.safety", _tests("sim_device/safety_limits")),
+    Target("latch", "sim_device.device.safety", _tests("sim_device/device/safety_limits")),
     Target(
         "modes",
         "sim_device.device.modes",
-        _tests("sim_device/mode_table", "sim_device/device_modes"),
+        _tests("sim_device/device/mode_table", "sim_device/device/modes"),
         frozenset({"drawn", "rejections"}),  # what is printed
     ),
     Target(
