@@ -28,10 +28,13 @@ class LogWriter(Sink, Protocol):
 
 
 class NullSink:
-    """Sink that discards all records."""
+    """Sink that discards all records; also the writer of a run without a log."""
 
     def write(self, record: Record) -> None:
         """Discard the record."""
+
+    def flush(self) -> None:
+        """Do nothing."""
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
         """Discard the summary."""

@@ -160,3 +160,19 @@ def test_a_warning_of_a_library_is_a_line_of_ours(tmp_path: Path) -> None:
     assert done.status == 0
     assert "warning: Glyph 27 (\\x1b) missing" in done.err
     assert "\x1b" not in done.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("simulate", "case-1", "--out", "-"),
+        ("connect", "/dev/none", "--out", "-"),
+        ("connect", "/dev/none", "--no-record", "--out", "a.mcap"),
+        ("connect", "/dev/none", "--no-record", "--fsync"),
+        ("connect", "/dev/none", "--no-record", "--serve"),
+    ],
+)
+def test_a_log_is_a_file_or_there_is_none(words: tuple[str, ...]) -> None:
+    done = sweepctl(*words)
+    assert done.status == 2
+    assert "log" in done.line

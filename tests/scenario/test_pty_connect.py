@@ -72,6 +72,18 @@ def a_plan_over_a_pty_and_a_second_host_at_the_door(tmp_path: Path) -> None:
         assert ended.out == "", "nothing but the ready line on stdout"
 
 
+def without_a_log_nothing_is_written(tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    with Emulator(tmp_path) as device:
+        arguments = (device.port, "--no-record", "--duration", "1", "--json")
+        with Command("connect", *arguments, cwd=tmp_path / "here") as host:
+            ended = host.end()
+    assert ended.status == 0, ended.err
+    assert ended.json["log"] is None
+    assert ended.json["wire"]["frames"]["rx"] > 50
+    assert list((tmp_path / "here").iterdir()) == []
+
+
 def ctrl_c_stops_the_robot_first_and_closes_the_log_whole(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     with Emulator(tmp_path) as device:
@@ -132,6 +144,7 @@ def ports_that_are_no_sweeper(tmp_path: Path) -> None:
 
 SCENARIOS = (
     a_plan_over_a_pty_and_a_second_host_at_the_door,
+    without_a_log_nothing_is_written,
     ctrl_c_stops_the_robot_first_and_closes_the_log_whole,
     ports_that_are_no_sweeper,
 )

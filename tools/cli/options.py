@@ -193,8 +193,25 @@ def out_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--out",
         type=click.Path(dir_okay=False, path_type=Path),
+        callback=_no_dash,
         help="Log file to write.  [default: runs/<UTC>-<room or port>.mcap]",
     )(f)
+
+
+def _no_dash(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    value: Path | None,
+) -> Path | None:
+    """Reject ``-``: a log is a file.
+
+    Raises:
+        click.BadParameter: it is ``-``.
+
+    """
+    if value == Path("-"):
+        raise click.BadParameter("a log cannot go to stdout: give the name of a file")
+    return value
 
 
 def json_option(f: Callable[..., object]) -> Callable[..., object]:

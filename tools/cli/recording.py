@@ -48,6 +48,34 @@ def recording_options(f: Callable[..., object]) -> Callable[..., object]:
     )(f)
 
 
+def no_record_option(f: Callable[..., object]) -> Callable[..., object]:
+    """Add ``--no-record``."""
+    text = "Write no log."
+    return click.option("--no-record", is_flag=True, help=text)(f)
+
+
+def check_unrecorded(
+    no_record: bool,  # noqa: FBT001 - the option
+    out: Path | None,
+    recording: RecordOptions,
+    *,
+    force: bool,
+    views: bool,
+) -> None:
+    """Reject the options that need a log, with ``--no-record``.
+
+    Raises:
+        click.UsageError: one was given.
+
+    """
+    from bridge.record.policy import RecordOptions
+
+    if no_record and (out is not None or force or recording != RecordOptions()):
+        raise click.UsageError("--no-record writes no log: omit the options of the log")
+    if no_record and views:
+        raise click.UsageError("--view and --serve show the log of a run: omit --no-record")
+
+
 def viewing_options(f: Callable[..., object]) -> Callable[..., object]:
     """Add ``--view`` and ``--serve``."""
     f = click.option(
@@ -75,7 +103,7 @@ def take_record_options(given: dict[str, Any]) -> RecordOptions:
 
 
 @contextlib.contextmanager
-def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
+def live_view(log: Path | None, *, view: bool, serve: bool) -> Iterator[str]:
     """Run Rerun beside a run, with ``view`` or ``serve``; without both do nothing.
 
     Yields:
@@ -87,7 +115,7 @@ def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
         ViewerFailedError: Rerun did not start.
 
     """
-    if not view and not serve:
+    if log is None or not (view or serve):
         yield ""
         return
     from bridge.view.rerun.live import LiveViewer

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 class ReplacedLog:
     """An existing log under a temporary name, so that a failed connect does not delete it."""
 
-    def __init__(self, log: Path, *, force: bool) -> None:
+    def __init__(self, log: Path | None, *, force: bool) -> None:
         """Rename the existing file, if ``force`` allows it to be replaced."""
         self._log = log
         self._kept: Path | None = None
         # A symbolic link is written through, and a device file has no content to keep.
-        if force and log.is_file() and not log.is_symlink():
+        if log is not None and force and log.is_file() and not log.is_symlink():
             kept = log.with_name(f"{log.name}.{os.getpid()}.replaced")
             with contextlib.suppress(OSError):  # opening the log will report why
                 log.rename(kept)
@@ -34,6 +34,6 @@ class ReplacedLog:
     def put_back(self) -> None:
         """Give the old log its name back: there is no new one."""
         kept, self._kept = self._kept, None
-        if kept is not None:
+        if kept is not None and self._log is not None:
             with contextlib.suppress(OSError):
                 kept.rename(self._log)

@@ -14,7 +14,13 @@ from tools.cli.completion import complete_room
 from tools.cli.console import complain, print_summary
 from tools.cli.on_event import on_option
 from tools.cli.port_options import port_argument
-from tools.cli.recording import recording_options, take_record_options, viewing_options
+from tools.cli.recording import (
+    check_unrecorded,
+    no_record_option,
+    recording_options,
+    take_record_options,
+    viewing_options,
+)
 from tools.cli.supervising import rule_option
 
 if TYPE_CHECKING:
@@ -74,6 +80,7 @@ if TYPE_CHECKING:
 @viewing_options
 @on_option
 @recording_options
+@no_record_option
 @options.key_option
 @options.robot_option
 @options.start_option
@@ -100,10 +107,11 @@ def command(  # noqa: PLR0913 - one parameter per option
     start: Pose2 | None,
     out: Path | None,
     force: bool,
+    no_record: bool,
     as_json: bool,
     **opening: Any,  # noqa: ANN401 - options of the port and of the recording, declared above
 ) -> int:
-    """Connect to the robot on PORT, show it and record it.
+    """Connect to the robot on PORT, show it and record it (--no-record: only show it).
 
     The robot moves only with --plan or --supervise, or after a key of the dashboard that must be
     pressed twice.
@@ -133,6 +141,8 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError("--supervise-rule needs --plan or --supervise")
     if resume is not None and planner is None:
         raise click.UsageError("--resume needs --plan")
+    recording = take_record_options(opening)
+    check_unrecorded(no_record, out, recording, force=force, views=view or serve)
     model, robot_toml = load_robot(robot)
     if start is not None and not room:
         raise click.UsageError("--start needs --room")
@@ -141,11 +151,11 @@ def command(  # noqa: PLR0913 - one parameter per option
         planners.make(planner, model, random.Random(0), option="--plan")
     if resume is None:
         resume = "ask" if sys.stdin.isatty() else "never"
-    recording = take_record_options(opening)
+    name = plan.name if plan else Path(port).name
     result = run_live(
         LiveOptions(
             port=port,
-            log=options.log_path(out, plan.name if plan else Path(port).name),
+            log=None if no_record else options.log_path(out, name),
             model=model,
             robot_toml=robot_toml,
             plan=plan,

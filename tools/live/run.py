@@ -27,6 +27,7 @@ from bridge.record.errors import LogGoneError, LogReadError
 from bridge.record.family import parts_of
 from bridge.record.policy import RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
+from bridge.record.sink import NullSink
 from bridge.run.build import build_run
 from bridge.run.dead_man import DeadMan
 from bridge.run.ending import Ending, described
@@ -86,7 +87,8 @@ class LiveOptions:
     """Options of a live run."""
 
     port: str
-    log: Path
+    log: Path | None
+    """Log file; None: the run is not recorded."""
     model: RobotModel
     robot_toml: str
     """Text of the robot file, for the log."""
@@ -244,7 +246,11 @@ def run_live(asked: LiveOptions) -> LiveResult:
 
 def _on_facts(asked: LiveOptions) -> dict[str, Any]:
     """Return what every event of ``--on`` says about the run."""
-    return {"port": asked.port, "log": str(asked.log)}
+    return {"port": asked.port, "log": _text(asked.log)}
+
+
+def _text(log: Path | None) -> str | None:
+    return None if log is None else str(log)
 
 
 def _operator(asked: LiveOptions) -> Operator:
@@ -333,6 +339,8 @@ def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
         asked.robot_toml,
         asked.plan,
     )
+    if asked.log is None:
+        return ThreadedRecorder(NullSink()), offset_ns
     recorder = ThreadedRecorder(open_log(asked.log, info, asked.recording, force=asked.force))
     if asked.plan is not None:
         recorder.write(RoomRecord(opened_ns, asked.plan))
@@ -345,7 +353,7 @@ def _close_log(
     """Close the log; put back the one that it replaced if there was no robot to record."""
     recorder.close()
     is_ours = not isinstance(recorder.error, LogGoneError)
-    if pump.host.hello is None and pump.crash is None and is_ours:
+    if pump.host.hello is None and pump.crash is None and is_ours and asked.log is not None:
         _discard(asked.log)
         replaced.put_back()
     replaced.drop()
@@ -435,7 +443,7 @@ def _facts(asked: LiveOptions, path: array[float]) -> RunFacts:
     coverage = None if asked.plan is None else LiveCoverage(asked.plan, asked.model, path)
     return RunFacts(
         asked.port,
-        str(asked.log),
+        _text(asked.log) or "",
         planner=asked.planner_name or "",
         plan=asked.plan,
         coverage=coverage,
@@ -483,7 +491,7 @@ def _conclude(pump: Pump, asked: LiveOptions, path: array[float]) -> dict[str, A
             room=asked.plan.name if asked.plan else None,
             planner=asked.planner_name,
             seed=None,
-            log=str(asked.log),
+            log=_text(asked.log),
         )
 
 
@@ -502,6 +510,6 @@ def _summarise(host: Host, asked: LiveOptions, path: array[float]) -> dict[str, 
         room=plan.name if plan else None,
         planner=asked.planner_name,
         seed=None,
-        log=None if host.hello is None else str(asked.log),
+        log=None if host.hello is None else _text(asked.log),
         report=report,
     )
