@@ -37,7 +37,7 @@ _COBS_AND_CRC = 1 + CRC.size
 _HEAD_SEEN = 4
 """Bytes of a frame up to its type: the COBS code byte, version, node, type."""
 CRASH_LINE = "crash after "
-"""Beginning of the log line in which a device sends its crash record (docs/firmware.md)."""
+"""Beginning of the log line in which a device sends its crash record (docs/device.md)."""
 _MAX_TEXT = 2048
 """Bytes kept from the beginning of the capture, to recognise text."""
 _MAX_MARKS = 2_000_000

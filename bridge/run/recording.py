@@ -52,10 +52,10 @@ _LEVELS = {
     LogLevel.ERROR: Severity.ERROR,
 }
 _FELT = {
-    DisturbanceKind.BUMP: "the robot hit an obstacle and lost {:.3f} m/s at once",
+    DisturbanceKind.BUMP: "the robot hit an obstacle: speed step of {:.3f} m/s",
     DisturbanceKind.STALL: "the robot stands still while its wheels turn at {:.3f} m/s",
-    DisturbanceKind.SLIP_LEFT: "the left wheel slips, {:.3f} m/s between the wheels",
-    DisturbanceKind.SLIP_RIGHT: "the right wheel slips, {:.3f} m/s between the wheels",
+    DisturbanceKind.SLIP_LEFT: "the left wheel slips by {:.3f} m/s",
+    DisturbanceKind.SLIP_RIGHT: "the right wheel slips by {:.3f} m/s",
 }
 LINK_PERIOD_NS = 10_000_000_000
 """Interval of the link statistics in the log, ns."""

@@ -20,7 +20,7 @@ _WAY = Choice("way", "direction; up is from device to host", ("up", "down", "bot
 
 
 def _share(default: float, what: str) -> Number:
-    return Number("rate", f"share of the line's bytes {what}", "", default, 0.0, 1.0)
+    return Number("rate", f"share of the link's bytes {what}", "", default, 0.0, 1.0)
 
 
 def _flips(knobs: Knobs, values: Mapping[str, Value]) -> None:

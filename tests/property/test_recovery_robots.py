@@ -67,7 +67,7 @@ def test_every_robot_ends_by_itself_and_few_leave_a_hole(count: int) -> None:
     for seed in range(count):
         model, reason, report = swept(seed)
         assert reason is not None, f"seed {seed} did not end by itself"
-        assert "shut in" not in reason, f"seed {seed}: {reason}"
+        assert "enclosed" not in reason, f"seed {seed}: {reason}"
         share = report.coverage.mouth_passing
         assert share > 0.9, f"seed {seed}: {share:.3f} of the floor"
         fine += report.hole_inradius_m <= HOLE_WIDTHS * model.cleaning_width_m

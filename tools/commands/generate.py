@@ -49,7 +49,7 @@ class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the
         return replace(NOMINAL, **changes)
 
 
-@click.command("generate", epilog="Example:  sweepctl generate c --out firmware/wire")
+@click.command("generate", epilog="Example:  sweepctl generate c --out firmware/protocol")
 @click.argument("what", type=click.Choice(list(GENERATORS)))
 @click.option(
     "--out",
@@ -66,9 +66,9 @@ class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the
     "--imu",
     type=ImuScaleType(),
     metavar="KEY=VALUE,...",
-    help="With dbc: what a count of the device's IMU is worth, as its imu_info says: accel "
-    "(counts per g), gyro (counts per degree a second), temperature (counts per kelvin), zero "
-    "(°C at a count of 0).  [default: an MPU6050 at ±2 g and ±250 °/s]",
+    help="With dbc: scale of the device's IMU, as in its imu_info: accel "
+    "(counts per g), gyro (counts per degree per second), temperature (counts per kelvin), zero "
+    "(°C at a raw count of 0).  [default: an MPU6050 at ±2 g and ±250 °/s]",
 )
 @click.option("--force", is_flag=True, help="Replace existing files.")
 def command(*, what: str, out: Path, node: int | None, imu: ImuScale | None, force: bool) -> int:

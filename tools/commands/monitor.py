@@ -83,7 +83,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     With --handshake the command completes the handshake, and the device sends its sensor data: a
     dashboard shows the state of an idle robot. Nothing that is sent can move a wheel, and a robot
-    that another host left moving stops.
+    that another host has left moving stops.
 
     If another sweepctl has the port open, its dashboard is shown; TYPE, --raw and --node are then
     rejected. Without a terminal the state is a line, four times a second. With --json one object is

@@ -20,7 +20,7 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     """Stop the robot on PORT at once and latch the stop.
 
     If another sweepctl has the port open, it stops the robot and ends its run. Otherwise the port
-    is opened and the stop is sent until every device that is heard confirms it. On a bus every
+    is opened and the stop is sent until every device that answers confirms it. On a bus every
     robot is stopped; with --node that robot must confirm it too. The robot moves again only with
     --clear-stop.
 

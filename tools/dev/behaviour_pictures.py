@@ -657,7 +657,7 @@ def _norm(top_m_s: float) -> Any:  # noqa: ANN401 - matplotlib's
 
 
 def control_follow() -> Figure:
-    """Wall following round the corners of a box."""
+    """Wall following around the corners of a box."""
     run = recovery_run("case-1")
     begin_s = run.first("perimeter-begin", 60.0)[0]
     end_s = run.first("perimeter-end", begin_s)[0]
@@ -680,19 +680,20 @@ def control_follow() -> Figure:
         ],
         color=_ORANGE,
         lw=1.0,
-        label="infrared range less that of a wall in contact (cm)",
+        label="clearance to the wall by the infrared (cm)",
     )
     gaps.plot(
         times, [100.0 * s.obs.v_m_s for s in samples], color=_BLUE, lw=1.2, label="speed (cm/s)"
     )
     gaps.set_xlabel("time (s)")
+    gaps.set_ylabel("clearance (cm), speed (cm/s)")
     tidy(gaps)
     _legend(gaps, 1)
     return figure
 
 
 def control_limits() -> Figure:
-    """Speed limits: what is known, and what left the ultrasonic's cone."""
+    """Speed limits between table legs, and the braking curve."""
     run = recovery_run("table-and-chair")
     begin_s, end_s = run.first("start")[0], run.first("finish")[0]
     figure, (floor, curve) = _panels(8.2, 3.6, 2, width_ratios=[1.25, 1.0])
@@ -900,12 +901,12 @@ def recovery_cliff() -> Figure:
     x, y = _true_at(run, t_s)[:2]
     near.set_xlim(x - 0.6, x + 0.6)
     near.set_ylim(y - 0.6, y + 0.6)
-    _title(near, "the cliff sensor fires: halt, back off")
+    _title(near, "cliff detected: stop, back off")
     return figure
 
 
 def recovery_stuck() -> Figure:
-    """A place that blocked the robot twice, and the way along what blocked it."""
+    """Two contacts at one place, and the path along the obstacle."""
     run = recovery_run("comprehensive")
     shut_s, shut = run.first("passage-shut")
     end_s = run.first("perimeter-end", shut_s)[0]
@@ -914,7 +915,7 @@ def recovery_stuck() -> Figure:
     x, y = float(shut.data["x_m"]), float(shut.data["y_m"])
     spans = (
         (begin_s, shut_s, "two contacts at one place"),
-        (shut_s, end_s, "the way along the box"),
+        (shut_s, end_s, "then along the box"),
     )
     for axes, (begin, end, title) in zip(panels, spans, strict=True):
         _floor(axes, run.plan)

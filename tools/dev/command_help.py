@@ -24,13 +24,12 @@ _HEAD = """\
 
     sweepctl COMMAND [OPTIONS] ARGUMENTS
 
-`sweepctl COMMAND --help` says the same in short. Messages for people go to stderr, results to
-stdout; with `--json` stdout holds exactly one JSON object. Colour and pictures are for terminals:
-on a pipe, and on a dumb terminal, everything is plain lines. Control, bidirectional and invisible
-characters of names and texts from outside are printed as escapes (`\\x1b`), and words of more than
-400 characters are shortened. A command that has a port open never waits for the reader of its
-output: what finds no room is dropped and counted, and at the end it waits 0.6 s for a reader that
-stands still.
+`sweepctl COMMAND --help` shows the same in short. Messages go to stderr, results to stdout; with
+`--json` stdout has exactly one JSON object. Terminals get colours and the dashboard; pipes and dumb
+terminals get plain lines. Control, bidirectional and invisible characters in names and texts from
+outside are printed as escapes (`\\x1b`), and words of more than 400 characters are shortened. A
+command with an open port never waits for the reader of its output: lines that do not fit are
+dropped and counted. At the end it waits at most 0.6 s for such a reader.
 
 ## What is common
 
@@ -40,30 +39,29 @@ stands still.
 [configuration file](configuration.md), which also sets defaults.
 
 **What moves the robot**: `connect` with `--plan` or `--supervise` or by its keys, `drive`,
-`bringup` (wheels off the floor), `calibrate odometry`. Nothing else does, and each of these asks or
-is asked for explicitly. A stop that was latched for safety is cleared only by `--clear-stop`, or by
-the key for it, given by a person who looked.
+`bringup` (wheels off the floor) and `calibrate odometry`. No other command moves the robot. Each
+of them needs an explicit option, key or answer. Only `--clear-stop`, or its key in the dashboard,
+clears a stop that was latched for safety. Look at the robot before you use it.
 
 **Exit status**
 
 | status | meaning |
 | --- | --- |
-| 0 | done, or a run ended as asked by the first Ctrl-C or `--duration` |
-| 1 | anything else: out of time, log not writable, a fault found, Ctrl-C before it was done |
+| 0 | done, or the run was ended by the first Ctrl-C or by `--duration` |
+| 1 | all other failures: time limit, log not writable, a fault found, Ctrl-C before the end |
 | 2 | usage, or an invalid room, robot file, fault or value |
 | 3 | cannot open the port, or the device was lost for good |
 | 4 | the device rejected a command, or is incompatible |
 | 5 | stopped for safety |
 
-**Files**: logs go to `runs/<UTC>-<room or port>.mcap` unless `--out` says otherwise, and none is
-replaced without `--force`. A file that is read or written is a regular one: a pipe, a socket or a
-device is an error. A room, a robot file and a key file may also come from the shell, as
-`--robot <(command)` or `/dev/stdin`; what is written may go to `/dev/null`. A robot file is TOML:
-the keys of the robot's model, a table for each range sensor, `[supervise.RULE]` for rules. One line
-names every unknown key, wrong value and impossible size in it (a sensor far outside the footprint,
-a wheel base wider than the robot), with exit status 2. What will not work well (an infrared sensor
-below its minimum range at the hull) is a warning as a run begins. A room is a small
-[JSON file](rooms.md).
+**Files**: logs go to `runs/<UTC>-<room or port>.mcap` unless you give `--out`. No file is
+replaced without `--force`. Files must be regular files: a pipe, a socket or a device is an error.
+A room, a robot file and a key file may also come from the shell, as `--robot <(command)` or
+`/dev/stdin`; output may go to `/dev/null`. A robot file is TOML: the keys of the robot's model, a
+table for each range sensor, `[supervise.RULE]` for rules. One line names every unknown key, wrong
+value and impossible size in it (a sensor far outside the footprint, a wheel base wider than the
+robot), with exit status 2. What will not work well (an infrared sensor below its minimum range at
+the hull) is a warning as a run begins. A room is a small [JSON file](rooms.md).
 
 **Environment**: with `NO_COLOR` set nothing is coloured. `SWEEPCTL_CONFIG` names the only
 [configuration file](configuration.md) that is read; empty: none. A run that owns its port can be
@@ -169,7 +167,7 @@ def _meaning(option: click.Option, context: click.Context) -> str:
         text = f"{text} Default: `{default}`.".strip()
     if isinstance(option.type, click.IntRange | click.FloatRange):
         text += f" Range: {_range(option.type)}."
-    if option.multiple and "again" not in text:
+    if option.multiple and "may be repeated" not in text:
         text += " May be given again."
     return _cell(text)
 

@@ -141,7 +141,7 @@ class PaperPlanner(ScriptedPlanner):
         width = self.model.cleaning_width_m
         self.record.decide(
             "recovery-begin",
-            "driving back into the area that the obstacle hid",
+            "return to the occluded region",
             length_m=length,
             x_m=leave.x_m,
             y_m=leave.y_m,
@@ -160,7 +160,7 @@ class PaperPlanner(ScriptedPlanner):
                 self._sweep.line_m = line_m
         if self.options.clear_after_recovery:
             self.record.change(turn_count=0)
-        self.record.decide("recovery-end", "the shadow is swept as far as it could be")
+        self.record.decide("recovery-end", "occluded region swept as far as possible")
 
     def _sweep_occlusion(
         self,

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from bridge.motion.legs import LegResult
 
 _LANE_ENDS = {
-    StopReason.DISTANCE: "driven to its end",
-    StopReason.CANCELLED: "left for a wall that appeared beside it",
+    StopReason.DISTANCE: "lane complete",
+    StopReason.CANCELLED: "lane cancelled: an unknown wall beside it",
 }
 _PERIMETER_ENDS = {
-    StopReason.CANCELLED: "closed: the floor ahead is swept",
-    StopReason.LOST: "the wall is lost",
+    StopReason.CANCELLED: "perimeter pass complete: the floor ahead is swept",
+    StopReason.LOST: "perimeter pass ended: wall lost",
 }
 
 
@@ -29,9 +29,9 @@ def chosen(choice: Choice) -> PlannerEvent:
     """A lane or a perimeter pass is chosen."""
     x_m, y_m = choice.path[-1]
     reason = (
-        "the lane that sweeps most per time"
+        "next lane: most new floor per second"
         if choice.kind == "lane"
-        else "a wall whose perimeter was not followed"
+        else "next perimeter pass: a wall not followed yet"
     )
     figures: dict[str, Scalar] = {
         "x_m": round(x_m, 3),
@@ -45,14 +45,14 @@ def chosen(choice: Choice) -> PlannerEvent:
 
 def lane_ended(result: LegResult, new_m2: float) -> PlannerEvent:
     """A lane has ended."""
-    reason = _LANE_ENDS.get(result.reason, f"ended early: {result.reason}")
+    reason = _LANE_ENDS.get(result.reason, f"lane ended early: {result.reason}")
     figures: dict[str, Scalar] = {"length_m": round(result.distance_m, 2), "new_cm2": _cm2(new_m2)}
     return PlannerEvent("lane-end", reason, figures)
 
 
 def perimeter_ended(reason: StopReason, length_m: float) -> PlannerEvent:
     """A perimeter pass has ended."""
-    why = _PERIMETER_ENDS.get(reason, f"blocked along the wall: {reason}")
+    why = _PERIMETER_ENDS.get(reason, f"perimeter pass blocked: {reason}")
     return PlannerEvent("perimeter-end", why, {"length_m": round(length_m, 2)})
 
 
@@ -71,7 +71,7 @@ def occlusion_found(occlusion: OccludedRegion) -> PlannerEvent:
         "y_m": round(occlusion.y_m, 3),
         "length_m": round(occlusion.length_m, 2),
     }
-    reason = "an obstacle occludes the rest of the lane, to be revisited"
+    reason = "an obstacle occludes the rest of the lane"
     return PlannerEvent("occlusion", reason, figures)
 
 
@@ -81,7 +81,7 @@ def recovery_begun(occlusion: OccludedRegion) -> PlannerEvent:
         "occlusion": occlusion.number,
         "left_m": round(occlusion.left_m, 2),
     }
-    return PlannerEvent("recovery-begin", "revisit of an occluded region", figures)
+    return PlannerEvent("recovery-begin", "return to an occluded region", figures)
 
 
 def recovery_ended(
@@ -89,11 +89,11 @@ def recovery_ended(
 ) -> PlannerEvent:
     """A revisit has ended; ``left_m`` is the length that no lane has passed."""
     if not arrived:
-        reason = "no path to it was found"
+        reason = "no path to the occluded region"
     elif closed:
-        reason = "closed: at least half of the region was driven over"
+        reason = "occluded region closed: at least half of it swept"
     else:
-        reason = "a part of it was driven over"
+        reason = "occluded region partly swept"
     figures: dict[str, Scalar] = {
         "occlusion": occlusion.number,
         "left_m": round(max(occlusion.left_m, 0.0), 2),

@@ -195,7 +195,7 @@ class Lookout:
             if self.wall.side:
                 self._segments.end(last.pose, self.wall.side)
             self._record.decide(
-                "re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4)
+                "re-zero", "a known wall corrected the pose", jump_m=round(jump_m, 4)
             )
 
     def _see_heading(self, sigma_rad: float) -> None:
@@ -207,7 +207,7 @@ class Lookout:
             self._max_sigma_rad = sigma_rad
             self._record.decide(
                 "re-zero",
-                "the walls gave the heading",
+                "known walls reduced the heading uncertainty",
                 uncertainty_deg=round(math.degrees(sigma_rad), 2),
                 before_deg=round(math.degrees(max_rad), 2),
             )

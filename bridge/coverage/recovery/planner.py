@@ -90,7 +90,7 @@ class RecoveryPlanner(ScriptedPlanner):
         self._context = context
         heading_fix = self._behaviours.heading_fix()
         context.enter("approach")
-        self.record.decide("start", "looking for a wall to follow")
+        self.record.decide("start", "search for a wall to follow")
         yield from self._behaviours.approach(context)
         for _ in range(self.options.max_decisions):
             choice = yield from self._behaviours.choose(context)
@@ -101,7 +101,7 @@ class RecoveryPlanner(ScriptedPlanner):
             if verdict is Verdict.CLEARED:
                 continue
             if verdict is Verdict.SHUT_IN:
-                return self._end(context, "shut in: nothing that was tried led anywhere")
+                return self._end(context, "enclosed: no target is reachable")
             if choice is None:
                 return self._end(context, "no reachable unswept piece is worth its time")
             if not (yield from heading_fix.take(context)):

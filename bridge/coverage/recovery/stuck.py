@@ -90,7 +90,7 @@ class StuckPolicy:
         if not self._map.clear_bumps(_BUMP_RADIUS_M * self._geometry.scale):
             return False
         self._blocks = self._fruitless = 0
-        self._record.decide("clear", "before the end: evidence that only bumps gave is cleared")
+        self._record.decide("clear", "before the end: evidence from bumps alone cleared")
         return True
 
     def judge(self, pose: Pose2, *, shut_in: bool, parted_at: Point | None) -> Verdict:
@@ -115,8 +115,8 @@ class StuckPolicy:
             self._map.clear(place, radius_m, _CLEAR_RADIUS_M * scale)
             self._record.decide(
                 "clear",
-                f"{'nothing leads anywhere' if stuck else 'the robot is blocked again and again'}: "
-                "the evidence there is cleared",
+                f"{'no target is reachable' if stuck else 'blocked repeatedly at one place'}: "
+                "evidence cleared there",
                 x_m=round(place.x_m, 3),
                 y_m=round(place.y_m, 3),
             )
@@ -142,7 +142,7 @@ class StuckPolicy:
             self._map.block(pose.x_m + ahead_m * c, pose.y_m + ahead_m * s, radius_m)
             self._record.decide(
                 "passage-shut",
-                "the robot was blocked there again",
+                "path closed: blocked twice at one place",
                 x_m=round(pose.x_m, 3),
                 y_m=round(pose.y_m, 3),
                 times=self._blocks,
@@ -176,7 +176,9 @@ class StuckPolicy:
                 return False
         self._passages.append((pose, left, floor))
         self._left_path_at = pose
-        self._record.decide("passage-sought", "along what blocked the robot again")
+        self._record.decide(
+            "passage-sought", "perimeter pass along the obstacle that blocked the path"
+        )
         return True
 
     def take(self, choice: Choice, new_cells: int, pose: Pose2, *, arrived: bool) -> None:
@@ -218,7 +220,9 @@ class StuckPolicy:
         while at_m <= done_m:
             self._map.abandon(x + at_m * c, y + at_m * s, 0.5 * width_m)
             at_m += width_m
-        reason = "the target gave next to nothing" if arrived else "no path to it was found"
+        reason = (
+            "target abandoned: almost nothing gained" if arrived else "target abandoned: no path"
+        )
         self._record.decide("abandon", reason, x_m=round(x, 3), y_m=round(y, 3))
 
     def _uncertain_place(self, pose: Pose2, parted_at: Point | None) -> Pose2:

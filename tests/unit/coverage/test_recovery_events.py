@@ -108,7 +108,7 @@ def test_what_ended_a_lane_early_is_reported_once_as_an_obstacle_there(reason: S
         part.send(step)
     reported = [(event.kind, event.reason) for event in context.record.drain()]
     assert reported == [
-        ("lane-end", f"ended early: {reason}"),
+        ("lane-end", f"lane ended early: {reason}"),
         ("obstacle", f"lane ended: {reason}"),
     ]
 
@@ -117,7 +117,7 @@ def test_what_ends_a_leg_is_reported_with_its_place() -> None:
     leg = Drive(0.0, 1.0, purpose="lane")
     result = LegResult(leg, StopReason.RANGE, 0.5, 2.0, Pose2(0.5, 0.25, 0.0))
     ended = events.lane_ended(result, 0.0123)
-    assert (ended.kind, ended.reason) == ("lane-end", "ended early: range")
+    assert (ended.kind, ended.reason) == ("lane-end", "lane ended early: range")
     assert ended.data == {"length_m": 0.5, "new_cm2": 123}
     met = events.obstacle_met(result)
     assert (met.kind, met.reason) == ("obstacle", "lane ended: range")
@@ -127,9 +127,9 @@ def test_what_ends_a_leg_is_reported_with_its_place() -> None:
 @pytest.mark.parametrize(
     ("arrived", "closed", "reason"),
     [
-        (False, False, "no path to it was found"),
-        (True, True, "closed: at least half of the region was driven over"),
-        (True, False, "a part of it was driven over"),
+        (False, False, "no path to the occluded region"),
+        (True, True, "occluded region closed: at least half of it swept"),
+        (True, False, "occluded region partly swept"),
     ],
 )
 def test_what_going_back_gave(reason: str, *, arrived: bool, closed: bool) -> None:

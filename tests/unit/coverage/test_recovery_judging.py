@@ -131,7 +131,7 @@ def test_a_place_that_blocks_seven_times_is_cleared_before_the_target_is_abandon
 def test_when_nothing_is_left_to_forget_the_far_place_is_blamed_and_then_it_ends() -> None:
     planner = Blocked()
     end, reported = planner.run(100)
-    assert end == "shut in: nothing that was tried led anywhere"
+    assert end == "enclosed: no target is reachable"
     assert reported["clear"] == 3
     assert planner.tries == 3 * 7 + 20
     assert reported["abandon"] == 20 - 8
@@ -180,11 +180,11 @@ def test_after_one_block_only_evidence_near_it_is_cleared() -> None:
     assert (reported["clear"], planner.known(), planner.shut()) == (0, [1, 1], True)
     _, reported = planner.run(8)
     assert (reported["clear"], planner.known(), planner.shut()) == (1, [0, 1], False)
-    assert planner.why == {"the robot is blocked again and again"}
+    assert planner.why == {"blocked repeatedly at one place"}
     shut_in = Fruitless()
     _, reported = shut_in.run(21)
     assert (reported["clear"], shut_in.known()) == (1, [0, 0])
-    assert shut_in.why == {"nothing leads anywhere"}
+    assert shut_in.why == {"no target is reachable"}
 
 
 class Wavering(Blocked):

@@ -38,7 +38,7 @@ def drive(context: RecoveryContext, leg: Drive) -> Part:
         new_m2 = context.geometry.area_m2(context.map.new_cells - before)
         context.record.emit(events.lane_ended(result, new_m2))
     if result.reason is StopReason.CANCELLED:
-        context.record.decide("obstacle", "beside the lane, its perimeter not yet followed")
+        context.record.decide("obstacle", "unknown wall beside the lane")
         yield from follow_perimeter(context, left=lookout.beside > 0)
         return result
     yield from react(context, result, leg.heading_rad)

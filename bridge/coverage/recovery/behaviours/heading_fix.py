@@ -58,7 +58,7 @@ class HeadingFix:
         start = starts[k]
         context.record.decide(
             "heading-fix",
-            "the heading is uncertain: drive along a known wall",
+            "heading uncertain: drive along a known wall",
             x_m=round(start.x_m, 3),
             y_m=round(start.y_m, 3),
             uncertainty_deg=round(math.degrees(obs.heading_sigma_rad), 2),

@@ -58,7 +58,9 @@ def follow_perimeter(
     wall, options = context.lookout.wall, context.options
     wall.begin_pass(min_m)
     context.enter("perimeter")
-    context.record.decide("perimeter-begin", f"wall on the {'left' if left else 'right'}")
+    context.record.decide(
+        "perimeter-begin", f"perimeter pass: wall on the {'left' if left else 'right'}"
+    )
     stuck = again = 0
     side, bumped_m = 1 if left else -1, -math.inf
     speed_m_s = context.geometry.perimeter_speed_m_s

@@ -149,15 +149,15 @@ def test_the_drawing_shows_every_state_and_every_refusal_has_a_reason() -> None:
     assert ("planner start", "stopped", "stop_latched") in rejections()
 
 
-def test_the_page_for_firmware_engineers_lists_every_refusal() -> None:
-    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
-    part = page.split("## What the emulated device does")[1].split("\n## ")[0]
+def test_the_page_about_the_device_lists_every_rejection() -> None:
+    page = (ROOT / "docs" / "device.md").read_text(encoding="utf-8")
+    part = page.split("## Modes and rejected commands")[1].split("\n## ")[0]
     rows = re.findall(r"^\| (.+?) \| (.+?) \| `(\w+)` \|$", part, re.MULTILINE)
     assert rows == rejections()
 
 
 def test_the_page_explains_every_fault_bit() -> None:
-    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
-    part = page.split("### Fault bits")[1].split("\n#")[0]
+    page = (ROOT / "docs" / "device.md").read_text(encoding="utf-8")
+    part = page.split("## Fault bits")[1].split("\n#")[0]
     named = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.+?`) \|", part, re.MULTILINE)))
     assert named == [(f.name or "").lower() for f in Fault]
