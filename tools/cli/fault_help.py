@@ -52,19 +52,19 @@ def _lasts(kind: FaultKind) -> str:
 
 def faults_page() -> str:
     """Return the page ``docs/faults.md``."""
-    rows = []
+    kinds, arguments = [], []
     for kind in OWN_KINDS.values():
-        arguments = "<br>".join(_cell(a) for a in kind.arguments)
         lasts = "lasts" if kind.lasting else "at once"
-        rows.append(
-            f"| `{kind.name}` | {kind.meaning} | {lasts} | {arguments} | `{kind.example}` |"
-        )
-    return _PAGE.replace("@ROWS@", "\n".join(rows))
+        kinds.append(f"| `{kind.name}` | {kind.meaning} | {lasts} | `{kind.example}` |")
+        arguments += [_argument_row(kind, argument) for argument in kind.arguments]
+    page = _PAGE.replace("@KINDS@", "\n".join(kinds))
+    return page.replace("@ARGUMENTS@", "\n".join(arguments))
 
 
-def _cell(argument: Argument) -> str:
+def _argument_row(kind: FaultKind, argument: Argument) -> str:
     default = f"{argument.default:g}" if isinstance(argument, Number) else argument.default
-    return f"`{argument.name}` = {default}: {argument.meaning} ({argument.allowed})"
+    name = f"`{kind.name}` | `{argument.name}`"
+    return f"| {name} | {default} | {argument.allowed} | {argument.meaning} |"
 
 
 def fault_record(event: FaultEvent, log_ns: int) -> EventRecord:
@@ -125,11 +125,15 @@ values and the device's time.
 
 ## Kinds
 
-`way` is the direction: `up` from device to host, `down` from host to device.
+| kind | effect | duration | example |
+|---|---|---|---|
+@KINDS@
 
-| kind | effect | duration | arguments and defaults | example |
+## Arguments
+
+| kind | argument | default | values | meaning |
 |---|---|---|---|---|
-@ROWS@
+@ARGUMENTS@
 
 ## The link without faults
 
