@@ -61,7 +61,7 @@ def test_lanes_report_what_they_swept_and_the_end_what_is_left(driven: FastRun) 
     assert 0.3 * truth_m2 < swept_cm2 * 1e-4 < truth_m2, "the outlines swept the rest"
     assert 0.0 <= float(finish.data["left_cm2"]) * 1e-4 < 0.05 * truth_m2
     found = sum(event.kind == "occlusion" for _, event in driven.events)
-    closed = sum(event.reason.startswith("closed: at least") for _, event in driven.events)
+    closed = sum(event.reason.startswith("occluded region closed") for _, event in driven.events)
     assert found > closed > 0
     assert finish.data["occlusions_open"] == found - closed
 
