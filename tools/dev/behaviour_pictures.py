@@ -659,7 +659,7 @@ def _norm(top_m_s: float) -> Any:  # noqa: ANN401 - matplotlib's
 def control_follow() -> Figure:
     """Wall following around the corners of a box."""
     run = recovery_run("case-1")
-    begin_s = run.first("perimeter-begin", 60.0)[0]
+    begin_s = run.first("perimeter-begin", run.first("perimeter-end")[0])[0]
     end_s = run.first("perimeter-end", begin_s)[0]
     samples = run.between(begin_s, end_s)
     figure, (floor, gaps) = _panels(8.2, 3.5, 2, width_ratios=[1.1, 1.0])
@@ -672,12 +672,11 @@ def control_follow() -> Figure:
     _title(floor, "case-1: speed along the box")
     times = [s.t_s - begin_s for s in samples]
     hull = MODEL.radius_m - abs(MODEL.infrared_right.y_m)
+    sides = [s.obs.infrared_left_m for s in samples], [s.obs.infrared_right_m for s in samples]
+    ranges = max(sides, key=lambda side: sum(range_m is not None for range_m in side))
     gaps.plot(
         times,
-        [
-            math.nan if s.obs.infrared_right_m is None else 100.0 * (s.obs.infrared_right_m - hull)
-            for s in samples
-        ],
+        [math.nan if range_m is None else 100.0 * (range_m - hull) for range_m in ranges],
         color=_ORANGE,
         lw=1.0,
         label="clearance to the wall by the infrared (cm)",
