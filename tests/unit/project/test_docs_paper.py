@@ -1,4 +1,4 @@
-"""docs/paper.md names every choice that the paper leaves open, with its default."""
+"""The pages about the paper list every option with its default, and every layout."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from bridge.coverage.baselines.paper import PaperOptions
 from support.root import ROOT
 from tools.experiment.layouts import LAYOUTS
 
-PAGE = ROOT / "docs" / "paper.md"
+DOCS = ROOT / "docs"
 
 
-def reported() -> dict[str, str]:
+def reported(page: str) -> dict[str, str]:
     """First and second cell of every line of a table whose first is code."""
-    rows = re.findall(r"^\| `([\w-]+)` \| ([^|]+) \|", PAGE.read_text("utf-8"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| `([\w-]+)` \| ([^|]+) \|", (DOCS / page).read_text("utf-8"), re.MULTILINE
+    )
     return {name: cell.strip("`") for name, cell in rows}
 
 
@@ -23,8 +25,8 @@ def test_every_option_with_its_default() -> None:
         field.name: f'"{field.default}"' if isinstance(field.default, str) else str(field.default)
         for field in fields(PaperOptions)
     }
-    assert {name: reported().get(name) for name in defaults} == defaults
+    assert {name: reported("paper-options.md").get(name) for name in defaults} == defaults
 
 
 def test_every_layout() -> None:
-    assert set(LAYOUTS) <= set(reported())
+    assert set(LAYOUTS) <= set(reported("paper.md"))
