@@ -212,9 +212,8 @@ def _host_rules() -> Iterator[Rule]:
         yield Rule("host", what, _ms(value), f"bridge.session.session.{source}")
     yield Rule(
         "host",
-        f"maximum round-trip time for motion: the minimum of the last {round_trip.PINGS} time "
-        "requests, less the device's turnaround. Before as many replies there is no motion; "
-        "above the maximum a run stops with cause `link`",
+        f"maximum round-trip time for motion: minimum of the last {round_trip.PINGS} time "
+        "requests, less the device's turnaround",
         _ms(round_trip.LIMIT_NS),
         "bridge.session.round_trip.LIMIT_NS",
     )

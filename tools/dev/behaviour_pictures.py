@@ -667,7 +667,7 @@ def control_follow() -> Figure:
     lines = _coloured(floor, samples)
     figure.colorbar(lines, ax=floor, shrink=0.8).ax.set_title("m/s", fontsize=8)
     _robot(floor, samples[0].obs.pose)
-    floor.set_xlim(0.38, 1.75)
+    floor.set_xlim(0.22, 1.75)
     floor.set_ylim(0.4, 1.56)
     _title(floor, "case-1: speed along the box")
     times = [s.t_s - begin_s for s in samples]
@@ -910,7 +910,7 @@ def recovery_stuck() -> Figure:
     shut_s, shut = run.first("passage-shut")
     end_s = run.first("perimeter-end", shut_s)[0]
     begin_s = shut_s - 14.0
-    figure, panels = _panels(8.2, 4.3, 2)
+    figure, panels = _panels(8.2, 5.0, 2)
     x, y = float(shut.data["x_m"]), float(shut.data["y_m"])
     spans = (
         (begin_s, shut_s, "two contacts at one place"),
