@@ -834,7 +834,9 @@ def recovery_bump() -> Figure:
 def recovery_heading() -> Figure:
     """A heading fix along a known wall."""
     run = recovery_run("two-rooms", "harsh", 1)
-    begin_s, chosen = run.first("heading-fix")
+    along_s = next(sample.t_s for sample in run.samples if sample.state == "heading-fix")
+    fixes = [(t, e) for t, e in run.events if e.kind == "heading-fix" and t <= along_s]
+    begin_s, _ = fixes[-1]
     samples = run.between(begin_s, begin_s + 25.0)
     last = max(k for k, sample in enumerate(samples) if sample.state == "heading-fix")
     samples = samples[: last + 1]
@@ -849,11 +851,15 @@ def recovery_heading() -> Figure:
         zorder=5,
     )
     _by_state(floor, samples, states=["heading-fix"])
-    x = float(chosen.data["x_m"])
-    _robot(floor, samples[-1].obs.pose)
+    pose = samples[-1].obs.pose
+    _robot(floor, pose)
     floor.set_xlim(-0.06, 1.2)
     floor.set_ylim(-0.06, 1.0)
-    _mark(floor, x + 0.5, 0.0, "wall followed before", (40, 105))
+    side = 1.0 if samples[-1].obs.infrared_left_m is not None else -1.0
+    beside_rad, distance_m = pose.theta_rad + side * math.pi / 2, MODEL.radius_m + 0.035
+    wall_x_m = pose.x_m + distance_m * math.cos(beside_rad)
+    wall_y_m = pose.y_m + distance_m * math.sin(beside_rad)
+    _mark(floor, wall_x_m, wall_y_m, "wall followed before", (60, 60))
     _legend(floor, 2)
     span = run.between(begin_s - 60.0, samples[-1].t_s + 30.0)
     sigma.plot(
