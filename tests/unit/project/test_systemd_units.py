@@ -12,6 +12,7 @@ import click
 import pytest
 
 from support.root import ROOT
+from tools.cli.main import cli
 from tools.commands.connect import command as connect
 
 if TYPE_CHECKING:
@@ -66,7 +67,9 @@ def test_the_unit_starts_a_command_line_that_connect_takes() -> None:
     found = re.search(rf"^ExecStart={PROGRAM} connect %i (.*)$", service, re.MULTILINE)
     assert found is not None
     words = ["/dev/ttyUSB0", *found[1].split()]
-    context = connect.make_context("connect", words, resilient_parsing=False)
+    # With the group's settings: click keeps the help options of the first context.
+    parent = cli.make_context("sweepctl", ["connect"], resilient_parsing=True)
+    context = connect.make_context("connect", words, parent=parent)
     assert isinstance(context, click.Context)
     assert context.params["supervise"]
     assert len(context.params["on_events"]) == 4
