@@ -72,6 +72,11 @@ class PlanRunner:
         return None if self._finish is None else self._finish.reason
 
     @property
+    def follows_plan(self) -> bool:
+        """Whether a plan drives: always true here."""
+        return True
+
+    @property
     def turns(self) -> int:
         """Turns in place begun."""
         return self._turns

@@ -53,6 +53,7 @@ class SweptMap:
         "_per_m",
         "_rows",
         "_samples",
+        "_unconfirmed",
         "_x0",
         "_y0",
         "dropped",
@@ -77,6 +78,9 @@ class SweptMap:
         self._grid = (self._cells, 0, 0, 0, 0)
         """Cells, rows, columns and origin that belong together; replaced as a whole."""
         self._last: Pose2 | None = None
+        self._unconfirmed: list[tuple[int, int]] = []
+        """Cells that were covered since the pose was last confirmed, by column and row from the
+        frame's origin."""
 
     @property
     def swept_m2(self) -> float:
@@ -106,6 +110,19 @@ class SweptMap:
                 pose.y_m - back * dy,
                 pose.theta_rad - back * turn,
             )
+
+    def confirm(self) -> None:
+        """Keep what was covered: the poses were right."""
+        self._unconfirmed.clear()
+
+    def revert(self) -> float:
+        """Remove what was covered since the last confirmation, and return its area, m²."""
+        count = len(self._unconfirmed)
+        for column, row in self._unconfirmed:
+            self._cells[(row - self._y0) * self._columns + column - self._x0] = 0
+        self._unconfirmed.clear()
+        self.revision += count > 0
+        return count * self.resolution_m**2
 
     def to_occupancy(self) -> OccupancyArray:
         """A copy as an occupancy array: 0 swept, -1 not known. May be called from any thread."""
@@ -149,6 +166,7 @@ class SweptMap:
             if not cells[index]:
                 cells[index] = 1
                 changed = True
+                self._unconfirmed.append((int(x) + self._x0, int(y) + self._y0))
             x += step_x
             y += step_y
         if changed:

@@ -18,9 +18,10 @@ from bridge.run.localisation import Localisation
 from bridge.run.mission import Mission, Phase, Request
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.pings import Pings
+from bridge.run.plausibility import Plausibility
 from bridge.run.recording import HostRecords
 from bridge.run.robot_state import PLUGGED, STALE_S, missing_needs, understood
-from bridge.run.runner import hold, release
+from bridge.run.runner import follows_plan, hold, release
 from bridge.run.snapshot import (
     EstimatorSnapshot,
     LinkSnapshot,
@@ -131,6 +132,7 @@ class Host:
         """Supervision of the run; None: not supervised."""
         self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
         """Called with host time (s) and pose estimate at every control step of the drive."""
+        self.plausibility = Plausibility(model, options.plan)
         self.wire = WireStatistics()
         self._pings = Pings(self.wire, sum(options.min_delay_ns), self.event)
         self.sink = sink
@@ -431,8 +433,9 @@ class Host:
 
     def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:
         fresh = self.state.take(message, device_us, now_ns / 1e9)
-        if fresh and self.mission.phase is Phase.DRIVING:
-            self.localisation.see_walls(message, device_us)
+        driving = fresh and self.mission.phase is Phase.DRIVING
+        if driving and self.localisation.see_walls(message, device_us):
+            self.swept.confirm()
 
     def _plugged(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every listener
         self.state.keep_plugged(message, now_ns / 1e9)
@@ -468,6 +471,8 @@ class Host:
         command = mission.step(obs, stale, now_s)
         if self.supervision is not None:
             command = self._supervised(self.supervision, command, now_ns)
+        if mission.phase is Phase.DRIVING and self.plausibility.due(now_ns):
+            command = self._plausible(command, now_ns)
         if command is not None and self.session.state is State.READY:
             self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
             target = HALT if mission.runner is None else mission.runner.target
@@ -490,36 +495,68 @@ class Host:
         self, supervision: Supervision, command: VelocityCommand | None, now_ns: HostNs
     ) -> VelocityCommand | None:
         """Supervise a control step; return the velocity to send."""
-        mission, state, estimator = self.mission, self.state, self.estimator
-        if isinstance(mission, OnboardMission) and state.planner is not None:
-            mission.on_planner(state.planner)
+        mission, planner = self.mission, self.state.planner
+        if isinstance(mission, OnboardMission) and planner is not None:
+            mission.on_planner(planner)
         onboard = supervision.onboard
         if mission.phase is not Phase.DRIVING:
             supervision.rest(now_ns)
         else:
-            inputs = RuleInputs(
-                now_ns / 1e9,
-                estimator.pose,
-                estimator.v_m_s,
-                estimator.yaw_rate_rad_s,
-                estimator.wheel_scale,
-                self.session.last_frame_ns / 1e9,
-                None if self.hello is None else self.hello.boot_id,
-                state.imu,
-                state.encoders,
-                state.range,
-                state.power,
-                state.status,
-                state.planner,
-                state.arrived_s,
+            inputs = self._inputs(
+                now_ns,
                 supervision.command if onboard is None else None,
                 "" if onboard is None else onboard.name.lower().replace("_", "-"),
-                state.plugged,
             )
             ended = mission.ending is not None
             command = supervision.step(inputs, command, now_ns, ended=ended)
         self._obey_supervision(now_ns)
         return command
+
+    def _inputs(self, now_ns: HostNs, command: VelocityCommand | None, onboard: str) -> RuleInputs:
+        """Return the state of the robot for supervision."""
+        state, estimator = self.state, self.estimator
+        return RuleInputs(
+            now_ns / 1e9,
+            estimator.pose,
+            estimator.v_m_s,
+            estimator.yaw_rate_rad_s,
+            estimator.wheel_scale,
+            self.session.last_frame_ns / 1e9,
+            None if self.hello is None else self.hello.boot_id,
+            state.imu,
+            state.encoders,
+            state.range,
+            state.power,
+            state.status,
+            state.planner,
+            state.arrived_s,
+            command,
+            onboard,
+            state.plugged,
+        )
+
+    def _plausible(self, command: VelocityCommand | None, now_ns: HostNs) -> VelocityCommand | None:
+        """Check that the estimate is about the real robot; return the velocity to send."""
+        mission, supervision = self.mission, self.supervision
+        planned = follows_plan(mission.runner) or isinstance(mission, OnboardMission)
+        if not planned or (supervision is not None and supervision.supervisor.holding):
+            self.plausibility.restart()
+            return command
+        inputs = self._inputs(now_ns, None, "")
+        found = self.plausibility.step(inputs, self.localisation, now_ns)
+        if found is None:
+            return command
+        if not found.ends:
+            self.event(now_ns, Severity.WARNING, "room", EventKind.START, found.text)
+            return command
+        if found.displaced:
+            removed_m2 = self.swept.revert()
+            text = f"{removed_m2:.2f} m² of the swept floor are uncertain and no longer count"
+            self.event(
+                now_ns, Severity.WARNING, "room", EventKind.DISPLACED, text, removed_m2=removed_m2
+            )
+        mission.request_end(found.ending, now_ns / 1e9)
+        return HALT
 
     def _obey_supervision(self, now_ns: HostNs) -> None:
         """Execute the decisions of the supervision."""

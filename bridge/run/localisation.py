@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
+from bridge.motion.estimation.displacement import DisplacementCheck
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.run.robot_state import RobotState
+from bridge.run.room_check import MeasuredWall
 from protocol.messages.values import Contact
 
 if TYPE_CHECKING:
@@ -27,11 +30,13 @@ class Localisation:
         self.encoders_us = 0
         """Device time of the newest encoder sample, µs: the time of the estimated position."""
         self._walls = Relocaliser(model, self.estimator)
+        self._displacement = DisplacementCheck(model)
 
     def begin_again(self) -> None:
         """Restart the estimator at the current pose after a reset of clock and counts."""
         self.estimator = PoseEstimator(self._model, self.estimator.pose)
         self._walls = Relocaliser(self._model, self.estimator)
+        self._displacement = DisplacementCheck(self._model)
 
     def keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
         """Store a message that only the state needs."""
@@ -65,8 +70,28 @@ class Localisation:
         """Heading standard deviation relative to the orthogonal walls, rad; 0 if there are none."""
         return self._walls.walls.heading_sigma_rad
 
-    def see_walls(self, message: Range, device_us: DeviceUs) -> None:
-        """Correct the estimate with a range sample of known walls."""
+    @property
+    def displaced(self) -> bool:
+        """Whether the robot is not where the estimate says."""
+        return self._displacement.displaced
+
+    def measured_walls(self) -> list[MeasuredWall]:
+        """Return the walls of the estimate that were seen along a stretch."""
+        found = []
+        for wall, normal_rad, offset_m in self._walls.walls.known():
+            if wall.seen_m > 0.0:
+                c, s = math.cos(normal_rad), math.sin(normal_rad)
+                x_m, y_m = wall.anchor_x_m + c * offset_m, wall.anchor_y_m + s * offset_m
+                low_m, high_m = wall.low_m, wall.high_m
+                found.append(
+                    MeasuredWall(
+                        x_m - s * low_m, y_m + c * low_m, x_m - s * high_m, y_m + c * high_m
+                    )
+                )
+        return found
+
+    def see_walls(self, message: Range, device_us: DeviceUs) -> bool:
+        """Correct the estimate with a range sample of known walls; whether they confirm it."""
         self._walls.update(
             message.ultrasonic_m,
             message.infrared_left_m,
@@ -74,4 +99,10 @@ class Localisation:
             bumper_left=bool(message.contacts & Contact.BUMPER_LEFT),
             bumper_right=bool(message.contacts & Contact.BUMPER_RIGHT),
             t_s=device_us * 1e-6,
+        )
+        return self._displacement.update(
+            self.estimator.pose,
+            self.estimator.yaw_rate_rad_s,
+            (message.infrared_left_m, message.infrared_right_m),
+            self._walls.walls,
         )

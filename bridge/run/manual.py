@@ -80,6 +80,11 @@ class Operator:
         return self._drive_mode
 
     @property
+    def follows_plan(self) -> bool:
+        """True if the plan drives, not the operator."""
+        return self._drive_mode is DriveMode.PLAN
+
+    @property
     def has_plan(self) -> bool:
         """True if a plan exists or can be created."""
         return self._plan is not None or self._make_plan is not None

@@ -17,7 +17,7 @@ from bridge.run.rejections import rejection_remedy, rejection_text
 from bridge.run.robot_state import NEEDS
 from bridge.run.runner import hold, release
 from protocol.messages.host import ClearStop, SetMode, Stop
-from protocol.messages.values import Mode, NackReason, StopCause, label, latched_cause
+from protocol.messages.values import Mode, NackReason, StopCause, fault_labels, label, latched_cause
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -253,7 +253,8 @@ class Mission:
                 self._start(cause, now_s)
         elif self.phase in {Phase.SETTLING, Phase.DRIVING} and cause != StopCause.NONE:
             name = label(StopCause, cause)
-            text = f"the device latched a stop (cause: {name})"
+            faults = "".join(f", {fault}" for fault in fault_labels(status.faults))
+            text = f"the device latched a stop (cause: {name}{faults})"
             self._end(
                 now_s, Ending("stopped", text, 5, latched=latched_cause(StopCause.NONE, cause))
             )

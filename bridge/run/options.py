@@ -9,6 +9,7 @@ from bridge.motion.geometry import Pose2
 from protocol.uart.link import Link
 
 if TYPE_CHECKING:
+    from bridge.floor_plan.floor_plan import FloorPlan
     from protocol.link import LinkBase
 
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
@@ -30,3 +31,5 @@ class HostOptions:
     """Key that signs motion commands if the device requires it."""
     min_delay_ns: tuple[int, int] = (0, 0)
     """Declared minimum delays to and from the device, ns (:class:`TimeSync`)."""
+    plan: FloorPlan | None = None
+    """The room, with which the walls are compared; None: it is unknown."""

@@ -64,3 +64,17 @@ def release(runner: object) -> None:
     """Resume the runner if it can pause."""
     if isinstance(runner, Pausable):
         runner.resume()
+
+
+@runtime_checkable
+class Planned(Protocol):
+    """A runner that knows whether a plan drives the robot, and not an operator."""
+
+    @property
+    def follows_plan(self) -> bool:
+        """True if a plan decides the velocity."""
+
+
+def follows_plan(runner: object) -> bool:
+    """Return True if a plan of the host drives the robot."""
+    return isinstance(runner, Planned) and runner.follows_plan

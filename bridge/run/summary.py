@@ -78,6 +78,7 @@ def run_summary(  # noqa: PLR0913 - the parts of a summary
             "end": _round(error_m[0]),
             "max": _round(error_m[1]),
         },
+        "start_error": _start_error(host),
         "coverage": coverage,
         "t90_s": _round(report.t90_s if report else None, 2),
         "t99_s": _round(report.t99_s if report else None, 2),
@@ -109,10 +110,24 @@ def crash_summary(
         "reason": ending.reason if ending else None,
         **dict.fromkeys(_UNKNOWN),
         "pose_error_m": {"end": None, "max": None},
+        "start_error": None,
         "coverage": dict.fromkeys(_COVERAGES),
         "wire": wire_summary(host.session.link.statistics),
         "events": _events(host),
         "log": log,
+    }
+
+
+def _start_error(host: Host) -> dict[str, float | None] | None:
+    """Return how the start differs from the room file; None: it does not, as far as is known."""
+    fit, plan = host.plausibility.fit, host.plausibility.plan
+    if fit is None or plan is None:
+        return None
+    off_m, off_rad = fit.off(plan.start) if fit.start is not None else (None, None)
+    return {
+        "wall_share": _round(fit.share),
+        "distance_m": _round(off_m, 3),
+        "turn_rad": _round(off_rad, 3),
     }
 
 

@@ -139,5 +139,7 @@ class EventKind(StrEnum):
     """A line that bring-up printed."""
     START = "start"
     """The measured pose does not match the room's start pose."""
+    DISPLACED = "displaced"
+    """The robot was moved, and the floor swept since its last certain pose no longer counts."""
     CAUTION = "caution"
     """The robot file or the room file has a value that is likely to cause problems."""

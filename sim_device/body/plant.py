@@ -53,6 +53,8 @@ _WALKER_GAP_MS = 250
 _WALKER_M_S = 3.0
 """Maximum speed of a walker whose place is set again, m/s. A faster walker jumps to the new place.
 """
+_PLACES = 50
+"""Places that are tried between a place that is not free and the robot's own."""
 _CHASSIS, _MOTOR = Chassis(), MotorParameters()
 _new = tuple.__new__
 
@@ -86,6 +88,8 @@ class Plant:
         self._applied = (False, False, 0.0, 0.0, False)
         """The faults that the kernels have taken over."""
         self._walker_ms = 0
+        self._unfelt_rad = 0.0
+        """Turn by :meth:`place`, which the inertial sensor does not feel."""
         b.x_m, b.y_m, b.theta_rad = world.plan.start
         self.felt = felt(b)
         """The result of ``drive_kernel.felt`` at this tick, cached because it is read so often."""
@@ -168,6 +172,27 @@ class Plant:
             self._feel_walls()
         self._changed()
 
+    def place(self, pose: Pose2) -> Pose2:
+        """Put the robot down elsewhere at once; the inertial sensor feels nothing of it.
+
+        If the place is not free, it stands at the nearest free place on the straight line to where
+        it was. Return the pose.
+        """
+        b, world = self._b, self._world
+        x_m, y_m, theta_rad = b.x_m, b.y_m, b.theta_rad
+        for k in range(_PLACES + 1):
+            share = 1.0 - k / _PLACES
+            x, y = x_m + share * (pose.x_m - x_m), y_m + share * (pose.y_m - y_m)
+            if world.is_floor(x, y) and world.clearance_m(x, y) >= 0.0:
+                b.x_m, b.y_m = x, y
+                break
+        turn_rad = wrap_angle(pose.theta_rad - theta_rad)
+        b.theta_rad = theta_rad + turn_rad
+        self._unfelt_rad += turn_rad
+        b.touches, b.disturbed = 0, True
+        self._feel_walls()
+        return self.pose
+
     def set_walker(self, x_m: float, y_m: float, radius_m: float) -> None:
         """Put a round obstacle (a person's leg) at (x, y), or let it walk there.
 
@@ -234,7 +259,7 @@ class Plant:
             Inertial,
             (
                 self.tick_ms,
-                theta,
+                theta - self._unfelt_rad,
                 ahead,
                 aside,
                 left,

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from protocol.messages.values import ResetCause
 from sim_device.world.world import World
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.floor_plan.floor_plan import FloorPlan
-    from sim_device.faults.knobs import Knobs, Walker
+    from sim_device.faults.knobs import Carry, Knobs, Walker
     from sim_device.faults.spec import Value
     from sim_device.rigged import RiggedDevice
 
@@ -62,6 +63,7 @@ class Bench:
         self._world = device.plant.world
         self._drift_ppm = 0.0
         self._moved: dict[int, tuple[float, float]] = {}
+        self._carry: Carry | None = None
         self._walker: Walker | None = None
         self._path: _Path | None = None
 
@@ -70,6 +72,10 @@ class Bench:
     def turn(self, knobs: Knobs, now_us: int) -> None:
         """Apply the knobs to the device."""
         device = self._device
+        if knobs.carry != self._carry:
+            if self._carry is not None:
+                self._place(self._carry.dx_m, self._carry.dy_m, self._carry.turn_deg)
+            self._carry = knobs.carry
         for name in _PLANT:
             setattr(device.plant.faults, name, getattr(knobs, name))
         for name in _SENSORS:
@@ -128,6 +134,7 @@ class Bench:
             "brown_out": self._brown_out,
             "clock_jump": self._clock_jump,
             "battery_flat": self._battery_flat,
+            "displaced": self._displaced,
         }[what](values)
 
     def _reset(self, values: Mapping[str, Value]) -> None:
@@ -149,6 +156,14 @@ class Bench:
 
     def _clock_jump(self, values: Mapping[str, Value]) -> None:
         self._device.clock.jump_us(round(1000.0 * float(values["ms"])))
+
+    def _displaced(self, values: Mapping[str, Value]) -> None:
+        self._place(float(values["dx"]), float(values["dy"]), float(values["turn"]))
+
+    def _place(self, dx_m: float, dy_m: float, turn_deg: float) -> None:
+        plant = self._device.plant
+        x_m, y_m, theta_rad = plant.pose
+        plant.place(Pose2(x_m + dx_m, y_m + dy_m, theta_rad + math.radians(turn_deg)))
 
     def _battery_flat(self, values: Mapping[str, Value]) -> None:
         self._device.plant.set_charge(float(values["charge"]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim_device.faults.knobs import Knobs, Walker, either
+from sim_device.faults.knobs import Carry, Knobs, Walker, either
 from sim_device.faults.spec import Choice, FaultKind, Number, Value
 
 if TYPE_CHECKING:
@@ -92,6 +92,11 @@ def _lifted(knobs: Knobs, values: Mapping[str, Value]) -> None:
     knobs.lifted = True
 
 
+def _carried(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    knobs.lifted = True
+    knobs.carry = Carry(float(values["dx"]), float(values["dy"]), float(values["turn"]))
+
+
 def _obstacle(knobs: Knobs, values: Mapping[str, Value]) -> None:
     index = round(float(values["index"]))
     dx, dy = knobs.moved.get(index, (0.0, 0.0))
@@ -105,6 +110,13 @@ def _person(knobs: Knobs, values: Mapping[str, Value]) -> None:
         float(values["speed"]),
         float(values["radius"]),
     )
+
+
+_WHERE = (
+    Number("dx", "along x of the room", "m", 0.5, -20.0, 20.0),
+    Number("dy", "along y of the room", "m", 0.0, -20.0, 20.0),
+    Number("turn", "turn, counter-clockwise", "°", 0.0, -180.0, 180.0),
+)
 
 
 BODY_KINDS = (
@@ -273,6 +285,24 @@ BODY_KINDS = (
         "lifted@20:3",
         (),
         _lifted,
+    ),
+    FaultKind(
+        "carried",
+        "The robot is lifted, carried, and put down elsewhere after the duration, or on the way "
+        "there if the place is not free. The gyro does not feel the turn.",
+        "carried@20:3:dx=0.6,dy=0.2,turn=90",
+        _WHERE,
+        _carried,
+        default_for_s=3.0,
+    ),
+    FaultKind(
+        "displaced",
+        "The robot stands elsewhere at once, as after a shove that no sensor feels; at 0 s: as if "
+        "it was not put at the start of the room. If the place is not free, it stands on the way "
+        "there.",
+        "displaced@0:dx=0.4,dy=0.1,turn=20",
+        _WHERE,
+        strike="displaced",
     ),
     FaultKind(
         "obstacle",

@@ -45,6 +45,15 @@ class Walker:
     radius_m: float
 
 
+@dataclass(frozen=True, slots=True)
+class Carry:
+    """Where a robot that is lifted is put down, relative to where it was, in the room's frame."""
+
+    dx_m: float
+    dy_m: float
+    turn_deg: float
+
+
 @dataclass(slots=True)
 class Knobs:
     """All knobs."""
@@ -60,6 +69,8 @@ class Knobs:
     slip_left: float = 0.0
     slip_right: float = 0.0
     lifted: bool = False
+    carry: Carry | None = None
+    """Where the robot is put down when it is no longer carried."""
     moved: dict[int, tuple[float, float]] = field(default_factory=dict)
     """Displacement of each moved obstacle by its index, (dx, dy) in m."""
     walker: Walker | None = None

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 KEYS = (
     *("room", "planner", "seed", "outcome", "duration_s", "path_m", "turns", "collisions"),
-    *("contact_s", "energy_wh", "pose_error_m", "coverage", "t90_s", "t99_s"),
+    *("contact_s", "energy_wh", "pose_error_m", "start_error", "coverage", "t90_s", "t99_s"),
     *("largest_hole_cm2", "hole_inradius_m", "repeat_ratio", "wire", "events", "log"),
 )
 INSIDE = {

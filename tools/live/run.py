@@ -196,6 +196,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
         link_of(asked.port),
         asked.key,
         asked.adapter_delay_ns,
+        asked.plan,
     )
     host = build_run(
         asked.model,
@@ -497,7 +498,7 @@ def _conclude(pump: Pump, asked: LiveOptions, path: array[float]) -> dict[str, A
 
 def _summarise(host: Host, asked: LiveOptions, path: array[float]) -> dict[str, Any]:
     report, plan = None, asked.plan
-    if plan is not None and path:
+    if plan is not None and path and host.plausibility.placed:
         from bridge.evaluation.metrics import CoverageMeter
 
         runner = host.mission.runner

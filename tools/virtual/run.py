@@ -129,7 +129,7 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
     host = build_run(
         model,
         sink,
-        HostOptions(EPOCH_NS - HOST_BOOT_NS, planner or "", plan.start, None, link),
+        HostOptions(EPOCH_NS - HOST_BOOT_NS, planner or "", plan.start, None, link, plan=plan),
         lambda: next(ids),
         runner=runner,
         onboard=onboard,

@@ -45,6 +45,8 @@ class Wall:
     measurements: int = 0
     frame: int = -1
     """Number of the frame; walls of one frame are orthogonal. -1: none."""
+    number: int = 0
+    """Number of the wall in the order of their first measurement."""
 
 
 class Frames:

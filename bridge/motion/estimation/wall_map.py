@@ -17,6 +17,8 @@ from bridge.motion.estimation.ekf import STATES, THETA, WHEEL_SCALE, X, Y
 from bridge.motion.estimation.wall_frames import NEW_SPAN_M, SQUARE_RAD, Frames, Wall
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from bridge.motion.estimation.ekf import Ekf
@@ -81,6 +83,10 @@ class WallMap:
         self._ekf = ekf
         self.walls: list[Wall] = []
         self._frames = Frames(self.walls)
+        self._made = 0
+        """Number of walls that were ever added."""
+        self._found: Wall | None = None
+        """Wall that was found again since the last call of :meth:`take_found`."""
 
     # -- what is known ---------------------------------------------------------------------
 
@@ -91,6 +97,20 @@ class WallMap:
     def offset_m(self, wall: int) -> float:
         """Distance of a wall from its anchor, m."""
         return self._ekf.walls[2 * wall + 1]
+
+    def known(self) -> Iterator[tuple[Wall, float, float]]:
+        """Yield every wall with the direction of its normal, rad, and its offset, m."""
+        values = self._ekf.walls
+        if 2 * len(self.walls) == len(values):
+            for i, wall in enumerate(self.walls):
+                yield wall, values[2 * i], values[2 * i + 1]
+
+    def take_found(self) -> tuple[Wall, float] | None:
+        """Return the wall that was last found again, and its normal, rad; once."""
+        wall, self._found = self._found, None
+        if wall is None or not any(wall is each for each in self.walls):
+            return None
+        return wall, self.normal_rad(next(i for i, w in enumerate(self.walls) if w is wall))
 
     @property
     def heading_sigma_rad(self) -> float:
@@ -138,6 +158,7 @@ class WallMap:
             ekf.inflate(abs(off_m), abs(off_rad))
         ekf.update(self._index(best.wall), best.rows, best.innovation, noise)
         self._extend(best.wall, measurement, ekf.pose)
+        self._found = self.walls[best.wall]
         self._square(best.wall)
         return True
 
@@ -186,6 +207,8 @@ class WallMap:
         along = _along(wall, self.normal_rad(best.wall), sensor)
         wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
         wall.measurements += 1
+        if wall.seen_m >= NEW_SPAN_M:
+            self._found = wall
         self._square(best.wall)
         return True
 
@@ -368,6 +391,7 @@ class WallMap:
             self._drop()
         self._ekf.joint_covariance.augment((X, Y, THETA), rows, noise)
         self._ekf.walls += [alpha, 0.0]
+        wall.number, self._made = self._made, self._made + 1
         self.walls.append(wall)
         self._square(len(self.walls) - 1)
 

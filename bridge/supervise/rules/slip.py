@@ -31,53 +31,42 @@ FAR_M = 3.5
 """Maximum range that is used, m. Near its limit the sensor loses single echoes."""
 
 
-class Slip:
-    """Compares the wheels with the gyro and with the range ahead."""
+class RangeRun:
+    """A straight run towards an object: the share of the wheels' distance that the range lacks."""
 
-    grave = False
     _turn_rad: float
     """Heading at the start of the run, rad."""
-    _slip_m_s: float
 
-    def __init__(self, rule: SlipRule) -> None:
-        """Set the limits."""
-        self._rule = rule
+    def __init__(self, run_m: float, min_readings: int) -> None:
+        """Compare over this distance, m, with at least this number of readings."""
+        self._run_m, self._min_readings = run_m, min_readings
         self._readings: deque[tuple[float, float]] = deque()
-        self.restart()
+        self.lost = 0.0
+        """Share of the distance that the range lacks; 0 without a whole run."""
 
-    def restart(self) -> None:
+    def forget(self) -> None:
         """Discard the current run."""
-        self._forget()
+        self._readings.clear()
+        self.lost = 0.0
 
-    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Evaluate a control step; return True if one of the comparisons fails."""
-        self._slip_m_s = measured.slip_m_s
-        if measured.new_range:
-            self._see(inputs, measured)
-        rule = self._rule
-        return abs(self._slip_m_s) > rule.difference_m_s or self._lost > rule.share
-
-    def _see(self, inputs: RuleInputs, measured: Measured) -> None:
+    def see(self, inputs: RuleInputs, measured: Measured) -> None:
+        """Take a new range sample."""
         range_m = None if inputs.range is None else inputs.range.ultrasonic_m
         if range_m is None or range_m > FAR_M:
-            self._forget()
+            self.forget()
             return
         readings = self._readings
         if readings and not self._goes_on(range_m, measured):
-            self._forget()
+            self.forget()
         if not readings:
             self._turn_rad = measured.turn_rad
         elif measured.distance_m == readings[-1][0]:
             return  # no motion, no information
         readings.append((measured.distance_m, range_m))
-        if measured.distance_m - readings[0][0] >= RUN_M and len(readings) >= MIN_READINGS:
-            self._lost = _lost(list(readings))
+        run_m = measured.distance_m - readings[0][0]
+        if run_m >= self._run_m and len(readings) >= self._min_readings:
+            self.lost = _lost(list(readings))
             readings.popleft()
-
-    def _forget(self) -> None:
-        """Discard the current run."""
-        self._readings.clear()
-        self._lost = 0.0
 
     def _goes_on(self, range_m: float, measured: Measured) -> bool:
         """Return True if the robot drives straight ahead towards the same object."""
@@ -85,6 +74,30 @@ class Slip:
         made_m = measured.distance_m - distance_m
         straight = abs(measured.turn_rad - self._turn_rad) <= STRAIGHT_RAD
         return straight and made_m >= 0.0 and abs(before_m - range_m) <= JUMP_M + made_m
+
+
+class Slip:
+    """Compares the wheels with the gyro and with the range ahead."""
+
+    grave = False
+    _slip_m_s: float
+
+    def __init__(self, rule: SlipRule) -> None:
+        """Set the limits."""
+        self._rule = rule
+        self._run = RangeRun(RUN_M, MIN_READINGS)
+
+    def restart(self) -> None:
+        """Discard the current run."""
+        self._run.forget()
+
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
+        """Evaluate a control step; return True if one of the comparisons fails."""
+        self._slip_m_s = measured.slip_m_s
+        if measured.new_range:
+            self._run.see(inputs, measured)
+        rule = self._rule
+        return abs(self._slip_m_s) > rule.difference_m_s or self._run.lost > rule.share
 
     def evidence(self) -> Evidence:
         """Return the failed comparison and its size."""
@@ -96,10 +109,10 @@ class Slip:
             )
             return text, {"by": "gyro", "difference_m_s": round(self._slip_m_s, 4)}
         text = (
-            f"the range ahead decreases by {100 * (1.0 - self._lost):.0f} % of the wheel distance: "
-            "the wheels slip, the object ahead moves, or the ultrasonic sensor is wrong"
+            f"the range ahead decreases by {100 * (1.0 - self._run.lost):.0f} % of the wheel "
+            "distance: the wheels slip, the object ahead moves, or the ultrasonic sensor is wrong"
         )
-        return text, {"by": "ultrasonic", "lost_share": round(self._lost, 3)}
+        return text, {"by": "ultrasonic", "lost_share": round(self._run.lost, 3)}
 
 
 def _lost(points: list[tuple[float, float]]) -> float:

@@ -82,3 +82,21 @@ def test_a_pose_beyond_all_bounds_is_dropped_and_counted() -> None:
     assert swept.dropped >= 1
     swept.update(Pose2(0.1, 0.0, 0.0))
     assert (swept.to_occupancy().cells == SWEPT).sum() > 0
+
+
+def test_what_was_covered_since_the_last_confirmation_can_be_removed() -> None:
+    swept = SweptMap(MODEL)
+    swept.update(Pose2(0.0, 0.0, 0.0))
+    swept.update(Pose2(0.4, 0.0, 0.0))
+    swept.confirm()
+    before_m2, cells = swept.swept_m2, swept.to_occupancy().cells.copy()
+    swept.update(Pose2(0.4, 0.3, 0.0))
+    swept.update(Pose2(-3.0, 0.3, 0.0))  # the map grows
+    revision = swept.revision
+    removed_m2 = swept.swept_m2 - before_m2
+    assert removed_m2 > 0.0
+    assert swept.revert() == pytest.approx(removed_m2)
+    assert swept.swept_m2 == pytest.approx(before_m2)
+    assert swept.revision > revision
+    assert (swept.to_occupancy().cells >= 0).sum() == (cells >= 0).sum()
+    assert swept.revert() == 0.0

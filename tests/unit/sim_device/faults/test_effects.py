@@ -158,3 +158,34 @@ def test_a_person_waits_rather_than_walk_into_the_robot() -> None:
     assert drive.rig.truth.collisions == 0
     assert drive.rig.truth.contact_s == 0.0
     assert drive.rig.truth.path_m < 0.001
+
+
+def test_a_displaced_robot_stands_elsewhere_and_no_sensor_feels_it() -> None:
+    drive = Drive(rig("displaced@2:dx=0.5,dy=-0.2,turn=90", plan=AHEAD))
+    drive.run(1.9)
+    before = drive.rig.truth.pose
+    drive.run(4.0)
+    pose = drive.rig.truth.pose
+    assert (pose.x_m - before.x_m, pose.y_m - before.y_m) == pytest.approx((0.5, -0.2), abs=1e-6)
+    assert math.degrees(pose.theta_rad - before.theta_rad) == pytest.approx(90.0, abs=0.01)
+    rates = [abs(math.degrees(m.gyro_z_rad_s)) for m in drive.of(Imu, 1.9, 3.0)]
+    assert max(rates) < 2.0
+    assert wheel_counts(drive, 1.5, 3.5) == (0, 0)
+
+
+def test_a_robot_displaced_into_an_obstacle_stands_before_it() -> None:
+    drive = Drive(rig("displaced@1:dx=2.1,dy=0", plan=AHEAD))
+    drive.run(2.0)
+    assert drive.rig.truth.pose.x_m == pytest.approx(7.0 - 0.16, abs=0.05)
+    assert drive.rig.truth.contact_s == 0.0
+
+
+def test_a_carried_robot_is_lifted_and_put_down_elsewhere() -> None:
+    drive = Drive(rig("carried@2:1.5:dx=-0.4,dy=0.1", plan=AHEAD))
+    drive.run(1.9)
+    before = drive.rig.truth.pose
+    drive.run(5.0)
+    assert all(m.contacts & Contact.CLIFF for m in drive.of(Range, 2.2, 3.4))
+    assert not any(m.contacts & Contact.CLIFF for m in drive.of(Range, 3.7, 5.0))
+    pose = drive.rig.truth.pose
+    assert (pose.x_m - before.x_m, pose.y_m - before.y_m) == pytest.approx((-0.4, 0.1), abs=1e-6)

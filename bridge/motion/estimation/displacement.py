@@ -1,0 +1,196 @@
+"""Whether the robot was moved while no sensor measured it: walls stand where it has driven. Pure.
+
+The filter cannot find this: a wall that does not fit is a new wall, and the estimate goes on. Two
+things contradict the estimate. The side infrared finds a wall on floor that the robot has driven
+over, or the robot drives through a wall of the map. A moved chair or a person causes the same, but
+in one place, and the known walls are still found around it. So the evidence must extend over more
+than a piece of furniture, without a known wall in between. A wall confirms the estimate across its
+own direction only, so it removes only evidence across that direction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from bridge.motion.estimation.wall_frames import Wall
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+
+
+class Walls(Protocol):
+    """The walls of the estimate, as :class:`bridge.motion.estimation.wall_map.WallMap` has them."""
+
+    def known(self) -> Iterable[tuple[Wall, float, float]]:
+        """Yield every wall with the direction of its normal, rad, and its offset, m."""
+
+    def take_found(self) -> tuple[Wall, float] | None:
+        """Return the wall that was last found again, and its normal, rad; once."""
+
+
+@dataclass(frozen=True, slots=True)
+class DisplacementTuning:
+    """Limits between moved furniture and a moved robot. Source of all: ``campaign.changes``."""
+
+    core: float = 0.5
+    """Share of the footprint's radius around the axle that is free where the robot has driven. The
+    rest is for the error of the estimate."""
+    max_range_m: float = 0.22
+    """Infrared range beyond which a hit is too uncertain, m."""
+    min_cells: int = 8
+    """Cells of 10 cm with evidence."""
+    min_span_m: float = 1.2
+    """Extent of the evidence, m: more than most furniture."""
+    min_wall_m: float = 0.5
+    """Measured length from which the robot cannot drive through a wall of the map, m."""
+    known_m: float = 1.0
+    """Path after which a new wall of the map counts as known, m."""
+    steady_rad_s: float = 0.3
+    """Yaw rate above which infrared hits do not count, rad/s."""
+
+
+_FREE_M = 0.05
+"""Edge of the cells of the driven floor, m."""
+_CELL_M = 0.10
+"""Edge of the cells of the evidence, m."""
+_STEP_M = 0.025
+"""Path between two entries of the driven floor, m."""
+_END_M = 0.1
+"""End of a measured wall that does not count, m: an estimate may see it too long."""
+_FAR_M = 10.0
+"""Path that is longer than any between two readings, m: the estimate was reset."""
+
+
+class DisplacementCheck:
+    """Collects evidence that the estimate is wrong, and removes it as known walls are found."""
+
+    def __init__(self, model: RobotModel, tuning: DisplacementTuning | None = None) -> None:
+        """Begin without evidence."""
+        self._tuning = tuning or DisplacementTuning()
+        self._mounts = (model.infrared_left, model.infrared_right)
+        self._core_m = self._tuning.core * model.radius_m
+        self._free: set[tuple[int, int]] = set()
+        self._evidence: dict[tuple[int, int], float] = {}
+        """Cells with evidence, and the direction across which it contradicts the estimate, rad."""
+        self._last: Pose2 | None = None
+        self._path_m = 0.0
+        self._since_m = 0.0
+        """Path at the first evidence, m."""
+        self._known: dict[int, float] = {}
+        """By a wall's number: path at which it was first found again, m."""
+        self._crossed: set[bool] = set()
+        """Directions confirmed since the last confirmation: along x or along y of the map."""
+
+    @property
+    def evidence(self) -> tuple[int, float]:
+        """Number of cells with evidence, and their extent, m."""
+        return len(self._evidence), _extent(self._evidence)
+
+    @property
+    def displaced(self) -> bool:
+        """Whether the robot is not where the estimate says."""
+        return (
+            len(self._evidence) >= self._tuning.min_cells
+            and _extent(self._evidence) >= self._tuning.min_span_m
+        )
+
+    def update(
+        self,
+        pose: Pose2,
+        yaw_rate_rad_s: float,
+        ranges_m: tuple[float | None, float | None],
+        walls: Walls,
+    ) -> bool:
+        """Take a reading of the side infrared; whether the estimate is confirmed now.
+
+        It is confirmed if nothing contradicts it and known walls across both directions were found
+        since the last time.
+
+        Args:
+            pose: estimated pose.
+            yaw_rate_rad_s: yaw rate, rad/s.
+            ranges_m: left and right infrared range, m; None: nothing is near.
+            walls: the walls of the estimate, after this reading.
+
+        """
+        tuning, last = self._tuning, self._last
+        step_m = _FAR_M if last is None else pose.distance_m(last)
+        confirmed = self._take_matches(walls)
+        if last is not None and step_m < _STEP_M:
+            return confirmed
+        self._last = pose
+        self._path_m += min(step_m, _STEP_M * 4.0)
+        if abs(yaw_rate_rad_s) < tuning.steady_rad_s:
+            for mount, range_m in zip(self._mounts, ranges_m, strict=True):
+                if range_m is not None and mount.min_range_m < range_m < tuning.max_range_m:
+                    self._take_hit(pose, mount.x_m, mount.y_m, mount.yaw_rad, range_m)
+        self._take_crossings(pose, walls)
+        self._enter(pose)
+        return confirmed
+
+    # -- inside ------------------------------------------------------------------------------
+
+    def _take_matches(self, walls: Walls) -> bool:
+        """Remove evidence across the direction of a known wall that was just found again."""
+        found = walls.take_found()
+        if found is None:
+            return False
+        wall, normal_rad = found
+        first_m = self._known.setdefault(wall.number, self._path_m)
+        before_m = self._since_m if self._evidence else self._path_m
+        if before_m - first_m < self._tuning.known_m:
+            return False
+        for cell, across_rad in list(self._evidence.items()):
+            if abs(math.cos(across_rad - normal_rad)) > math.sqrt(0.5):
+                del self._evidence[cell]
+        self._crossed.add(abs(math.cos(normal_rad)) > math.sqrt(0.5))
+        if self._evidence or len(self._crossed) < 2:  # noqa: PLR2004 - both directions
+            return False
+        self._crossed.clear()
+        return True
+
+    def _take_hit(
+        self, pose: Pose2, x_m: float, y_m: float, yaw_rad: float, range_m: float
+    ) -> None:
+        x, y = pose.transform(x_m + range_m * math.cos(yaw_rad), y_m + range_m * math.sin(yaw_rad))
+        if (math.floor(x / _FREE_M), math.floor(y / _FREE_M)) in self._free:
+            self._contradict(x, y, pose.theta_rad + yaw_rad)
+
+    def _take_crossings(self, pose: Pose2, walls: Walls) -> None:
+        """Find walls of the map that the robot drives through."""
+        for wall, normal_rad, offset_m in walls.known():
+            if wall.seen_m < self._tuning.min_wall_m:
+                continue
+            c, s = math.cos(normal_rad), math.sin(normal_rad)
+            dx, dy = pose.x_m - wall.anchor_x_m, pose.y_m - wall.anchor_y_m
+            if abs(offset_m - dx * c - dy * s) > self._core_m:
+                continue
+            if wall.low_m + _END_M < dy * c - dx * s < wall.high_m - _END_M:
+                self._contradict(pose.x_m, pose.y_m, normal_rad)
+
+    def _contradict(self, x_m: float, y_m: float, across_rad: float) -> None:
+        if not self._evidence:
+            self._since_m = self._path_m
+        cell = (math.floor(x_m / _CELL_M), math.floor(y_m / _CELL_M))
+        self._evidence.setdefault(cell, across_rad)
+
+    def _enter(self, pose: Pose2) -> None:
+        """Enter the floor that the robot stands on."""
+        reach = math.ceil(self._core_m / _FREE_M)
+        column, row = math.floor(pose.x_m / _FREE_M), math.floor(pose.y_m / _FREE_M)
+        for i in range(column - reach, column + reach + 1):
+            for j in range(row - reach, row + reach + 1):
+                x, y = (i + 0.5) * _FREE_M - pose.x_m, (j + 0.5) * _FREE_M - pose.y_m
+                if x * x + y * y < self._core_m * self._core_m:
+                    self._free.add((i, j))
+
+
+def _extent(cells: Iterable[tuple[int, int]]) -> float:
+    columns, rows = [c for c, _ in cells], [r for _, r in cells]
+    if not columns:
+        return 0.0
+    return _CELL_M * math.hypot(max(columns) - min(columns), max(rows) - min(rows))

@@ -1,0 +1,77 @@
+"""A share of the campaign over changes of the world; the whole is ``campaign.changes``."""
+
+from __future__ import annotations
+
+import pytest
+
+from campaign.changes import CHANGES, Change, Job, Result, jobs_of, kept_at, run
+from campaign.changes_page import page
+
+pytestmark = pytest.mark.slow
+
+
+def change(name: str) -> Change:
+    return next(each for each in CHANGES if each.name == name)
+
+
+@pytest.mark.parametrize("name", ["wheels spin freely", "one wheel spins freely"])
+def test_spinning_wheels_stop_the_run_within_ten_seconds(name: str) -> None:
+    result = run(Job(change(name), 1))
+    assert result.outcome == "stopped"
+    assert "differ" in result.reason or "stayed" in result.reason
+    assert 0.0 < result.ended_s - result.at_s < 10.0
+
+
+def test_another_start_is_reported_with_its_place() -> None:
+    result = run(Job(change("started elsewhere"), 0))
+    assert result.events == ["start"]
+    assert result.start_error_m is not None
+    assert result.start_error_m < 0.1
+
+
+def test_a_displaced_robot_claims_no_floor_that_it_has_not_swept() -> None:
+    result = run(Job(change("displaced, unfelt"), 0))
+    assert result.outcome == "stopped"
+    assert "the robot was moved" in result.reason
+    assert "displaced" in result.events
+    assert result.claimed_wrongly_m2 < 0.1
+
+
+def test_a_lifted_robot_is_not_driven_on() -> None:
+    result = run(Job(change("lifted, put down elsewhere"), 0))
+    assert result.outcome == "stopped"
+    assert "lifted" in result.reason
+    assert result.ended_s - result.at_s < 2.0
+    assert result.claimed_wrongly_m2 < 0.02
+
+
+@pytest.mark.parametrize("name", ["furniture moved", "a person walks by"])
+def test_what_moves_in_the_room_does_not_end_the_run(name: str) -> None:
+    result = run(Job(change(name), 0))
+    assert result.outcome == "complete"
+    assert result.events == []
+    assert result.coverage > 0.95
+
+
+def test_a_pit_at_harsh_noise_is_not_taken_for_being_lifted() -> None:
+    result = run(Job(change("cliff, harsh"), 0))
+    assert result.outcome == "complete"
+    assert not result.fell
+
+
+def test_the_page_has_a_row_for_each_change() -> None:
+    good = Result("complete", "done", ended_s=100.0, coverage=0.99)
+    bad = Result("stopped", "wheels and gyro differ by 59°", "", 20.0, 25.0, ["start"], 0.5)
+    bad.start_error_m, bad.fell = 0.03, True
+    text = page([("one", good), ("one", bad), ("other", good)], 7)
+    assert "| one | 2 | 1 | 1 | 1 | 5.0 s | 5.0 s | 0.250 m² | 0.500 m² | 99.0 % |" in text
+    assert "Seeds: 7 to 8" in text
+    assert "1 runs named the real start, with an error of 3 cm" in text
+    assert "1 runs drove a wheel over a pit" in text
+    assert "- one: 1 x wheels and gyro differ by N°" in text
+
+
+def test_every_change_is_run_with_every_seed() -> None:
+    jobs = jobs_of(range(3))
+    assert len({job.name for job in jobs}) == 3 * len(CHANGES)
+    assert kept_at(None).of(jobs[0].name) is None
