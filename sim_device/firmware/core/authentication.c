@@ -71,7 +71,7 @@ static void make_tag(const authentication_t *keys, const uint8_t *covered, size_
     hmac_end(&keys->key, &hash, digest);
 }
 
-/* In constant time. */
+/* Comparison in constant time. */
 static bool same(const uint8_t *a, const uint8_t *b, size_t length)
 {
     uint8_t differ = 0;
@@ -94,7 +94,7 @@ bool authentication_check(authentication_t *keys, const uint8_t *covered, size_t
     for (size_t i = 0; i < counter_length; i++) {
         counter |= (uint32_t)trailer[i] << (8u * i);
     }
-    if (counter_length == 2u) { /* the next count that ends so */
+    if (counter_length == 2u) { /* the next count with this ending */
         const uint32_t ahead = (counter - keys->counter) % SHORT;
         counter = keys->counter + (ahead != 0 ? ahead : SHORT);
     }

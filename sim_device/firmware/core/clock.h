@@ -1,5 +1,5 @@
 /* Uptime: the board's microsecond counter, which wraps after 71 minutes, extended to 64 bits. All
- * deadlines are kept in it, so none of them has to think of a wrap. */
+ * deadlines use uptime, so none of them can wrap. */
 #ifndef CLOCK_H
 #define CLOCK_H
 
@@ -11,7 +11,7 @@ static inline int32_t signed32(uint32_t value)
     return value < 0x80000000u ? (int32_t)value : -(int32_t)~value - 1;
 }
 
-/* The time nearest to `near_us` of which `counter` is the low half. */
+/* Return the time nearest to `near_us` whose low half is `counter`. */
 static inline int64_t extend_us(int64_t near_us, uint32_t counter)
 {
     return near_us + signed32(counter - (uint32_t)(uint64_t)near_us);

@@ -2,7 +2,8 @@
 
 #include <stddef.h>
 
-/* Ids wrap at 16 bits: one that lies less than this behind another is the older one (RFC 1982). */
+/* Half the range of ids. They wrap at 16 bits: an id less than this behind another is older (RFC
+ * 1982). */
 #define HALF 0x8000u
 
 const reply_t *command_log_find(

@@ -1,6 +1,5 @@
-/* The last replies by session, id and type, so that a repeated command is answered again and not
- * carried out again. Ids count up within a session, so each has a place of its own among the last
- * sixteen. */
+/* The last replies by session, id and type. A repeated command gets its reply again but is not
+ * executed again. Ids count up within a session, so each of the last sixteen has its own place. */
 #ifndef COMMAND_LOG_H
 #define COMMAND_LOG_H
 
@@ -15,7 +14,7 @@ typedef struct {
     uint8_t type;
     bool used;
     bool accepted;
-    uint8_t reason; /* SP_NACK_REASON_*, where refused */
+    uint8_t reason; /* SP_NACK_REASON_*, if rejected */
 } reply_t;
 
 typedef struct {
@@ -24,15 +23,15 @@ typedef struct {
     uint16_t newest_id;
 } command_log_t;
 
-/* The reply that a command got before; else NULL. */
+/* Return the earlier reply to a command, or NULL. */
 const reply_t *command_log_find(
     const command_log_t *log, uint32_t session_id, uint16_t command_id, uint8_t type);
 
-/* Whether an id is older than the last sixteen of its session, and so cannot be told from a
- * repeated one; else it is taken for the newest where it is newer. Session 0 is none. */
+/* Return whether an id is older than the last sixteen of its session, so that it may be a repeated
+ * one. Otherwise note it as the newest if it is newer. Session 0 means no session. */
 bool command_log_is_stale(command_log_t *log, uint32_t session_id, uint16_t command_id);
 
-/* Remember a reply, in the place of its id; gives it as it is kept. */
+/* Store a reply in the place of its id; return the stored copy. */
 const reply_t *command_log_add(command_log_t *log, const reply_t *reply);
 
 #endif

@@ -1,13 +1,15 @@
 #include "commands.h"
 
-/* Tenths of a hertz, as declared; what is above the control period's is sent in each. */
+/* Maximum rate of a stream, tenths of a hertz, as declared. A rate above the control rate means
+ * every period. */
 #define RATE_MAX 10000u
-/* 4 Hz: a stamp on CAN can be extended for 0.5 s after a sync, and one may be lost. */
+/* Minimum rate of the sync message, tenths of a hertz: 4 Hz. A stamp on CAN can be extended for 0.5
+ * s after a sync, and one may be lost. */
 #define SYNC_RATE_MIN 40u
 
 #define DONE (-1)
 
-/* Each gives DONE or SP_NACK_REASON_*. */
+/* Each function returns DONE or SP_NACK_REASON_*. */
 
 /* Every command begins with its id. */
 static uint16_t id_of(const sp_frame_t *frame)
@@ -94,7 +96,7 @@ static int save_parameters(firmware_t *firmware)
     if (board_identity(firmware->board)->troubles & BOARD_TROUBLE_FLASH) {
         return SP_NACK_REASON_UNSUPPORTED;
     }
-    /* While it drives the bus to the flash is not to be shared with the control loop. */
+    /* While the robot drives, the control loop needs the bus to the flash for itself. */
     if (!idle(firmware)) {
         return SP_NACK_REASON_OTHER_MODE;
     }
@@ -107,7 +109,8 @@ static int save_parameters(firmware_t *firmware)
     return DONE;
 }
 
-/* Beside the parameters as they are stored, not as they are now. It counts once it stands. */
+/* The key is saved beside the stored parameters, not the present ones. It is used once it is
+ * stored. */
 static int set_key(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_set_key_t set;
@@ -117,7 +120,7 @@ static int set_key(firmware_t *firmware, const sp_frame_t *frame)
     if (!idle(firmware)) {
         return SP_NACK_REASON_OTHER_MODE;
     }
-    /* Over a wire that one must stand beside the robot to reach, and no other. */
+    /* Only over a link that requires standing beside the robot. */
     if (firmware->line.can
         || (board_identity(firmware->board)->troubles & BOARD_TROUBLE_FLASH) != 0) {
         return SP_NACK_REASON_UNSUPPORTED;
@@ -167,7 +170,7 @@ static int reboot(firmware_t *firmware, const sp_frame_t *frame)
     return DONE;
 }
 
-/* The payload has been judged: it is as long as its message. */
+/* The payload was checked before: it is as long as its message. */
 static int carry_out(firmware_t *firmware, const sp_frame_t *frame)
 {
     if (!firmware->negotiated) {
@@ -214,7 +217,7 @@ void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us)
     }
 }
 
-/* For a repeated command too: its value may be what was lost. */
+/* Also for a repeated command: its value may have been lost. */
 static void tell_value(firmware_t *firmware, uint8_t number, int64_t now_us)
 {
     sp_parameter_value_t value;
@@ -228,7 +231,7 @@ void commands_use_key(firmware_t *firmware, const stored_t stored[FLASH_VALUES])
 {
     uint32_t words[KEY_WORDS];
     for (unsigned i = 0; i < KEY_WORDS; i++) {
-        words[i] = stored[PARAMETERS + i].value; /* 0 where it is not known */
+        words[i] = stored[PARAMETERS + i].value; /* 0 if unknown */
     }
     authentication_use(&firmware->line.authentication, words);
 }
@@ -285,7 +288,7 @@ void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now
     const bool saves =
         frame->type == SP_TYPE_SAVE_PARAMETERS || frame->type == SP_TYPE_SET_KEY;
     if (saves && flash_store_busy(&firmware->flash)) {
-        return; /* asked again before it is done: the answer is to come */
+        return; /* a repeated request before the save is done: the answer follows */
     }
     const uint16_t id = id_of(frame);
     const reply_t *reply =
@@ -304,7 +307,7 @@ void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now
         tell_value(firmware, frame->payload[2], now_us);
     }
     if (saves && flash_store_busy(&firmware->flash)) {
-        firmware->save_reply = *reply; /* given when they stand */
+        firmware->save_reply = *reply; /* sent once they are stored */
         return;
     }
     commands_answer(firmware, reply, now_us);

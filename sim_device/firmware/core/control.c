@@ -8,7 +8,8 @@
 
 #define V_STEP 0.0001f
 #define YAW_STEP 0.0002f
-/* After a latched stop the motors brake for half a second at rest, or a robot on a slope rolls on. */
+/* Number of periods for which the motors brake at rest after a latched stop: 0.5 s. Without the
+ * brake a robot on a slope would roll on. */
 #define BRAKE_TICKS 50u
 
 void control_start(control_t *control, const parameters_t *parameters)
@@ -34,7 +35,7 @@ void control_apply(control_t *control, const parameters_t *parameters)
     control->battery_empty_v = parameters_value(parameters, PARAMETER_BATTERY_EMPTY);
 }
 
-/* ---- what may happen ----------------------------------------------------------------------- */
+/* ---- events -------------------------------------------------------------------------------- */
 
 static void end_plan(control_t *control)
 {
@@ -53,7 +54,7 @@ static void end_plan(control_t *control)
 int control_fire(control_t *control, event_t event, unsigned holding)
 {
     const state_t before = control->state;
-    /* What needs whole senses: no host looks after the heading. */
+    /* Events that need working sensors, because no host checks the heading. */
     const bool sets_off =
         event == EVENT_SET_ONBOARD || event == EVENT_START || event == EVENT_RESUME;
     if (health_stopping(&control->health) != NULL
@@ -167,7 +168,7 @@ static velocity_t run_plan(
     return wanted;
 }
 
-/* Follow a velocity as far as the reflexes let it. */
+/* Follow a velocity as far as the reflexes allow. */
 static duties_t follow(control_t *control, readings_t *readings, velocity_t wanted)
 {
     const float v_m_s = reflexes_limit(&control->reflexes, wanted.v_m_s,
@@ -176,7 +177,7 @@ static duties_t follow(control_t *control, readings_t *readings, velocity_t want
         (float)control->power.battery_mv / 1000.0f);
 }
 
-/* What the wheels should do now, as state and latch say. */
+/* Return the duties that state and latch demand now. */
 static duties_t drive(
     control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
 {
@@ -202,7 +203,7 @@ static duties_t drive(
     return wheels_release(&control->wheels, &readings->counts);
 }
 
-/* Enable the drivers in a driving mode; disable them once a robot that shall rest does. */
+/* Enable the drivers in a driving mode; disable them once a stopped robot is at rest. */
 static void switch_drivers(control_t *control, state_t state, const motors_t *motors)
 {
     if (state != STATE_STOPPED && state != STATE_IDLE) {
@@ -233,7 +234,7 @@ static void tell_faults(control_t *control, uint16_t bits)
     }
 }
 
-/* End what must not go on with what is broken. */
+/* End each motion that is unsafe with the present faults. */
 static void judge(control_t *control)
 {
     const state_t before = control->state;
@@ -294,7 +295,7 @@ void control_power(control_t *control, const board_power_t *power)
     health_power(&control->health, power, control->battery_low_v, control->battery_empty_v);
 }
 
-/* ---- what is so ---------------------------------------------------------------------------- */
+/* ---- present state ------------------------------------------------------------------------- */
 
 uint16_t control_faults(const control_t *control)
 {

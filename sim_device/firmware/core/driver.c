@@ -5,23 +5,23 @@
 
 #define STEP_MAX_S 0.1f      /* a longer gap (a pause) is not integrated */
 #define BRAKE_SHARE 0.75f    /* of the acceleration limit: the rest is for control */
-#define LAG_S 0.10f          /* from a command to the wheels following it */
-#define CREEP_M_S 0.025f     /* touching at this speed is a touch, not a collision */
+#define LAG_S 0.10f          /* from a command to the wheels' response */
+#define CREEP_M_S 0.025f     /* a contact at this speed is no collision */
 #define LOOKAHEAD_M 0.25f    /* lane keeping aims at the heading line this far ahead */
-#define TURN_RATE_SHARE 0.75f /* of the yaw rate limit, so that control keeps authority */
+#define TURN_RATE_SHARE 0.75f /* share of the yaw rate limit; the rest is for control */
 #define MIN_TURN_RAD_S 0.10f /* below it wheels of this size stick */
 #define HEADING_TOLERANCE_RAD 0.004f
 #define POINT_TOLERANCE_M 0.006f
-#define LOWPASS 0.6f /* of the velocity smoothing, a step */
+#define LOWPASS 0.6f /* of the velocity smoothing, per step */
 #define REST_M_S 0.01f
 #define REST_RAD_S 0.03f
-#define SETTLE_S 0.6f /* a leg ends at the latest this long after its stop, at rest or not */
+#define SETTLE_S 0.6f /* maximum time from a leg's stop to its end, at rest or not */
 #define STALL_S 1.5f
 #define STALL_M 0.003f
 #define STALL_RAD 0.02f
 #define TURN_TIMEOUT_S 15.0f
 #define DRIVE_TIMEOUT_S 600.0f
-#define TURN_IN_PLACE_RAD (PI_F / 4.0f) /* beyond it a point is turned to first */
+#define TURN_IN_PLACE_RAD (PI_F / 4.0f) /* above this bearing: turn to the point first */
 
 #define ROTARY_KP 5.0f
 #define ROTARY_TD_S 0.03f
@@ -51,7 +51,7 @@ void driver_halt(driver_t *driver)
 
 /* ---- controllers --------------------------------------------------------------------------- */
 
-/* The paper's PD (section 3.3, eq. 1), its output limited; no derivative on the first sample. */
+/* The paper's PD (section 3.3, eq. 1) with limited output; the first sample has no derivative. */
 static float proportional_derivative(
     memory_t *memory, float error, float kp, float td_s, float limit, float dt_s)
 {
@@ -64,7 +64,7 @@ static float proportional_derivative(
     return clamped(output, limit);
 }
 
-/* Yaw rate that turns to a heading, held below the fastest from which it still stops in time. */
+/* Yaw rate that turns to a heading, limited so that the robot still stops in time. */
 static float turn_rate(driver_t *driver, float target_rad, float heading_rad, float dt_s)
 {
     const float error = wrapped(target_rad - heading_rad);
@@ -88,7 +88,7 @@ static velocity_t send(driver_t *driver, float v_m_s, float yaw_rate_rad_s, floa
     return *last;
 }
 
-/* Fastest speed that stops within a way, lag included: from d = v t + v^2/2a. */
+/* Highest speed that stops within a distance, lag included: from d = v t + v^2/2a. */
 static float brake_speed(float remaining_m)
 {
     const float push = BRAKE_M_S2 * LAG_S;
@@ -97,13 +97,13 @@ static float brake_speed(float remaining_m)
     return larger(speed, CREEP_M_S);
 }
 
-/* Way still made after a zero command: half the lag at a falling speed. */
+/* Distance still covered after a zero command: half the lag at a falling speed. */
 static float run_out_m(const observation_t *seen)
 {
     return 0.5f * LAG_S * absolute(seen->v_m_s);
 }
 
-/* Speed that still stops at the stop range; 0 when it is reached. */
+/* Highest speed that still stops at the stop range; 0 once the range is reached. */
 static float approach(driver_t *driver, const observation_t *seen, float dt_s)
 {
     if (driver->leg.stop_range_m <= 0.0f) {
@@ -151,7 +151,7 @@ static velocity_t stop(driver_t *driver, leg_end_t reason, float dt_s)
     return send(driver, 0.0f, 0.0f, dt_s);
 }
 
-/* Ramp to zero; the leg ends at rest, where its distance and pose are final. */
+/* Ramp down to zero. The leg ends at rest, where its distance and pose are final. */
 static velocity_t settle(driver_t *driver, const observation_t *seen, float dt_s)
 {
     driver->stopped_s += dt_s;
@@ -248,7 +248,7 @@ static velocity_t go_to(driver_t *driver, const observation_t *seen, float dt_s)
     }
     speed = absolute(bearing) > TURN_IN_PLACE_RAD ? 0.0f : speed * cosf(bearing);
     if (speed <= 0.0f) {
-        range_ahead_reset(&driver->ahead); /* what lies that way now is not what lies ahead later */
+        range_ahead_reset(&driver->ahead); /* an obstacle ahead now is not ahead after the turn */
         speed = 0.0f;
         if (absolute(rate) < MIN_TURN_RAD_S) {
             rate = copysignf(MIN_TURN_RAD_S, bearing);
@@ -276,7 +276,7 @@ static velocity_t rest(driver_t *driver, float dt_s)
 
 /* ---- running ------------------------------------------------------------------------------- */
 
-/* Line, speed and patience of a leg that goes somewhere. */
+/* Compute line, speed and timeout of a leg that covers a distance. */
 static void lay_out(driver_t *driver, const observation_t *seen)
 {
     const leg_t *const leg = &driver->leg;
@@ -317,7 +317,7 @@ void driver_begin(driver_t *driver, const leg_t *leg, const observation_t *seen)
     if (leg->kind == LEG_TURN) {
         driver->timeout_s = TURN_TIMEOUT_S;
     } else if (leg->kind == LEG_REST) {
-        driver->timeout_s = leg->duration_s + TURN_TIMEOUT_S; /* it ends by itself */
+        driver->timeout_s = leg->duration_s + TURN_TIMEOUT_S; /* this leg ends by itself */
     } else {
         lay_out(driver, seen);
     }

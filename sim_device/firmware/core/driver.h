@@ -9,7 +9,7 @@
 #include "model.h"
 #include "range_ahead.h"
 
-/* One step's view of the world: what the robot's own sensors tell. */
+/* The readings of the robot's own sensors in one step. */
 typedef struct {
     int64_t now_us;
     pose_t pose;
@@ -24,7 +24,7 @@ typedef struct {
     float yaw_rate_rad_s;
 } velocity_t;
 
-/* The error of the step before, for a derivative. */
+/* Error of the previous step, for a derivative. */
 typedef struct {
     bool known;
     float error;
@@ -36,8 +36,8 @@ typedef struct {
     float turn_rate_rad_s;
 
     leg_t leg;
-    leg_result_t result; /* reason END_NONE: under way */
-    leg_end_t stopping;  /* why it is being brought to rest */
+    leg_result_t result; /* reason END_NONE: in progress */
+    leg_end_t stopping;  /* why it is being stopped */
     bool backward;
     float speed_m_s;
     float timeout_s;
@@ -47,7 +47,7 @@ typedef struct {
     pose_t origin;
     float cos_heading, sin_heading;
     float along_m;
-    float mark; /* progress, last time that it was made */
+    float mark; /* progress, and the time of the last progress */
     float mark_s;
 
     memory_t heading_error;
@@ -63,12 +63,12 @@ void driver_start(driver_t *driver, const model_t *model);
 /* Begin a leg at the observed pose. */
 void driver_begin(driver_t *driver, const leg_t *leg, const observation_t *seen);
 
-/* The velocity to drive now; zero when there is nothing to do. The leg has ended once
- * driver->result.reason is there. A bumper or a cliff ends any forward leg at once with a halt that
- * is not ramped; it does not end a turn in place or a leg backwards, which are the ways out. */
+/* Return the present velocity; zero without a leg. The leg has ended once driver->result.reason is
+ * set. A bumper or a cliff ends any forward leg at once, without a ramp. It does not end a turn in
+ * place or a reverse leg, because these lead away from the obstacle. */
 velocity_t driver_step(driver_t *driver, const observation_t *seen);
 
-/* The robot was stopped from outside: the next step ramps up from rest. */
+/* Note a stop from outside: the next step ramps up from rest. */
 void driver_halt(driver_t *driver);
 
 #endif

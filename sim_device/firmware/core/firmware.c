@@ -8,8 +8,8 @@
 #include "session.h"
 #include "telemetry.h"
 
-/* The supply is measured at 5 Hz and the rangers are sounded at 20 Hz, each with the phase of its
- * stream at its default rate: a loud echo is gone after 38 ms. */
+/* Periods and phases of the supply (5 Hz) and range (20 Hz) measurements, each with the phase of
+ * its stream at the default rate. A loud echo is gone after 38 ms. */
 #define POWER_PERIODS 20u
 #define POWER_PHASE 5u
 #define RANGE_PERIODS 5u
@@ -70,7 +70,7 @@ static void carry_on_saving(firmware_t *firmware)
     }
 }
 
-/* `stopped`: a stop from anybody is to be answered. */
+/* `stopped`: a stop from any sender is to be answered. */
 static void tell(firmware_t *firmware, bool stopped)
 {
     for (unsigned i = 0; i < STREAMS; i++) {
@@ -106,7 +106,7 @@ static void period(firmware_t *firmware)
     board_motors(firmware->board, motors.left, motors.right);
     board_drivers(firmware->board, motors.drivers);
     carry_on_saving(firmware);
-    /* The supply is looked after whether or not anybody is told. */
+    /* The supply is measured even if no stream reports it. */
     if (due(firmware, POWER_PERIODS, POWER_PHASE)
         || schedule_due(&firmware->schedule, STREAM_POWER, firmware->tick, firmware->ticks)) {
         read_power(firmware);
@@ -128,8 +128,8 @@ static void period(firmware_t *firmware)
     }
 }
 
-/* Periods that were missed are not made up for, what they would have measured being gone; but what
- * was due in one of them is due now. */
+/* Missed periods are not repeated, because their measurements would be late. Work that was due in
+ * one of them is done now. */
 static void run_period_if_due(firmware_t *firmware)
 {
     if (firmware->now_us < firmware->due_us) {
@@ -156,7 +156,7 @@ static void receive(firmware_t *firmware)
 
 static void reboot_if_wanted(firmware_t *firmware)
 {
-    if (firmware->reboot_wanted && line_idle(&firmware->line)) { /* its ack has left */
+    if (firmware->reboot_wanted && line_idle(&firmware->line)) { /* the acknowledgement has left */
         board_motors(firmware->board, 0, 0);
         board_drivers(firmware->board, false);
         if (firmware->factory_reset) {

@@ -1,4 +1,4 @@
-/* All that the firmware knows, in one struct: for the files that make it up and for tests. */
+/* The complete state of the firmware in one struct, for the files of the core and for tests. */
 #ifndef FIRMWARE_STATE_H
 #define FIRMWARE_STATE_H
 
@@ -24,10 +24,10 @@
 struct firmware {
     board_t *board;
     int64_t now_us; /* uptime */
-    int64_t due_us; /* of the next control period */
+    int64_t due_us; /* time of the next control period */
     uint32_t tick;  /* number of the period */
-    uint32_t ticks; /* since the one before: 1, or more where some were missed */
-    bool ticked;    /* there was one */
+    uint32_t ticks; /* periods since the last one that ran: 1, or more if some were missed */
+    bool ticked;    /* a period has run */
 
     line_t line;
     payloads_t payloads;
@@ -37,35 +37,35 @@ struct firmware {
     control_t control;
     readings_t readings;
 
-    bool off_bus; /* on CAN without a crystal: it neither listens nor speaks */
+    bool off_bus; /* on CAN without a crystal: it neither receives nor sends */
 
     /* ---- session ---- */
     uint32_t session_id; /* 0: none */
     bool negotiated;
-    bool status_wanted; /* a stop from anybody is to be answered with the status */
+    bool status_wanted; /* a stop from any sender is to be answered with the status */
     int64_t heard_us; /* last valid frame of a host */
     bool strange_known;
-    int64_t strange_us; /* last hello to a host of a session that we do not know */
+    int64_t strange_us; /* last hello to a host with an unknown session */
     freshness_t freshness;
 
-    /* ---- parameters on their way to the flash ---- */
+    /* ---- parameters being saved ---- */
     flash_store_t flash;
     stored_t saving[FLASH_VALUES];
-    reply_t save_reply; /* given when they stand */
+    reply_t save_reply; /* sent once they are stored */
 
-    /* ---- a reboot that was accepted ---- */
+    /* ---- an accepted reboot ---- */
     bool reboot_wanted;
     bool factory_reset;
 
     /* ---- telemetry ---- */
-    uint16_t stale; /* setpoints refused */
+    uint16_t stale; /* rejected setpoints */
     uint8_t load_percent;
-    uint32_t load_busy_us; /* as it was last worked out */
+    uint32_t load_busy_us; /* last measurement */
     int64_t load_at_us;
     bool imu_told;
-    uint32_t imu_told_us; /* stamp of the newest sample that was told */
+    uint32_t imu_told_us; /* stamp of the newest sample that was sent */
 
-    /* Interrupts write to it at any time: a boot drops only what waits in it. */
+    /* Interrupts write to it at any time, so a boot drops only its content. */
     inbox_t inbox;
 };
 

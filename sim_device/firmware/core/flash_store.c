@@ -8,7 +8,7 @@
 #define HEAD_WORDS 3u
 #define NO_PAGE BOARD_FLASH_PAGES
 
-/* How a value is found in a later firmware: CRC-32 of its name. */
+/* Key of a value, by which later firmware finds it: CRC-32 of its name. */
 static uint32_t key_of(uint8_t number)
 {
     uint8_t name[] = "authentication 0";
@@ -32,7 +32,7 @@ static void put_word(uint8_t *record, size_t index, uint32_t value)
     }
 }
 
-/* Number of entries of a page that is whole; 0: it is not. */
+/* Number of entries of a complete page; 0: incomplete. */
 static size_t whole(const uint8_t *page)
 {
     const uint32_t entries = word(page, 2);
@@ -44,7 +44,7 @@ static size_t whole(const uint8_t *page)
     return sp_crc32_update(0, page, 4u * words) == word(page, words) ? entries : 0u;
 }
 
-/* The page with the newest whole record; NO_PAGE: none has one. */
+/* Page with the newest complete record; NO_PAGE: none. */
 static unsigned newest(board_t *board)
 {
     const uint8_t *const first = board_flash_page(board, 0);

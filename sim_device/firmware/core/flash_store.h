@@ -1,6 +1,6 @@
-/* Keeps the parameters in two pages of flash, whatever moment the supply is lost at: a save erases
- * the page that is not in use and writes the new record there, its check last. Until that stands,
- * the other page is what the next boot finds. */
+/* Keeps the parameters in two pages of flash, safe against a loss of supply at any moment. A save
+ * erases the unused page and writes the new record there, its check last. Until the check is
+ * written, the next boot reads the other page. */
 #ifndef FLASH_STORE_H
 #define FLASH_STORE_H
 
@@ -12,14 +12,14 @@
 #include "board.h"
 #include "parameters.h"
 
-/* A record, little-endian words: magic, number of the save, number of entries; then key and value
- * of each; then the CRC-32 of all before it. */
+/* Number of values in a record. A record is little-endian words: magic, number of the save, number
+ * of entries; key and value of each entry; the CRC-32 of everything before it. */
 #define FLASH_VALUES (PARAMETERS + KEY_WORDS)
 #define FLASH_RECORD_WORDS (3u + 2u * FLASH_VALUES + 1u)
 
 typedef enum { FLASH_IDLE, FLASH_ERASING, FLASH_WRITING } flash_step_t;
 
-/* What came of a save in this period. */
+/* Result of a save in this period. */
 typedef enum { FLASH_NOTHING, FLASH_SAVED, FLASH_FAILED } flash_result_t;
 
 typedef struct {
@@ -29,17 +29,19 @@ typedef struct {
     uint8_t record[4u * FLASH_RECORD_WORDS];
 } flash_store_t;
 
-/* What the newest whole record says of each parameter and, behind them, of the key. */
+/* Read each parameter from the newest complete record and, behind them, the key. */
 void flash_store_load(board_t *board, stored_t stored[FLASH_VALUES]);
 
-/* Start to save; flash_store_step() carries it on. */
+/* Start to save; flash_store_step() continues the save. */
 void flash_store_begin(
     flash_store_t *store, board_t *board, const stored_t image[FLASH_VALUES]);
 
-/* Once a control period: tells as the save has ended, and whether what was written reads back. */
+/* Once a control period: continue the save and, at its end, check that the flash reads back
+ * correctly. */
 flash_result_t flash_store_step(flash_store_t *store, board_t *board);
 
-/* Forget everything that is stored. It waits for the flash: to be called before a reset only. */
+/* Erase everything that is stored. The function waits for the flash: call it only before a reset.
+ */
 void flash_store_erase(board_t *board);
 
 static inline bool flash_store_busy(const flash_store_t *store)

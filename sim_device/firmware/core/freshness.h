@@ -1,15 +1,15 @@
-/* How much later than the session's quickest frame a frame has come. Host and device clocks are
- * not related, but (arrival - host stamp) less the smallest of the session is a frame's extra
- * delay. The smallest is aged by the drift that two crystals may have, or a long session would
- * come to refuse everything. */
+/* Extra delay of a frame beyond the session's fastest frame. Host and device clocks are not
+ * synchronised. A frame's delay (arrival minus host stamp) minus the smallest of the session is its
+ * extra delay. The smallest ages by the drift that two crystals may have; otherwise a long session
+ * would end up rejecting everything. */
 #ifndef FRESHNESS_H
 #define FRESHNESS_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Delays are counted in quarters of a nanosecond: 250 ppm of a microsecond is one of them, so that
- * ageing is exact. */
+/* Unit of delays: quarters of a nanosecond. 250 ppm of a microsecond is one unit, so ageing is
+ * exact. */
 #define FRESHNESS_STEPS_PER_US 4000
 
 typedef struct {
@@ -19,10 +19,10 @@ typedef struct {
     int64_t at_us;
 } freshness_t;
 
-/* Start a session: nothing is known. */
+/* Start a session without any delay. */
 void freshness_reset(freshness_t *freshness);
 
-/* Take a frame of the session; gives its delay beyond the quickest one's, in steps. */
+/* Take a frame of the session; return its delay beyond the fastest frame's, in steps. */
 int64_t freshness_extra(freshness_t *freshness, uint32_t host_stamp, int64_t arrived_us);
 
 #endif

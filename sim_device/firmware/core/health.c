@@ -6,18 +6,19 @@
 #include "period.h"
 
 #define STALL_TICKS 100u
-/* How long a motor is left in its stall current; the planner gives up after half of it. */
+/* Time for which a motor may draw its stall current; the planner gives up after half of it. */
 #define STALL_STOP_TICKS 300u
-/* A stalled motor draws an ampere and more, one that turns unseen a fifth of this. */
+/* Minimum current of a stalled motor. It draws an ampere and more; a motor whose turns are not
+ * counted draws a fifth of this. */
 #define STALL_MA 400u
-/* 0.15 g: below what a hand does (0.25 g for 0.2 s). Vibration of 40 mg leaves 14 mg of itself in
- * the mean, and a bias nothing. */
+/* Minimum acceleration of a jolt: 0.15 g. A person's lift reaches more (0.25 g for 0.2 s). Of a 40
+ * mg vibration, 14 mg remain in the mean; a bias cancels out. */
 #define JOLT_LSB ((int)(0.15f * BOARD_IMU_PER_G + 0.5f))
 #define JOLT_SUM ((int32_t)GRAVITY_TICKS * JOLT_LSB)
 #define JOLT_MEANS ((int32_t)(GRAVITY_TICKS / JOLT_MEAN_TICKS))
 #define JOLT_TICKS 100u
 #define REST_TICKS 50u
-/* 20 deg/s, the data sheet's largest rate at rest (PS-MPU-6000A-00, section 6.1). */
+/* Maximum rate at rest: 20 deg/s, the data sheet's limit (PS-MPU-6000A-00, section 6.1). */
 #define REST_RATE_LSB ((int)(20.0f * BOARD_IMU_PER_DEG_S))
 #define GRAVITY_LSB ((int)BOARD_IMU_PER_G)
 #define GRAVITY_LOW_LSB (0.7f * BOARD_IMU_PER_G)
@@ -26,12 +27,13 @@
 #define REPEAT_TICKS 50u
 #define QUIET_TICKS 20u
 #define LEARN_TICKS 200u
-/* A chip whose registers repeated for no longer than this at first has noise, as all have; then
- * half a second of repeats is no reading. One without any is held against the wheels. */
+/* Maximum number of initial repeats of a chip with noise, which nearly all have. On such a chip
+ * repeats for half a second mean no new reading. A chip without noise is compared with the wheels.
+ */
 #define LIVELY_TICKS 3u
 #define DISAGREE_RAD_S 0.2f
 #define GYRO_RAD_S (PI_F / 180.0f / BOARD_IMU_PER_DEG_S)
-/* What the ultrasonic reads at most of a wall that both bumper halves touch: 0.04 m and room. */
+/* Maximum ultrasonic range to a wall that touches both bumper halves: 0.04 m and a margin. */
 #define NEAR_MM 100u
 #define BLOWS 2u
 #define UNCHANGED_MM 20
@@ -41,7 +43,7 @@
 #define CREEP_M 0.002f
 #define EMPTY_READINGS 5u
 #define PRESSED_READINGS 200u /* 10 s */
-/* What a side infrared reads at most of what touches that side: 0.05 m and room. */
+/* Maximum side infrared range to an obstacle that touches that side: 0.05 m and a margin. */
 #define BESIDE_DMM 800u
 #define TICKS_MAX 60000u
 
@@ -78,7 +80,7 @@ static void count_up(uint16_t *ticks)
     }
 }
 
-/* For how many periods in a row something has been so. */
+/* Count the consecutive periods in which `so` is true. */
 static void count_run(uint16_t *ticks, bool so)
 {
     if (so) {
@@ -102,7 +104,7 @@ static bool outside(int32_t value, int32_t limit)
     return value > limit || value < -limit;
 }
 
-/* Whether a robot that stands reads what one that stands cannot. */
+/* Return whether a robot at rest has readings that are impossible at rest. */
 static bool strange_at_rest(const health_t *health, const board_imu_t *imu)
 {
     if (health->rest_ticks < REST_TICKS || (health->bits & SP_FAULT_LIFTED)) {
@@ -155,7 +157,7 @@ static void judge_stall(health_t *health, const wheels_t *wheels)
     set(health, SP_FAULT_MOTOR_STALL, stall);
 }
 
-/* Take the acceleration along z: whether its mean is far from gravity. */
+/* Take the acceleration along z; return whether its mean is far from gravity. */
 static bool jolted(health_t *health, int16_t up)
 {
     health->up_sum += up - health->up[health->up_place];
@@ -201,7 +203,7 @@ void health_tick(health_t *health, const readings_t *readings, const wheels_t *w
     }
 }
 
-/* ---- as readings come ---------------------------------------------------------------------- */
+/* ---- each reading -------------------------------------------------------------------------- */
 
 void health_power(health_t *health, const board_power_t *power, float low_v, float empty_v)
 {
@@ -261,7 +263,7 @@ static void judge_side(
     }
 }
 
-/* Whether a switch is pressed, and has been for long, by nothing that anything else feels. */
+/* Return whether a switch has long been pressed without any other sign of a contact. */
 static bool switch_stays(health_t *health, const around_t *around)
 {
     static const uint8_t halves[2] = {SP_CONTACT_BUMPER_LEFT, SP_CONTACT_BUMPER_RIGHT};

@@ -1,22 +1,23 @@
-/* The firmware's checks of its own hardware: a fault is what the readings contradict.
+/* The firmware's checks of its own hardware: a fault bit means that the readings contradict each
+ * other.
  *
  * bit           set                                                    cleared
  * imu           at rest a rate above 20 deg/s or a gravity off by      readings that agree
  *               0.3 g, for 0.3 s; or repeated registers
- * encoder       a driven wheel without counts for 1 s whose motor      its count
+ * encoder       a driven wheel without counts for 1 s whose motor      a count
  *               draws no stall current
  * encoder_left_reversed and so on: counts against the duty (signs.h)   counts that agree
- * ultrasonic    two blows ahead that it did not see; or an unchanged   a blow that it saw, a range
- *               range over 0.4 m                                       that changes
+ * ultrasonic    two frontal contacts that it did not see; or an        a contact that it saw,
+ *               unchanged range over 0.4 m                             a range that changes
  * infrared      an unchanged range while turning by 60 deg in place    a range that changes
- * motor_stall   a driven wheel that has not turned for 1 s and draws   it turns or rests
+ * motor_stall   a driven wheel that has not turned for 1 s and draws   it turns or is idle
  *               current
  * battery_low   below the parameter battery_low                        above it
- * lifted        no floor ahead after a jolt upwards or down            the floor is back
- * bumper        a switch pressed for 10 s with nothing near and no     the switch opens
- *               stall
+ * lifted        no floor ahead after a jolt up or down                 the floor is back
+ * bumper        a switch pressed for 10 s without a near obstacle      the switch opens
+ *               or a stall
  *
- * setpoint_expired is the setpoint watchdog's (control.c).
+ * The setpoint watchdog in control.c sets setpoint_expired.
  */
 #ifndef HEALTH_H
 #define HEALTH_H
@@ -28,7 +29,8 @@
 #include "signs.h"
 #include "wheels.h"
 
-/* What a jolt is told by: a mean over 80 ms, compared with one over 1.3 s. */
+/* Number of samples in the mean that is tested for a jolt (80 ms), and in the mean that is taken as
+ * gravity (1.3 s). */
 #define JOLT_MEAN_TICKS 8u
 #define GRAVITY_TICKS 128u
 
@@ -39,9 +41,9 @@ typedef struct {
     uint16_t left_ma;
     uint16_t right_ma;
 
-    board_imu_t imu; /* of the period before */
+    board_imu_t imu; /* of the previous period */
     bool imu_known;
-    uint16_t ticks; /* these four stop at a bound beyond all that they are compared with */
+    uint16_t ticks; /* these four stop at a bound above all their limits */
     uint16_t repeats;
     uint16_t rest_ticks;
     uint16_t jolt_ticks;
@@ -51,17 +53,17 @@ typedef struct {
     int16_t up[JOLT_MEAN_TICKS]; /* the last readings along z */
     uint8_t up_place;
     uint8_t gravity_ticks;
-    int32_t up_sum;       /* of `up` */
-    int32_t gravity_sum;  /* over the last whole stretch of GRAVITY_TICKS ... */
-    int32_t gravity_next; /* ... and over the present one so far */
+    int32_t up_sum;       /* sum of `up` */
+    int32_t gravity_sum;  /* over the last complete run of GRAVITY_TICKS samples */
+    int32_t gravity_next; /* over the present run so far */
     signs_t signs;
 
     board_encoders_t counts;
-    board_encoders_t range_counts; /* as the ranges were last looked at */
-    uint8_t pressed[2]; /* readings for which a switch was held by nothing else that is felt */
+    board_encoders_t range_counts; /* at the last range reading */
+    uint8_t pressed[2]; /* readings with a pressed switch and no other sign of a contact */
     bool touched;
     uint8_t blows;
-    uint16_t sonar_mm; /* last one that differed */
+    uint16_t sonar_mm; /* last different one */
     float unseen_m;
     uint16_t side_dmm[2];
     float side_rad[2];
@@ -69,7 +71,7 @@ typedef struct {
 
 void health_start(health_t *health);
 
-/* One control period, after the wheels were controlled; duties as the board is given them. */
+/* Check one control period, after the wheel control; the duties are those sent to the board. */
 void health_tick(health_t *health, const readings_t *readings, const wheels_t *wheels,
     int16_t left_duty, int16_t right_duty);
 
@@ -80,10 +82,10 @@ void health_power(health_t *health, const board_power_t *power, float low_v, flo
 void health_around(
     health_t *health, const around_t *around, float wheel_base_m, float metres_per_count);
 
-/* What must not be driven with, in words; NULL where nothing stands against it. */
+/* Return the fault that forbids driving, in words; NULL without such a fault. */
 const char *health_stopping(const health_t *health);
 
-/* Whether a motor has stood under current for longer than is good for it. */
+/* Return whether a motor has drawn its stall current for too long. */
 bool health_burning(const wheels_t *wheels);
 
 #endif

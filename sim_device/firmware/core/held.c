@@ -4,7 +4,7 @@
 
 #define STAMP 2u /* bytes before a periodic frame's payload */
 
-/* Identifier, length and data; false where there is no room. */
+/* Add identifier, length and data; return false if there is no room. */
 static bool cover(covered_t *covered, uint16_t id, const uint8_t *data, size_t length)
 {
     uint8_t *const to = covered->bytes + covered->length;
@@ -19,7 +19,7 @@ static bool cover(covered_t *covered, uint16_t id, const uint8_t *data, size_t l
     return true;
 }
 
-/* Parts of one message have one stamp, which stands first in each. */
+/* All parts of one message carry the same stamp first. */
 static bool goes_on(const covered_t *covered, const sp_can_frame_t *in)
 {
     return covered->length > 3u + STAMP && memcmp(covered->bytes + 3, in->data, STAMP) == 0;
@@ -33,7 +33,7 @@ void held_note(held_t *held, const sp_can_receiver_t *receiver, const sp_can_fra
     }
     if (!(whole ? cover(&held->newest, in->id, receiver->content, receiver->content_length)
                 : cover(&held->newest, in->id, in->data, in->length))) {
-        held->newest.length = 0; /* no tag fits what is not covered whole */
+        held->newest.length = 0; /* no tag matches a message that is not covered completely */
     }
 }
 
@@ -48,7 +48,7 @@ bool held_swap(held_t *held, uint32_t came_us, sp_frame_t *frame)
     const bool before = held->waiting;
     const sp_frame_t in = *frame;
     if (in.length > HELD_PAYLOAD) {
-        return true; /* no guarded message is so long: it is judged as one without a tag */
+        return true; /* no guarded message is so long: it counts as untagged */
     }
     if (before) {
         give(held, frame);

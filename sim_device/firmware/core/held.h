@@ -1,4 +1,4 @@
-/* A message on the bus that needs a tag, held until it has come. */
+/* Holds a message on the bus that needs a tag until its tag has come. */
 #ifndef HELD_H
 #define HELD_H
 
@@ -16,7 +16,7 @@ typedef struct {
     uint8_t bytes[HELD_COVERED];
 } covered_t;
 
-/* By what a receiver judges short stamps. */
+/* State by which a receiver extends short stamps. */
 typedef struct {
     uint32_t wire_us;
     uint32_t ahead_us;
@@ -43,26 +43,26 @@ typedef struct {
     bool waiting;
     sp_frame_t frame;
     uint32_t came_us;
-    stamps_t stamps;     /* with the message that waits */
-    stamps_t coming;     /* with the message that comes in */
-    covered_t covered;   /* of the message that waits */
-    covered_t newest;    /* of the message that comes in */
-    uint8_t buffer;      /* in which the waiting one's payload is; the other one's is given out */
+    stamps_t stamps;     /* of the held message */
+    stamps_t coming;     /* of the message being received */
+    covered_t covered;   /* of the held message */
+    covered_t newest;    /* of the message being received */
+    uint8_t buffer;      /* buffer with the held payload; the other one is handed out */
     uint8_t payload[2][HELD_PAYLOAD];
 } held_t;
 
-/* Note what a tag of the message would cover of which this is a frame. */
+/* Note what the tag of the message that this frame belongs to covers. */
 void held_note(held_t *held, const sp_can_receiver_t *receiver, const sp_can_frame_t *in);
 
-/* Hold a message that is complete, with what was noted. True where another was held, which has no
- * tag: it is in `frame` now. */
+/* Hold a complete message and its notes. Return true if another message was held: it has no tag and
+ * is now in `frame`. */
 bool held_swap(held_t *held, uint32_t came_us, sp_frame_t *frame);
 
-/* Whether this is the tag of the message that is held: it is in `frame` then, marked. */
+/* Return whether this is the tag of the held message; then the message is in `frame`, marked. */
 bool held_tagged(held_t *held, authentication_t *keys, const sp_can_frame_t *in, uint32_t now_us,
     sp_frame_t *frame);
 
-/* Whether the tag did not come in time: the message is in `frame` then, without one. */
+/* Return whether the tag did not come in time; then the message is in `frame`, without a tag. */
 bool held_late(held_t *held, uint32_t now_us, sp_frame_t *frame, uint32_t *came_us);
 
 #endif

@@ -1,8 +1,8 @@
 #include "inbox.h"
 
-/* The writer's place is published after what is in it, and the reader's after it has been read: the
- * compiler moves no access to the data across these, nor does a processor with more than one core.
- * They are no more than a load or store and a DMB on a Cortex-M. */
+/* The writer publishes its place after it has written the content; the reader does so after it has
+ * read it. The compiler moves no access to the data across these calls, and neither does a
+ * processor with more than one core. On a Cortex-M they are a load or store and a DMB. */
 static uint16_t published(const uint16_t *place)
 {
     return __atomic_load_n(place, __ATOMIC_ACQUIRE);
@@ -13,13 +13,13 @@ static void publish(uint16_t *place, unsigned value)
     __atomic_store_n(place, (uint16_t)value, __ATOMIC_RELEASE);
 }
 
-/* How many places between two free-running ones are taken. */
+/* Number of taken places between two free-running places. */
 static unsigned taken(uint16_t in, uint16_t out)
 {
     return (uint16_t)(in - out);
 }
 
-/* Only the writer counts; the reader may look at any time. */
+/* Only the writer counts; the reader may read the count at any time. */
 static void drop(inbox_t *inbox, uint32_t count)
 {
     __atomic_store_n(&inbox->dropped, inbox->dropped + count, __ATOMIC_RELAXED);
@@ -46,7 +46,7 @@ void inbox_put_bytes(inbox_t *inbox, const uint8_t *data, size_t length, uint32_
         inbox->bytes[at % INBOX_BYTES] = data[i];
         at++;
     }
-    publish(&inbox->stamps_in, stamp); /* first: who sees a zero finds its stamp */
+    publish(&inbox->stamps_in, stamp); /* first: a reader that sees a zero finds its stamp */
     publish(&inbox->bytes_in, at);
     if (dropped != 0) {
         drop(inbox, dropped);

@@ -1,4 +1,4 @@
-/* Legs: what a planner asks for, one after the other, and how each ended. */
+/* Legs: the motion primitives that a planner requests one by one, and the result of each. */
 #ifndef LEG_H
 #define LEG_H
 
@@ -8,10 +8,10 @@
 
 typedef enum {
     LEG_NONE,
-    LEG_TURN,  /* in place to a heading, the short way */
-    LEG_DRIVE, /* along a heading from where it stands */
-    LEG_GO_TO, /* to a point in a straight line, turning in place first if it lies off the bow */
-    LEG_REST   /* stand still, which measures the gyro's bias */
+    LEG_TURN,  /* in place to a heading, the shorter way */
+    LEG_DRIVE, /* along a heading from the present place */
+    LEG_GO_TO, /* to a point in a straight line, after a turn in place if it is not ahead */
+    LEG_REST   /* stand still to measure the gyro bias */
 } leg_kind_t;
 
 typedef struct {
@@ -21,30 +21,30 @@ typedef struct {
     bool bounded;        /* drive: `distance_m` ends it */
     float distance_m;    /* along the heading; negative: backwards */
     float speed_m_s;     /* drive; 0: cruise speed */
-    float stop_range_m;  /* drive, go to: the ultrasonic reading that ends it; 0: none does */
+    float stop_range_m;  /* drive, go to: ultrasonic range that ends the leg; 0: none */
     float x_m, y_m;      /* go to */
     float duration_s;    /* rest */
 } leg_t;
 
 typedef enum {
-    END_NONE,     /* it is under way */
+    END_NONE,     /* in progress */
     END_DONE,     /* the heading or the point was reached, or the rest is over */
     END_DISTANCE, /* the distance was driven */
-    END_RANGE,    /* the ultrasonic read the stop range */
+    END_RANGE,    /* the ultrasonic range reached the stop range */
     END_BUMPER,
     END_CLIFF,
-    END_STALLED, /* commanded to move, and the estimate did not */
+    END_STALLED, /* the estimate did not move despite the command */
     END_TIMEOUT
 } leg_end_t;
 
-/* How a leg ended, after the robot came to rest. */
+/* Result of a leg, after the robot came to rest. */
 typedef struct {
     leg_end_t reason;
-    float distance_m; /* along the leg's line, signed as the leg's; 0 for a turn */
+    float distance_m; /* along the leg's line, signed like the leg's; 0 for a turn */
     pose_t pose;
 } leg_result_t;
 
-/* Whether something in the world ended it, not its own goal. */
+/* Return whether an obstacle ended the leg, not its own goal. */
 static inline bool leg_blocked(leg_end_t reason)
 {
     return reason != END_DONE && reason != END_DISTANCE;

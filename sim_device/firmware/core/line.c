@@ -10,13 +10,13 @@ void line_start(line_t *line, board_t *board, uint8_t node, bool can)
     line->can_sender.node = node;
 }
 
-/* ---- out ----------------------------------------------------------------------------------- */
+/* ---- sending ------------------------------------------------------------------------------- */
 
 static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, size_t kept)
 {
     const size_t whole = sp_seal(line->frame, &line->sender, type, t_us, length);
-    /* On an idle line the leading zero goes first: a frame that was cut off costs this one
-     * nothing. */
+    /* On an idle line a zero is sent first, so that the rest of an interrupted frame does not
+     * damage this one. */
     const size_t skip = board_uart_wait_us(line->board) == 0 ? 0u : 1u;
     if (board_uart_room(line->board) < whole + kept) {
         line->dropped++;
@@ -25,7 +25,7 @@ static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, 
     board_uart_write(line->board, line->frame + skip, whole - skip);
 }
 
-/* The last entry leaves first: before those of a higher rank, behind those of its own. */
+/* The last entry leaves first. Insert before those of a higher rank, behind those of its own. */
 static void queue_can(line_t *line, const sp_can_frame_t *frame, uint8_t rank)
 {
     uint8_t i = line->waiting_count;
@@ -41,8 +41,8 @@ static void queue_can(line_t *line, const sp_can_frame_t *frame, uint8_t rank)
 static void send_can(
     line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, size_t length, size_t kept)
 {
-    /* At most: a periodic message has a frame for each stretch of it, three; another one its
-     * content, head and CRC of 9 B, seven to a frame. */
+    /* Maximum number of frames. A periodic message has one for each of its three stretches. Another
+     * message has its content, head and CRC (9 B), seven bytes to a frame. */
     const size_t most = 3u + (length + 9u) / 7u;
     const bool room = line->waiting_count + most + kept <= LINE_CAN_WAITING;
     sp_can_message_t message;
@@ -99,7 +99,7 @@ void line_pump(line_t *line)
     while (line->waiting_count != 0) {
         sp_can_frame_t *const next = &line->waiting[line->waiting_count - 1u].frame;
         if (next->id >> 4 == SP_TYPE_SYNC) {
-            /* Known only now: frames leave in another order than they were made. */
+            /* Known only now, because frames leave in another order than they were made. */
             const uint32_t count = line->can_gone + 1u;
             for (unsigned i = 0; i < 4u; i++) {
                 next->data[4u + i] = (uint8_t)(count >> (8u * i));
@@ -123,7 +123,7 @@ bool line_idle(const line_t *line)
     return line->can ? line->waiting_count == 0 : board_uart_wait_us(line->board) == 0;
 }
 
-/* ---- in ------------------------------------------------------------------------------------ */
+/* ---- receiving ----------------------------------------------------------------------------- */
 
 static bool next_uart(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us)
 {
@@ -145,7 +145,7 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
         const sp_event_t event = sp_can_receive(&line->can_receiver, &in, *arrived_us, frame);
         const sp_direction_t sender = sp_can_direction((uint8_t)(in.id >> 4));
         if (line->can_receiver.duplicates == duplicates && sender != SP_FROM_DEVICE) {
-            line->intact++; /* on a bus they are counted as they come */
+            line->intact++; /* on a bus they are counted on arrival */
             if (sender == SP_UNKNOWN) {
                 if (held_tagged(&line->held, &line->authentication, &in, *arrived_us, frame)) {
                     stamps_set(&line->can_receiver, &line->held.stamps);
@@ -157,9 +157,9 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
             }
         }
         if (line->authentication.keyed) {
-            frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* it is what the tag says */
+            frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* only the tag decides */
         }
-        if (line->authentication.begun) { /* only a tag lets a stamp judge the next one's */
+        if (line->authentication.begun) { /* only a tagged stamp may extend the next one */
             line->held.coming = stamps_of(&line->can_receiver);
             stamps_set(&line->can_receiver, &before);
         }
@@ -174,15 +174,15 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
     return false;
 }
 
-/* Whether a frame of the UART that says it has a tag has one of our key; it goes on without it. A stop
- * needs none; on a bus the tag is a frame of its own. */
+/* Return whether a UART frame with a tag is authentic; its tag is removed. A stop needs no tag. On
+ * a bus the tag is a frame of its own. */
 static bool genuine(line_t *line, sp_frame_t *frame)
 {
     if (line->can || (frame->flags & SP_FLAG_AUTHENTICATED) == 0) {
         return true;
     }
     if (frame->type == SP_TYPE_STOP || frame->type == SP_TYPE_STOP_ALL) {
-        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* whatever its tag */
+        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* with any tag */
         return true;
     }
     if (frame->length < SP_TRAILER_SIZE) {
@@ -192,7 +192,7 @@ static bool genuine(line_t *line, sp_frame_t *frame)
     const bool ours = authentication_check(&line->authentication, frame->payload - SP_HEADER_SIZE,
         SP_HEADER_SIZE + (size_t)frame->length, frame->payload + frame->length, SP_TRAILER_SIZE);
     if (!ours && frame->type == SP_TYPE_TIME_REQUEST) {
-        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* answered, but not genuine */
+        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* answered, but not authentic */
         return true;
     }
     return ours;

@@ -1,5 +1,5 @@
-/* The line to the host, UART or CAN: messages go out and frames come in, and above it nobody knows
- * which of the two it is. */
+/* The line to the host, UART or CAN: it sends messages and receives frames. The layers above do not
+ * depend on its kind. */
 #ifndef LINE_H
 #define LINE_H
 
@@ -16,17 +16,17 @@
 #ifndef LINE_CAN_WAITING
 #define LINE_CAN_WAITING 64u /* frames; the longest message, a log line, has 20 */
 #endif
-/* Streams leave so much of the board's queue to replies. */
+/* Number of bytes of the board's queue that streams leave free for replies. */
 #define LINE_KEPT_BYTES 256u
 #define LINE_KEPT_FRAMES 24u
 
 typedef struct {
     board_t *board;
     bool can;
-    uint8_t frame[SP_FRAME_MAX]; /* being made */
-    uint32_t intact;             /* frames that came whole, a host's or of no known type */
-    uint32_t refused;            /* of those and of others: of no use to this device */
-    uint32_t dropped;            /* messages that found no room on their way out */
+    uint8_t frame[SP_FRAME_MAX]; /* in preparation */
+    uint32_t intact;             /* complete frames, from a host or of unknown type */
+    uint32_t refused;            /* of those and of others: useless to this device */
+    uint32_t dropped;            /* outgoing messages without room */
 
     sp_sender_t sender;
     sp_parser_t parser;
@@ -45,7 +45,8 @@ typedef struct {
 
 void line_start(line_t *line, board_t *board, uint8_t node, bool can);
 
-/* Where a message's payload is encoded, SP_PAYLOAD_MAX bytes; line_send() then sends it.
+/* Return the place where the caller encodes a message's payload, SP_PAYLOAD_MAX bytes; line_send()
+ * then sends it.
  *     line_send(line, SP_TYPE_ACK, t_us, sp_ack_encode(&ack, line_payload(line), SP_PAYLOAD_MAX));
  */
 static inline uint8_t *line_payload(line_t *line)
@@ -53,44 +54,46 @@ static inline uint8_t *line_payload(line_t *line)
     return sp_payload(line->frame);
 }
 
-/* Send the payload that was encoded, -1: it did not fit. What finds no room is dropped and counted
- * as sent, so that the host sees that it is missing. */
+/* Send the encoded payload; length -1: it did not fit. A message without room is dropped but
+ * counted as sent, so that the host notices its loss. */
 void line_send(line_t *line, uint8_t type, uint32_t t_us, int payload_length);
 
-/* The same for what must not overtake an earlier message of this type (a lower type leaves first).
+/* The same for a message that must not overtake an earlier one of this type (a lower type leaves
+ * first).
  */
 void line_send_after(
     line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, int payload_length);
 
-/* The same for what is sent periodically, or may be missing: it leaves room for replies. */
+/* The same for a periodic or optional message: it leaves room for replies. */
 void line_stream(line_t *line, uint8_t type, uint32_t t_us, int payload_length);
 
-/* Frames sent so far, for the sync message and the load. */
+/* Return the number of frames sent so far, for the sync message and the load. */
 uint32_t line_sent(const line_t *line);
 
-/* The next intact frame that has come, of this protocol's version and from a host, and when it had
- * arrived; false where there is no more. Its payload stands until the next call. */
+/* Return the next intact frame of this protocol's version from a host, and its arrival time; false
+ * if there is none. Its payload is valid until the next call. */
 bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us);
 
-/* Another host begins with this frame: its clock is a new one. */
+/* Begin a new host with this frame: its clock differs. */
 void line_new_host(line_t *line, const sp_frame_t *frame, uint32_t arrived_us);
 
-/* The host knows so many bytes of a message's payload. On a bus it sends no frames beyond them. */
+/* Limit a message's payload to the bytes that the host knows. On a bus no frames beyond them are
+ * sent. */
 void line_limit(line_t *line, uint8_t type, uint8_t length);
 
-/* The host is gone: the next one knows every message whole. */
+/* Remove the limits of the last host. */
 void line_forget_limits(line_t *line);
 
-/* Frames with a bad check or form so far. */
+/* Return the number of frames with a bad check or form so far. */
 uint32_t line_damaged(const line_t *line);
 
-/* Hand waiting CAN frames to the controller as it has room. */
+/* Pass waiting CAN frames to the controller while it has room. */
 void line_pump(line_t *line);
 
-/* When the next byte would leave, for a reply that tells the moment of its sending. */
+/* Return the time at which the next byte would leave, for a reply that reports its sending time. */
 uint32_t line_departure_us(const line_t *line);
 
-/* Whether all that was sent has left. */
+/* Return whether everything sent has left. */
 bool line_idle(const line_t *line);
 
 #endif

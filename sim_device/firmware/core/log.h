@@ -1,4 +1,4 @@
-/* Lines for people, on their way to the host: few enough not to crowd the wire. */
+/* Log lines for the host, limited so that they do not fill the link. */
 #ifndef LOG_H
 #define LOG_H
 
@@ -7,9 +7,9 @@
 
 #include "text.h"
 
-#define LOG_PERIOD_US 100000 /* at most ten lines a second ... */
+#define LOG_PERIOD_US 100000 /* minimum time between lines: ten a second */
 #ifndef LOG_WAITING
-#define LOG_WAITING 16u /* ... what waits longer is dropped, oldest first */
+#define LOG_WAITING 16u /* a full queue drops its oldest line */
 #endif
 
 typedef struct {
@@ -25,13 +25,13 @@ typedef struct {
     int64_t told_us;
 } log_t;
 
-/* Queue an empty line, to be written by the caller: a line is put together where it waits. */
+/* Queue an empty line and return it; the caller writes it in place. */
 text_t *log_begin(log_t *log, uint8_t level);
 
-/* Queue a line of one piece. */
+/* Queue a complete line. */
 void log_add(log_t *log, uint8_t level, const char *utf8);
 
-/* The next line, if one may be sent now; NULL: none. It stands until the next call. */
+/* Return the next line if one may be sent now, else NULL. It is valid until the next call. */
 const log_line_t *log_take(log_t *log, int64_t now_us);
 
 #endif

@@ -6,22 +6,22 @@
 #define ALL ((1u << STATES) - 1u)
 #define FREE (ALL & ~IN(STOPPED))
 #define PLANNING (IN(RUNNING) | IN(PAUSED))
-/* A stopping fault ends these. In bring-up the wheels are off the floor and turned by hand, capped
- * and with somebody beside them. */
+/* States that a stopping fault ends. Bring-up is not one of them: there the wheels are off the
+ * floor, their duty is limited, and a person stands by. */
 #define GUARDED (IN(VELOCITY) | IN(ONBOARD) | PLANNING)
 
 typedef struct {
-    uint8_t states; /* bits */
+    uint8_t states; /* bit set */
     uint8_t event;
-    uint8_t guard;   /* 0: always; else where it holds */
+    uint8_t guard;   /* 0: always; else the condition */
     uint8_t outcome; /* a state, or REFUSE(reason) */
 } row_t;
 
 #define REFUSED 0x80u
 #define REFUSE(reason) (REFUSED | SP_NACK_REASON_##reason)
 
-/* The first row of state and event whose guard holds is taken; where there is none, nothing
- * happens, and that is fine. */
+/* The first row for the state and the event whose guard is true applies. Without a row nothing
+ * happens. */
 static const row_t table[] = {
     {ALL, EVENT_STOP, 0, STATE_STOPPED},
     {FREE, EVENT_SILENCE, 0, STATE_STOPPED},

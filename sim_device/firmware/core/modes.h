@@ -1,19 +1,19 @@
-/* The device's modes as a table: what each event does in each state, and on what condition. */
+/* The device's modes as a table: the effect of each event in each state, with conditions. */
 #ifndef MODES_H
 #define MODES_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Where the device stands. Off and booting are not here: then no program runs. */
+/* States of the device. Off and booting are missing: no program runs there. */
 typedef enum {
     STATE_STOPPED, /* a stop is latched */
     STATE_IDLE,
     STATE_VELOCITY,
     STATE_BRINGUP,
     STATE_ONBOARD, /* ready for the device's own planner */
-    STATE_RUNNING, /* which drives */
-    STATE_PAUSED,  /* which holds still, its plan kept */
+    STATE_RUNNING, /* the planner drives */
+    STATE_PAUSED,  /* the planner is paused and keeps its plan */
     STATES
 } state_t;
 
@@ -35,28 +35,28 @@ typedef enum {
     EVENTS
 } event_t;
 
-/* Conditions on which an event is refused, as bits of what holds now. */
+/* Conditions that reject an event, as bits of what is true now. */
 enum {
-    GUARD_OTHER_CAUSE = 1, /* another cause than the one named holds the latch */
-    GUARD_CAUSE_HOLDS = 2, /* the fault that stopped it persists */
-    GUARD_FAULT_HOLDS = 4, /* a stopping fault holds */
+    GUARD_OTHER_CAUSE = 1, /* the latch holds another cause than the named one */
+    GUARD_CAUSE_HOLDS = 2, /* the cause of the stop is still present */
+    GUARD_FAULT_HOLDS = 4, /* a stopping fault is present */
     GUARD_NO_PLANNER = 8   /* no such planner */
 };
 
-/* What came of an event: gone to a state, refused for a reason, or nothing to do. */
+/* Outcome of an event: a new state, a rejection with its reason, or nothing. */
 typedef struct {
     bool went;
     bool refused;
-    uint8_t reason; /* SP_NACK_REASON_*, where refused */
+    uint8_t reason; /* SP_NACK_REASON_*, if rejected */
 } outcome_t;
 
-/* Let an event happen: gives what the table says, `state` being changed already. */
+/* Apply an event; return the table's outcome after the change of `state`. */
 outcome_t modes_fire(state_t *state, event_t event, unsigned holding);
 
-/* SP_MODE_* that the status message says of a state. */
+/* Return the SP_MODE_* of a state for the status message. */
 uint8_t modes_told(state_t state);
 
-/* Whether there is a plan. */
+/* Return whether the state has a plan. */
 static inline bool modes_planning(state_t state)
 {
     return state == STATE_RUNNING || state == STATE_PAUSED;

@@ -6,10 +6,10 @@
 
 #include "text.h"
 
-/* Of a SP_STOP_CAUSE_*. */
+/* Return the name of a SP_STOP_CAUSE_*. */
 const char *name_of_cause(uint8_t cause);
 
-/* Of each SP_FAULT_* that is set, with commas between. */
+/* Add the name of each set SP_FAULT_*, separated by commas. */
 void add_fault_names(text_t *line, uint16_t bits);
 
 #endif

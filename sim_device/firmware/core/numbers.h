@@ -1,4 +1,4 @@
-/* Small arithmetic that C99 has no single-precision or 16-bit word for. */
+/* Small arithmetic for which C99 has no single-precision or 16-bit function. */
 #ifndef NUMBERS_H
 #define NUMBERS_H
 
@@ -32,7 +32,7 @@ static inline float radians(float degrees)
     return degrees * (PI_F / 180.0f);
 }
 
-/* A difference of two 16-bit counts as the way between them, which is less than half a turn. */
+/* Return the difference of two 16-bit counts as a signed distance of less than half the range. */
 static inline int16_t wrapped16(uint16_t difference)
 {
     return (int16_t)(difference < 0x8000u ? difference : (int32_t)difference - 0x10000);

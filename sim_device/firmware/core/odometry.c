@@ -1,19 +1,20 @@
 #include "odometry.h"
 
 #define GYRO_RAD_S (PI_F / 180.0f / BOARD_IMU_PER_DEG_S)
-/* A longer gap between two samples is not integrated: the rate meanwhile is not known. */
+/* Maximum gap between two samples that is integrated; in a longer one the rate is unknown. */
 #define IMU_GAP_US 100000u
-/* Rest samples before the gyro is trusted. */
+/* Number of samples at rest before the gyro is trusted. */
 #define FIRST_BIAS_SAMPLES 25u
-/* Rest samples are averaged by so many. A batch is taken when the next one is complete: its last
- * samples may be of the start, which the counts show up to 20 ms late. */
+/* Number of samples at rest in one mean. A mean is used when the next one is complete: its last
+ * samples may already belong to a start, which the counts show up to 20 ms later. */
 #define BATCH 5u
 #define BATCHES_MAX 20u
-/* Above the data sheet's +-20 deg/s a first sample is a motion, not a bias. */
+/* Maximum first bias, above the data sheet's +-20 deg/s; a larger sample is a motion. */
 #define LARGEST_BIAS_RAD_S 0.4f
-/* A robot turned by hand has still wheels: no rest above 3 deg/s off the bias. */
+/* Maximum rate off the bias at rest: 3 deg/s. It detects a robot that a person turns, whose wheels
+ * stand. */
 #define RATE_VETO_RAD_S 0.05f
-/* After the last count: gearbox play and the last of the run-out are over by then. */
+/* Time at rest after the last count; gearbox play and run-out are over by then. */
 #define SETTLE_US 300000
 /* Share of the newest interval in the speed: one count in 20 ms is already 6.5 mm/s. */
 #define SPEED_SHARE 0.5f
@@ -91,7 +92,7 @@ void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us)
     }
     forget_batches(odometry);
     if (!trusted(odometry)) {
-        /* Set off before the rest was long enough: its few samples may be of the start. */
+        /* The rest was too short: its few samples may belong to the start. */
         odometry->rest_samples = 0;
         odometry->batches = 0;
         odometry->bias_rad_s = odometry->first_bias_rad_s;
@@ -104,7 +105,7 @@ void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us)
     }
 }
 
-/* Move by what both wheels went. */
+/* Move by the travel of both wheels. */
 static void roll(odometry_t *odometry, float left_m, float right_m, float dt_s)
 {
     const float travel_m = 0.5f * (left_m + right_m);
@@ -123,7 +124,7 @@ static void roll(odometry_t *odometry, float left_m, float right_m, float dt_s)
     }
     const float rotation_rad = wrapped(odometry->pose.heading_rad - odometry->mark_rad);
     const float half_rad = 0.5f * rotation_rad;
-    const float chord_m = travel_m * (1.0f - half_rad * half_rad / 6.0f); /* sin(x)/x, nearly */
+    const float chord_m = travel_m * (1.0f - half_rad * half_rad / 6.0f); /* roughly sin(x)/x */
     odometry->pose.x_m += chord_m * cosf(odometry->mark_rad + half_rad);
     odometry->pose.y_m += chord_m * sinf(odometry->mark_rad + half_rad);
     odometry->mark_rad = odometry->pose.heading_rad;

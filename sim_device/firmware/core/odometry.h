@@ -1,6 +1,7 @@
-/* Where the robot is: heading from the gyro less its bias, which is measured at rest; position from
- * the wheels along that heading (eq. 5 of the paper). Until the robot has rested long enough the
- * wheels turn the heading too (eq. 4). Nothing corrects it: the host's filter knows more. */
+/* Dead reckoning. The heading comes from the gyro minus its bias, which is measured at rest; the
+ * position from the wheels along that heading (eq. 5 of the paper). Until the first bias is known,
+ * the wheels give the heading too (eq. 4). Nothing corrects this estimate; the host's filter does
+ * better. */
 #ifndef ODOMETRY_H
 #define ODOMETRY_H
 
@@ -15,7 +16,7 @@ typedef struct {
     float left_metres_per_count;
     float right_metres_per_count;
     float wheel_base_m;
-    float first_bias_rad_s; /* the calibrated one, until it is measured */
+    float first_bias_rad_s; /* the calibrated one until one is measured */
 
     pose_t pose;
     float v_m_s;
@@ -23,18 +24,18 @@ typedef struct {
     float mark_rad; /* heading at the last encoder sample */
 
     float bias_rad_s;
-    uint16_t rest_samples; /* up to what is enough */
-    uint8_t batches;       /* that the bias is the mean of, up to a bound: it may drift */
+    uint16_t rest_samples; /* counted up to the required number */
+    uint8_t batches;       /* means in the bias, up to a bound because it may drift */
     uint8_t batch_samples;
     float batch_sum;
-    bool batch_ripe; /* there is one before the running one, which was not yet taken */
+    bool batch_ripe; /* a complete mean waits to be used */
     float ripe_rad_s;
 
-    bool sampled; /* the gyro */
+    bool sampled; /* the gyro has a sample */
     uint32_t sampled_us;
-    bool counted; /* the encoders */
+    bool counted; /* the encoders have a sample */
     board_encoders_t counts;
-    bool turned; /* the wheels, ever */
+    bool turned; /* the wheels have ever turned */
     int64_t turned_us;
 } odometry_t;
 

@@ -4,10 +4,11 @@
 
 #include "board.h"
 
-/* At rest before the first move: the gyro's bias is averaged over 250 samples. */
+/* Time at rest before the first move: 250 samples for the mean of the gyro bias. */
 #define SETTLE_US 2500000
 #define DECIDE_PERIODS 2u
-/* Legs that end in the step in which they began; more in a row is a planner going in circles. */
+/* Maximum number of legs that end in the step in which they began; more in a row mean a planner
+ * loop. */
 #define DECISIONS_MAX 16u
 
 static const velocity_t HALT = {0.0f, 0.0f};
@@ -50,7 +51,7 @@ const char *onboard_finish_reason(const onboard_t *plan)
 
 /* ---- running ------------------------------------------------------------------------------- */
 
-/* Begin the first leg, or the one after the leg that has ended; false where there is none. */
+/* Begin the first leg, or the next one; return false if there is none. */
 static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
 {
     if (!plan->began) {
@@ -64,7 +65,7 @@ static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
     return true;
 }
 
-/* One decision step: the leg under way, and what follows when it ends. */
+/* One decision step: the leg in progress, and the next one when it ends. */
 static velocity_t run(onboard_t *plan, const observation_t *observed, log_t *log)
 {
     if (plan->began) {
@@ -108,7 +109,7 @@ velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings
     return plan->wanted;
 }
 
-/* ---- what is told -------------------------------------------------------------------------- */
+/* ---- reports ------------------------------------------------------------------------------- */
 
 static uint8_t phase(const onboard_t *plan)
 {

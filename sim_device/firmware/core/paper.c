@@ -8,27 +8,30 @@
 #define PHI "\xCE\xA6"
 #define TIMES "\xC2\xB7"
 
-/* D = Prev-D up to this: no two lanes are equal to the millimetre. */
+/* Maximum difference of D and Prev-D that counts as equal; two lanes never match to the millimetre.
+ */
 #define EQUAL_TOLERANCE_M 0.02f
-/* Ultrasonic reading that is a wall: 6 mm of clearance, for the sensor sits 4 cm inside the body's
- * front. At the end of a side step more: the next lane runs along that wall. */
+/* Ultrasonic range at which a wall stops the robot: 6 mm of clearance, because the sensor sits 4 cm
+ * behind the front. A side step stops earlier, because the next lane runs along that wall. */
 #define STOP_RANGE_M 0.046f
 #define STEP_STOP_RANGE_M 0.054f
-/* Way back after a bump, so that the turn does not rub. */
+/* Distance to reverse after a contact, so that the turn does not graze. */
 #define BACK_OFF_M 0.015f
 #define BACK_OFF_M_S 0.05f
 #define CLIFF_BACK_OFF_M 0.05f
 #define CLIFF_BACK_OFF_M_S 0.1f
-/* A side step that lacks less than this of W is a whole one; and none is shorter than that. */
+/* Maximum shortfall of W at which a side step still counts as whole, and the minimum length of a
+ * step. */
 #define SHORT_STEP_M 0.015f
 #define LEAST_STEP_M 0.02f
-/* At the end of every lane: the gyro's bias is measured in the second half of it. */
+/* Rest at the end of every lane; the gyro bias is measured in its second half. */
 #define REST_S 0.6f
 #define LANES_MAX 2000u
-/* Blocked side steps in a row after which the robot is shut in, however short the lanes. */
+/* Number of blocked side steps in a row after which the robot counts as enclosed, however short the
+ * lanes. */
 #define BLOCKED_MAX 3u
 
-/* ---- decisions on record ------------------------------------------------------------------- */
+/* ---- log of decisions ---------------------------------------------------------------------- */
 
 static void decide(log_t *log, const char *kind, const char *what, const char *why)
 {
@@ -50,7 +53,7 @@ static void tell_blocked(log_t *log, const leg_t *leg, leg_end_t reason)
 
 /* ---- lanes and side steps ------------------------------------------------------------------ */
 
-/* How far a pose lies from the first lane, along the stepping direction. */
+/* Return the distance of a pose from the first lane, along the stepping direction. */
 static float offset_m(const paper_t *paper, const pose_t *pose)
 {
     return (pose->x_m - paper->origin.x_m) * cosf(paper->step_heading_rad)
@@ -64,7 +67,7 @@ static void turn_to(paper_t *paper, float heading_rad)
     paper->leg = turn;
 }
 
-/* Turn to the lane and drive it until something says stop. */
+/* Turn to the lane and drive it until something stops it. */
 static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
 {
     const leg_t lane = {.kind = LEG_DRIVE,
@@ -77,9 +80,9 @@ static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
     turn_to(paper, heading_rad);
 }
 
-/* Turn across the lanes and drive to the line `way_m` on, or back if negative. The line that the
- * last lane was meant to keep decides how far that is, so that lanes stay W apart whatever a bump
- * or a wheel's slip did in between. */
+/* Turn across the lanes and drive to the line `way_m` further, or back if negative. The reference
+ * is the intended line of the last lane, so lanes stay W apart whatever a contact or slip did in
+ * between. */
 static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float way_m)
 {
     const float direction = way_m < 0.0f ? -1.0f : 1.0f;
@@ -98,14 +101,14 @@ static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float 
     turn_to(paper, heading_rad);
 }
 
-/* Whether a step ended before its length for a reason in the world. */
+/* Return whether an obstacle ended a step before its full length. */
 static bool is_short(const paper_t *paper)
 {
     return leg_blocked(paper->ended.reason)
         && paper->main.distance_m - paper->ended.distance_m > SHORT_STEP_M;
 }
 
-/* After a bump or a cliff: back far enough to turn. False where there is no need. */
+/* Reverse far enough to turn after a contact or a cliff; return false if there is no need. */
 static bool back_off(paper_t *paper, float heading_rad)
 {
     const bool cliff = paper->ended.reason == END_CLIFF;
@@ -123,7 +126,7 @@ static bool back_off(paper_t *paper, float heading_rad)
     return true;
 }
 
-/* The next leg of the lane or side step under way; false where it is done. */
+/* Begin the next part of the lane or side step in progress; return false if it is done. */
 static bool go_on(paper_t *paper, const leg_result_t *result)
 {
     const bool lane = paper->at == AT_LANE || paper->at == AT_SHADOW_LANE;
@@ -155,8 +158,8 @@ static bool go_on(paper_t *paper, const leg_result_t *result)
     return false;
 }
 
-/* Why the sweep ends after a lane and a side step, if it does. The two ends of a lane that is
- * shorter than W are one place: being blocked at both says no more than being blocked at one. */
+/* Return why the sweep ends after a lane and a side step, or NULL. The two ends of a lane shorter
+ * than W are one place: blocked at both is no more evidence than blocked at one. */
 static const char *stuck(paper_t *paper, const leg_result_t *lane, bool blocked)
 {
     if (paper->lanes >= LANES_MAX) {
@@ -176,7 +179,7 @@ static const char *stuck(paper_t *paper, const leg_result_t *lane, bool blocked)
 
 /* ---- the three cases ----------------------------------------------------------------------- */
 
-/* Record D, judge it against Prev-D, keep T; whether it is case 3. */
+/* Record D, compare it with Prev-D, count T; return whether it is case 3. */
 static bool compare(paper_t *paper, log_t *log)
 {
     const float distance = paper->ended.distance_m;
@@ -207,11 +210,11 @@ static void step_on(paper_t *paper)
     begin_step(paper, AT_STEP, &paper->lane.pose, paper->width_m);
 }
 
-/* ---- recovery of the shadow ---------------------------------------------------------------- */
+/* ---- recovery of the occluded region -------------------------------------------------------- */
 
 static void end_recovery(paper_t *paper, log_t *log)
 {
-    paper->turns = 0; /* else a second case 3 would count the same lanes again */
+    paper->turns = 0; /* otherwise a second case 3 would count the same lanes again */
     decide(log, "recovery-end", "the shadow is swept as far as it could be", "");
     step_on(paper);
 }
@@ -229,7 +232,7 @@ static void begin_recovery(paper_t *paper, log_t *log)
     begin_step(paper, AT_RECOVERY_BACK, &paper->leave, -paper->length_m);
 }
 
-/* Back to where case 3 fired, as far as nothing is in the way. */
+/* Drive back to where case 3 fired, as far as the path is free. */
 static void begin_return(paper_t *paper, log_t *log)
 {
     paper->blocked_steps = 0;
@@ -248,7 +251,7 @@ static void begin_return(paper_t *paper, log_t *log)
     paper->leg = back;
 }
 
-/* The next lane in the shadow, or the way back when it is swept. */
+/* Begin the next lane in the occluded region, or the way back once it is swept. */
 static void sweep_shadow(paper_t *paper, log_t *log)
 {
     if (offset_m(paper, &paper->shadow) < paper->until_m) {
@@ -291,7 +294,7 @@ static void after_shadow_step(paper_t *paper, log_t *log)
     sweep_shadow(paper, log);
 }
 
-/* The way back is a leg of its own; after a bump it backs off along the heading it then has. */
+/* The way back is its own leg. After a contact it backs off along its present heading. */
 static void after_return(
     paper_t *paper, const leg_result_t *result, const pose_t *pose, log_t *log)
 {
@@ -332,7 +335,7 @@ static void after_step(paper_t *paper, log_t *log)
         return;
     }
     if (!blocked) {
-        paper->turns++; /* only when W was really moved: without it W T is no length */
+        paper->turns++; /* only a full step of W counts: otherwise W T is no length */
     }
     paper->heading_rad = wrapped(paper->heading_rad + PI_F);
     begin_lane(paper, AT_LANE, paper->heading_rad);

@@ -1,11 +1,13 @@
 /* The paper's algorithm, faithfully: U-shaped lanes and one slot of memory (section 3.2).
  *
- * Case 1, D = Prev-D: count the turn. Case 2, D + diameter < Prev-D: an obstacle, count anew.
- * Case 3, D - diameter > Prev-D: stepped past it; its shadow is Length = W T long. Drive back by
- * Length against the stepping direction, sweep up to the lane that was left, and go on.
+ * Case 1, D = Prev-D: count the turn. Case 2, D + diameter < Prev-D: an obstacle; restart the
+ * count. Case 3, D - diameter > Prev-D: the robot has passed the obstacle; its occluded region is
+ * Length = W T long. Drive back by Length against the stepping direction, sweep up to the lane that
+ * was left, and continue.
  *
- * It is a reference and not to be repaired: where it fails, this must fail. What the paper leaves
- * open is chosen as the host's own planner of that name chooses it (bridge/coverage/baselines/paper.py). */
+ * This is a reference and must not be repaired: where the paper's algorithm fails, this must fail.
+ * Choices that the paper leaves open follow the host's planner of the same name
+ * (bridge/coverage/baselines/paper.py). */
 #ifndef PAPER_H
 #define PAPER_H
 
@@ -16,17 +18,17 @@
 #include "log.h"
 #include "model.h"
 
-/* What the plan is at. */
+/* Present part of the plan. */
 typedef enum {
-    AT_LANE,          /* sweeping lane after lane ... */
-    AT_STEP,          /* ... and stepping to the next one by W */
-    AT_RECOVERY_BACK, /* driving back by Length, past the shadow that an obstacle left */
-    AT_SHADOW_LANE,   /* sweeping the shadow likewise */
+    AT_LANE,          /* sweeping a lane */
+    AT_STEP,          /* stepping to the next lane by W */
+    AT_RECOVERY_BACK, /* driving back by Length, past the region that an obstacle occluded */
+    AT_SHADOW_LANE,   /* sweeping that region in the same way */
     AT_SHADOW_STEP,
-    AT_RETURN /* back to where the shadow was noticed */
+    AT_RETURN /* driving back to where the region was noticed */
 } paper_at_t;
 
-/* Lane and side step are made of these, one after the other. */
+/* Parts of a lane or side step, in this order. */
 typedef enum { PART_TURN, PART_MAIN, PART_BACK_OFF, PART_REST } paper_part_t;
 
 typedef struct {
@@ -35,13 +37,13 @@ typedef struct {
 
     paper_at_t at;
     paper_part_t part;
-    leg_t leg;          /* under way */
-    leg_t main;         /* drive of the lane or side step under way */
-    leg_result_t ended; /* how it ended */
+    leg_t leg;          /* in progress */
+    leg_t main;         /* drive of the lane or side step in progress */
+    leg_result_t ended; /* its result */
 
     pose_t origin;
     float step_heading_rad;
-    float line_m; /* of the last lane, along the stepping direction from the first */
+    float line_m; /* intended line of the last lane, along the stepping direction from the first */
     float heading_rad;
     uint16_t lanes;
     uint8_t blocked_steps; /* in a row */
@@ -57,17 +59,17 @@ typedef struct {
     pose_t leave; /* where case 3 fired */
     float leave_line_m;
     float shadow_heading_rad;
-    pose_t shadow;   /* where the sweep of the shadow stands */
-    float until_m;   /* offset at which the shadow ends */
+    pose_t shadow;   /* present place of the sweep of the occluded region */
+    float until_m;   /* offset at which that region ends */
     leg_result_t shadow_lane;
 
-    const char *finish_reason; /* NULL: it goes on */
+    const char *finish_reason; /* NULL: the plan continues */
 } paper_t;
 
 /* Begin at a pose; planner->leg is the first leg. */
 void paper_start(paper_t *paper, const model_t *model, const pose_t *pose, log_t *log);
 
-/* The leg after the one that ended so; false where the plan has ended. */
+/* Set the leg after one with this result; return false if the plan has ended. */
 bool paper_next(paper_t *paper, const leg_result_t *result, const pose_t *pose, log_t *log);
 
 #endif

@@ -72,17 +72,17 @@ static uint32_t to_raw(uint8_t kind, float value)
     return raw;
 }
 
-/* Whether 32 bits are a value within the parameter's range. */
+/* Return whether 32 bits are within the parameter's range. */
 static bool allowed(const row_t *row, uint32_t raw)
 {
     if (row->kind != F32) {
         return raw >= to_raw(row->kind, row->low) && raw <= to_raw(row->kind, row->high);
     }
     const float value = from_raw(F32, raw);
-    return value >= row->low && value <= row->high; /* false of what is no number */
+    return value >= row->low && value <= row->high; /* false for a value that is no number */
 }
 
-/* What the next boot would begin with. */
+/* Return the value that the next boot would start with. */
 static uint32_t kept(const parameters_t *parameters, uint8_t number)
 {
     const stored_t *const stored = &parameters->stored[number];

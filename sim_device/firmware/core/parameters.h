@@ -1,7 +1,7 @@
-/* The device's parameters: a table of what there is, and what each is set to. Setting one counts
- * until the next boot; saving makes the present values the next boot's. What has a bearing on
- * geometry counts from the next boot on, so that odometry never changes its meaning while the
- * robot drives. */
+/* The device's parameters: a table of their properties, and their values. A set value is valid
+ * until the next boot; saving makes the present values those of the next boot. A parameter that
+ * affects geometry takes effect at the next boot, so that odometry never changes its meaning while
+ * the robot drives. */
 #ifndef PARAMETERS_H
 #define PARAMETERS_H
 
@@ -10,7 +10,7 @@
 
 #include "sweepctl_protocol.h"
 
-/* By number; new ones are appended. */
+/* Numbers of the parameters; append new ones at the end. */
 enum {
     PARAMETER_NODE,
     PARAMETER_WHEEL_DIAMETER,
@@ -27,7 +27,7 @@ enum {
     PARAMETER_BATTERY_EMPTY,
     PARAMETER_WHEEL_RATIO,
     PARAMETER_GYRO_BIAS,
-    PARAMETER_ULTRASONIC_SCALE, /* and so on: a scale and an offset for each ranger */
+    PARAMETER_ULTRASONIC_SCALE, /* this and the next: a scale and an offset for each ranger */
     PARAMETER_ULTRASONIC_OFFSET,
     PARAMETER_INFRARED_LEFT_SCALE,
     PARAMETER_INFRARED_LEFT_OFFSET,
@@ -39,7 +39,7 @@ enum {
 };
 
 typedef struct {
-    uint32_t value; /* 32 bits, read as its kind says */
+    uint32_t value; /* 32 bits, interpreted by its kind */
     bool known;
 } stored_t;
 
@@ -50,30 +50,31 @@ typedef struct {
     uint32_t present[PARAMETERS];
 } parameters_t;
 
-/* Begin a boot with what is stored; what does not fit its parameter is passed over. */
+/* Begin a boot with the stored values; a value outside its parameter's range is ignored. */
 void parameters_start(parameters_t *parameters, uint8_t node, const stored_t stored[PARAMETERS]);
 
-/* All that is to be known of one; false where there is no such number. The name points into the
+/* Return all properties of a parameter; false if the number is unknown. The name points into the
  * table. */
 bool parameters_describe(
     const parameters_t *parameters, uint8_t number, sp_parameter_value_t *out);
 
-/* Change a present value: -1, or a refusal's reason (SP_NACK_REASON_*). */
+/* Change a present value. Return -1, or the reason of a rejection (SP_NACK_REASON_*). */
 int parameters_set(parameters_t *parameters, uint8_t number, uint8_t kind, uint32_t value);
 
-/* What is stored now. */
+/* Return the stored values. */
 void parameters_stored(const parameters_t *parameters, stored_t image[PARAMETERS]);
 
-/* What is to be stored to keep every present value that can be set. */
+/* Return the image to store so that the next boot has every present settable value. */
 void parameters_image(const parameters_t *parameters, stored_t image[PARAMETERS]);
 
-/* Note that an image is stored now. */
+/* Take over an image that is now stored. */
 void parameters_saved(parameters_t *parameters, const stored_t image[PARAMETERS]);
 
-/* The value in effect, in its unit: set now, or at boot where it needs one. */
+/* Return the value in effect, in its unit: the present one, or the one at boot if a change needs a
+ * boot. */
 float parameters_value(const parameters_t *parameters, uint8_t number);
 
-/* CRC-32 of its name: how a stored value finds it in a later firmware. */
+/* Return the CRC-32 of the parameter's name, by which a later firmware finds its stored value. */
 uint32_t parameters_key(uint8_t number);
 
 #endif

@@ -10,7 +10,7 @@ void payloads_reset(payloads_t *payloads)
 void payloads_described(payloads_t *payloads, const sp_describe_t *question)
 {
     const uint8_t type = question->described_type;
-    /* What never changes is not shortened: without its fields nobody could compare again. */
+    /* A bootstrap message is never shortened: agreement itself needs all its fields. */
     if (sp_direction(type) == SP_FROM_HOST && !sp_is_bootstrap(type)) {
         const bool fewer = question->field_count < sp_field_count(type);
         payloads->known_fields[type] = fewer ? (uint8_t)(question->field_count + 1u) : 0u;
@@ -37,7 +37,7 @@ bool payloads_fit(payloads_t *payloads, sp_frame_t *frame)
         return true;
     }
     if (all_known) {
-        /* A bootstrap message may be longer: it is how its own successor would look. */
+        /* A bootstrap message may be longer, if a later version extends it. */
         return frame->length > whole && sp_is_bootstrap(frame->type);
     }
     const uint8_t known = payloads_known(payloads, frame->type);
@@ -45,7 +45,7 @@ bool payloads_fit(payloads_t *payloads, sp_frame_t *frame)
         return false;
     }
     memset(payloads->padded, 0, sizeof payloads->padded);
-    memcpy(payloads->padded, frame->payload, known); /* fields of a newer host are passed over */
+    memcpy(payloads->padded, frame->payload, known); /* fields of a newer host are ignored */
     frame->payload = payloads->padded;
     frame->length = whole;
     return true;

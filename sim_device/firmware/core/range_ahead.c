@@ -3,11 +3,11 @@
 #include "board.h"
 #include "numbers.h"
 
-/* Share of a fresh reading: the output's sigma is half of a reading's at constant speed. */
+/* Share of a fresh reading. The output's sigma is half of a reading's at constant speed. */
 #define GAIN 0.4f
-/* A reading further off than this is an outlier or a new thing in view. */
+/* Maximum change of a valid reading; a larger one is an outlier or a new object in view. */
 #define GATE_M 0.05f
-/* Without an echo for this long (six readings) there is nothing ahead. */
+/* Time without an echo (six readings) after which nothing is ahead. */
 #define DROPOUT_S 0.3f
 
 void range_ahead_reset(range_ahead_t *ahead)

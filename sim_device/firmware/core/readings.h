@@ -1,4 +1,4 @@
-/* What was read from the board in this control period: each sensor once at most. */
+/* Readings of the board in this control period: each sensor is read at most once. */
 #ifndef READINGS_H
 #define READINGS_H
 
@@ -8,7 +8,7 @@
 #include "board.h"
 #include "parameters.h"
 
-/* Distances and contacts, sampled together. */
+/* Ranges and contacts, sampled together. */
 typedef struct {
     board_ranges_t ranges;
     uint8_t contacts; /* SP_CONTACT_* */
@@ -23,7 +23,7 @@ typedef struct {
 typedef struct {
     board_t *board;
     correction_t ultrasonic, infrared_left, infrared_right;
-    bool begun;          /* `zero` is known */
+    bool begun;          /* `zero` is valid */
     board_encoders_t zero;
     board_encoders_t counts; /* since boot */
     board_imu_t imu;
@@ -33,19 +33,19 @@ typedef struct {
     around_t around;
 } readings_t;
 
-/* Read from this board, with the rangers' calibration as it is for this boot. */
+/* Read from this board, with the rangers' calibration of this boot. */
 void readings_start(readings_t *readings, board_t *board, const parameters_t *parameters);
 
-/* Start a period: counts and IMU are read in each. */
+/* Start a period: read counts and IMU. */
 void readings_begin(readings_t *readings);
 
-/* SP_CONTACT_* in this period: both bumper halves and the cliff sensor. */
+/* Return SP_CONTACT_* in this period: both bumper switches and the cliff sensor. */
 uint8_t readings_contacts(readings_t *readings);
 
-/* Rangers, bumpers and cliff in this period, read when they are first asked for. */
+/* Return rangers, bumpers and cliff in this period, read at the first call. */
 const around_t *readings_around(readings_t *readings);
 
-/* Whether a range was seen. */
+/* Return whether a range is present. */
 static inline bool seen(uint16_t range)
 {
     return range != BOARD_NO_RANGE;

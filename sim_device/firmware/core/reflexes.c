@@ -2,12 +2,13 @@
 
 #include "numbers.h"
 
-/* With a bumper pressed: the wheels still follow it, and a push hurts nobody. */
+/* Forward speed with a bumper pressed: fast enough for the wheel control, harmless to push with. */
 #define CREEP_M_S 0.05f
-/* From 0.2 m/s the reflex needs 2 to 3 cm. */
+/* Travel ahead without floor that latches a stop. From 0.2 m/s the reflex needs 2 to 3 cm. */
 #define OVER_M 0.05f
-/* Periods in which a host asks for speed ahead over a cliff: 1 s. One that sees the cliff asks for
- * 0.07 s. The time to reverse does not count: from 0.28 m/s it takes 1.0 s to be back. */
+/* Number of periods in which a host requests forward speed over a cliff before a stop latches: 1 s.
+ * A host that sees the cliff does so for 0.07 s. The time to reverse does not count: from 0.28 m/s
+ * the way back takes 1.0 s. */
 #define OVER_TICKS 100u
 #define SHOWN_TICKS 10u /* one period of the status message */
 

@@ -1,6 +1,6 @@
-/* The robot that this firmware is built for: what its parameters are set to at the factory, and
- * where its sensors sit. Change it here, or give -DROBOT_CONFIG='"my_robot.h"' a file of your own
- * that defines the same names. */
+/* The robot that this firmware is built for: factory values of its parameters, and places of its
+ * sensors. Change them here, or pass -DROBOT_CONFIG='"my_robot.h"' with a file that defines the
+ * same names. */
 #ifndef ROBOT_H
 #define ROBOT_H
 
@@ -10,7 +10,7 @@
 
 #define ROBOT_DIAMETER_M 0.32f
 #define ROBOT_CLEANING_WIDTH_M 0.16f
-#define ROBOT_MOUTH_OFFSET_M 0.0f /* the mouth ahead of the axle */
+#define ROBOT_MOUTH_OFFSET_M 0.0f /* of the mouth ahead of the axle */
 #define ROBOT_WHEEL_DIAMETER_M 0.065f
 #define ROBOT_WHEEL_BASE_M 0.23f
 #define ROBOT_COUNTS_PER_TURN 1560u /* after x4 */
@@ -21,12 +21,14 @@
 #define ROBOT_MAX_YAW_ACCEL_RAD_S2 8.0f
 #define ROBOT_BATTERY_V 16.0f /* until it is measured */
 
-/* From top speed to rest in 0.3 s: as hard as the tyres hold without slipping. */
+/* Deceleration of a stop: from top speed to rest in 0.3 s, the most that the tyres hold without
+ * slipping. */
 #define ROBOT_STOP_DECELERATION_M_S2 1.0f
 #define ROBOT_BATTERY_LOW_V 12.8f   /* 3.2 V a cell of four */
-#define ROBOT_BATTERY_EMPTY_V 12.0f /* 3.0 V: below it for a second, a pack is harmed */
+#define ROBOT_BATTERY_EMPTY_V 12.0f /* 3.0 V: a second below it damages a pack */
 
-/* Wheel control: duty per m/s, the feed-forward that of the drive motors at the nominal supply. */
+/* Wheel control gains, duty per m/s; the feed-forward matches the drive motors at the nominal
+ * supply. */
 #define ROBOT_NOMINAL_V 16.0f
 #define ROBOT_LEAST_V 8.0f
 #define ROBOT_FEED_FORWARD 2.12f

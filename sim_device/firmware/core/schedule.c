@@ -38,7 +38,7 @@ void schedule_set_rate(schedule_t *schedule, stream_t stream, uint16_t rate)
     const uint32_t per_second = 10u * PERIODS_PER_SECOND; /* tenths, as the rate */
     uint32_t period = 0;
     if (rate != 0) {
-        period = (2u * per_second + rate - 1u) / (2u * rate); /* to the nearest */
+        period = (2u * per_second + rate - 1u) / (2u * rate); /* rounded */
         period = period == 0 ? 1u : period;
     }
     schedule->period[stream] = (uint16_t)period;

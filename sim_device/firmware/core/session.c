@@ -8,7 +8,7 @@
 #define HOST_SILENCE_US 1000000
 #define STRANGE_PERIOD_US 100000
 
-/* Of the core; the rest is the board's. */
+/* Capabilities of the core; the board adds its own. */
 #define CAPABILITIES SP_CAPABILITY_ONBOARD_PLANNER
 
 void session_imu_info(firmware_t *firmware, int64_t now_us)
@@ -48,7 +48,7 @@ void session_hello(firmware_t *firmware, int64_t now_us)
     }
 }
 
-/* A host talks on in a session that we do not know: say at once who and which boot. */
+/* Answer a host that uses an unknown session: report identity and boot at once. */
 static void strange(firmware_t *firmware, int64_t now_us)
 {
     if (!firmware->strange_known || now_us - firmware->strange_us >= STRANGE_PERIOD_US) {
@@ -58,7 +58,7 @@ static void strange(firmware_t *firmware, int64_t now_us)
     }
 }
 
-/* Nothing that a session asked for outlives it. */
+/* Discard everything that a session has requested. */
 static void forget_host(firmware_t *firmware)
 {
     firmware->negotiated = false;
@@ -99,21 +99,21 @@ static void tell_crash(firmware_t *firmware)
     text_add_hex(line, crash->cfsr);
 }
 
-/* Whether the hello is of the session. */
+/* Return whether the hello belongs to the session. */
 static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
     int64_t now_us)
 {
     if (hello->session_id == 0) {
-        return false; /* it says "no session", whose host is never missed */
+        return false; /* "no session": the loss of such a host is not detected */
     }
     if (hello->session_id != firmware->session_id
         && hello->boot_id != board_identity(firmware->board)->boot_id) {
-        session_hello(firmware, now_us); /* a first hello, or one of another boot: only an answer */
+        session_hello(firmware, now_us); /* a first hello or one for another boot: only answer */
         return false;
     }
     if (hello->session_id != firmware->session_id) {
         if (firmware->session_id != 0) {
-            /* Another host, or the same anew: it must ask to move again. */
+            /* Another host, or the same with a new session, must first clear the stop. */
             control_stop(&firmware->control, SP_STOP_CAUSE_LINK, EVENT_NEW_SESSION);
         }
         firmware->session_id = hello->session_id;
@@ -168,7 +168,7 @@ static void describe_enum(
         sp_describe_enum_reply_encode(&reply, line_payload(&firmware->line), SP_PAYLOAD_MAX));
 }
 
-/* Obeyed before any question of session or repetition. */
+/* A stop is obeyed before any check of session or repetition. */
 static void stop(firmware_t *firmware, const sp_stop_t *wanted, int64_t now_us)
 {
     const sp_ack_t ack = {wanted->command_id, SP_TYPE_STOP};
@@ -230,31 +230,34 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
         sp_describe_enum_t describe_enum;
     } message;
     if (frame->type == SP_TYPE_STOP_ALL) {
-        /* From anybody: it keeps no session alive. */
+        /* From any sender: it keeps no session alive. */
         control_stop(&firmware->control, SP_STOP_CAUSE_OPERATOR, EVENT_STOP);
         firmware->status_wanted = true;
         return;
     }
     if (frame->type == SP_TYPE_HOST_HELLO) {
-        /* A new session's first: its delay is that of the new host. */
+        /* The first frame of a new session: its delay is that of the new host. */
         if (!sp_host_hello_decode(&message.hello, payload, length)
             || !greet(firmware, &message.hello, frame, arrived_us)) {
             return;
         }
     }
     if (tagged || !keyed || firmware->control.latch.cause != SP_STOP_CAUSE_NONE) {
-        /* With a key, what is free to move lives by what only its host can send. */
+        /* With a key, only frames that the host alone can send keep a moving robot's session alive.
+         */
         firmware->heard_us = arrived_us;
     }
     if (frame->type == SP_TYPE_STOP) {
-        /* Obeyed whoever has sent it: setpoints are not judged by its delay. */
+        /* A stop is obeyed from any sender, so its delay does not enter the freshness of setpoints.
+         */
         if (sp_stop_decode(&message.stop, payload, length)) {
             stop(firmware, &message.stop, arrived_us);
         }
         return;
     }
-    /* With a key, what has no tag is left out: its stamp is anybody's, and by forged ones a setpoint
-     * that somebody held back would be fresh. What may come without a tag has no time to live. */
+    /* With a key, frames without a tag are left out: anyone can forge their stamps, and a forged
+     * stamp could make a delayed setpoint look fresh. A message that needs no tag has no time to
+     * live. */
     const int64_t extra =
         keyed && !tagged ? 0 : freshness_extra(&firmware->freshness, frame->t_us, arrived_us);
     switch (frame->type) {
@@ -294,7 +297,7 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
 void session_tick(firmware_t *firmware)
 {
     if (firmware->session_id != 0 && firmware->now_us - firmware->heard_us > HOST_SILENCE_US) {
-        /* Nobody is there: be safe, and say hello until somebody is. */
+        /* The host is lost: make the robot safe, and send hellos until a host answers. */
         control_stop(&firmware->control, SP_STOP_CAUSE_LINK, EVENT_SILENCE);
         firmware->session_id = 0;
         authentication_close(&firmware->line.authentication);

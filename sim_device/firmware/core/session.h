@@ -1,19 +1,20 @@
-/* One host at a time: who it is, whether the handshake is complete, and what it may move. */
+/* The session with one host: its identity, agreement, and its permission to move the robot. */
 #ifndef SESSION_H
 #define SESSION_H
 
 #include "firmware_state.h"
 
-/* Take an intact frame of a host that had arrived at this moment of uptime. */
+/* Take a host's intact frame that arrived at this uptime. */
 void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us);
 
-/* Once a control period: is it still there? */
+/* Once a control period: check that the host is still present. */
 void session_tick(firmware_t *firmware);
 
-/* Say who we are. */
+/* Send the device's hello. */
 void session_hello(firmware_t *firmware, int64_t now_us);
 
-/* Say what a count of the IMU is worth: after each hello once the handshake is complete, and at 1 Hz. */
+/* Send the scale of the IMU's counts: after each hello once a host has agreed, and once a second.
+ */
 void session_imu_info(firmware_t *firmware, int64_t now_us);
 
 #endif

@@ -3,11 +3,11 @@
 #include <string.h>
 
 #define ROUNDS 64u
-#define LENGTH_AT 56u /* of the message in bits, in its last block */
+#define LENGTH_AT 56u /* place of the message length in bits, in its last block */
 #define INNER 0x36u
 #define OUTER 0x5Cu
 
-/* FIPS 180-4, 4.2.2 and 5.3.3: fractional parts of the roots of the first primes. */
+/* Constants of FIPS 180-4, 4.2.2 and 5.3.3: fractional parts of the roots of the first primes. */
 static const uint32_t rounds[ROUNDS] = {0x428A2F98u, 0x71374491u, 0xB5C0FBCFu, 0xE9B5DBA5u,
     0x3956C25Bu, 0x59F111F1u, 0x923F82A4u, 0xAB1C5ED5u, 0xD807AA98u, 0x12835B01u, 0x243185BEu,
     0x550C7DC3u, 0x72BE5D74u, 0x80DEB1FEu, 0x9BDC06A7u, 0xC19BF174u, 0xE49B69C1u, 0xEFBE4786u,
@@ -31,7 +31,7 @@ static uint32_t big_endian(const uint8_t *bytes)
     return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
 }
 
-/* 6.2.2, with the sixteen words of the schedule that are still needed in place. */
+/* Compression of FIPS 180-4, 6.2.2; only the sixteen schedule words still needed are kept. */
 static void compress(uint32_t state[8], const uint8_t *block)
 {
     uint32_t words[16];

@@ -1,5 +1,5 @@
-/* SHA-256 (FIPS 180-4), and HMAC (RFC 2104) with it under a key of at most one block. Small rather than
- * fast. */
+/* SHA-256 (FIPS 180-4), and HMAC (RFC 2104) with it, for a key of at most one block. Optimised for
+ * size. */
 #ifndef SHA256_H
 #define SHA256_H
 
@@ -19,7 +19,7 @@ void sha256_begin(sha256_t *hash);
 void sha256_add(sha256_t *hash, const uint8_t *data, size_t length);
 void sha256_end(sha256_t *hash, uint8_t digest[SHA256_SIZE]);
 
-/* A key, as it is used: both hashes after their first block, which is all of the key. */
+/* A prepared key: both hashes after their first block, which holds the key. */
 typedef struct {
     uint32_t inner[8];
     uint32_t outer[8];

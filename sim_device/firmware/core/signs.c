@@ -2,18 +2,19 @@
 
 #include "numbers.h"
 
-#define DRIVEN 2000 /* turns a wheel: the dead band ends at 1500 with a full battery, at 2000 empty */
+/* Minimum duty that turns a wheel: the dead band ends at 1500 with a full battery, at 2000 empty. */
+#define DRIVEN 2000
 #define NOT_DRIVEN 500
 #define TURNS_M_S 0.03f /* two counts a period */
 #define STANDS_M_S 0.005f
-/* A wheel that reverses runs on for 3 periods at the ramp's rate; in this time a runaway makes
- * 5 cm. */
+/* Number of consecutive periods against the duty that set a fault. A reversing wheel runs on for 3
+ * at the ramp's rate. In this time a runaway robot covers 5 cm. */
 #define AGAINST_TICKS 15u
-#define ALSO_TICKS 5u   /* by which the other wheel counts against its duty too */
-/* Of one wheel while the other one does not: of swapped encoders that diverge on a straight run, the
- * second wheel turns back 0.1 s after the first. */
+#define ALSO_TICKS 5u   /* from here on the other wheel counts against its duty too */
+/* Number of periods of one wheel while the other one counts correctly. With swapped encoders that
+ * diverge on a straight run, the second wheel turns back 0.1 s after the first. */
 #define ALONE_TICKS 25u
-#define AGREES_TICKS 30u /* after which a fault is gone */
+#define AGREES_TICKS 30u /* periods with the duty that clear a fault */
 
 static void count_run(uint8_t *ticks, bool so)
 {
@@ -41,7 +42,7 @@ static void side_tick(side_t *side, pull_t pull, pull_t other)
         driven && absolute(along_m_s) < STANDS_M_S && other_idle && other_m_s >= TURNS_M_S);
 }
 
-/* Take a fault back when the counts agree for long enough, as in bring-up mode. */
+/* Clear a fault when the counts agree for long enough, as in bring-up mode. */
 static void forgive(signs_t *signs)
 {
     unsigned gone = 0;

@@ -1,9 +1,10 @@
-/* Whether each encoder counts the way its motor pulls, and on its own side.
+/* Check that each encoder counts in the direction of its motor, and on its own side.
  *
- * A wheel that counts against its duty has a reversed encoder, or motor. Swapped encoders agree while
- * the robot drives straight; in a turn each wheel seems to count against its duty, as the other one
- * turns the other way. Both reversed look the same in a turn on the spot: then it says swapped, and
- * the host's bring-up, which turns one wheel at a time, tells them apart. */
+ * A wheel that counts against its duty has a reversed encoder or motor. Swapped encoders look
+ * correct while the robot drives straight. In a turn each wheel then seems to count against its
+ * duty, because the other wheel turns the other way. Two reversed encoders look the same in a turn
+ * on the spot: the firmware then reports swapped ones. The host's bring-up turns one wheel at a
+ * time and distinguishes the two faults. */
 #ifndef SIGNS_H
 #define SIGNS_H
 
@@ -16,7 +17,7 @@
     (SP_FAULT_ENCODER_LEFT_REVERSED | SP_FAULT_ENCODER_RIGHT_REVERSED                       \
         | SP_FAULT_ENCODERS_SWAPPED)
 
-/* One wheel: for how many periods in a row its counts have said what. */
+/* Numbers of consecutive periods in which one wheel's counts agree or disagree with its duty. */
 typedef struct {
     uint8_t against;
     uint8_t agrees;
@@ -32,11 +33,11 @@ typedef struct {
 } signs_t;
 
 typedef struct {
-    int16_t duty; /* of BOARD_DUTY_ONE */
+    int16_t duty; /* in units of BOARD_DUTY_ONE */
     float speed_m_s;
 } pull_t;
 
-/* One control period: duties, and speeds by the counts. */
+/* Take duties and measured speeds of one control period. */
 void signs_tick(signs_t *signs, pull_t left, pull_t right);
 
 #endif

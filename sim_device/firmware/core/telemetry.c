@@ -7,7 +7,7 @@
 #define TIME_TO_LIVE_MS_MAX 250u
 
 typedef struct {
-    int length; /* of the payload; -1: there is nothing to tell */
+    int length; /* of the payload; -1: nothing to send */
     uint32_t t_us;
 } encoded_t;
 
@@ -16,7 +16,7 @@ static uint8_t at_most_255(uint32_t value)
     return (uint8_t)(value < 255u ? value : 255u);
 }
 
-/* Tenths of a millimetre to steps of 1.25 mm, to the nearest. */
+/* Convert tenths of a millimetre to steps of 1.25 mm, rounded. */
 static uint8_t infrared(uint16_t range_dmm)
 {
     if (!seen(range_dmm)) {
@@ -48,7 +48,7 @@ static encoded_t power(const firmware_t *firmware, uint8_t *payload)
     return encoded;
 }
 
-/* A sample is told once: where the chip's clock is slower than ours there is none now and then. */
+/* Each sample is sent once. If the chip's clock is slower than ours, some periods have none. */
 static encoded_t imu(firmware_t *firmware, uint8_t *payload)
 {
     const board_imu_t *const imu = &firmware->readings.imu;

@@ -1,4 +1,4 @@
-/* What the device tells of itself: a message for each stream, from the period's readings. */
+/* Telemetry of the device: a message for each stream, from the readings of the period. */
 #ifndef TELEMETRY_H
 #define TELEMETRY_H
 
@@ -7,7 +7,7 @@
 /* Send a stream's message. */
 void telemetry_send(firmware_t *firmware, stream_t stream);
 
-/* Work out the busy share of the processor's time since the last call. */
+/* Compute the busy share of the processor's time since the last call. */
 void telemetry_measure_load(firmware_t *firmware);
 
 #endif

@@ -14,8 +14,8 @@ static void add(text_t *text, const char *bytes, size_t length)
     text->length = (uint8_t)(text->length + length);
 }
 
-/* Bytes of a character by its first one, 0 where none begins so; and what the second may be
- * (Unicode, table 3-7). */
+/* Return the length of a character by its first byte, 0 if no character begins with it, and the
+ * range of the second byte (Unicode, table 3-7). */
 static size_t character(uint8_t first, uint8_t *low, uint8_t *high)
 {
     *low = 0x80u;
@@ -75,7 +75,7 @@ void text_add(text_t *text, const char *utf8)
     text_add_foreign(text, utf8, strlen(utf8));
 }
 
-/* The last `digits` digits, or all that there are but leading zeros. */
+/* Add the last `digits` digits without leading zeros. */
 static void add_digits(text_t *text, uint32_t value, uint32_t base, size_t digits)
 {
     char bytes[10];

@@ -1,4 +1,4 @@
-/* A line of text of bounded length, put together without printf. Always whole UTF-8. */
+/* A line of text of bounded length, built without printf; always valid UTF-8. */
 #ifndef TEXT_H
 #define TEXT_H
 
@@ -12,19 +12,19 @@
 
 typedef struct {
     uint8_t length;
-    bool full; /* something was left out: nothing may follow it */
+    bool full; /* something was left out: nothing may follow */
     char bytes[TEXT_MAX];
 } text_t;
 
 /* UTF-8, ended by a zero. */
 void text_add(text_t *text, const char *utf8);
 
-/* A number in decimal digits; and one in eight hexadecimal ones. */
+/* Add a number in decimal digits; the other function adds eight hexadecimal digits. */
 void text_add_number(text_t *text, uint32_t value);
 void text_add_hex(text_t *text, uint32_t value);
 
-/* Bytes of unknown origin: what is no UTF-8 becomes U+FFFD, as Unicode's section 3.9 recommends
- * (one for each longest piece that begins a character). */
+/* Add bytes of unknown origin. Invalid UTF-8 becomes U+FFFD, as Unicode's section 3.9 recommends
+ * (one for each longest valid beginning of a character). */
 void text_add_foreign(text_t *text, const char *bytes, size_t length);
 
 #endif

@@ -1,5 +1,5 @@
-/* The setpoint watchdog: holds the last good pair of cyclic values for as long as it may live.
- * One holds the body velocity, another the duties of bring-up. Nothing but setpoints feeds it. */
+/* The setpoint watchdog: it holds the last valid pair of cyclic values during its time to live. One
+ * watchdog holds the body velocity, another the duties of bring-up. Only setpoints feed it. */
 #ifndef WATCHDOG_H
 #define WATCHDOG_H
 
@@ -14,13 +14,13 @@ typedef struct {
     bool live;
     bool counter_known;
     uint8_t counter;
-    int64_t until_us; /* when the values held run out; 0: none are held */
+    int64_t until_us; /* end of the time to live; 0: no values are held */
 } watchdog_t;
 
-/* Forget the values and the counter: a new session. */
+/* Discard values and counter for a new session. */
 void watchdog_reset(watchdog_t *watchdog);
 
-/* Let go of the values; later ones of the session are taken again. */
+/* Discard the values; later ones of the session are accepted again. */
 void watchdog_halt(watchdog_t *watchdog);
 
 typedef struct {
@@ -30,15 +30,15 @@ typedef struct {
     uint8_t counter;
 } setpoint_t;
 
-/* Take values that came `extra` later than the quickest (freshness.h); false where they are
- * repeated, reordered or too old. */
+/* Take values that came `extra` later than the fastest frame (freshness.h); return false if they
+ * are repeated, reordered or too old. */
 bool watchdog_offer(
     watchdog_t *watchdog, const setpoint_t *setpoint, int64_t extra, int64_t arrived_us);
 
-/* Time to live that is left. */
+/* Return the remaining time to live. */
 uint32_t watchdog_left_us(const watchdog_t *watchdog, int64_t now_us);
 
-/* True once, when values that held have run out. */
+/* Return true once when the time to live of held values has run out. */
 bool watchdog_expired(watchdog_t *watchdog, int64_t now_us);
 
 #endif

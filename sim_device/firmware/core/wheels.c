@@ -5,15 +5,15 @@
 #include "robot.h"
 
 #define STALL_TARGET_M_S 0.03f
-/* Below one count a period: a wheel that is measured slower than this stands. */
+/* Maximum measured speed of a standing wheel: below one count a period. */
 #define REST_M_S 0.005f
-/* A tenth of the wire's step: what is slower is the rounding of a wheel that should rest. */
+/* Minimum wheel target: a tenth of the wire's step. A smaller target is rounding of zero. */
 #define LEAST_TARGET_M_S 1e-5f
-/* A longer gap between samples is not integrated over. */
+/* Maximum gap between samples that is integrated. */
 #define SINCE_MAX_S 0.05f
 #define STALLED_MAX 60000u
-/* In the safe state the duty is 0 this long after the ramp would be: of the 0.1 s that it may take,
- * the period in which it begins and its rounding are left out. */
+/* Number of periods after the ramp's end at which the duty is 0 in the safe state. The limit of 0.1
+ * s includes the first period and its rounding. */
 #define RELEASE_PERIODS 8.0f
 
 static float towards(float value, float wanted, float step)
@@ -35,8 +35,8 @@ static void measure(wheel_t *wheel, uint16_t count, float metres_per_count, floa
     wheel->count = count;
 }
 
-/* Both speeds from a sample and its own moment: a period may have no new one, or a late one. Gives
- * the time for which the sample speaks, which is what may be integrated over. */
+/* Measure both speeds from a sample and its own time: a period may have no new sample, or a late
+ * one. Return the time that the sample covers, which the integrator may use. */
 static float measure_both(wheels_t *wheels, const board_encoders_t *counts)
 {
     const bool first = !wheels->counted;
@@ -134,7 +134,7 @@ void wheels_coast(wheels_t *wheels, const board_encoders_t *counts, duties_t dut
     wheels->released = false;
 }
 
-/* A duty nearer to 0; `target_m_s` is where the wheel's ramp was. */
+/* Return a duty nearer to 0; `target_m_s` was the wheel's last ramp value. */
 static float let_fall(const wheels_t *wheels, wheel_t *wheel, float target_m_s)
 {
     if (!wheels->released) {
