@@ -1,5 +1,6 @@
-/* What the example needs of a board. On a chip these are a few lines each: a UART with a DMA ring
- * to read from and a queue to write to, a microsecond counter, sensors, two motors. */
+/* The functions that the example needs of a board. On a chip these are a few lines each: a UART
+ * with a DMA ring to read from and a queue to write to, a microsecond counter, sensors, two motors.
+ */
 #ifndef BOARD_H
 #define BOARD_H
 
@@ -7,19 +8,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Sleep until bytes have come or a millisecond is over; false: end (never on a chip). */
+/* Sleep until bytes arrive or a millisecond has passed; false: end (never on a chip). */
 bool board_wait(void);
 
 /* Microseconds since boot; wraps. */
 uint32_t board_time_us(void);
 
-/* Bytes that have come, at most `room` of them. */
+/* Read the received bytes, at most `room`. */
 size_t board_read(uint8_t *data, size_t room);
 
-/* Queue a frame; all of it or nothing. */
+/* Queue a complete frame, or nothing if it does not fit. */
 void board_write(const uint8_t *data, size_t length);
 
-/* Whether all that was queued has left. */
+/* Return whether all queued bytes have left. */
 bool board_line_idle(void);
 
 void board_uid(uint8_t uid[12]);

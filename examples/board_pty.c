@@ -1,5 +1,5 @@
 /* The example's board on a desk: the serial line is a pseudo-terminal, the robot a pair of ideal
- * wheels on an endless floor. It says `ready PORT` and runs until SIGTERM or SIGINT.
+ * wheels on an endless floor. It prints `ready PORT` and runs until SIGTERM or SIGINT.
  *
  *     cc -std=c99 -Iwire -Iexamples examples/device_main.c examples/board_pty.c \
  *         wire/sweepctl_protocol.c -o device && ./device
@@ -43,7 +43,7 @@ static void open_line(void)
         perror("no pseudo-terminal");
         exit(1);
     }
-    slave = open(ptsname(master), O_RDWR | O_NOCTTY); /* kept: the line outlives its listeners */
+    slave = open(ptsname(master), O_RDWR | O_NOCTTY); /* open: the line outlives listeners */
     if (slave < 0 || tcgetattr(slave, &raw) != 0) {
         perror("no pseudo-terminal");
         exit(1);
@@ -88,7 +88,7 @@ size_t board_read(uint8_t *data, size_t room)
 
 void board_write(const uint8_t *data, size_t length)
 {
-    /* What nobody takes is lost, as on a wire. */
+    /* Without a listener, bytes are lost, as on a wire. */
     const ssize_t sent = write(master, data, length);
     (void)sent;
 }

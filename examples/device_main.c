@@ -1,5 +1,5 @@
-/* A whole device on top of the generated C: hello until the handshake is complete, streams, setpoints with
- * a time to live, commands that are carried out once, and a stop that stays latched.
+/* A complete device on top of the generated C: hellos until a host agrees, streams, setpoints with
+ * a time to live, commands that are executed once, and a stop that stays latched.
  *
  * Build it with sweepctl_protocol.c (`sweepctl generate c --out DIR`) and your own board.h
  * functions. Everything runs in one loop; nothing here is called from an interrupt.
@@ -17,7 +17,7 @@
 
 static const char NAME[] = "example device";
 
-/* A command's reply, so that a repeated command is answered and not carried out again. */
+/* Reply to a command. A repeated command gets it again and is not executed again. */
 typedef struct {
     uint32_t session_id;
     uint16_t command_id;
@@ -48,7 +48,7 @@ static struct {
     uint16_t stale;
 
     bool delay_known;
-    uint32_t least_delay_us; /* of the session's quickest frame: arrival less host stamp */
+    uint32_t least_delay_us; /* of the session's fastest frame: arrival minus host stamp */
     uint32_t delay_at_us;
 
     reply_t replies[REMEMBERED];
@@ -59,8 +59,8 @@ static struct {
 
 static void put(size_t length)
 {
-    /* On an idle line the leading zero goes first: a frame that was cut off costs this one
-     * nothing. */
+    /* On an idle line a zero is sent first, so that the rest of an interrupted frame does not
+     * damage this one. */
     const size_t skip = board_line_idle() ? 0u : 1u;
     if (length != 0) {
         board_write(device.frame + skip, length - skip);
@@ -71,7 +71,7 @@ static void put(size_t length)
 #define SEND(name, t_us, message) \
     put(sp_##name##_frame(device.frame, &device.sender, (t_us), (message)))
 
-/* What a count of the IMU is worth: an MPU6050 at +-2 g and +-250 deg/s. */
+/* Send the scale of the IMU's counts: an MPU6050 at +-2 g and +-250 deg/s. */
 static void send_imu_info(uint32_t now_us)
 {
     const sp_imu_info_t info = {
@@ -134,7 +134,7 @@ static void link_lost(void)
     device.counter_known = false;
 }
 
-/* How much later than the session's quickest frame this one has come. */
+/* Return the frame's delay beyond the session's fastest frame. */
 static int32_t extra_delay_us(uint32_t host_us, uint32_t now_us)
 {
     const uint32_t delay_us = now_us - host_us;
@@ -147,7 +147,7 @@ static int32_t extra_delay_us(uint32_t host_us, uint32_t now_us)
     const uint32_t aged_by = (now_us - device.delay_at_us) / DRIFT;
     device.least_delay_us += aged_by;
     device.delay_at_us += aged_by * DRIFT;
-    if (delay_us - device.least_delay_us >= 0x80000000u) { /* quicker than all before */
+    if (delay_us - device.least_delay_us >= 0x80000000u) { /* faster than all before */
         device.least_delay_us = delay_us;
     }
     const uint32_t extra_us = delay_us - device.least_delay_us;
@@ -254,19 +254,19 @@ static void command(const sp_frame_t *frame, uint32_t now_us)
 
 /* ---- receiving ---------------------------------------------------------------------------- */
 
-/* Whether the hello is of the session. */
+/* Return whether the hello belongs to the session. */
 static bool greet(const sp_host_hello_t *hello, uint32_t now_us)
 {
     if (hello->session_id == 0) {
         return false;
     }
     if (hello->session_id != device.session_id && hello->boot_id != device.boot_id) {
-        send_hello(now_us); /* a first hello, or one of another boot: only an answer */
+        send_hello(now_us); /* a first hello, or one for another boot: only an answer */
         return false;
     }
     if (hello->session_id != device.session_id) {
         if (device.session_id != 0) {
-            link_lost(); /* another host, or the same anew: it must ask to move again */
+            link_lost(); /* another host or a new session: it must clear the stop first */
         }
         device.session_id = hello->session_id;
         device.negotiated = false;
@@ -284,7 +284,7 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
         || sp_direction(frame->type) != SP_FROM_HOST) {
         return;
     }
-    if (frame->type == SP_TYPE_STOP_ALL) { /* from anybody: it keeps no session alive */
+    if (frame->type == SP_TYPE_STOP_ALL) { /* from any sender: it keeps no session alive */
         latch(SP_STOP_CAUSE_OPERATOR);
         send_status(now_us);
         return;
@@ -297,14 +297,14 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
         }
     }
     device.heard_us = now_us;
-    if (frame->type == SP_TYPE_STOP) { /* before any question of session or repetition */
+    if (frame->type == SP_TYPE_STOP) { /* before any check of session or repetition */
         sp_stop_t stop;
         if (sp_stop_decode(&stop, frame->payload, frame->length)) {
             const sp_ack_t ack = {stop.command_id, SP_TYPE_STOP};
             latch(stop.cause);
             SEND(ack, now_us, &ack);
         }
-        return; /* anyone may have sent it: its delay is not the session's */
+        return; /* from any sender: its delay is not the session's */
     }
     const int32_t extra_us = extra_delay_us(frame->t_us, now_us);
     switch (frame->type) {
@@ -344,7 +344,7 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
         break;
     }
 #if SP_WITH_WHEEL_DUTY
-    case SP_TYPE_WHEEL_DUTY: /* a stream, which nobody answers; there is no bring-up mode here */
+    case SP_TYPE_WHEEL_DUTY: /* a stream without an answer; there is no bring-up mode here */
         break;
 #endif
     default:
@@ -402,7 +402,7 @@ static void control(uint32_t tick, uint32_t now_us)
     }
     if (device.setpoint_live && now_us - device.until_us < 0x80000000u) {
         device.faults |= SP_FAULT_SETPOINT_EXPIRED;
-        let_go(); /* not a latch: fresh setpoints go on */
+        let_go(); /* no latch: new setpoints move the robot again */
     }
     if (device.negotiated) {
         stream(tick, now_us);
@@ -418,7 +418,7 @@ int main(void)
     uint32_t due_us = board_time_us();
     device.sender.node = NODE;
     device.boot_id = board_random();
-    device.stop_cause = SP_STOP_CAUSE_SESSION_END; /* it moves only when it is asked to */
+    device.stop_cause = SP_STOP_CAUSE_SESSION_END; /* it moves only after a clear */
     while (board_wait()) {
         size_t length;
         while ((length = board_read(bytes, sizeof bytes)) != 0) {

@@ -1,5 +1,5 @@
-/* The Cortex-M4's own registers, as far as the boards use them.
- * Source: ST PM0214, STM32 Cortex-M4 programming manual; its section is named at each block. */
+/* The Cortex-M4's own registers that the boards use. Source: ST PM0214, STM32 Cortex-M4 programming
+ * manual; each block names its section. */
 #ifndef CORTEX_M4_H
 #define CORTEX_M4_H
 
@@ -47,7 +47,7 @@ typedef struct {
     volatile uint32_t hfsr;
 } scb_regs_t;
 #define SCB ((scb_regs_t *)0xE000ED00u)
-#define SCB_CFSR_STKERR (1u << 12) /* entering the handler, the stack could not be written */
+#define SCB_CFSR_STKERR (1u << 12) /* the stack could not be written on entry to the handler */
 #define SCB_CFSR_MSTKERR (1u << 4)
 #define SCB_AIRCR_VECTKEY (0x05FAu << 16)
 #define SCB_AIRCR_SYSRESETREQ (1u << 2)
@@ -88,7 +88,7 @@ void wait_for_interrupt(void);
 void barrier(void);
 #endif
 
-/* Does not return. */
+/* This function does not return. */
 static inline void system_reset(void) {
     barrier();
     SCB->aircr = SCB_AIRCR_VECTKEY | SCB_AIRCR_SYSRESETREQ;

@@ -1,5 +1,5 @@
-/* From reset to main(): floating point unit, initialised data, zeroed data.
- * The addresses come from sections.ld. */
+/* From reset to main(): floating point unit, initialised data, zeroed data. The addresses come from
+ * sections.ld. */
 #include "startup.h"
 
 #include <stddef.h>
@@ -14,7 +14,7 @@ extern uint32_t ld_stack_bottom[];
 #define STACK_MARK 0xA5A5A5A5u
 #define STACK_ABOVE 64u /* bytes that this function itself may still use */
 
-/* The linker's symbols are addresses and nothing more: numbers, so that they can be compared. */
+/* The linker's symbols are only addresses. Here they are numbers, so that they can be compared. */
 static void fill(uintptr_t from, uintptr_t end, uint32_t value) {
     for (uintptr_t at = from; at < end; at += sizeof value) {
         *(uint32_t *)at = value;
@@ -29,14 +29,15 @@ void reset_handler(void) {
         *(uint32_t *)at = *from++;
     }
     fill((uintptr_t)ld_bss_start, (uintptr_t)ld_bss_end, 0);
-    /* Below our own frame nothing is in use yet: mark it, so that its use can be measured. */
+    /* Below this frame the stack is unused: mark it, so that its use can be measured. */
     const uint32_t here = 0;
     fill((uintptr_t)ld_stack_bottom, (uintptr_t)&here - STACK_ABOVE, STACK_MARK);
     (void)main();
     system_reset();
 }
 
-/* In memory that no start clears: at power-on it holds anything, so a check says whether it counts. */
+/* Memory that no start clears. At power-on its content is random, so a check shows whether it is
+ * valid. */
 static struct {
     board_crash_t record;
     uint32_t check;
@@ -51,7 +52,8 @@ static uint32_t check_of(const board_crash_t *record) {
 static void keep_crash(const uint32_t *stack) __attribute__((used));
 static void keep_crash(const uint32_t *stack) {
     const uint32_t cfsr = SCB->cfsr;
-    /* A stack that ran over is where nothing can be read: then only the kind of fault is known. */
+    /* After a stack overflow the stacked registers are unreadable: only the kind of fault is known.
+     */
     const bool stacked = (cfsr & (SCB_CFSR_STKERR | SCB_CFSR_MSTKERR)) == 0;
     kept.record.pc = stacked ? stack[6] : 0;
     kept.record.lr = stacked ? stack[5] : 0;
@@ -61,9 +63,9 @@ static void keep_crash(const uint32_t *stack) {
     system_reset();
 }
 
-/* A fault, or an interrupt that nobody asked for: outputs must not stay as they are until the
- * watchdog comes, so the chip begins anew at once, and keeps where it was. A stack that ran over is
- * no place to run C on: unless the frame lies at its very top, ours begins there. */
+/* A fault, or an unexpected interrupt. The outputs must not keep their state until the watchdog
+ * fires, so the chip records the place and resets at once. C code cannot run on an overflowed
+ * stack: unless the frame lies at its very top, our own frame begins there. */
 __attribute__((naked)) void fault_handler(void) {
     __asm volatile("tst lr, #4\n\t"
                    "ite eq\n\t"

@@ -9,11 +9,10 @@ void reset_handler(void);
 void fault_handler(void);
 int main(void);
 
-/* Bytes of the stack that have never been used since reset. */
+/* Return the number of stack bytes that were never used since reset. */
 size_t startup_stack_free(void);
 
-/* What the fault handler kept in the life before, once: the next start finds nothing more. NULL: it
- * did not end so. */
+/* Return the crash record of the previous boot, once: the next start finds none. NULL: no crash. */
 const board_crash_t *startup_take_crash(void);
 
 typedef void (*handler_t)(void);

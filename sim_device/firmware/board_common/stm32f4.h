@@ -1,6 +1,6 @@
-/* The STM32F4's registers, as far as the boards use them.
- * Source: ST RM0090, reference manual of STM32F405/415, F407/417, F427/437 and F429/439; its
- * section is named at each block. Base addresses: section 2.3, table 1. */
+/* The STM32F4's registers that the boards use. Source: ST RM0090, reference manual of
+ * STM32F405/415, F407/417, F427/437 and F429/439; each block names its section. Base addresses:
+ * section 2.3, table 1. */
 #ifndef STM32F4_H
 #define STM32F4_H
 
@@ -33,7 +33,7 @@ typedef struct {
 #define RCC_CFGR_SWS_PLL (2u << 2)
 #define RCC_CFGR_PPRE1_DIV4 (5u << 10)
 #define RCC_CFGR_PPRE2_DIV2 (4u << 13)
-#define RCC_AHB1_GPIO(port) (1u << (port)) /* A is 0 */
+#define RCC_AHB1_GPIO(port) (1u << (port)) /* port A is 0 */
 #define RCC_AHB1_CRC (1u << 12)
 #define RCC_AHB1_DMA1 (1u << 21)
 #define RCC_AHB1_DMA2 (1u << 22)
@@ -143,7 +143,7 @@ typedef struct {
 #define DMA_FLAG_HT (1u << 4)
 #define DMA_FLAG_TC (1u << 5)
 #define DMA_FLAGS_ALL 0x3Du
-/* 10.5.3, 10.5.4: where the flags of a stream begin in their half. */
+/* 10.5.3, 10.5.4: first bit of a stream's flags in their half. */
 #define DMA_FLAGS_AT(stream) (6u * ((stream) % 2u) + 16u * ((stream) / 2u % 2u))
 
 static inline void dma_clear_flags(dma_regs_t *dma, unsigned stream) {

@@ -2,7 +2,7 @@
 #define VECTORS_H
 
 /* A vector table: the processor's own exceptions (PM0214 section 2.3), the same on every board,
- * to which a board adds its interrupts. */
+ * followed by the board's interrupts. */
 #include <stdint.h>
 
 #include "startup.h"

@@ -1,7 +1,7 @@
-/* The STM32F405 that QEMU 7.2 emulates (machine netduinoplus2). Its registers are a chip's where
- * QEMU has them: USART1 is the robot's line, USART2 the link to the plant, TIM2 counts
- * microseconds, SysTick milliseconds. What it has not (unique id, random numbers, reset causes,
- * watchdog, flash, DMA, CAN) comes over the link to the plant or is made here. */
+/* The STM32F405 that QEMU 7.2 emulates (machine netduinoplus2). QEMU has some of the chip's
+ * registers: USART1 is the robot's line, USART2 the link to the plant, TIM2 counts microseconds,
+ * SysTick milliseconds. What QEMU lacks (unique id, random numbers, reset causes, watchdog, flash,
+ * DMA, CAN) comes over the link to the plant or is made here. */
 #include <string.h>
 
 #include "board.h"
@@ -13,19 +13,20 @@
 
 #define CORE_HZ 168000000u
 #define PERIOD_US 10000u
-/* How long before a control period its readings are asked for: two milliseconds after the one
- * before, which has set the duties. As those stay, the plant may go on to the next period's begin
- * at once, so the readings are of that very moment, and a busy computer has 8 ms to give them. */
+/* Lead of a request for readings before its control period: the request comes two milliseconds
+ * after the previous period, which has set the duties. The duties do not change until then, so the
+ * plant may advance to the next period at once. The readings then belong to exactly that time, and
+ * a busy computer has 8 ms to deliver them. */
 #define LEAD_US 8000u
 #define WATCHDOG_MS 100u
 #define BOOT_AGAIN_US 50000u
-/* STM32F42x data sheet, flash programming, 32 bits at a time: typical. */
+/* Time to erase a sector: STM32F42x data sheet, flash programming, 32 bits at a time, typical. */
 #define ERASE_US 250000u
 #define WRITE_WORD_US 16u
 
-static firmware_t *device;         /* takes what the interrupts receive */
-static volatile uint32_t unfed_ms; /* milliseconds in which the program ran but did not feed */
-static uint32_t asked_for_us;      /* the control period whose readings were asked for last */
+static firmware_t *device;         /* receives what the interrupts take */
+static volatile uint32_t unfed_ms; /* ms in which the program ran but did not feed the watchdog */
+static uint32_t asked_for_us;      /* control period of the last request for readings */
 static int16_t duty_left, duty_right;
 static bool drivers_on;
 static uint32_t slept_us;
@@ -42,12 +43,12 @@ uint32_t board_now_us(board_t *board) { return uptime_us(); }
 uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 
 void board_idle(void) {
-    while (plant_hang) { /* asked for by a fault: hung, until the watchdog comes */
+    while (plant_hang) { /* requested by a fault: hang until the watchdog fires */
     }
     if (plant_crash) {
-        __asm volatile("udf #0"); /* asked for likewise: an instruction that there is not */
+        __asm volatile("udf #0"); /* requested by a fault: an invalid instruction */
     }
-    const uint32_t state = irq_save(); /* an interrupt that ends the sleep is no part of it */
+    const uint32_t state = irq_save(); /* the interrupt that ends the sleep is not sleep */
     const uint32_t from_us = uptime_us();
     wait_for_interrupt();
     slept_us += uptime_us() - from_us;
@@ -69,9 +70,9 @@ static void reset_for(uint8_t cause) {
     system_reset();
 }
 
-/* Each millisecond. What counts for the watchdog are milliseconds in which the chip ran: a
- * computer that is too busy to run the emulator loses SysTicks and must not look like a hung
- * program. The requests go on while the program hangs: the plant is no part of it. */
+/* Called each millisecond. The watchdog counts only milliseconds in which the chip ran: a computer
+ * too busy for the emulator loses SysTicks, which must not look like a hung program. Requests
+ * continue while the program hangs, because the plant does not hang. */
 void systick_handler(void) {
     if (!plant_known) {
         return;
@@ -80,7 +81,7 @@ void systick_handler(void) {
         reset_for(SP_RESET_CAUSE_WATCHDOG);
     }
     const uint32_t now_us = uptime_us();
-    /* By differences, so that the periods go on as they are when the counter wraps. */
+    /* Computed by differences, so that the periods stay the same when the counter wraps. */
     const uint32_t periods = (now_us + LEAD_US - asked_for_us) / PERIOD_US;
     if (periods != 0) {
         asked_for_us += periods * PERIOD_US;
@@ -95,7 +96,7 @@ void board_reboot(board_t *board) { reset_for(SP_RESET_CAUSE_SOFTWARE); }
 /* ---- start --------------------------------------------------------------------------------- */
 
 static void uart_start(usart_regs_t *uart, unsigned irq) {
-    uart->brr = 84000000u / 921600u; /* of no effect in the emulator */
+    uart->brr = 84000000u / 921600u; /* without effect in the emulator */
     uart->cr1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE;
     nvic_enable(irq, 4);
 }
@@ -104,7 +105,7 @@ void board_start(firmware_t *firmware) {
     device = firmware;
     RCC->apb1enr |= RCC_APB1_TIM2 | RCC_APB1_USART2;
     RCC->apb2enr |= RCC_APB2_USART1;
-    TIM2->psc = 999u; /* QEMU's timers are fed with 1 GHz, the chip's with 84 MHz */
+    TIM2->psc = 999u; /* QEMU clocks its timers with 1 GHz, the chip with 84 MHz */
     TIM2->arr = 0xFFFFFFFFu;
     TIM2->egr = TIM_EGR_UG;
     TIM2->cr1 = TIM_CR1_CEN;
@@ -130,11 +131,11 @@ void board_start(firmware_t *firmware) {
             plant_send(PLANT_BOOT, &version, 1);
         }
     }
-    if (crash != NULL) { /* the emulator saw a reset without a word */
+    if (crash != NULL) { /* the emulator saw a reset without a message */
         plant_identity.crash = crash;
         plant_identity.reset_cause = SP_RESET_CAUSE_CRASH;
     }
-    /* Nothing is to be judged by readings that have never been taken. */
+    /* Wait for the first readings: nothing may be checked against readings that do not exist. */
     for (plant_readings_t now = {0}; now.power.sampled_us == 0; plant_readings(&now)) {
         unfed_ms = 0;
         wait_for_interrupt();
@@ -159,7 +160,7 @@ void usart2_handler(void) {
     }
 }
 
-/* QEMU takes each byte at once; the line's own time is the emulator's (sim_device/line/line.py). */
+/* QEMU takes each byte at once; the emulator (sim_device/line/line.py) models the line's timing. */
 size_t board_uart_room(board_t *board) { return 512; }
 
 void board_uart_write(board_t *board, const uint8_t *data, size_t length) {
@@ -237,7 +238,7 @@ void board_power(board_t *board, board_power_t *out) {
     *out = now.power;
 }
 
-/* ---- flash: a copy here, the pages themselves beyond the link -------------------------------- */
+/* ---- flash: a copy here, the pages themselves at the other end ------------------------------- */
 
 const uint8_t *board_flash_page(board_t *board, unsigned page) { return plant_pages[page]; }
 
@@ -257,7 +258,7 @@ static void write_chunk(unsigned page, size_t offset, const uint8_t *data, size_
     uint8_t payload[3u + PLANT_CHUNK];
     uint8_t *const to = &plant_pages[page][offset];
     for (size_t i = 0; i < length; i++) {
-        to[i] &= data[i]; /* as flash: bits only fall */
+        to[i] &= data[i]; /* as in flash: a write only clears bits */
     }
     payload[0] = (uint8_t)page;
     memcpy(put_u16(payload + 1, (uint16_t)offset), to, length);

@@ -17,7 +17,7 @@ board_identity_t plant_identity;
 uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
 
 static plant_readings_t present, coming;
-static volatile bool on_its_way; /* `coming` is of a moment that may not have come */
+static volatile bool on_its_way; /* the time of `coming` may lie ahead */
 static uint8_t plant_frame[HEAD + PAYLOAD_MAX + CHECK];
 static size_t filled;
 static bool in_frame;
@@ -86,7 +86,7 @@ static uint32_t u32_at(const uint8_t *from) {
 static void take_sample(const uint8_t *p) {
     const uint32_t sampled_us = u32_at(p);
     board_imu_t *const imu = &coming.imu;
-    settle(); /* what nobody asked for */
+    settle(); /* an unexpected frame */
     coming.encoders.left = u16_at(p + 4);
     coming.encoders.right = u16_at(p + 6);
     coming.encoders.sampled_us = sampled_us;
@@ -124,7 +124,7 @@ static void take_page(const uint8_t *p, size_t length) {
 
 static void take_identity(const uint8_t *p) {
     if (p[18] != chunks || plant_known) {
-        chunks = 0; /* something was cut: board_start() asks again */
+        chunks = 0; /* part of it was lost: board_start() asks again */
         return;
     }
     memcpy(plant_identity.uid, p, sizeof plant_identity.uid);

@@ -1,9 +1,9 @@
-/* The link to the plant: the emulated chip's second UART, on which its sensors come in and its
- * motors go out. sim_device/ports/qemu_link.py is the other end and holds the same numbers.
+/* The link to the plant: the emulated chip's second UART, which carries sensor readings in and
+ * motor duties out. sim_device/ports/qemu_link.py is the other end and holds the same numbers.
  *
- * A frame is 0xA5, type, length of the payload, payload, CRC-32 of zlib over type to payload;
- * all numbers little-endian. Nothing is lost on it but what a reset cuts, so a frame that is
- * damaged is passed over, and all that matters is asked for again. */
+ * A frame is 0xA5, type, length of the payload, payload, CRC-32 of zlib over type to payload; all
+ * numbers little-endian. Only a reset loses data on it, so a damaged frame is ignored; everything
+ * important is requested again. */
 #ifndef PLANT_LINK_H
 #define PLANT_LINK_H
 
@@ -19,7 +19,7 @@
 
 /* From the chip. */
 enum {
-    PLANT_BOOT = 0x01,    /* version u8: who am I, what stands in my flash? */
+    PLANT_BOOT = 0x01,    /* version u8: the chip asks for identity and flash */
     PLANT_REQUEST = 0x02, /* now u32, sample u32, newest u32, left i16, right i16, free stack u16,
                              drivers u8:
                              the plant may go on to `sample`, where readings are to be taken;
@@ -27,7 +27,7 @@ enum {
     PLANT_MOTORS = 0x03,  /* now u32, left i16, right i16, drivers u8: one has changed */
     PLANT_ERASE = 0x04,   /* page u8 */
     PLANT_WRITE = 0x05,   /* page u8, offset u16, data */
-    PLANT_RESET = 0x06    /* cause u8: the chip is about to begin anew */
+    PLANT_RESET = 0x06    /* cause u8: the chip is about to reset */
 };
 
 /* To the chip. */
@@ -37,8 +37,8 @@ enum {
     PLANT_SAMPLE = 0x83,   /* sample u32, encoders 2 u16, IMU 7 i16, ultrasonic u16 mm, infrared
                               2 u16 tenths of mm, contacts u8 */
     PLANT_POWER = 0x84,    /* sample u32, battery, logic u16 mV, motors 2 u16 mA */
-    PLANT_HANG = 0x85,     /* stand still: a program that has hung */
-    PLANT_CRASH = 0x86     /* fault: a program that has gone astray */
+    PLANT_HANG = 0x85,     /* hang, as a hung program does */
+    PLANT_CRASH = 0x86     /* fault, as a crashing program does */
 };
 
 typedef struct {
@@ -49,12 +49,12 @@ typedef struct {
     board_power_t power;
 } plant_readings_t;
 
-/* What is so now. Readings come ahead of the moment at which they are taken; until then those of
- * the period before stand. */
+/* Return the present readings. Readings arrive before the time at which they apply; until then
+ * those of the previous period apply. */
 void plant_readings(plant_readings_t *out);
-uint32_t plant_newest_us(void); /* of the last that have come, that moment or not */
-/* These are written by the interrupt. */
-extern volatile bool plant_known; /* the identity has come */
+uint32_t plant_newest_us(void); /* of the last received readings, applied or not */
+/* The interrupt writes these variables. */
+extern volatile bool plant_known; /* the identity has been received */
 extern volatile bool plant_hang;
 extern volatile bool plant_crash;
 extern board_identity_t plant_identity;
@@ -62,7 +62,7 @@ extern uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
 
 void plant_begin(void);
 void plant_send(uint8_t type, const uint8_t *payload, size_t length);
-void plant_received(uint8_t byte); /* from the interrupt */
+void plant_received(uint8_t byte); /* called by the interrupt */
 
 static inline uint32_t uptime_us(void) { return TIM2->cnt; }
 

@@ -1,4 +1,4 @@
-/* RM0090 section 12.2, table 62: only what this board uses; anything else is a fault. */
+/* RM0090 section 12.2, table 62: only the interrupts of this board; any other is a fault. */
 #include "stm32f4.h"
 #include "vectors.h"
 

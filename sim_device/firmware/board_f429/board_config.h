@@ -1,11 +1,11 @@
-/* The robot's own board: STM32F429IGT6 (LQFP176), 1 MB of flash, a 25 MHz crystal.
- * Pins and alternate functions: data sheet DS9405 (STM32F427xx/429xx), tables 10 and 12. A pin is its
- * port and its number. */
+/* The robot's own board: STM32F429IGT6 (LQFP176), 1 MB of flash, a 25 MHz crystal. Pins and
+ * alternate functions: data sheet DS9405 (STM32F427xx/429xx), tables 10 and 12. A pin is its port
+ * and its number. */
 #ifndef BOARD_CONFIG_H
 #define BOARD_CONFIG_H
 
 #define BOARD_NAME "firmware on an STM32F429"
-/* What is soldered to it. */
+/* The parts on the board. */
 #define BOARD_CAPABILITIES                                                                       \
     (SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU | SP_CAPABILITY_ULTRASONIC |                     \
      SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF)
@@ -13,7 +13,7 @@
 #ifndef BOARD_HSE_MHZ
 #define BOARD_HSE_MHZ 25u /* of the crystal */
 #endif
-#define BOARD_HSE_BYPASS 0 /* a crystal, no clock from outside */
+#define BOARD_HSE_BYPASS 0 /* a crystal, no external clock */
 
 /* The serial link: USART1 (AF7); its streams of DMA2 by RM0090 table 43. */
 #define LINK_UART USART1
@@ -30,7 +30,7 @@
 #define LINK_TX_IRQ IRQ_DMA2_STREAM7
 #define LINK_DMA_CHANNEL 4u
 
-/* To ground: the host is on the CAN bus, not on the UART. */
+/* Connected to ground: the host is on the CAN bus, not on the UART. */
 #define CAN_SELECT PORT_G, 0
 #define CAN_RX PORT_B, 8 /* CAN1 (AF9), to a transceiver */
 #define CAN_TX PORT_B, 9

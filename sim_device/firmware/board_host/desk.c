@@ -1,5 +1,5 @@
 /* A board on a desk: the firmware in real time, its serial line a pseudo-terminal, the robot two
- * motors with a lag on an endless floor. It says `ready PORT` and runs until SIGTERM or SIGINT.
+ * motors with a lag on an endless floor. It prints `ready PORT` and runs until SIGTERM or SIGINT.
  *
  *     make -C sim_device/firmware host && sim_device/firmware/build/desk
  *     sweepctl connect PORT
@@ -76,7 +76,7 @@ void board_start(firmware_t *firmware)
         perror("no pseudo-terminal");
         exit(1);
     }
-    const int slave = open(ptsname(master), O_RDWR | O_NOCTTY); /* kept open: the line stays */
+    const int slave = open(ptsname(master), O_RDWR | O_NOCTTY); /* keeps the line open */
     if (slave < 0 || tcgetattr(slave, &raw) != 0) {
         perror("no pseudo-terminal");
         exit(1);
@@ -153,7 +153,7 @@ size_t board_uart_room(board_t *board)
 void board_uart_write(board_t *board, const uint8_t *data, size_t length)
 {
     const ssize_t sent = write(master, data, length);
-    (void)sent; /* what nobody takes is lost, as on a wire */
+    (void)sent; /* without a listener, bytes are lost, as on a wire */
 }
 
 uint32_t board_uart_wait_us(board_t *board)
@@ -163,7 +163,7 @@ uint32_t board_uart_wait_us(board_t *board)
 
 bool board_can_write(board_t *board, const sp_can_frame_t *frame)
 {
-    (void)frame; /* there is no bus on this desk */
+    (void)frame; /* this board has no bus */
     return true;
 }
 

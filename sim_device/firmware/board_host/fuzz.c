@@ -1,6 +1,6 @@
-/* libFuzzer over scripts: what a host, a line and the sensors may do to the firmware, in any order.
- * Built with AddressSanitizer and UBSan; what it finds are files that script_host takes too, less
- * the first byte, which says where the script begins: with nothing, or in a session that drives. */
+/* libFuzzer over scripts: any sequence of actions of host, line and sensors. Built with
+ * AddressSanitizer and UBSan. A finding is a file that script_host also accepts, without its first
+ * byte. That byte selects the start: without a session, or in a session that drives. */
 #include "script.h"
 
 #define LIFE_US 30000000u /* three thousand control periods: enough for a plan's first legs */

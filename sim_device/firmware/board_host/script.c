@@ -1,19 +1,19 @@
-/* A board on paper: the firmware lives through a script that it reads from stdin, in the time that
- * the script says, and tells on stdout what it did. Nothing else has a say, so that what a script
- * brings about is always the same. Tests drive it, and it is what the fuzzer feeds (fuzz.c).
+/* A board without hardware: it reads a script from stdin, runs the firmware in the script's own time
+ * and writes the results to stdout. There is no other input, so a script always gives the same
+ * result. Tests and the fuzzer (fuzz.c) use it.
  *
- * A script is a row of records, integers little-endian:
+ * A script is a sequence of records, integers little-endian:
  *   'B' u32 boot_id, u8 reset_cause, u8 flags   boot; flag 1: on CAN, 2: with empty flash,
  *                                               4: without its crystal, 8: after a crash, 16: with a
  *                                               flash that keeps nothing from now on
  *   'R' u16 x2 encoders, i16 x7 IMU, u16 x3 ranges, u8 contacts, u16 x4 power
- *                                               what the sensors read from now on (board.h)
- *   'S' u32 microseconds, u16 length, bytes     live for so long, then take what has come:
+ *                                               sensor readings from now on (board.h)
+ *   'S' u32 microseconds, u16 length, bytes     run for this time, then receive the data:
  *                                               bytes, or frames of 16 B (struct can_frame)
  *   'F' u8 node, u8 type, u32 stamp, u8 length, payload
- *                                               take a whole frame, sealed here (UART only): for a
- *                                               fuzzer, which does not guess checks
- *   'P' u16 periods                             lose the supply so many control periods after the
+ *                                               receive a frame; the CRC is added here (UART only),
+ *                                               because a fuzzer cannot guess it
+ *   'P' u16 periods                             lose the supply this many control periods after the
  *                                               next save has begun: the flash stays as it is then
  * Each 'S' is answered by one record: see tell().
  */
@@ -30,14 +30,14 @@
 static struct {
     board_identity_t identity;
     uint64_t now_us;
-    uint64_t end_us; /* of its life: no step goes beyond */
+    uint64_t end_us; /* end of the run: no step goes beyond */
     uint64_t booted_us;
     uint8_t out[65536];
     size_t out_length;
     int16_t left;
     int16_t right;
     bool drivers;
-    bool worn; /* the flash keeps nothing */
+    bool worn; /* the flash keeps nothing that is written */
     uint8_t reboots;
 
     board_encoders_t encoders;
@@ -48,7 +48,7 @@ static struct {
 
     uint8_t pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
     unsigned flash_wait;
-    unsigned supply_left; /* periods of saving until it is lost; 0: it is not */
+    unsigned supply_left; /* periods of saving until the supply is lost; 0: never */
     bool supply_lost;
 } lives;
 
@@ -57,7 +57,8 @@ static firmware_t device;
 static const char NAME[] = "virtual sweeper";
 static const board_crash_t CRASH = {0x08004D2Au, 0x08004C91u, 0x00010000u, 12345678u};
 
-/* ---- what board.h asks for ----------------------------------------------------------------- */
+/* ---- functions of board.h ---------------------------------------------------------------------
+ */
 
 static uint32_t uptime_us(void)
 {
@@ -166,7 +167,8 @@ void board_power(board_t *board, board_power_t *out)
     out->sampled_us = uptime_us();
 }
 
-/* ---- flash: what it costs in time, and that it may stay half done --------------------------- */
+/* ---- flash: its delays, and interrupted writes
+ * --------------------------------------------------- */
 
 const uint8_t *board_flash_page(board_t *board, unsigned page)
 {
@@ -296,7 +298,7 @@ static void poll(void)
     }
 }
 
-/* Live for so long: in every control period that is due at its moment. */
+/* Run for `for_us`: run every control period at its due time. */
 static void live(uint32_t for_us)
 {
     const uint64_t left_us = lives.end_us - lives.now_us;
@@ -334,7 +336,8 @@ static void deliver(const uint8_t *data, size_t length)
     }
 }
 
-/* ---- what became of it --------------------------------------------------------------------- */
+/* ---- results -----------------------------------------------------------------------------------
+ */
 
 typedef struct {
     script_write_t *write;
@@ -389,7 +392,7 @@ static void take_step(reader_t *reader, const writer_t *writer)
     live(for_us);
     deliver(reader->data, length);
     tell(writer);
-    poll(); /* the line is idle now: a reboot that was answered happens */
+    poll(); /* the line is idle now: an answered reboot happens */
 }
 
 static void take_frame(reader_t *reader)
@@ -405,7 +408,8 @@ static void take_frame(reader_t *reader)
     }
 }
 
-/* Bytes of the record that begins here; 0: more are needed to tell; NO_RECORD: none does. */
+/* Return the length of the record that begins here. 0: more bytes are needed. NO_RECORD: invalid.
+ */
 #define NO_RECORD SIZE_MAX
 static size_t record_size(const uint8_t *data, size_t length)
 {
@@ -442,7 +446,7 @@ size_t script_take(const uint8_t *data, size_t length, script_write_t *write, vo
         const size_t size = record_size(data + taken, length - taken);
         reader_t reader = {data + taken + 1u};
         if (size == NO_RECORD) {
-            return length; /* what follows is no script */
+            return length; /* the rest is no script */
         }
         if (size == 0 || size > length - taken) {
             break;

@@ -1,4 +1,4 @@
-/* script_host: a script on stdin, what it brings about on stdout, step by step. */
+/* script_host: reads a script from stdin and writes its results to stdout, step by step. */
 #define _POSIX_C_SOURCE 200809L
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,14 +1,14 @@
-/* NUCLEO-F429ZI (ST, MB1137): STM32F429ZIT6 (LQFP144), 2 MB of flash, clock and serial link from the
- * ST-LINK on it. Its connectors and solder bridges: UM1974. Pins and alternate functions: data sheet
+/* NUCLEO-F429ZI (ST, MB1137): STM32F429ZIT6 (LQFP144), 2 MB of flash, clock and serial link from
+ * its ST-LINK. Its connectors and solder bridges: UM1974. Pins and alternate functions: data sheet
  * DS9405 (STM32F427xx/429xx), tables 10 and 12. A pin is its port and its number.
  *
- * Not used, as the board itself has something there: Ethernet on PA1, PA2, PA7, PB13, PC1, PC4, PC5,
+ * Pins that the board itself uses, not used here: Ethernet on PA1, PA2, PA7, PB13, PC1, PC4, PC5,
  * PG11, PG13; USB on PA8 to PA12; LEDs on PB0, PB7, PB14; the button on PC13. */
 #ifndef BOARD_CONFIG_H
 #define BOARD_CONFIG_H
 
 #define BOARD_NAME "firmware on a NUCLEO-F429ZI"
-/* What is to be wired to it; without some of it: -DBOARD_CAPABILITIES=... */
+/* The parts to be wired to it; with fewer parts: -DBOARD_CAPABILITIES=... */
 #ifndef BOARD_CAPABILITIES
 #define BOARD_CAPABILITIES                                                                       \
     (SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU | SP_CAPABILITY_ULTRASONIC |                     \
@@ -16,7 +16,7 @@
 #endif
 
 #define BOARD_HSE_MHZ 8u   /* the ST-LINK's MCO */
-#define BOARD_HSE_BYPASS 1 /* a clock, no crystal: UM1974 6.7.1, as delivered */
+#define BOARD_HSE_BYPASS 1 /* an external clock, no crystal: UM1974 6.7.1, as delivered */
 
 /* The serial link: USART3 (AF7) to the ST-LINK's virtual port; its streams of DMA1 by RM0090
  * table 42. */
@@ -34,7 +34,7 @@
 #define LINK_TX_IRQ IRQ_DMA1_STREAM3
 #define LINK_DMA_CHANNEL 4u
 
-/* To ground: the host is on the CAN bus, not on the UART. */
+/* Connected to ground: the host is on the CAN bus, not on the UART. */
 #define CAN_SELECT PORT_G, 0
 #define CAN_RX PORT_D, 0 /* CAN1 (AF9), to a transceiver */
 #define CAN_TX PORT_D, 1

@@ -1,6 +1,7 @@
-/* ADC1 goes round its six channels for ever; DMA2 stream 0 (channel 0, table 43) keeps the last
- * rounds. RM0090 section 13. One conversion takes 144 + 12 clocks of 21 MHz, a round 45 us, which
- * no multiple of makes a PWM period: the mean of the motor currents sees all of it. */
+/* ADC1 converts its six channels continuously; DMA2 stream 0 (channel 0, table 43) keeps the last
+ * rounds. RM0090 section 13. One conversion takes 144 + 12 clocks of 21 MHz, a round 45 us. No
+ * multiple of this is a PWM period, so the mean of the motor currents covers all phases of the PWM.
+ */
 #include "f429.h"
 #include "stm32f4.h"
 
@@ -16,12 +17,12 @@ static volatile uint16_t samples[SETS][ANALOG_COUNT];
 static const struct {
     uint8_t port, pin, channel;
 } inputs[ANALOG_COUNT] = ANALOG_INPUTS;
-static uint32_t to_come; /* conversions of a round of all sets, a millisecond ago */
-static uint32_t fresh_us; /* when there were new ones last */
+static uint32_t to_come; /* remaining conversions of all rounds, a millisecond ago */
+static uint32_t fresh_us; /* time of the last new ones */
 
 static void go_round(void) {
     dma_stream_t *const stream = &DMA2->stream[0];
-    ADC1->cr2 = 0; /* and the next round begins with the first channel */
+    ADC1->cr2 = 0; /* the next round begins with the first channel */
     stream->cr = 0;
     for (unsigned i = 0; i < TURNS && (stream->cr & DMA_CR_EN) != 0; i++) { /* 10.3.17 */
     }
@@ -64,8 +65,9 @@ void analog_start(void) {
     go_round();
 }
 
-/* 13.8.1: after an overrun the ADC asks for no more DMA until OVR is cleared and the stream set up
- * again. Looked for once a millisecond: on a busy bus it may come, and must not freeze the readings. */
+/* 13.8.1: after an overrun the ADC requests no DMA until OVR is cleared and the stream is set up
+ * again. Checked once a millisecond: on a busy bus an overrun may happen, and it must not freeze
+ * the readings. */
 void analog_millisecond(void) {
     const uint32_t left = DMA2->stream[0].ndtr;
     if ((ADC1->sr & ADC_SR_OVR) != 0) {
@@ -76,7 +78,7 @@ void analog_millisecond(void) {
     to_come = left;
 }
 
-/* The middle of what a mean is taken of: it stands still with an ADC that does. */
+/* The middle of the mean's interval; it stops when the ADC stops. */
 uint32_t analog_sampled_us(void) { return fresh_us - ANALOG_AGE_US; }
 
 uint32_t analog_mv(unsigned channel) {

@@ -17,7 +17,7 @@ firmware_t *device;
 static board_identity_t identity;
 static uint32_t slept_us;
 
-/* A program that a debugger has halted is not reset (38.16.4). The motors keep their last duty then:
+/* A debugger's halt stops the watchdog too (38.16.4), and the motors then keep their last duty:
  * debug with the wheels off the floor. */
 static void watchdog_start(void) {
     DBGMCU_APB1_FZ |= DBGMCU_APB1_FZ_IWDG;
@@ -35,7 +35,7 @@ void board_start(firmware_t *firmware) {
     identity.reset_cause = reset_cause();
     identity.crash = startup_take_crash();
     if (identity.reset_cause != SP_RESET_CAUSE_SOFTWARE) {
-        identity.crash = NULL; /* the supply was lost, or the watchdog came, since */
+        identity.crash = NULL; /* a loss of supply or the watchdog came later */
     } else if (identity.crash != NULL) {
         identity.reset_cause = SP_RESET_CAUSE_CRASH;
     }
@@ -53,7 +53,7 @@ void board_start(firmware_t *firmware) {
     imu_start();
     sonar_start();
     analog_start();
-    /* A clock that is off by 1 % would disturb the others on the bus: there is none then. */
+    /* Without a precise clock (1 % off) the chip would disturb the bus, so CAN stays off. */
     identity.can = precise && !pin_read(CAN_SELECT);
     if (identity.can) {
         can_start(identity.node);
@@ -79,8 +79,8 @@ uint32_t board_now_us(board_t *board) { return uptime_us(); }
 
 uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 
-/* With interrupts masked an interrupt ends the sleep, and runs after it (PM0214 2.5.2): what it takes
- * is no sleep. */
+/* With interrupts masked, an interrupt ends the sleep and runs after it (PM0214 2.5.2), so its time
+ * does not count as sleep. */
 void board_idle(void) {
     const uint32_t state = irq_save();
     const uint32_t from_us = uptime_us();

@@ -15,15 +15,16 @@
 #define FILTER(node) ((uint32_t)(node) << 5)
 #define FILTER_MASK (0xFu << 5 | 1u << 4 | 1u << 3)
 
-/* Frames that wait here keep the bus busy while the main loop is. Few, for the core's queue is
- * ordered by priority and this one is not: with the mailboxes 7 frames, 1.8 ms. */
+/* Number of frames that wait here, which keep the bus busy while the main loop is busy. It is
+ * small, because the core's queue is ordered by priority and this one is not: with the mailboxes 7
+ * frames, 1.8 ms. */
 #define WAITING 4u
 
 void can1_rx0_handler(void);
 void can1_tx_handler(void);
 void can1_sce_handler(void);
 
-/* Written by the main loop and by the interrupts, which it masks. */
+/* Written by the main loop and by the interrupts; the main loop masks them meanwhile. */
 static sp_can_frame_t waiting[WAITING];
 static uint8_t first, count;
 static volatile uint16_t bus_offs;
@@ -31,10 +32,10 @@ static volatile uint16_t bus_offs;
 void can_start(uint8_t node) {
     pin_alternate(CAN_RX, 9, PULL_UP, false);
     pin_alternate(CAN_TX, 9, PULL_NONE, false);
-    CAN1->mcr = CAN_MCR_INRQ; /* and no longer asleep */
+    CAN1->mcr = CAN_MCR_INRQ; /* and leaves sleep mode */
     for (uint32_t i = 0; i < TURNS && (CAN1->msr & CAN_MSR_INAK) == 0; i++) {
     }
-    /* Frames leave in the order in which they were asked for; bus-off ends by itself. */
+    /* Frames leave in the order of their requests; bus-off ends by itself. */
     CAN1->mcr = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM;
     CAN1->btr = (AFTER - 1u) << 20 | (BEFORE - 1u) << 16 | (PRESCALER - 1u); /* jump: one, 00 */
     CAN1->fmr |= CAN_FMR_FINIT;
@@ -45,7 +46,7 @@ void can_start(uint8_t node) {
     CAN1->filter[0].fr2 = FILTER_MASK << 16 | FILTER(0); /* for all nodes */
     CAN1->fa1r |= 1u;
     CAN1->fmr &= ~CAN_FMR_FINIT;
-    CAN1->mcr &= ~CAN_MCR_INRQ; /* takes part after 11 recessive bits; nobody waits for it */
+    CAN1->mcr &= ~CAN_MCR_INRQ; /* active after 11 recessive bits; nothing waits for it */
     CAN1->ier = CAN_IER_FMPIE0 | CAN_IER_TMEIE | CAN_IER_BOFIE | CAN_IER_ERRIE;
     nvic_enable(IRQ_CAN1_RX0, LEVEL_LINK); /* all three on one level: none interrupts another */
     nvic_enable(IRQ_CAN1_TX, LEVEL_LINK);
@@ -79,7 +80,7 @@ static void put(can_mailbox_t *box, const sp_can_frame_t *frame) {
     box->ir = (uint32_t)frame->id << CAN_IR_STID_SHIFT | CAN_IR_TXRQ;
 }
 
-/* With interrupts off, or in the mailboxes' own. */
+/* Called with interrupts off, or in the mailboxes' own interrupt. */
 static void fill_mailboxes(uint32_t tsr) {
     for (unsigned i = 0; i < CAN_MAILBOXES && count != 0; i++) {
         if ((tsr & CAN_TSR_TME(i)) != 0) {
@@ -90,15 +91,15 @@ static void fill_mailboxes(uint32_t tsr) {
     }
 }
 
-/* A mailbox is empty. It also wakes the main loop, which has the next frames. */
+/* A mailbox is empty. The interrupt also wakes the main loop, which has the next frames. */
 void can1_tx_handler(void) {
     const uint32_t tsr = CAN1->tsr;
     CAN1->tsr = tsr & (CAN_TSR_RQCP(0) | CAN_TSR_RQCP(1) | CAN_TSR_RQCP(2));
     fill_mailboxes(tsr);
 }
 
-/* Bus-off: the controller comes back by itself after 128 times 11 recessive bits (ABOM). What waited
- * is of the time before, and may be too old for its stamp to be extended. */
+/* Bus-off: the controller recovers by itself after 128 times 11 recessive bits (ABOM). The waiting
+ * frames are from before, and may be too old for their stamps to be extended. */
 void can1_sce_handler(void) {
     CAN1->msr = CAN_MSR_ERRI;
     if ((CAN1->esr & CAN_ESR_BOFF) != 0) {

@@ -1,4 +1,4 @@
-/* Clocks, pins, why the chip began, who it is this time. */
+/* Clocks, pins, reset cause, boot id. */
 #include "f429.h"
 #include "stm32f4.h"
 
@@ -13,8 +13,8 @@ static bool waits_for(const volatile uint32_t *at, uint32_t mask, uint32_t value
     return false;
 }
 
-/* 168 MHz: (crystal / M = 1 MHz) x 336 / 2; buses at 42 and 84 MHz. Where the clock from outside fails
- * the PLL runs from the internal 16 MHz, which is good to 1 %: enough for a UART, not for CAN (its two
+/* 168 MHz: (crystal / M = 1 MHz) x 336 / 2; buses at 42 and 84 MHz. If the external clock fails,
+ * the PLL runs from the internal 16 MHz, accurate to 1 %: enough for a UART, not for CAN (its two
  * sides may differ by 0.5 % at most: 32.7.7 with a jump of one quantum of 14). */
 bool clocks_start(void) {
     RCC->ahb1enr |= RCC_AHB1_CRC | RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
@@ -65,8 +65,8 @@ uint8_t reset_cause(void) {
     return (flags & RCC_CSR_BORRSTF) != 0 ? SP_RESET_CAUSE_BROWN_OUT : SP_RESET_CAUSE_PIN;
 }
 
-/* From the generator of random numbers (24.3.1: the first is not to be used); should that fail,
- * from memory that no start clears, where each boot counts on. */
+/* From the random number generator (24.3.1: the first number must not be used). If it fails, from
+ * memory that no start clears, where each boot counts up. */
 uint32_t boot_id(const uint8_t uid[12]) {
     static uint32_t boots __attribute__((section(".noinit")));
     boots++;
@@ -86,7 +86,8 @@ uint32_t boot_id(const uint8_t uid[12]) {
     return mixed != 0 ? mixed : 1u;
 }
 
-/* ---- pins: 8.4; two bits a pin in moder, ospeedr, pupdr, four in afr ------------------------ */
+/* ---- pins: 8.4; two bits per pin in moder, ospeedr, pupdr, four in afr ------------------------
+ */
 
 enum { MODE_INPUT, MODE_OUTPUT, MODE_ALTERNATE, MODE_ANALOG };
 

@@ -7,8 +7,8 @@
 #define PWM_HZ 20000u /* above hearing; the L298's data sheet allows 40 kHz */
 #define PWM_TOP (TIMER_APB2_HZ / PWM_HZ)
 
-/* One end of a motor is switched, the other stays low: between pulses both are low, which ties
- * the motor's ends together (slow decay), so that the mean voltage goes with the duty. */
+/* One end of a motor is switched, the other stays low. Between pulses both are low, which connects
+ * the motor's ends (slow decay), so the mean voltage is proportional to the duty. */
 void motors_start(void) {
     TIM1->psc = 0;
     TIM1->arr = PWM_TOP - 1u;
@@ -31,7 +31,7 @@ void motors_start(void) {
     pin_output(PORT_E, 10);
 }
 
-/* ENA and ENB: low, the bridge's outputs are open. */
+/* ENA and ENB: if low, the bridge's outputs are open. */
 void board_drivers(board_t *board, bool enabled) {
     pin_write(PORT_E, 8, enabled);
     pin_write(PORT_E, 10, enabled);
@@ -49,9 +49,9 @@ void board_motors(board_t *board, int16_t left, int16_t right) {
     motor(&TIM1->ccr[2], &TIM1->ccr[3], right);
 }
 
-/* Every edge of both inputs counts (18.3.12). A level counts after eight samples at 84 MHz / 4 / 32
- * (18.4.1: CKD, 18.4.7: filter 1111), 12.2 us: the ringing of the bridges' edges, which come 40 000
- * times a second, is over by then, and at the top speed of 0.30 m/s a level lasts for 870 us. */
+/* Every edge of both inputs counts (18.3.12). A level is valid after eight samples at 84 MHz / 4 /
+ * 32 (18.4.1: CKD, 18.4.7: filter 1111), 12.2 us. By then the ringing of the bridges' edges, 40 000
+ * a second, is over. At the top speed of 0.30 m/s a level lasts for 870 us. */
 static void encoder(tim_regs_t *timer) {
     timer->ccmr[0] = 1u << 0 | 15u << 4 | 1u << 8 | 15u << 12; /* inputs TI1, TI2 */
     timer->smcr = TIM_SMCR_ENCODER_BOTH;
@@ -67,7 +67,7 @@ void encoders_start(void) {
     pin_alternate(ENCODER_RIGHT_B, 2, PULL_UP, false);
     encoder(TIM3);
     encoder(TIM4);
-    TIM4->ccer = TIM_CCER_CCP(1); /* the right motor stands the other way round */
+    TIM4->ccer = TIM_CCER_CCP(1); /* the right motor is mounted in mirror image */
 }
 
 void board_encoders(board_t *board, board_encoders_t *out) {

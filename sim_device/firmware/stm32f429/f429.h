@@ -1,5 +1,5 @@
-/* What every board with an STM32F429 shares, its parts towards each other. Which pin is what is the
- * board's: board_config.h. The same on all of them:
+/* Interface between the parts of every board with an STM32F429. board_config.h defines the board's
+ * own pins. These pins are the same on all of them:
  *
  *   PE9  PE11      TIM1 CH1, CH2 (AF1): L298N IN1, IN2, the left motor
  *   PE13 PE14      TIM1 CH3, CH4 (AF1): L298N IN3, IN4, the right motor
@@ -38,13 +38,13 @@
 enum { PORT_A, PORT_B, PORT_C, PORT_D, PORT_E, PORT_F, PORT_G };
 enum { LEVEL_LINK = 2, LEVEL_IMU = 4, LEVEL_ECHO = 5, LEVEL_FLASH = 6, LEVEL_TICK = 8 };
 
-/* The device that the interrupts hand what they receive to. */
+/* The device that receives the interrupts' data. */
 extern firmware_t *device;
 
 #if defined(__arm__)
 static inline uint32_t uptime_us(void) { return TIM2->cnt; }
 #else
-uint32_t uptime_us(void); /* a test's */
+uint32_t uptime_us(void); /* in tests: the test's */
 #endif
 
 typedef enum { PULL_NONE, PULL_UP, PULL_DOWN } pull_t;
@@ -54,10 +54,10 @@ void pin_alternate(unsigned port, unsigned pin, unsigned function, pull_t pull, 
 void pin_analog(unsigned port, unsigned pin);
 void pin_write(unsigned port, unsigned pin, bool high);
 bool pin_read(unsigned port, unsigned pin);
-/* Leave an alternate function for a while, and drive the pin by hand: it pulls low or lets go. */
+/* Leave an alternate function for a while, and drive the pin directly: low or open. */
 void pin_open_drain(unsigned port, unsigned pin);
 
-/* False: no clock from crystal or ST-LINK, and the chip runs from its own oscillator. */
+/* Return false without a crystal or ST-LINK clock; the chip then runs from its own oscillator. */
 bool clocks_start(void);
 uint8_t reset_cause(void);
 uint32_t boot_id(const uint8_t uid[12]);
@@ -68,12 +68,12 @@ void can_start(uint8_t node);
 void motors_start(void);
 void encoders_start(void);
 void imu_start(void);
-void imu_millisecond(void); /* from the tick's interrupt */
+void imu_millisecond(void); /* called by the tick's interrupt */
 void sonar_start(void);
-void sonar_millisecond(void); /* likewise */
+void sonar_millisecond(void); /* called by the tick's interrupt */
 uint16_t sonar_mm(void);
 void analog_start(void);
-void analog_millisecond(void); /* likewise */
+void analog_millisecond(void); /* called by the tick's interrupt */
 bool flash_can_save(void);
 
 enum {
@@ -85,9 +85,9 @@ enum {
     ANALOG_MOTOR_RIGHT,
     ANALOG_COUNT
 };
-/* Mean of the last ANALOG_SETS conversions, millivolts at the pin. */
+/* Return the mean of the last ANALOG_SETS conversions, millivolts at the pin. */
 uint32_t analog_mv(unsigned channel);
 uint32_t analog_sampled_us(void);
-#define ANALOG_AGE_US 1500u /* of that mean: half of the time over which it is taken */
+#define ANALOG_AGE_US 1500u /* age of that mean: half of its interval */
 
 #endif

@@ -1,8 +1,9 @@
-/* The two pages: sectors 12 and 13, the first of the flash's second bank, so that the program runs
- * on from the first bank while they are erased and written (RM0090 3.4: read while write). The second
- * bank begins in the middle of the flash, at 1 MB in a chip of 2 MB (table 6). A chip of 1 MB has two
- * banks only with the option bit DB1M (table 7; 3.9.10). Without it nothing can be saved: to erase a
- * sector would stop the program, which runs from the same bank, for longer than the watchdog waits. */
+/* The two pages: sectors 12 and 13, the first of the flash's second bank. The program therefore
+ * runs on from the first bank while they are erased and written (RM0090 3.4: read while write). The
+ * second bank begins in the middle of the flash, at 1 MB in a chip of 2 MB (table 6). A chip of 1
+ * MB has two banks only with the option bit DB1M (table 7; 3.9.10). Without it nothing can be
+ * saved: erasing a sector would stop the program, which runs from the same bank, for longer than
+ * the watchdog allows. */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
@@ -51,7 +52,7 @@ void board_flash_erase(board_t *board, unsigned page) {
     FLASH->cr |= FLASH_CR_STRT;
 }
 
-/* All that the interrupt reads is set before the store that can bring it about. */
+/* All variables that the interrupt reads are set before the store that can trigger it. */
 static void write_word(void) {
     const uint8_t *const from = next;
     const uint32_t to = to_address;
@@ -77,7 +78,7 @@ void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8
     write_word();
 }
 
-/* One word after the other; the data cache may hold what stood there before (3.5.2). */
+/* One word after the other; the data cache may hold the old content (3.5.2). */
 void flash_handler(void) {
     const uint32_t flags = FLASH->sr;
     FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;

@@ -1,8 +1,8 @@
-/* MPU6050 on I2C1 at 400 kHz. Its data-ready pin stamps a sample and begins the transfer of the 14
- * bytes from 0x3B on; interrupts and DMA do the rest, and nothing waits for a bus that hangs: what
- * is not done after two milliseconds is given up, the bus is freed and the sensor set up again.
- * RM0090 section 27 (I2C1_RX is DMA1 stream 0 channel 1, table 42); registers of the sensor:
- * InvenSense RM-MPU-6000A. */
+/* MPU6050 on I2C1 at 400 kHz. Its data-ready pin stamps a sample and starts the transfer of the 14
+ * bytes from 0x3B on. Interrupts and DMA do the rest, and nothing waits for a bus that hangs: a
+ * transfer that is not done after two milliseconds is aborted, the bus is freed and the sensor set
+ * up again. RM0090 section 27 (I2C1_RX is DMA1 stream 0 channel 1, table 42); registers of the
+ * sensor: InvenSense RM-MPU-6000A. */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
@@ -11,15 +11,15 @@
 #define REG_DATA 0x3Bu
 #define REG_WHO_AM_I 0x75u
 #define WHO_AM_I 0x68u /* of an MPU6050; its successors have other scales and registers */
-#define WHO_AM_I_BYTES 2u /* 27.3.3: DMA ends a read of one byte too late */
+#define WHO_AM_I_BYTES 2u /* 27.3.3: DMA would end a read of one byte too late */
 #define REG_INT_STATUS_CLEARED_BY_ANY_READ 0x10u
 #define BYTES 14u
 #define BUS_HZ 400000u
 #define DATA_READY 5u /* PB5 */
 #define PATIENCE_US 2000u
-#define PIN_SILENT_US 15000u /* the pin is not wired: ask every ten milliseconds */
+#define PIN_SILENT_US 15000u /* the pin is not wired: poll every ten milliseconds */
 #define PERIOD_US 10000u
-#define RETRY_US 100000u /* after a failure: a sensor that is not there must cost nothing */
+#define RETRY_US 100000u /* after a failure: an absent sensor must cost no time */
 
 typedef enum { REST, WRITING, VALUE, READING, BROKEN } phase_t;
 
@@ -39,7 +39,7 @@ static bool given_up;
  * 44/42 Hz; 250 deg/s; 2 g; pin high until read, any read clears it; data ready on the pin. */
 static const uint8_t settings[][2] = {{0x6B, 0x01}, {0x19, 9}, {0x1A, 3}, {0x1B, 0}, {0x1C, 0},
     {0x37, REG_INT_STATUS_CLEARED_BY_ANY_READ | 0x20u}, {0x38, 1}};
-static volatile unsigned setting; /* the next to be written; all done at SETTINGS */
+static volatile unsigned setting; /* the next to be written; SETTINGS: all done */
 #define SETTINGS (sizeof settings / sizeof settings[0])
 
 static void bus_start(void) {
@@ -51,8 +51,9 @@ static void bus_start(void) {
     I2C1->cr1 = I2C_CR1_PE;
 }
 
-/* A slave that was cut short holds SDA low until it has clocked out its byte: nine clocks by hand
- * (UM10204, 3.1.16). 0.1 ms in all, in the millisecond's interrupt and only after a failure. */
+/* A slave whose transfer was interrupted holds SDA low until it has sent its byte: clock it nine
+ * times by hand (UM10204, 3.1.16). This takes 0.1 ms, in the millisecond's interrupt and only after
+ * a failure. */
 static void bus_free(void) {
     pin_write(IMU_SCL, true);
     pin_open_drain(IMU_SCL);
@@ -104,7 +105,7 @@ static uint8_t next_register(void) {
     return setting < SETTINGS ? settings[setting][0] : REG_DATA;
 }
 
-/* With the events masked out while DMA reads, each of these comes once. */
+/* The events are masked while DMA reads, so each of these comes once. */
 void i2c1_event_handler(void) {
     const uint32_t flags = I2C1->sr1;
     if ((flags & I2C_SR1_SB) != 0) {
@@ -119,7 +120,7 @@ void i2c1_event_handler(void) {
         (void)I2C1->sr2;
         I2C1->dr = next_register();
     } else if ((flags & I2C_SR1_BTF) != 0 && phase == WRITING && identified && setting < SETTINGS) {
-        phase = VALUE; /* the register's number has left */
+        phase = VALUE; /* the register's number was sent */
         I2C1->dr = settings[setting][1];
     } else if ((flags & I2C_SR1_BTF) != 0 && phase == VALUE) {
         I2C1->cr1 |= I2C_CR1_STOP;
@@ -132,8 +133,8 @@ void i2c1_event_handler(void) {
 }
 
 /* ES0206 (errata of the F42x), "Spurious bus error detection in Master mode": a bus error during a
- * master's transfer means nothing, and the transfer goes on. A bus that really hangs is found by its
- * being late. */
+ * master's transfer means nothing, and the transfer continues. A bus that really hangs is found by
+ * its timeout. */
 void i2c1_error_handler(void) {
     const uint32_t flags = I2C1->sr1 & I2C_SR1_ERRORS;
     I2C1->sr1 = ~flags;
@@ -175,22 +176,22 @@ static void start_anew(void) {
     phase = REST;
 }
 
-/* Looks after all of it, and writes the next setting: once a millisecond. On a lower level than the
- * handlers above, which can interrupt it anywhere: interrupts are off while it reads the clock,
- * decides and begins. A clock that was read before could be older than a transfer that a handler
- * began in between, and the difference of the two would wrap. */
+/* Supervises all of this and writes the next setting, once a millisecond. The handlers above have a
+ * higher level and can interrupt it anywhere, so interrupts are off while it reads the clock,
+ * decides and starts a transfer. A clock read earlier could be older than a transfer that a handler
+ * started in between, and their difference would wrap. */
 void imu_millisecond(void) {
     const uint32_t state = irq_save();
     const uint32_t now_us = uptime_us();
     const bool late = phase != REST && now_us - began_us > PATIENCE_US;
     const bool broken = failed || late;
     if (broken) {
-        phase = BROKEN; /* no handler begins anything now */
+        phase = BROKEN; /* no handler starts anything now */
         I2C1->cr2 &= ~(I2C_CR2_ITERREN | I2C_CR2_ITEVTEN);
         given_up = true;
         began_us = now_us;
     } else if (phase != REST || (given_up && now_us - began_us < RETRY_US)) {
-        /* under way, or the bus rests */
+        /* in progress, or the bus is idle */
     } else if (!identified || setting < SETTINGS) {
         given_up = false;
         begin(now_us, WRITING);

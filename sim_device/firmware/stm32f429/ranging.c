@@ -1,5 +1,5 @@
-/* HC-SR04 by capture of its echo's edges, infrared by their voltage, contacts by their pins.
- * RM0090 section 18; HC-SR04 user's manual (ElecFreaks); Sharp OP13008EN. */
+/* HC-SR04 by capture of its echo's edges, infrared by its voltage, contacts by their pins. RM0090
+ * section 18; HC-SR04 user's manual (ElecFreaks); Sharp OP13008EN. */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
@@ -7,7 +7,7 @@
 #define CYCLE_MS 60u
 #define TRIGGER 4u                  /* PA4 */
 #define MM_PER_MS 343u              /* sound at 20 degrees C; there and back: half of it */
-#define ECHO_US_MAX 24000u          /* 4.1 m; 38 ms mean that there was none */
+#define ECHO_US_MAX 24000u          /* 4.1 m; 38 ms mean no echo */
 #define ULTRASONIC_MM_MIN 20u
 #define INFRARED_GAIN_MV_DMM 1225000u /* 0.1225 V m: sim_device/sensors/infrared.py */
 #define INFRARED_OFFSET_DMM 62u
@@ -48,7 +48,7 @@ void tim5_handler(void) {
     newest_mm = (uint16_t)(mm < ULTRASONIC_MM_MIN ? ULTRASONIC_MM_MIN : mm);
 }
 
-/* The trigger is high for the first millisecond of each cycle: ten microseconds are the least. */
+/* The trigger is high for the first millisecond of each cycle; the minimum is ten microseconds. */
 void sonar_millisecond(void) {
     pin_write(PORT_A, TRIGGER, cycle_ms == 0);
     if (++cycle_ms >= CYCLE_MS) {

@@ -1,5 +1,6 @@
-/* The serial link by DMA: a ring that fills by itself, told of at half, full and idle line; a queue
- * that leaves in one transfer for each contiguous part. RM0090 sections 10 and 30. */
+/* The serial link by DMA: a receive ring that fills by itself, with an interrupt at half, full and
+ * idle line; a send queue that leaves in one transfer for each contiguous part. RM0090 sections 10
+ * and 30. */
 #include <string.h>
 
 #include "cortex_m4.h"
@@ -13,8 +14,8 @@
 #define IN (&LINK_DMA->stream[LINK_RX_STREAM])
 #define OUT (&LINK_DMA->stream[LINK_TX_STREAM])
 
-/* The receiver samples the middle of each bit, so ten bits may be off by 3 % in all; half of that is
- * the other side's. */
+/* The receiver samples the middle of each bit, so ten bits may be off by 3 % in all; the other side
+ * may use half of that. */
 _Static_assert(BOARD_BAUD * 1000u < LINK_UART_HZ / ((LINK_UART_HZ + BOARD_BAUD / 2u) / BOARD_BAUD) * 1015u &&
                    BOARD_BAUD * 1000u > LINK_UART_HZ / ((LINK_UART_HZ + BOARD_BAUD / 2u) / BOARD_BAUD) * 985u,
                "this UART cannot make BOARD_BAUD to 1.5 %");
@@ -26,7 +27,7 @@ void link_sent_handler(void);
 static uint8_t rx[RX_SIZE];
 static uint32_t rx_taken;
 static uint8_t tx[TX_SIZE];
-static volatile uint32_t tx_put, tx_sent; /* bytes ever; their difference waits or is under way */
+static volatile uint32_t tx_put, tx_sent; /* bytes ever; their difference waits or is being sent */
 static volatile uint32_t tx_under_way;
 
 void uart_start(void) {
@@ -47,7 +48,8 @@ void uart_start(void) {
     nvic_enable(LINK_TX_IRQ, LEVEL_LINK);
 }
 
-/* ---- in ------------------------------------------------------------------------------------ */
+/* ---- receiving --------------------------------------------------------------------------------
+ */
 
 static void take(uint32_t arrived_us) {
     const uint32_t filled = RX_SIZE - IN->ndtr;
@@ -64,7 +66,7 @@ static void take(uint32_t arrived_us) {
 void link_uart_handler(void) {
     const uint32_t flags = LINK_UART->sr;
     if ((flags & (USART_SR_IDLE | USART_SR_ERRORS)) != 0) {
-        (void)LINK_UART->dr; /* 30.6.1: reading both clears them; the DMA has had the byte itself */
+        (void)LINK_UART->dr; /* 30.6.1: reading both clears them; the DMA has taken the byte */
     }
     if ((flags & USART_SR_IDLE) != 0) {
         take(uptime_us() - (BYTE_NS + 999u) / 1000u); /* the line has been idle for a byte */
@@ -76,9 +78,10 @@ void link_received_handler(void) {
     take(uptime_us());
 }
 
-/* ---- out ----------------------------------------------------------------------------------- */
+/* ---- sending ----------------------------------------------------------------------------------
+ */
 
-/* With interrupts off, or in the stream's own. */
+/* Called with interrupts off, or in the stream's own interrupt. */
 static void send_more(void) {
     const uint32_t waiting = tx_put - tx_sent;
     if (tx_under_way != 0 || waiting == 0) {
@@ -126,5 +129,5 @@ uint32_t board_uart_wait_us(board_t *board) {
     if (waiting == 0 && (LINK_UART->sr & USART_SR_TC) != 0) {
         return 0;
     }
-    return (waiting + 1u) * BYTE_NS / 1000u; /* and the one in the shift register */
+    return (waiting + 1u) * BYTE_NS / 1000u; /* and the byte in the shift register */
 }

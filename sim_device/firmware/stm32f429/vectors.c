@@ -1,4 +1,5 @@
-/* RM0090 section 12.2, table 62 (F42x): only what these boards use; anything else is a fault. */
+/* RM0090 section 12.2, table 62 (F42x): only the interrupts of these boards; any other is a fault.
+ */
 #include "f429.h"
 #include "vectors.h"
 
