@@ -55,7 +55,7 @@ static struct {
     uint8_t next_reply;
 } device;
 
-/* ---- sending ------------------------------------------------------------------------------ */
+/* ---- sending -------------------------------------------------------------------------------- */
 
 static void put(size_t length)
 {
@@ -106,7 +106,7 @@ static void send_status(uint32_t now_us)
     SEND(status, now_us, &status);
 }
 
-/* ---- safety ------------------------------------------------------------------------------- */
+/* ---- safety --------------------------------------------------------------------------------- */
 
 static void let_go(void)
 {
@@ -176,7 +176,7 @@ static void take_setpoint(const sp_velocity_setpoint_t *setpoint, int32_t extra_
     board_drive(sp_velocity_setpoint_v_m_s(setpoint), sp_velocity_setpoint_yaw_rate_rad_s(setpoint));
 }
 
-/* ---- commands ----------------------------------------------------------------------------- */
+/* ---- commands ------------------------------------------------------------------------------- */
 
 static bool refuse(uint8_t why, uint8_t *reason)
 {
@@ -252,7 +252,7 @@ static void command(const sp_frame_t *frame, uint32_t now_us)
     answer(reply, now_us);
 }
 
-/* ---- receiving ---------------------------------------------------------------------------- */
+/* ---- receiving ------------------------------------------------------------------------------ */
 
 /* Return whether the hello belongs to the session. */
 static bool greet(const sp_host_hello_t *hello, uint32_t now_us)
@@ -353,7 +353,7 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
     }
 }
 
-/* ---- the loop ----------------------------------------------------------------------------- */
+/* ---- the loop ------------------------------------------------------------------------------- */
 
 static void stream(uint32_t tick, uint32_t now_us)
 {

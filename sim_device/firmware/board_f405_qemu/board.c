@@ -36,7 +36,7 @@ void usart1_handler(void);
 void usart2_handler(void);
 void systick_handler(void);
 
-/* ---- time ---------------------------------------------------------------------------------- */
+/* ---- time ----------------------------------------------------------------------------------- */
 
 uint32_t board_now_us(board_t *board) { return uptime_us(); }
 
@@ -93,7 +93,7 @@ void board_watchdog_feed(board_t *board) { unfed_ms = 0; }
 
 void board_reboot(board_t *board) { reset_for(SP_RESET_CAUSE_SOFTWARE); }
 
-/* ---- start --------------------------------------------------------------------------------- */
+/* ---- start ---------------------------------------------------------------------------------- */
 
 static void uart_start(usart_regs_t *uart, unsigned irq) {
     uart->brr = 84000000u / 921600u; /* without effect in the emulator */
@@ -145,7 +145,7 @@ void board_start(firmware_t *firmware) {
 
 const board_identity_t *board_identity(board_t *board) { return &plant_identity; }
 
-/* ---- the line to the host ------------------------------------------------------------------ */
+/* ---- the line to the host ------------------------------------------------------------------- */
 
 void usart1_handler(void) {
     while ((USART1->sr & USART_SR_RXNE) != 0) {
@@ -183,7 +183,7 @@ bool board_can_write(board_t *board, const sp_can_frame_t *frame) {
     return true;
 }
 
-/* ---- motors and sensors -------------------------------------------------------------------- */
+/* ---- motors and sensors --------------------------------------------------------------------- */
 
 static void send_motors(void) {
     uint8_t payload[9];
@@ -238,7 +238,7 @@ void board_power(board_t *board, board_power_t *out) {
     *out = now.power;
 }
 
-/* ---- flash: a copy here, the pages themselves at the other end ------------------------------- */
+/* ---- flash: a copy here, the pages themselves at the other end ------------------------------ */
 
 const uint8_t *board_flash_page(board_t *board, unsigned page) { return plant_pages[page]; }
 

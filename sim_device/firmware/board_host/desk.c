@@ -51,7 +51,7 @@ static uint64_t clock_us(void)
     return (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;
 }
 
-/* ---- the chip ------------------------------------------------------------------------------ */
+/* ---- the chip ------------------------------------------------------------------------------- */
 
 static void end(int number)
 {
@@ -143,7 +143,7 @@ const board_identity_t *board_identity(board_t *board)
     return &identity;
 }
 
-/* ---- the line ------------------------------------------------------------------------------ */
+/* ---- the line ------------------------------------------------------------------------------- */
 
 size_t board_uart_room(board_t *board)
 {
@@ -172,7 +172,7 @@ void board_can_health(board_t *board, board_can_health_t *out)
     memset(out, 0, sizeof *out);
 }
 
-/* ---- the robot ----------------------------------------------------------------------------- */
+/* ---- the robot ------------------------------------------------------------------------------ */
 
 static void move(void)
 {
@@ -244,7 +244,7 @@ void board_power(board_t *board, board_power_t *out)
     out->sampled_us = uptime_us();
 }
 
-/* ---- flash --------------------------------------------------------------------------------- */
+/* ---- flash ---------------------------------------------------------------------------------- */
 
 const uint8_t *board_flash_page(board_t *board, unsigned page)
 {

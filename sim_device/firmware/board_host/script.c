@@ -57,8 +57,7 @@ static firmware_t device;
 static const char NAME[] = "virtual sweeper";
 static const board_crash_t CRASH = {0x08004D2Au, 0x08004C91u, 0x00010000u, 12345678u};
 
-/* ---- functions of board.h ---------------------------------------------------------------------
- */
+/* ---- functions of board.h ------------------------------------------------------------------- */
 
 static uint32_t uptime_us(void)
 {
@@ -208,7 +207,7 @@ bool board_flash_busy(board_t *board)
     return lives.flash_wait != 0;
 }
 
-/* ---- the script ---------------------------------------------------------------------------- */
+/* ---- the script ----------------------------------------------------------------------------- */
 
 typedef struct {
     const uint8_t *data;
@@ -336,8 +335,7 @@ static void deliver(const uint8_t *data, size_t length)
     }
 }
 
-/* ---- results -----------------------------------------------------------------------------------
- */
+/* ---- results -------------------------------------------------------------------------------- */
 
 typedef struct {
     script_write_t *write;

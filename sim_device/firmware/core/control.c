@@ -35,7 +35,7 @@ void control_apply(control_t *control, const parameters_t *parameters)
     control->battery_empty_v = parameters_value(parameters, PARAMETER_BATTERY_EMPTY);
 }
 
-/* ---- events -------------------------------------------------------------------------------- */
+/* ---- events --------------------------------------------------------------------------------- */
 
 static void end_plan(control_t *control)
 {
@@ -150,7 +150,7 @@ void control_forget_host(control_t *control)
     watchdog_reset(&control->duties);
 }
 
-/* ---- time ---------------------------------------------------------------------------------- */
+/* ---- time ----------------------------------------------------------------------------------- */
 
 static int16_t steps_of(float duty)
 {
@@ -295,7 +295,7 @@ void control_power(control_t *control, const board_power_t *power)
     health_power(&control->health, power, control->battery_low_v, control->battery_empty_v);
 }
 
-/* ---- present state ------------------------------------------------------------------------- */
+/* ---- present state -------------------------------------------------------------------------- */
 
 uint16_t control_faults(const control_t *control)
 {

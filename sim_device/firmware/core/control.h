@@ -49,7 +49,7 @@ void control_start(control_t *control, const parameters_t *parameters);
 /* Apply the parameters that take effect at once. */
 void control_apply(control_t *control, const parameters_t *parameters);
 
-/* ---- events -------------------------------------------------------------------------------- */
+/* ---- events --------------------------------------------------------------------------------- */
 
 /* Apply an event by the mode table; `holding` are the conditions that are true. Return -1, or the
  * reason of a rejection. */
@@ -75,7 +75,7 @@ bool control_wheel_duty(
 /* Discard everything that a session has sent. */
 void control_forget_host(control_t *control);
 
-/* ---- time ---------------------------------------------------------------------------------- */
+/* ---- time ----------------------------------------------------------------------------------- */
 
 typedef struct {
     int16_t left; /* in units of BOARD_DUTY_ONE */
@@ -90,7 +90,7 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
 /* Take a reading of the supply. */
 void control_power(control_t *control, const board_power_t *power);
 
-/* ---- present state ------------------------------------------------------------------------- */
+/* ---- present state -------------------------------------------------------------------------- */
 
 /* SP_FAULT_* */
 uint16_t control_faults(const control_t *control);

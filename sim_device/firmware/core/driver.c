@@ -49,7 +49,7 @@ void driver_halt(driver_t *driver)
     driver->smooth = HALT;
 }
 
-/* ---- controllers --------------------------------------------------------------------------- */
+/* ---- controllers ---------------------------------------------------------------------------- */
 
 /* The paper's PD (section 3.3, eq. 1) with limited output; the first sample has no derivative. */
 static float proportional_derivative(
@@ -120,7 +120,7 @@ static float approach(driver_t *driver, const observation_t *seen, float dt_s)
     return smaller(driver->speed_m_s, brake_speed(remaining_m));
 }
 
-/* ---- ends of legs -------------------------------------------------------------------------- */
+/* ---- ends of legs --------------------------------------------------------------------------- */
 
 static leg_end_t hit(const observation_t *seen)
 {
@@ -172,7 +172,7 @@ static velocity_t settle(driver_t *driver, const observation_t *seen, float dt_s
     return command;
 }
 
-/* ---- kinds of leg -------------------------------------------------------------------------- */
+/* ---- kinds of leg --------------------------------------------------------------------------- */
 
 static velocity_t turn(driver_t *driver, const observation_t *seen, float dt_s)
 {
@@ -274,7 +274,7 @@ static velocity_t rest(driver_t *driver, float dt_s)
     return send(driver, 0.0f, 0.0f, dt_s);
 }
 
-/* ---- running ------------------------------------------------------------------------------- */
+/* ---- running -------------------------------------------------------------------------------- */
 
 /* Compute line, speed and timeout of a leg that covers a distance. */
 static void lay_out(driver_t *driver, const observation_t *seen)

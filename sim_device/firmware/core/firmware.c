@@ -53,7 +53,7 @@ void firmware_boot(firmware_t *firmware, board_t *board)
     board_drivers(firmware->board, false);
 }
 
-/* ---- the control period -------------------------------------------------------------------- */
+/* ---- the control period --------------------------------------------------------------------- */
 
 static void read_power(firmware_t *firmware)
 {
@@ -143,7 +143,7 @@ static void run_period_if_due(firmware_t *firmware)
     period(firmware);
 }
 
-/* ---- the loop ------------------------------------------------------------------------------ */
+/* ---- the loop ------------------------------------------------------------------------------- */
 
 static void receive(firmware_t *firmware)
 {

@@ -39,7 +39,7 @@ struct firmware {
 
     bool off_bus; /* on CAN without a crystal: it neither receives nor sends */
 
-    /* ---- session ---- */
+    /* ---- session -------------------------------------------------------------------------------- */
     uint32_t session_id; /* 0: none */
     bool negotiated;
     bool status_wanted; /* a stop from any sender is to be answered with the status */
@@ -48,16 +48,16 @@ struct firmware {
     int64_t strange_us; /* last hello to a host with an unknown session */
     freshness_t freshness;
 
-    /* ---- parameters being saved ---- */
+    /* ---- parameters being saved ----------------------------------------------------------------- */
     flash_store_t flash;
     stored_t saving[FLASH_VALUES];
     reply_t save_reply; /* sent once they are stored */
 
-    /* ---- an accepted reboot ---- */
+    /* ---- an accepted reboot --------------------------------------------------------------------- */
     bool reboot_wanted;
     bool factory_reset;
 
-    /* ---- telemetry ---- */
+    /* ---- telemetry ------------------------------------------------------------------------------ */
     uint16_t stale; /* rejected setpoints */
     uint8_t load_percent;
     uint32_t load_busy_us; /* last measurement */

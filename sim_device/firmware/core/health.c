@@ -90,7 +90,7 @@ static void count_run(uint16_t *ticks, bool so)
     }
 }
 
-/* ---- each period --------------------------------------------------------------------------- */
+/* ---- each period ---------------------------------------------------------------------------- */
 
 static bool same_registers(const board_imu_t *a, const board_imu_t *b)
 {
@@ -203,7 +203,7 @@ void health_tick(health_t *health, const readings_t *readings, const wheels_t *w
     }
 }
 
-/* ---- each reading -------------------------------------------------------------------------- */
+/* ---- each reading --------------------------------------------------------------------------- */
 
 void health_power(health_t *health, const board_power_t *power, float low_v, float empty_v)
 {

@@ -10,7 +10,7 @@ void line_start(line_t *line, board_t *board, uint8_t node, bool can)
     line->can_sender.node = node;
 }
 
-/* ---- sending ------------------------------------------------------------------------------- */
+/* ---- sending -------------------------------------------------------------------------------- */
 
 static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, size_t kept)
 {
@@ -123,7 +123,7 @@ bool line_idle(const line_t *line)
     return line->can ? line->waiting_count == 0 : board_uart_wait_us(line->board) == 0;
 }
 
-/* ---- receiving ----------------------------------------------------------------------------- */
+/* ---- receiving ------------------------------------------------------------------------------ */
 
 static bool next_uart(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us)
 {

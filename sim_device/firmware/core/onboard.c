@@ -49,7 +49,7 @@ const char *onboard_finish_reason(const onboard_t *plan)
     return plan->finish_reason;
 }
 
-/* ---- running ------------------------------------------------------------------------------- */
+/* ---- running -------------------------------------------------------------------------------- */
 
 /* Begin the first leg, or the next one; return false if there is none. */
 static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
@@ -109,7 +109,7 @@ velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings
     return plan->wanted;
 }
 
-/* ---- reports ------------------------------------------------------------------------------- */
+/* ---- reports -------------------------------------------------------------------------------- */
 
 static uint8_t phase(const onboard_t *plan)
 {

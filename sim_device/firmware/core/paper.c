@@ -31,7 +31,7 @@
  * lanes. */
 #define BLOCKED_MAX 3u
 
-/* ---- log of decisions ---------------------------------------------------------------------- */
+/* ---- log of decisions ----------------------------------------------------------------------- */
 
 static void decide(log_t *log, const char *kind, const char *what, const char *why)
 {
@@ -51,7 +51,7 @@ static void tell_blocked(log_t *log, const leg_t *leg, leg_end_t reason)
     text_add(line, leg_end_name(reason));
 }
 
-/* ---- lanes and side steps ------------------------------------------------------------------ */
+/* ---- lanes and side steps ------------------------------------------------------------------- */
 
 /* Return the distance of a pose from the first lane, along the stepping direction. */
 static float offset_m(const paper_t *paper, const pose_t *pose)
@@ -177,7 +177,7 @@ static const char *stuck(paper_t *paper, const leg_result_t *lane, bool blocked)
     return NULL;
 }
 
-/* ---- the three cases ----------------------------------------------------------------------- */
+/* ---- the three cases ------------------------------------------------------------------------ */
 
 /* Record D, compare it with Prev-D, count T; return whether it is case 3. */
 static bool compare(paper_t *paper, log_t *log)
@@ -311,7 +311,7 @@ static void after_return(
     end_recovery(paper, log);
 }
 
-/* ---- the plan ------------------------------------------------------------------------------ */
+/* ---- the plan ------------------------------------------------------------------------------- */
 
 static void after_lane(paper_t *paper, log_t *log)
 {

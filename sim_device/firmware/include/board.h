@@ -21,7 +21,7 @@
 typedef struct board board_t;       /* defined by a board that needs one */
 typedef struct firmware firmware_t; /* the state of one device: firmware_state.h */
 
-/* ---- the chip ------------------------------------------------------------------------------ */
+/* ---- the chip ------------------------------------------------------------------------------- */
 
 /* Start clocks, pins, timers and interrupts; motors off. main() calls it once, first of all.
  * `firmware` takes the data that interrupts receive. A board that gets its identity from outside
@@ -44,8 +44,7 @@ void board_watchdog_feed(board_t *board);
  * The host's board returns: its test then calls firmware_boot(). */
 void board_reboot(board_t *board);
 
-/* ---- identity, constant from board_start() on -------------------------------------------------
- */
+/* ---- identity, constant from board_start() on ----------------------------------------------- */
 
 /* No crystal and no external clock: the chip runs from its own oscillator, accurate to 1 %, and CAN
  * is off. */
@@ -75,7 +74,7 @@ typedef struct {
 
 const board_identity_t *board_identity(board_t *board);
 
-/* ---- the line to the host ------------------------------------------------------------------ */
+/* ---- the line to the host ------------------------------------------------------------------- */
 
 /* UART. Receiving: from the interrupt, by firmware_uart_received() in firmware.h. */
 
@@ -106,7 +105,7 @@ typedef struct {
 } board_can_health_t;
 void board_can_health(board_t *board, board_can_health_t *out);
 
-/* ---- motors -------------------------------------------------------------------------------- */
+/* ---- motors --------------------------------------------------------------------------------- */
 
 #define BOARD_DUTY_ONE 10000
 
@@ -118,7 +117,7 @@ void board_motors(board_t *board, int16_t left, int16_t right);
  * the duties are. Disabled from board_start() on; called each control period. */
 void board_drivers(board_t *board, bool enabled);
 
-/* ---- sensors ------------------------------------------------------------------------------- */
+/* ---- sensors -------------------------------------------------------------------------------- */
 
 /* Each function returns its newest reading at once, with the time of the measurement. The board
  * samples by itself: the IMU when its data is ready, the echo by a timer's capture. */
@@ -182,7 +181,7 @@ typedef struct {
 } board_power_t;
 void board_power(board_t *board, board_power_t *out);
 
-/* ---- two pages of flash -------------------------------------------------------------------- */
+/* ---- two pages of flash --------------------------------------------------------------------- */
 
 /* The core keeps the parameters in them, so that after a loss of supply either the old or the new
  * ones are complete (flash_store.c). Erasing and writing run by themselves, or board_flash_busy()

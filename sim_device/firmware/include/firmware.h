@@ -9,7 +9,7 @@
 
 #include "board.h"
 
-/* ---- from the main loop (main.c does it) --------------------------------------------------- */
+/* ---- from the main loop (main.c does it) ---------------------------------------------------- */
 
 /* Restart: latched, idle, without a host. Call it after board_start(); on the host, any number of
  * times. */
@@ -19,7 +19,7 @@ void firmware_boot(firmware_t *firmware, board_t *board);
  * least once a millisecond; between two calls board_idle() may sleep. */
 void firmware_poll(firmware_t *firmware);
 
-/* ---- from interrupts ----------------------------------------------------------------------- */
+/* ---- from interrupts ------------------------------------------------------------------------ */
 
 /* Bytes from the UART and their arrival time: one byte from the receive interrupt, or a block from
  * the DMA ring at half, full or idle line. The function copies and returns: about 20 cycles a byte.

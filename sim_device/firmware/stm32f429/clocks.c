@@ -86,8 +86,7 @@ uint32_t boot_id(const uint8_t uid[12]) {
     return mixed != 0 ? mixed : 1u;
 }
 
-/* ---- pins: 8.4; two bits per pin in moder, ospeedr, pupdr, four in afr ------------------------
- */
+/* ---- pins: 8.4; two bits per pin in moder, ospeedr, pupdr, four in afr ---------------------- */
 
 enum { MODE_INPUT, MODE_OUTPUT, MODE_ALTERNATE, MODE_ANALOG };
 

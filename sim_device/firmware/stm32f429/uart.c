@@ -48,8 +48,7 @@ void uart_start(void) {
     nvic_enable(LINK_TX_IRQ, LEVEL_LINK);
 }
 
-/* ---- receiving --------------------------------------------------------------------------------
- */
+/* ---- receiving ------------------------------------------------------------------------------ */
 
 static void take(uint32_t arrived_us) {
     const uint32_t filled = RX_SIZE - IN->ndtr;
@@ -78,8 +77,7 @@ void link_received_handler(void) {
     take(uptime_us());
 }
 
-/* ---- sending ----------------------------------------------------------------------------------
- */
+/* ---- sending -------------------------------------------------------------------------------- */
 
 /* Called with interrupts off, or in the stream's own interrupt. */
 static void send_more(void) {
