@@ -40,8 +40,9 @@ class PaperOptions(LaneOptions):
     """T = 0 after a case 3 is dealt with: else a second case 3 without a case 2 between
     would count the same lanes again."""
     recovery_lanes: Literal["unobserved", "observed"] = "unobserved"
-    """Whether D, Prev-D and T follow the lanes inside the shadow too. There is one slot and no
-    stack: observed, a second obstacle in there overwrites what the first one left."""
+    """Whether D, Prev-D and T also follow the lanes inside the occluded region. There is one slot
+    and no stack: with "observed", a second obstacle in that region overwrites the values of the
+    first one."""
     return_by: Literal["leave_point", "nearest"] = "leave_point"
     """Where to continue after recovery: at the place of case 3, or where the last lane in the
     occluded region ended."""
@@ -105,7 +106,7 @@ class PaperPlanner(ScriptedPlanner):
             reason = "D + Φ < Prev-D: an obstacle, T starts again"
         elif distance - diameter > previous:
             case, length = 3, self.model.cleaning_width_m * turns
-            reason = "D - Φ > Prev-D: past an obstacle, its shadow is Length = W·T"
+            reason = "D - Φ > Prev-D: past an obstacle, its occluded Length = W·T"
         elif abs(distance - previous) <= options.equal_tolerance_m:
             case, turns = 1, turns + counting
             reason = "D = Prev-D: a parallel passage"
@@ -132,7 +133,7 @@ class PaperPlanner(ScriptedPlanner):
         )
         return case
 
-    # -- recovery of the shadow ------------------------------------------------------------
+    # -- recovery of the occluded region ---------------------------------------------------
 
     def _recover(self, heading: float, lane: LegResult) -> Generator[Leg, Step]:
         """Drive back by Length, sweep the strip up to the lane that was left, return."""
@@ -179,7 +180,7 @@ class PaperPlanner(ScriptedPlanner):
             else:
                 self.record.decide(
                     "recovery-lane",
-                    f"lane in the shadow ended: {lane.reason}",
+                    f"lane in the occluded region ended: {lane.reason}",
                     distance_m=lane.distance_m,
                 )
             self.record.change(state="recovery-step")

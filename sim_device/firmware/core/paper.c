@@ -129,7 +129,7 @@ static bool back_off(paper_t *paper, float heading_rad)
 /* Begin the next part of the lane or side step in progress; return false if it is done. */
 static bool go_on(paper_t *paper, const leg_result_t *result)
 {
-    const bool lane = paper->at == AT_LANE || paper->at == AT_SHADOW_LANE;
+    const bool lane = paper->at == AT_LANE || paper->at == AT_OCCLUDED_LANE;
     switch (paper->part) {
     case PART_TURN:
         paper->part = PART_MAIN;
@@ -194,7 +194,7 @@ static bool compare(paper_t *paper, log_t *log)
     } else if (distance - paper->diameter_m > previous) {
         paper->lane_case = 3;
         paper->length_m = paper->width_m * (float)paper->turns;
-        why = "D - " PHI " > Prev-D: past an obstacle, its shadow is Length = W" TIMES "T";
+        why = "D - " PHI " > Prev-D: past an obstacle, its occluded Length = W" TIMES "T";
     } else if (absolute(distance - previous) <= EQUAL_TOLERANCE_M) {
         paper->lane_case = 1;
         why = "D = Prev-D: a parallel passage";
@@ -215,7 +215,7 @@ static void step_on(paper_t *paper)
 static void end_recovery(paper_t *paper, log_t *log)
 {
     paper->turns = 0; /* otherwise a second case 3 would count the same lanes again */
-    decide(log, "recovery-end", "the shadow is swept as far as it could be", "");
+    decide(log, "recovery-end", "swept as far as possible", "");
     step_on(paper);
 }
 
@@ -228,7 +228,7 @@ static void begin_recovery(paper_t *paper, log_t *log)
     }
     paper->leave = paper->lane.pose;
     paper->leave_line_m = paper->line_m;
-    paper->shadow_heading_rad = wrapped(paper->heading_rad + PI_F);
+    paper->occluded_heading_rad = wrapped(paper->heading_rad + PI_F);
     begin_step(paper, AT_RECOVERY_BACK, &paper->leave, -paper->length_m);
 }
 
@@ -236,7 +236,7 @@ static void begin_recovery(paper_t *paper, log_t *log)
 static void begin_return(paper_t *paper, log_t *log)
 {
     paper->blocked_steps = 0;
-    if (distance_m(&paper->leave, &paper->shadow) < SHORT_STEP_M) {
+    if (distance_m(&paper->leave, &paper->occluded) < SHORT_STEP_M) {
         paper->line_m = paper->leave_line_m;
         end_recovery(paper, log);
         return;
@@ -252,10 +252,10 @@ static void begin_return(paper_t *paper, log_t *log)
 }
 
 /* Begin the next lane in the occluded region, or the way back once it is swept. */
-static void sweep_shadow(paper_t *paper, log_t *log)
+static void sweep_occluded(paper_t *paper, log_t *log)
 {
-    if (offset_m(paper, &paper->shadow) < paper->until_m) {
-        begin_lane(paper, AT_SHADOW_LANE, paper->shadow_heading_rad);
+    if (offset_m(paper, &paper->occluded) < paper->until_m) {
+        begin_lane(paper, AT_OCCLUDED_LANE, paper->occluded_heading_rad);
     } else {
         begin_return(paper, log);
     }
@@ -266,32 +266,32 @@ static void after_recovery_back(paper_t *paper, log_t *log)
     if (is_short(paper)) {
         tell_blocked(log, &paper->main, paper->ended.reason);
     }
-    paper->shadow = paper->ended.pose;
+    paper->occluded = paper->ended.pose;
     paper->until_m = offset_m(paper, &paper->leave) - 0.5f * paper->width_m;
     paper->blocked_steps = 0;
-    sweep_shadow(paper, log);
+    sweep_occluded(paper, log);
 }
 
-static void after_shadow_lane(paper_t *paper, log_t *log)
+static void after_occluded_lane(paper_t *paper, log_t *log)
 {
-    paper->shadow_lane = paper->ended;
-    decide(log, "recovery-lane", "lane in the shadow ended: ", leg_end_name(paper->ended.reason));
-    begin_step(paper, AT_SHADOW_STEP, &paper->shadow_lane.pose, paper->width_m);
+    paper->occluded_lane = paper->ended;
+    decide(log, "recovery-lane", "lane in the occluded region ended: ", leg_end_name(paper->ended.reason));
+    begin_step(paper, AT_OCCLUDED_STEP, &paper->occluded_lane.pose, paper->width_m);
 }
 
-static void after_shadow_step(paper_t *paper, log_t *log)
+static void after_occluded_step(paper_t *paper, log_t *log)
 {
     const bool blocked = is_short(paper);
-    paper->shadow = paper->ended.pose;
+    paper->occluded = paper->ended.pose;
     if (blocked) {
         tell_blocked(log, &paper->main, paper->ended.reason);
     }
-    if (stuck(paper, &paper->shadow_lane, blocked) != NULL) {
+    if (stuck(paper, &paper->occluded_lane, blocked) != NULL) {
         begin_return(paper, log);
         return;
     }
-    paper->shadow_heading_rad = wrapped(paper->shadow_heading_rad + PI_F);
-    sweep_shadow(paper, log);
+    paper->occluded_heading_rad = wrapped(paper->occluded_heading_rad + PI_F);
+    sweep_occluded(paper, log);
 }
 
 /* The way back is its own leg. After a contact it backs off along its present heading. */
@@ -374,11 +374,11 @@ bool paper_next(paper_t *paper, const leg_result_t *result, const pose_t *pose, 
     case AT_RECOVERY_BACK:
         after_recovery_back(paper, log);
         break;
-    case AT_SHADOW_LANE:
-        after_shadow_lane(paper, log);
+    case AT_OCCLUDED_LANE:
+        after_occluded_lane(paper, log);
         break;
-    case AT_SHADOW_STEP:
-        after_shadow_step(paper, log);
+    case AT_OCCLUDED_STEP:
+        after_occluded_step(paper, log);
         break;
     case AT_RETURN:
         break;

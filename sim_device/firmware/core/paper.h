@@ -23,8 +23,8 @@ typedef enum {
     AT_LANE,          /* sweeping a lane */
     AT_STEP,          /* stepping to the next lane by W */
     AT_RECOVERY_BACK, /* driving back by Length, past the region that an obstacle occluded */
-    AT_SHADOW_LANE,   /* sweeping that region in the same way */
-    AT_SHADOW_STEP,
+    AT_OCCLUDED_LANE, /* sweeping that region in the same way */
+    AT_OCCLUDED_STEP,
     AT_RETURN /* driving back to where the region was noticed */
 } paper_at_t;
 
@@ -58,10 +58,10 @@ typedef struct {
 
     pose_t leave; /* where case 3 fired */
     float leave_line_m;
-    float shadow_heading_rad;
-    pose_t shadow;   /* present place of the sweep of the occluded region */
+    float occluded_heading_rad;
+    pose_t occluded; /* present place of the sweep of the occluded region */
     float until_m;   /* offset at which that region ends */
-    leg_result_t shadow_lane;
+    leg_result_t occluded_lane;
 
     const char *finish_reason; /* NULL: the plan continues */
 } paper_t;
