@@ -1,18 +1,18 @@
-"""Authenticated frames: a counter and a tag that only the key's holders can make.
+"""Authenticated frames: a counter and a tag that only holders of the key can make.
 
-HMAC-SHA-256 (RFC 2104, FIPS 180-4) with a key of 16 bytes, cut to 8 bytes on UART and 6 on CAN
-(RFC 2104 section 5 allows half of the hash at least for a signature that is kept; a tag here is
-worth something for 250 ms, and guessing is limited by the line: 6 bytes at 50 guesses a second
-last 178 000 years).
+The tag is HMAC-SHA-256 (RFC 2104, FIPS 180-4) with a key of 16 bytes, truncated to 8 bytes on UART
+and 6 on CAN. RFC 2104, section 5, recommends at least half of the hash for a signature that is
+kept. A tag here is valid for 250 ms, and the line limits guessing: 6 bytes at 50 guesses a second
+last 178 000 years.
 
-What is covered begins with the session's nonce (boot id, session id and the device's challenge),
-so that a frame of another session never fits, whatever its counter. The counter goes on from the
-challenge, must advance, and wraps at 32 bits.
+The tag first covers the session's nonce (boot id, session id and the device's challenge), so a
+frame of another session is never valid, whatever its counter. The counter starts at the challenge,
+must increase, and wraps at 32 bits.
 
 UART: header flag bit 0, and after the payload ``counter u32 | tag 8 B``; the tag covers nonce,
-header, payload and counter. CAN: right after the frames of a message one frame of type
-``0x0F``, ``counter (low 16 bits) | tag 6 B``; the tag covers nonce, identifier and data of all
-those frames as they went out, and the whole counter.
+header, payload and counter. CAN: directly after the frames of a message one frame of type ``0x0F``,
+``counter (low 16 bits) | tag 6 B``; the tag covers nonce, identifier and data of all those frames
+as sent, and the whole counter.
 """
 
 from __future__ import annotations
@@ -33,28 +33,29 @@ KEY_SIZE = 16
 TRAILER = struct.Struct("<I8s")
 CAN_TRAILER = struct.Struct("<H6s")
 CAN_AUTH_TYPE = 0x0F
-"""Of the frame with a message's tag; no message of the catalogue."""
+"""CAN type of the frame with a message's tag; no message of the catalogue has it."""
 _COUNTER = struct.Struct("<I")
 _NONCE = struct.Struct("<III")
 _SPAN, _HALF, _SHORT = 1 << 32, 1 << 31, 1 << 16
 GUARDED_TYPES = frozenset(s.type_id for s in map(specify, ALL_MESSAGES) if s.needs_tag)
-"""What needs a tag once a key is set: velocities, duties, and every command but stop."""
+"""Types that need a tag once a key is set: velocities, duties, and every command except stop."""
 SIGNED_TYPES = GUARDED_TYPES | {specify(TimeRequest).type_id}
-"""What a host signs: that, and its time requests, for only what is signed keeps a session alive."""
+"""Types that a host signs: the guarded ones and its time requests, because only signed frames keep
+a session alive."""
 
 
 class BadKeyError(LocalError):
-    """Not a key."""
+    """The text is no valid key."""
 
 
 class Authenticator:
-    """One end's key, and the counter of one session."""
+    """Key of one end, and the counter of one session."""
 
     def __init__(self, key: bytes) -> None:
-        """Know a key; nothing is signed or accepted before :meth:`begin`.
+        """Take a key; nothing is signed or accepted before :meth:`begin`.
 
         Raises:
-            BadKeyError: it has not 16 bytes.
+            BadKeyError: the key does not have 16 bytes.
 
         """
         if len(key) != KEY_SIZE:
@@ -66,11 +67,11 @@ class Authenticator:
 
     @property
     def begun(self) -> bool:
-        """True while a session's challenge is known."""
+        """Whether a session's challenge is known."""
         return self._session is not None
 
     def begin(self, boot_id: int, session_id: int, challenge: int) -> None:
-        """Start a session, or go on with the one that this is already."""
+        """Begin a session; a call for the present session changes nothing."""
         session = (boot_id, session_id, challenge)
         if session == self._session:
             return
@@ -80,11 +81,11 @@ class Authenticator:
         self._counter = challenge
 
     def end(self) -> None:
-        """Accept and sign nothing any more."""
+        """Sign and accept nothing from now on."""
         self._session = None
 
     def challenge(self, boot_id: int, session_id: int, number: int) -> int:
-        """A device's challenge: nobody without the key can foretell it."""
+        """Return a device's challenge, which is unpredictable without the key."""
         mac = self._keyed.copy()
         mac.update(b"challenge" + _NONCE.pack(boot_id, session_id, number % _SPAN))
         value: int = _COUNTER.unpack(mac.digest()[:4])[0]
@@ -93,12 +94,12 @@ class Authenticator:
     # ---- signing --------------------------------------------------------------------------
 
     def sign(self, covered: bytes) -> bytes:
-        """The trailer of a UART frame whose header and payload are ``covered``."""
+        """Return the trailer of a UART frame whose header and payload are ``covered``."""
         self._counter = counter = (self._counter + 1) % _SPAN
         return TRAILER.pack(counter, self._tag(covered, counter))
 
     def sign_can(self, frames: Iterable[tuple[int, bytes]]) -> bytes:
-        """The data of the CAN frame that follows a message's frames (identifier and data)."""
+        """Return the data of the CAN frame that follows ``frames`` (identifier and data)."""
         self._counter = counter = (self._counter + 1) % _SPAN
         tag = self._tag(covered_can(frames), counter)
         return CAN_TRAILER.pack(counter % _SHORT, tag[:6])
@@ -106,23 +107,24 @@ class Authenticator:
     # ---- checking -------------------------------------------------------------------------
 
     def check(self, covered: bytes, trailer: bytes) -> bool:
-        """Whether a UART frame's trailer is this session's and new; it counts then."""
+        """Return whether a UART frame's trailer is this session's and new, and accept it if so."""
         if self._session is None or len(trailer) != TRAILER.size:
             return False
         counter, tag = TRAILER.unpack(trailer)
         return self._accept(counter, self._tag(covered, counter), tag)
 
     def check_can(self, frames: Iterable[tuple[int, bytes]], data: bytes) -> bool:
-        """The same of a CAN frame that followed ``frames``."""
+        """Return the same for a CAN frame that followed ``frames``."""
         if self._session is None or len(data) != CAN_TRAILER.size:
             return False
         low, tag = CAN_TRAILER.unpack(data)
-        counter = self._counter + (low - self._counter) % _SHORT  # the next that ends so
+        counter = self._counter + (low - self._counter) % _SHORT  # the next count with this ending
         counter = counter % _SPAN if counter != self._counter else (counter + _SHORT) % _SPAN
         return self._accept(counter, self._tag(covered_can(frames), counter)[:6], tag)
 
     def _accept(self, counter: int, wanted: bytes, tag: bytes) -> bool:
-        # The tag first, in constant time: whoever has not the key learns nothing of the counter.
+        # The tag is checked first and in constant time: a sender without the key learns nothing of
+        # the counter.
         genuine = hmac.compare_digest(wanted, tag)
         if not genuine or not 0 < (counter - self._counter) % _SPAN < _HALF:
             return False
@@ -136,16 +138,16 @@ class Authenticator:
 
 
 def covered_can(frames: Iterable[tuple[int, bytes]]) -> bytes:
-    """Identifier (16 bits), length and data of each frame, one after the other."""
+    """Return identifier (16 bits), length and data of each frame, one after the other."""
     return b"".join(struct.pack("<HB", can_id, len(data)) + data for can_id, data in frames)
 
 
 def key_words(key: bytes) -> tuple[int, int, int, int]:
-    """A key as :class:`SetKey` carries it."""
+    """Return a key in the form of :class:`SetKey`."""
     words: tuple[int, int, int, int] = struct.unpack("<4I", key)
     return words
 
 
 def key_of(words: tuple[int, int, int, int]) -> bytes | None:
-    """The key in four words; None where all are 0, which means that there is none."""
+    """Return the key of four words; None if all are 0, which means no key."""
     return struct.pack("<4I", *words) if any(words) else None

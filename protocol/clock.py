@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HostNs = NewType("HostNs", int)
-"""Host's monotonic clock, nanoseconds."""
+"""Host's monotonic clock, ns."""
 DeviceUs = NewType("DeviceUs", int)
-"""Device's clock, microseconds since boot, wraps undone."""
+"""Device's clock, µs since boot, with wraps undone."""
 
 Stamps = TypeVar("Stamps", int, "NDArray[np.int64]")
 """A stamp, or an array of stamps, µs."""
@@ -23,11 +23,11 @@ _HALF = 1 << 31
 def elapsed_us(since_us: Stamps, until_us: Stamps) -> Stamps:
     """Microseconds from one stamp to another, by their low 32 bits; negative for an earlier one.
 
-    Right for stamps that are less than 35 minutes apart.
+    The result is negative for an earlier stamp. Valid for stamps less than 35 minutes apart.
     """
     return (until_us - since_us + _HALF) % _SPAN - _HALF
 
 
 def extend_us(reference: DeviceUs, low32: int) -> DeviceUs:
-    """The moment nearest to ``reference`` whose low 32 bits are ``low32``."""
+    """Return the time nearest to ``reference`` whose low 32 bits are ``low32``."""
     return DeviceUs(reference + elapsed_us(reference, low32))

@@ -1,6 +1,6 @@
-"""Commands with an id: retried by the measured round trip, carried out once.
+"""Commands with an id: retried by the measured round trip, executed once.
 
-:class:`CommandSender` is the asking end, :class:`CommandLog` the obeying one.
+:class:`CommandSender` is the sending end, :class:`CommandLog` the executing one.
 """
 
 from __future__ import annotations
@@ -18,15 +18,17 @@ if TYPE_CHECKING:
 
 FIRST_TIMEOUT_US = 100_000
 MIN_TIMEOUT_US = 20_000
-"""Above an FTDI adapter's 16 ms latency timer, or every command would be sent twice."""
+"""Minimum timeout, µs: above an FTDI adapter's 16 ms latency timer. Otherwise every command would
+be sent twice."""
 MAX_TIMEOUT_US = 1_000_000
 STOP_REPEAT_US = 25_000
-"""Between two sendings of a stop that nobody has answered yet; it does not back off."""
+"""Time between two sendings of an unanswered stop, µs; it does not grow."""
 MAX_TRIES = 6
-"""With the timeout doubling from 20 ms this is over a second of trying."""
+"""Maximum number of sendings; with the timeout doubling from 20 ms this takes over a second."""
 REMEMBERED = 16
 _HALF = 0x8000
-"""Ids wrap at 16 bits: one that lies less than this behind another is the older one (RFC 1982)."""
+"""Half the range of ids. They wrap at 16 bits: an id less than this behind another is older (RFC
+1982)."""
 
 
 class Command(Protocol):
@@ -34,11 +36,11 @@ class Command(Protocol):
 
     @property
     def command_id(self) -> int:
-        """Chosen by the sender, comes back in the reply."""
+        """Id that the sender has chosen; the reply repeats it."""
 
 
 class RoundTrip:
-    """Smoothed round trip and the timeout that follows from it (RFC 6298, section 2)."""
+    """Smoothed round trip and the resulting timeout (RFC 6298, section 2)."""
 
     def __init__(self) -> None:
         self.smoothed_us: float | None = None
@@ -54,7 +56,7 @@ class RoundTrip:
 
     @property
     def timeout_us(self) -> int:
-        """How long to wait for a reply before asking again."""
+        """Return the time to wait for a reply before the next sending, µs."""
         if self.smoothed_us is None:
             return FIRST_TIMEOUT_US
         timeout = self.smoothed_us + max(1_000.0, 4 * self.variation_us)
@@ -63,7 +65,7 @@ class RoundTrip:
 
 @dataclass(slots=True)
 class Pending:
-    """A command on its way."""
+    """A command without a reply so far."""
 
     message: Message
     command_id: int
@@ -75,16 +77,16 @@ class Pending:
 
 
 class Outcome(NamedTuple):
-    """How a command ended."""
+    """Result of a command."""
 
     message: Message
     accepted: bool
     reason: int | None
-    """Of the refusal; None where accepted or where nobody answered."""
+    """Reason of the rejection; None if accepted or unanswered."""
 
     @property
     def timed_out(self) -> bool:
-        """True where no reply came after every try."""
+        """Whether no reply came after the last try."""
         return not self.accepted and self.reason is None
 
 
@@ -99,13 +101,13 @@ class CommandSender:
     def issue(
         self, make: Callable[[int], Message], type_id: int, now_us: int, *, forever: bool = False
     ) -> int:
-        """Start a command made from its id; returns the id.
+        """Start a command made from its id; return the id.
 
-        With ``forever`` it is repeated until answered, however long that takes, at a steady
-        pace: stop.
+        With ``forever``, as for a stop, it is repeated at a constant rate until answered, however
+        long that takes.
         """
         command_id = self._next_id
-        while command_id in self._pending:  # a stop may have waited for a whole turn of the ids
+        while command_id in self._pending:  # a stop may have waited for a full cycle of the ids
             command_id = (command_id + 1) & 0xFFFF
         self._next_id = (command_id + 1) & 0xFFFF
         self._pending[command_id] = Pending(
@@ -116,7 +118,7 @@ class CommandSender:
     def start(
         self, make: Callable[[int], Message], type_id: int, now_us: int, *, forever: bool = False
     ) -> tuple[int, Message]:
-        """Start a command whose message the caller writes now; its id, and that message."""
+        """Start a command that the caller sends now; return its id and message."""
         command_id = self.issue(make, type_id, now_us, forever=forever)
         pending = self._pending[command_id]
         pending.due_us = now_us + self._wait_us(pending)
@@ -124,7 +126,7 @@ class CommandSender:
         return command_id, pending.message
 
     def due(self, now_us: int) -> tuple[list[tuple[Message, bool]], list[Outcome]]:
-        """Messages to write now, each with whether it is a retry, and what has timed out."""
+        """Return the messages to send now, each with whether it is a retry, and the timeouts."""
         messages: list[tuple[Message, bool]] = []
         outcomes: list[Outcome] = []
         for pending in list(self._pending.values()):
@@ -147,63 +149,63 @@ class CommandSender:
         return min(MAX_TIMEOUT_US, self.round_trip.timeout_us << min(pending.tries, 5))
 
     def reply(self, reply: Ack | Nack, now_us: int) -> Outcome | None:
-        """Match a reply with its command; None for one that is not awaited."""
+        """Match a reply with its command; return None if no command waits for it."""
         pending = self._pending.get(reply.command_id)
-        # A reply to what was not yet sent answers an earlier session's command of the same id.
+        # A reply to an unsent command belongs to an earlier session's command with the same id.
         if pending is None or not pending.tries or pending.type_id != reply.command_type:
             return None
         del self._pending[reply.command_id]
-        if pending.tries == 1:  # Karn: a repeated command's reply cannot be timed
+        if pending.tries == 1:  # Karn: a repeated command's reply gives no round trip
             self.round_trip.add(now_us - pending.first_us)
         if isinstance(reply, Nack):
             return Outcome(pending.message, accepted=False, reason=reply.reason)
         return Outcome(pending.message, accepted=True, reason=None)
 
     def withdraw(self, command_id: int) -> None:
-        """Forget a command that could not be written."""
+        """Remove a command that could not be written."""
         self._pending.pop(command_id, None)
 
     def next_deadline_us(self) -> int | None:
-        """When :meth:`due` has work next."""
+        """Return the time of the next work of :meth:`due`, or None."""
         pending = self._pending
-        if not pending:  # asked at every turn of a loop, and hardly ever with an answer
+        if not pending:  # called at every turn of a loop, nearly always without a command
             return None
         return min(p.due_us for p in pending.values())
 
     def cancel(self) -> None:
-        """Forget everything: the session is over."""
+        """Remove everything at the end of the session."""
         self._pending.clear()
 
     @property
     def idle(self) -> bool:
-        """True where nothing is awaited."""
+        """Whether no command waits for a reply."""
         return not self._pending
 
     def rests(self, now_us: int) -> bool:
-        """True where :meth:`due` has no work yet."""
-        # Asked at every turn of a loop, and hardly ever is there anything.
+        """Return whether :meth:`due` has no work yet."""
+        # Called at every turn of a loop, nearly always without a command.
         return not self._pending or all(p.due_us > now_us for p in self._pending.values())
 
 
 class CommandLog:
-    """The last replies, so that a repeated command is answered and not carried out again.
+    """The last replies: a repeated command gets its reply again but is not executed again.
 
-    Ids count up within a session, so each has a place of its own among the last sixteen. One that
-    is older than those may have been carried out and forgotten: nothing is done for it.
+    Ids count up within a session, so each of the last sixteen has its own place. A command with an
+    older id may already have been executed, so it is ignored.
     """
 
     def __init__(self) -> None:
         self._replies: dict[int, tuple[tuple[int, int, int], Ack | Nack]] = {}
-        """By place."""
+        """Replies by place."""
         self._session_id = 0
         self._newest_id = 0
 
     def once(
         self, session_id: int, type_id: int, command: Message, act: Callable[[], int | None]
     ) -> Ack | Nack | None:
-        """Carry out a command unless it is a repeat; ``act`` gives a refusal's reason or None.
+        """Execute a command unless it is a repeat; ``act`` returns a rejection's reason or None.
 
-        None: the command is too old to be told from a repeat, and gets no reply.
+        None: the command is too old to be distinguished from a repeat, and gets no reply.
         """
         command_id = cast("Command", command).command_id
         place, key = command_id % REMEMBERED, (session_id, command_id, type_id)
@@ -218,14 +220,14 @@ class CommandLog:
         return reply
 
     def amend(self, session_id: int, reply: Ack | Nack) -> None:
-        """Replace the reply of a command whose end is known later than its beginning."""
+        """Replace the reply of a command whose result is known only later."""
         key = (session_id, reply.command_id, reply.command_type)
         place = reply.command_id % REMEMBERED
         if place in self._replies and self._replies[place][0] == key:
             self._replies[place] = (key, reply)
 
     def _is_stale(self, session_id: int, command_id: int) -> bool:
-        """Whether an id is older than the last sixteen of its session; session 0 is none."""
+        """Return whether an id is older than the last sixteen of its session; session 0 is none."""
         behind = (self._newest_id - command_id) & 0xFFFF
         if session_id != 0 and session_id == self._session_id and behind < _HALF:
             return behind >= REMEMBERED

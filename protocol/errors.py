@@ -1,14 +1,14 @@
-"""Errors of the wire, by whose fault they are."""
+"""Errors of the protocol, by their origin."""
 
 from __future__ import annotations
 
 
 class ProtocolError(Exception):
-    """Base of everything that this package raises on purpose."""
+    """Base of every error that this package raises on purpose."""
 
 
 class LocalError(ProtocolError):
-    """Our own program asked for something that the wire cannot carry."""
+    """Our own program requested something that the protocol cannot carry."""
 
 
 class FieldRangeError(LocalError):
@@ -22,7 +22,7 @@ class FieldRangeError(LocalError):
 
 
 class UnknownMessageError(LocalError):
-    """A message that the catalogue does not hold."""
+    """A message that is not in the catalogue."""
 
     def __init__(self, message: str) -> None:
         super().__init__(f"{message} is not in the catalogue")
@@ -30,7 +30,7 @@ class UnknownMessageError(LocalError):
 
 
 class RemoteError(ProtocolError):
-    """The peer sent something that makes no sense."""
+    """The peer sent invalid data."""
 
 
 class PayloadError(RemoteError):

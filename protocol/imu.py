@@ -1,4 +1,4 @@
-"""What the counts of an IMU are worth, and how to read them by the catalogue's nominal scale."""
+"""Scale of an IMU's counts, and their conversion to the catalogue's nominal scale."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ _INFO = CATALOGUE.spec(ImuInfo).fields
 _IMU = CATALOGUE.spec(Imu).fields
 _TEMPERATURE = 3
 _GYRO = 4
-"""Index of the first field of each kind; accelerations come first."""
+"""Index of the first gyro field; the accelerations come first."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImuScale:
-    """Counts for each unit, exactly."""
+    """Number of counts for each unit, exact."""
 
     per_g: Fraction
     per_deg_s: Fraction
     per_k: Fraction
     zero_deg_c: Fraction
-    """Temperature at a count of 0."""
+    """Temperature at a count of 0, °C."""
 
     @classmethod
     def of(cls, info: ImuInfo) -> ImuScale | None:
-        """The scale that a device states; None where a count would be worth nothing."""
+        """Return the scale that a device states; None if a count would have no value."""
         if 0 in {info.accel, info.gyro, info.temperature}:
             return None
         return cls(*(raw * field.scale for raw, field in zip(info, _INFO, strict=True)))
 
     def info(self) -> ImuInfo:
-        """The message that states this scale."""
+        """Return the message that states this scale."""
         values = (self.per_g, self.per_deg_s, self.per_k, self.zero_deg_c)
         return ImuInfo(*(round(v / f.scale) for v, f in zip(values, _INFO, strict=True)))
 
     def declared(self, spec: MessageSpec) -> MessageSpec:
-        """The IMU message as a catalogue of this scale would declare it; any other unchanged."""
+        """Return the IMU message declared with this scale; any other message unchanged."""
         if spec.cls is not Imu:
             return spec
         return replace(spec, fields=tuple(self._field(i, f) for i, f in enumerate(spec.fields)))
@@ -58,7 +58,7 @@ class ImuScale:
         return replace(field, scale=1 / self.per_deg_s)
 
     def nominal(self, imu: Imu) -> Imu:
-        """The same sample in nominal counts, not rounded, so that its SI values are right."""
+        """Return the sample in nominal counts, not rounded, so that its SI values are right."""
         raw = tuple(imu)
         accel = float(NOMINAL.per_g / self.per_g)
         gyro = float(NOMINAL.per_deg_s / self.per_deg_s)
@@ -76,19 +76,22 @@ NOMINAL = ImuScale(
     1 / _IMU[_TEMPERATURE].scale,
     _IMU[_TEMPERATURE].offset,
 )
-"""The scale of the catalogue: an MPU6050 at ±2 g and ±250 °/s."""
+"""Scale of the catalogue: an MPU6050 at ±2 g and ±250 °/s."""
 
 
 class ImuReader:
-    """Gives the messages of one device with IMU samples in nominal counts."""
+    """Converts the IMU samples of one device to nominal counts."""
 
     def __init__(self, scale: ImuScale | None = None) -> None:
-        """Start with a scale that is assumed; None: no sample is read before the device's own."""
+        """Start with an assumed scale.
+
+        None: no sample is converted before the device states its own.
+        """
         self.scale = scale
         self._as_it_is = scale == NOMINAL
 
     def take(self, message: Message) -> Message | None:
-        """The message as a reader of SI values may use it; None for a sample of unknown scale."""
+        """Return the message for a reader of SI values; None for a sample of unknown scale."""
         if isinstance(message, Imu):
             if self._as_it_is:
                 return message

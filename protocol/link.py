@@ -1,8 +1,8 @@
-"""One end of a link: frames in, messages out, and the accounts of both.
+"""One end of a link: frames in, messages out, and the statistics of both.
 
-Sans-I/O: bytes are handed in, messages and events come back, and what is to be written is
-fetched with :meth:`LinkBase.data_to_send`. It does not know which end it plays beyond the
-direction of the messages that it sends.
+Sans-I/O: the caller passes bytes in and gets messages and events back;
+:meth:`LinkBase.data_to_send` returns the bytes to write. Apart from the direction of its messages,
+a link does not know which end it is.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from protocol.schema.message import Direction, Message, MessageSpec
 
 NODE_ALL = 0
-"""Addresses every device; for stop, hello and time requests only."""
+"""Node that addresses every device; for stop, hello and time requests only."""
 
 
 class Received(NamedTuple):
-    """An intact message that is meant for this end."""
+    """An intact message that is addressed to this end."""
 
     message: Message
     frame: Frame
@@ -40,8 +40,9 @@ class Received(NamedTuple):
 
 
 _Waiting = tuple[int, int, int, bytes, int, int]
-"""A frame to be: node, type, stamp, payload, flags, rank. It takes its sequence number as it
-leaves, or a replaced one would be a gap; a bare tuple, for there is one for every message sent."""
+"""A frame to send: node, type, stamp, payload, flags, rank. It gets its sequence number when it
+leaves; otherwise a replaced frame would look lost. A bare tuple, because every sent message needs
+one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +51,9 @@ class Rejected:
 
     frame: Frame
     reason: str
-    """``version``, ``direction``, ``type``, ``disabled``, ``payload``, or ``key``: it is marked as
-    authenticated, and there is no key here, or its tag or counter is wrong."""
+    """Reason: ``version``, ``direction``, ``type``, ``disabled``, ``payload``, or ``key``. ``key``:
+    the frame is marked as authenticated, and there is no key here, or its tag or counter is wrong.
+    """
 
 
 LinkEvent = Received | Rejected | DamagedFrame
@@ -59,7 +61,7 @@ LinkEvent = Received | Rejected | DamagedFrame
 
 @dataclass(slots=True)
 class LinkStatistics:
-    """Counts since the link was made."""
+    """Counts since the link was created."""
 
     frames_in: int = 0
     frames_out: int = 0
@@ -71,12 +73,12 @@ class LinkStatistics:
     """Frames missing by their sequence numbers."""
     reordered: int = 0
     superseded: int = 0
-    """Messages replaced by a newer one before they were written."""
+    """Messages replaced by a newer one before they were sent."""
     by_type: dict[int, int] = field(default_factory=dict)
 
 
 class WrongDirectionError(LocalError):
-    """A message that the other side sends."""
+    """A message that only the other end may send."""
 
     def __init__(self, message: str) -> None:
         super().__init__(f"{message} is not sent in this direction")
@@ -84,20 +86,20 @@ class WrongDirectionError(LocalError):
 
 
 def addresses(frame: Frame, spec: MessageSpec, node: int) -> bool:
-    """Whether a host's frame is for the device of this node."""
+    """Return whether a host's frame addresses the device of this node."""
     return frame.node == node or (frame.node == NODE_ALL and spec.to_all)
 
 
 class Medium(Enum):
-    """What carries the bytes."""
+    """The medium that carries the bytes."""
 
     UART = "uart"
     CAN = "can"
-    """Each frame as the 16 bytes of Linux' ``struct can_frame``."""
+    """Classic CAN: each frame as the 16 bytes of Linux' ``struct can_frame``."""
 
 
 class LinkBase:
-    """What a session needs of a link, whichever medium it runs over."""
+    """The functions that a session needs of a link, over any medium."""
 
     medium = Medium.UART
 
@@ -110,25 +112,28 @@ class LinkBase:
         self._own_types = {s.type_id for s in self.codec.catalogue if s.direction is sends}
         self._queue: list[_Waiting] = []
         self.key: Authenticator | None = None
-        """Signs what needs it once its session has begun, and checks what comes signed."""
+        """Signs frames that need a tag once its session has begun, and checks received tags."""
 
     def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
-        """Take bytes that arrived at ``now_us`` of our own clock; give what they complete."""
+        """Take bytes that arrived at ``now_us`` of our own clock.
+
+        Return the events they complete.
+        """
         raise NotImplementedError
 
     def data_to_send(self) -> bytes:
-        """Fetch and forget what is queued."""
+        """Return and remove the queued bytes."""
         raise NotImplementedError
 
     def forget_sequence(self) -> None:
-        """Expect any sequence number next: the peer has booted anew."""
+        """Accept any sequence number next, because the peer has booted."""
         raise NotImplementedError
 
     def _reject(self, frame: Frame, reason: str) -> Rejected:
         self.statistics.rejected += 1
         return Rejected(frame, reason)
 
-    def send(  # noqa: PLR0913 - the frame, and how it waits
+    def send(  # noqa: PLR0913 - the frame, and its queueing
         self,
         message: Message,
         t_us: int,
@@ -138,17 +143,17 @@ class LinkBase:
         latest: bool = False,
         rank: int | None = None,
     ) -> bool:
-        """Queue a message; False where the peer does not share its declaration.
+        """Queue a message; return False if the peer does not share its declaration.
 
-        With ``latest`` a message of the same type that still waits is replaced: what is
-        cyclic must never queue up. On CAN the lowest ``rank`` leaves first, and of equal ranks
-        the first that was queued. It is the message's type unless told otherwise.
+        With ``latest``, the message replaces a waiting one of the same type, because cyclic
+        messages must never queue up. On CAN the lowest ``rank`` leaves first, and of equal ranks
+        the first in the queue. The default rank is the message's type.
 
         Raises:
-            WrongDirectionError: the message belongs to the other side.
+            WrongDirectionError: the message belongs to the other end.
             FieldRangeError: a value does not fit.
             FrameSizeError: a text is too long for a frame.
-            UnknownMessageError: the catalogue does not hold the message.
+            UnknownMessageError: the message is not in the catalogue.
 
         """
         type_id, payload = self.codec.encode(message)
@@ -172,10 +177,10 @@ class LinkBase:
         return True
 
     def send_payload(self, type_id: int, payload: bytes, t_us: int, node: int) -> bool:
-        """Queue what a stream's own layout has packed; False as for :meth:`send`.
+        """Queue a payload that a stream has packed itself; return False as for :meth:`send`.
 
-        For a device's streams, of which there are hundreds a second and none is authenticated:
-        the caller answers for the type, its direction, and a node and a length that fit.
+        This is for a device's streams: there are hundreds of frames a second, and none is
+        authenticated. The caller guarantees a valid type, direction, node and length.
         """
         if type_id in self.disabled:
             return False
@@ -185,5 +190,5 @@ class LinkBase:
 
     @property
     def has_data(self) -> bool:
-        """True where something waits to be written."""
+        """Whether frames wait to be sent."""
         return bool(self._queue)

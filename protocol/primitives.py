@@ -1,7 +1,7 @@
-"""Steps of every message that compiled code takes without a call of Python.
+"""Steps of every message that compiled code runs without a Python call.
 
-Beside each stands its twin in ``primitives.pxd``. Call them as ``primitives.make(...)``: a name
-that is imported from here would be the Python function in compiled code, too.
+Each function has a twin in ``primitives.pxd``. Call them as ``primitives.make(...)``: a name
+imported from here would be the Python function in compiled code, too.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ T = TypeVar("T")
 
 
 def make(cls: type[T], values: tuple[Any, ...]) -> T:
-    """An instance of a subclass of ``tuple``; its ``__new__`` is passed over."""
+    """Return an instance of a subclass of ``tuple`` without calling its ``__new__``."""
     return tuple.__new__(cls, values)  # type: ignore[type-var]  # a tuple
 
 
 def values_of(instance: Any) -> tuple[Any, ...]:  # noqa: ANN401 - any tuple
-    """The values of an instance of a subclass of ``tuple``, as a plain one."""
+    """Return the values of an instance of a subclass of ``tuple``, as a plain one."""
     return instance[:]  # type: ignore[no-any-return]
 
 
 def cut(buffer: bytearray, begin: int, end: int) -> bytes:
-    """Some bytes of a buffer, copied."""
+    """Return a copy of some bytes of a buffer."""
     return bytes(buffer[begin:end])

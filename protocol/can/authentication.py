@@ -1,4 +1,4 @@
-"""Messages on a bus that need a tag, held until it has come."""
+"""Holds messages on a bus that need a tag until the tag has come."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from protocol.link import Received
 
 TOGETHER_US = 10_000
-"""Message and tag are acted on when both have come within this."""
+"""Maximum time between a message and its tag, µs; later the message counts as untagged."""
 
 
 class Held(NamedTuple):
-    """A message, what its tag covers, and by what the next stamp is judged once it has come."""
+    """A held message, the frames that its tag covers, and the stamp state for a valid tag."""
 
     came_us: int
     covered: Sequence[tuple[int, bytes]]
@@ -27,7 +27,7 @@ class Held(NamedTuple):
 
 
 class HeldMessages:
-    """At most one for each node."""
+    """Held messages, at most one per node."""
 
     def __init__(self) -> None:
         self._held: dict[int, Held] = {}
@@ -39,14 +39,14 @@ class HeldMessages:
         stamps: StampExtender,
         now_us: int,
     ) -> Received | None:
-        """Hold a message and what its tag covers; gives one held already, which has no tag."""
+        """Hold a message and what its tag covers; return an earlier held one, which has no tag."""
         node = event.frame.node
         before = self._held.get(node)
         self._held[node] = Held(now_us, covered, event, stamps)
         return None if before is None else before.event
 
     def tagged(self, node: int, data: bytes, key: Authenticator, now_us: int) -> Held | None:
-        """A tag has come: the message that it belongs to, marked; None where it is of none."""
+        """Take a tag; return the message that it belongs to, marked, or None."""
         held = self._held.pop(node, None)
         if held is None or now_us - held.came_us > TOGETHER_US:
             return None
@@ -58,7 +58,7 @@ class HeldMessages:
         return held._replace(event=event)
 
     def late(self, now_us: int) -> list[Received]:
-        """Messages whose tag did not come in time; they are what they would be without."""
+        """Return the messages whose tag did not come in time; they count as untagged."""
         if not self._held:
             return []
         late = [n for n, held in self._held.items() if now_us - held.came_us > TOGETHER_US]

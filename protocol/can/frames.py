@@ -1,9 +1,9 @@
 """Classic CAN frames: identifiers, the packing of periodic messages, and their length in bits.
 
-``id = type << 4 | node``: the type first, so that stop wins arbitration over everything. A
-periodic message is one frame: the low 16 bits of its stamp, then at most 6 B of payload. A
-longer one is several such frames, its parts, with a type each: every frame can be decoded by
-itself. The stamp stands first, so that a field that is appended moves nothing.
+``id = type << 4 | node``: the type comes first, so that a stop wins arbitration over everything. A
+periodic message is one frame: the low 16 bits of its stamp, then at most 6 B of payload. A longer
+one consists of several such frames, its parts, each with its own type: every frame can be decoded
+alone. The stamp comes first, so that an appended field moves nothing.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 STAMP_SHIFT = 4
-"""A short stamp counts 16 µs."""
+"""Unit of a short stamp, as a shift: 2⁴ = 16 µs."""
 T16 = struct.Struct("<H")
 T32 = struct.Struct("<I")
 MAX_DATA = 8
 MAX_ID = MAX_TYPE << 4 | 15
 
 RECORD = struct.Struct("<IB3x8s")
-"""A frame among bytes: Linux' ``struct can_frame``, 16 B, identifier in little-endian."""
+"""A frame as bytes: Linux' ``struct can_frame``, 16 B, identifier in little-endian."""
 _NOT_PLAIN = 0xE000_0000
-"""Extended, remote and error flags of the identifier's word."""
+"""Mask of the extended, remote and error flags in the identifier's word."""
 _MAX_STANDARD_ID = 0x7FF
 
 
@@ -41,22 +41,22 @@ class CanFrame(NamedTuple):
 
     @property
     def can_type(self) -> int:
-        """Message type, or that of one of its parts."""
+        """Message type, or the type of one of its parts."""
         return self.can_id >> 4
 
     @property
     def node(self) -> int:
-        """The device's id, 0 for all."""
+        """Id of the device, 0 for all."""
         return self.can_id & 0x0F
 
 
 def to_record(frame: CanFrame) -> bytes:
-    """The frame as 16 bytes."""
+    """Return the frame as 16 bytes."""
     return RECORD.pack(frame.can_id, len(frame.data), frame.data)
 
 
 def from_record(record: bytes) -> CanFrame | None:
-    """Read 16 bytes; None for what is no data frame with an 11-bit identifier."""
+    """Return the frame in 16 bytes; None if it is no data frame with an 11-bit identifier."""
     word, length, data = RECORD.unpack(record)
     if word & _NOT_PLAIN or word > _MAX_STANDARD_ID or length > MAX_DATA:
         return None
@@ -67,22 +67,23 @@ def from_record(record: bytes) -> CanFrame | None:
 
 
 class Part(NamedTuple):
-    """What one frame of a periodic message carries."""
+    """Content of one frame of a periodic message."""
 
     can_type: int
     number: int
     spans: tuple[tuple[int, int], ...]
-    """Where its fields stand in the message's payload: first byte and the one after."""
+    """Places of its fields in the message's payload: first byte and the one after the last."""
     slow_us: int
-    """Not sent again before this; 0: with every message."""
+    """Minimum time between two sendings, µs; 0: sent with every message."""
     full_stamp: bool
-    """``t_us u32 | payload`` instead of ``t16 | payload``."""
+    """True for ``t_us u32 | payload`` instead of ``t16 | payload``."""
 
 
 def parts_of(spec: MessageSpec, shared_fields: int) -> tuple[Part, ...]:
-    """The frames of a periodic message of which the peer shares so many leading fields.
+    """Return the frames of a periodic message of which the peer shares ``shared_fields`` fields.
 
-    In the order of sending: what is slow goes first, or the first message would wait for it.
+    They are in the order of sending. Slow parts go first; otherwise the first message would wait
+    for them.
     """
     spans: dict[int, list[tuple[int, int]]] = {}
     offset = 0
@@ -114,12 +115,12 @@ def _joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
 
 
 def is_native(spec: MessageSpec) -> bool:
-    """Whether a message is packed here; all others are transfers."""
+    """Return whether a message is packed here; all others are transfers."""
     return spec.rate is RateClass.STREAM
 
 
 def pack(part: Part, payload: bytes, t_us: int) -> bytes:
-    """Data of one frame, from the message's payload."""
+    """Return the data of one frame, from the message's payload."""
     mine = b"".join(payload[start:end] for start, end in part.spans)
     if part.full_stamp:
         return T32.pack(t_us & 0xFFFF_FFFF) + mine
@@ -127,10 +128,10 @@ def pack(part: Part, payload: bytes, t_us: int) -> bytes:
 
 
 def join(fields: Iterable[Field], parts: dict[int, bytes]) -> bytes:
-    """A message's payload from its parts' payloads, as far as they go.
+    """Return a message's payload from its parts' payloads, as far as they are present.
 
-    It ends before the first field of ours that the peer did not send; what the peer sent
-    beyond our fields is put behind, for the codec to judge.
+    It ends before the first of our fields that the peer did not send. Fields of the peer beyond
+    ours are appended; the codec handles them.
     """
     left = dict(parts)
     whole: list[bytes] = []
@@ -146,24 +147,24 @@ def join(fields: Iterable[Field], parts: dict[int, bytes]) -> bytes:
 # ---- how long a frame occupies the bus ----------------------------------------------------
 
 _FIXED_BITS = 47
-"""Start bit, 11 of identifier, 3 of control, 4 of length, 15 of CRC, 3 of delimiters and
-acknowledge, 7 of end, 3 between frames (ISO 11898-1)."""
+"""Number of bits of a frame besides its data: start bit, 11 of identifier, 3 of control, 4 of
+length, 15 of CRC, 3 of delimiters and acknowledge, 7 of end, 3 between frames (ISO 11898-1)."""
 _CRC15 = 0x4599
 _STUFF_RUN = 5
 
 
 def nominal_bits(length: int) -> int:
-    """Bits of a frame with so many data bytes, without stuff bits."""
+    """Return the bits of a frame with ``length`` data bytes, without stuff bits."""
     return _FIXED_BITS + 8 * length
 
 
 def worst_bits(length: int) -> int:
-    """The same with as many stuff bits as any content can need (Davis et al. 2007, eq. 1)."""
+    """Return the same with the maximum number of stuff bits (Davis et al. 2007, eq. 1)."""
     return nominal_bits(length) + (33 + 8 * length) // 4
 
 
 def frame_bits(frame: CanFrame) -> int:
-    """Bits that this very frame occupies, its stuff bits counted."""
+    """Return the bits of this frame, including its stuff bits."""
     length = len(frame.data)
     head = frame.can_id << 7 | length  # start bit 0, identifier, RTR, IDE, r0, length
     value = head << 8 * length | int.from_bytes(frame.data, "big")

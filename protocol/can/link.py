@@ -1,7 +1,7 @@
 """One end of a link over classic CAN: the same messages and events as over UART.
 
-Frames come and go as bytes too, 16 for each (:data:`protocol.can.frames.RECORD`), so that
-ports, wires and logs need not know what they carry.
+Frames also travel as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), so that ports, wires
+and logs need not know their content.
 """
 
 from __future__ import annotations
@@ -63,13 +63,13 @@ _rank = itemgetter(5)
 
 @dataclass(slots=True)
 class CanStatistics(LinkStatistics):
-    """Counts of frames and of what became of them; ``lost`` is told by Sync's count."""
+    """Counts of frames by their fate; ``lost`` comes from the count in Sync."""
 
     foreign: int = 0
-    """Frames that are none of ours by their form."""
+    """Frames whose form is not ours."""
     duplicates: int = 0
     stale: int = 0
-    """Frames with a stamp too old to be understood."""
+    """Frames with a stamp too old to be extended."""
     incomplete: int = 0
     """Parts of a message whose other parts did not come."""
     given_up: int = 0
@@ -77,7 +77,7 @@ class CanStatistics(LinkStatistics):
 
 
 class _Native(NamedTuple):
-    """A frame's place in a periodic message."""
+    """Place of a frame in a periodic message."""
 
     spec: MessageSpec
     part: int
@@ -113,7 +113,7 @@ class CanLink(LinkBase):
         self._frame_count = 0
         self._held = HeldMessages()
         self._unmarked: list[Received] = []
-        """Messages that were held for a tag, and another came in its place."""
+        """Held messages whose tag did not come before the next message."""
 
     def _parts_of(self, spec: MessageSpec) -> tuple[Part, ...]:
         shared = self.codec.shared_fields(spec)
@@ -126,11 +126,14 @@ class CanLink(LinkBase):
 
     @property
     def held_bytes(self) -> int:
-        """Size of the transfers that are incomplete, bytes."""
+        """Size of the incomplete transfers, bytes."""
         return self._reassembler.held_bytes
 
     def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
-        """Take frames that arrived at ``now_us`` of our own clock; give what they complete."""
+        """Take frames that arrived at ``now_us`` of our own clock.
+
+        Return the events they complete.
+        """
         data = self._partial + data
         whole = len(data) - len(data) % RECORD.size
         self._partial = data[whole:]
@@ -165,7 +168,7 @@ class CanLink(LinkBase):
             return self._tag(frame, now_us)
         if spec.direction is self._sends:
             if self._sends is Direction.DEVICE:
-                return None  # another device on the bus, which a chip's filter keeps out
+                return None  # another device on the bus; a chip's filter keeps it out
             head = Frame(_VERSION, frame.node, spec.type_id, 0, 0, data)
             return self._reject(head, "direction")
         statistics.frames_in += 1
@@ -176,7 +179,7 @@ class CanLink(LinkBase):
         return self._take_segment(frame, spec, now_us)
 
     def _take_bare(self, frame: CanFrame, spec: MessageSpec) -> LinkEvent:
-        """A frame that says all by its identifier: taken whatever its data, and each time."""
+        """Take a frame whose identifier says everything: any data, each time."""
         self.statistics.bytes_in += _ID_SIZE + len(frame.data)
         self.statistics.frames_in += 1
         by_type = self.statistics.by_type
@@ -185,7 +188,7 @@ class CanLink(LinkBase):
         return self._interpret(spec, frame.node, _VERSION, 0, b"")
 
     def _tag(self, frame: CanFrame, now_us: int) -> LinkEvent:
-        """A frame of no message: the tag of the one before it, or of a type that we do not know."""
+        """Handle a frame of no message: the tag of the message before it, or an unknown type."""
         head = Frame(_VERSION, frame.node, frame.can_type, 0, 0, frame.data)
         if frame.can_type != CAN_AUTH_TYPE or self.key is None:
             return self._reject(head, "type")
@@ -197,15 +200,19 @@ class CanLink(LinkBase):
 
     @property
     def _guards(self) -> bool:
-        """Whether frames of the other end are judged by their tags."""
+        """Return whether frames of the peer need tags."""
         return self.key is not None and self.key.begun and self._sends is Direction.DEVICE
 
     def _stamps_of(self, sender: Sender) -> StampExtender:
-        """What judges a frame's stamp; a copy where only a tag lets it judge the next one's."""
+        """Return the extender of a frame's stamp.
+
+        A copy if the frame must be tagged to change it.
+        """
         return copy(sender.stamps) if self._guards else sender.stamps
 
     def _sender(self, node: int) -> Sender:
-        # A device's frames name it; whatever node a host's frames name, the host is one.
+        # A device's frames name the device. All frames of a host come from one sender, whatever
+        # node they name.
         node = node if self._sends is Direction.HOST else 0
         sender = self._senders.get(node)
         if sender is None:
@@ -266,7 +273,7 @@ class CanLink(LinkBase):
         stamps: StampExtender,
         now_us: int,
     ) -> LinkEvent | None:
-        """Hold back what needs a tag until it comes, where there is a key to check it with."""
+        """Hold a message that needs a tag until the tag comes, if there is a key to check it."""
         if not self._guards or not isinstance(event, Received):
             return event
         if event.spec.type_id not in SIGNED_TYPES:
@@ -288,7 +295,7 @@ class CanLink(LinkBase):
         stamp_us: int,
         payload: bytes,
     ) -> tuple[bytes, list[CanFrame]] | None:
-        """The payload that a frame completes, and the frames of this stamp that carried it."""
+        """Return the payload that a frame completes, and the frames of this stamp that carry it."""
         spec, number = native
         part = next((p for p in parts if p.number == number), None)
         if part is None:  # of fields that are not shared
@@ -309,7 +316,7 @@ class CanLink(LinkBase):
         if len(pending.frames) < len(quick):
             return None
         slow = {p.number: sender.slow.get((spec.type_id, p.number)) for p in parts if p.slow_us}
-        if None in slow.values():  # not told yet: it comes within its own period
+        if None in slow.values():  # not sent yet: it comes within its own period
             self._drop(sender, place)
             return None
         del sender.pending[place]
@@ -321,7 +328,7 @@ class CanLink(LinkBase):
         self.statistics.incomplete += len(sender.pending.pop(place).frames)
 
     def _expire(self, sender: Sender, stamp_us: int) -> None:
-        """Drop what the sender's own clock says is a period old."""
+        """Drop parts that are a period old by the sender's own clock."""
         for place, pending in list(sender.pending.items()):
             period_us = 1e6 / self.codec.catalogue.by_type[place[1]].default_hz
             if stamp_us - pending.stamp_us >= period_us:
@@ -366,14 +373,14 @@ class CanLink(LinkBase):
             return None
         flags = parsed.version_flags
         if self.key is not None:
-            flags &= ~FLAG_AUTHENTICATED  # it is what the tag says, not what the frame says
+            flags &= ~FLAG_AUTHENTICATED  # only the tag decides, not the frame's flag
         event = self._interpret(spec, frame.node, flags, stamp_us, parsed.payload)
         return self._guarded(event, [(frame.can_id, whole)], stamps, now_us)
 
     def forget_sequence(self) -> None:
-        """Forget counts, clocks and halves: the peer has booted anew, as its hello says.
+        """Reset counts, clocks and incomplete messages: the peer's hello shows a new boot.
 
-        That one's stamp is kept: the short stamps behind it count from there.
+        The hello's stamp is kept, because the short stamps after it refer to it.
         """
         for node, before in list(self._senders.items()):
             sender = self._senders[node] = Sender()
@@ -403,7 +410,7 @@ class CanLink(LinkBase):
         return super().send(message, t_us, node=node, flags=flags, latest=latest, rank=rank)
 
     def data_to_send(self) -> bytes:
-        """Fetch and forget what is queued, the most urgent first."""
+        """Return and remove the queued frames, the most urgent first."""
         if not self._queue:
             return b""
         queue, self._queue = self._queue, []
@@ -432,7 +439,7 @@ class CanLink(LinkBase):
                 self._frame_count += 1
             records += [to_record(frame) for frame in frames]
             self.statistics.bytes_out += sum(_ID_SIZE + len(f.data) for f in frames)
-        # Messages were counted as they were queued; what counts on a bus is frames.
+        # Messages were counted when they were queued; on a bus the frames count.
         self.statistics.frames_out += len(records) - len(queue)
         return b"".join(records)
 
@@ -445,7 +452,7 @@ class CanLink(LinkBase):
                     continue
                 self._slow_sent_us[part.can_type] = t_us
             self._frame_count += 1
-            if spec.cls is Sync:  # known only now: it is the order of leaving that counts
+            if spec.cls is Sync:  # known only now: the count depends on the order of sending
                 payload = T32.pack(self._frame_count % _SPAN32)
             frames.append(CanFrame(part.can_type << 4 | node, pack(part, payload, t_us)))
         return frames

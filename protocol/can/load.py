@@ -1,4 +1,4 @@
-"""How much of a CAN bus the messages take at their default rates."""
+"""The load of a CAN bus by the messages at their default rates."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
 
 BITRATE = 500_000
 PING_HZ = 10.0
-"""Time requests and replies at their quickest, in a session's first seconds."""
+"""Maximum rate of time requests and replies, Hz, in a session's first seconds."""
 LOG_HZ, LOG_BYTES = 10.0, 40
-"""The most that a device logs, in lines of ordinary length."""
+"""Maximum rate of log lines, Hz, and their usual length, bytes."""
 
 
 class Load(NamedTuple):
-    """One message's share of a bus."""
+    """Share of a bus that one message uses."""
 
     name: str
     frames_per_s: float
     bits_per_s: float
-    """Without stuff bits."""
+    """Bit rate without stuff bits."""
     worst_bits_per_s: float
-    """With as many stuff bits as any content can need."""
+    """Bit rate with the maximum number of stuff bits."""
 
 
 def loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
-    """Every stream of the catalogue at its default rate, time requests and a lively log.
+    """Return the load of every stream at its default rate, of time requests and of a busy log.
 
-    Both setpoints are counted, though only one of them is sent at a time.
+    Both setpoints are counted, although only one of them is sent at a time.
     """
     found = []
     for spec in catalogue:
@@ -73,7 +73,7 @@ def _load(name: str, frames: list[tuple[float, int]]) -> Load:
 
 
 def report(bitrate: int = BITRATE, catalogue: Catalogue = CATALOGUE) -> list[str]:
-    """A table for people, the sums last."""
+    """Return a table for people, the sums last."""
     rows = loads(catalogue)
     rows.append(
         Load(

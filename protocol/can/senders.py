@@ -1,4 +1,4 @@
-"""What a listener on a CAN bus keeps of each sender there."""
+"""State that a listener on a CAN bus keeps of each sender."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Pending:
-    """A message of which a part is still to come."""
+    """A message of which some parts are missing."""
 
     stamp_us: int
     frames: dict[int, CanFrame]
-    """By the number of the part."""
+    """Frames by the number of the part."""
 
 
 class Sender:
-    """What is known of one sender on the bus."""
+    """State of one sender on the bus."""
 
     def __init__(self) -> None:
         self.stamps = StampExtender()
         self.pending: dict[tuple[int, int], Pending] = {}
-        """By node and message type: a host's messages name the device that they are for."""
+        """Incomplete messages by node and message type; a host's messages name the addressed
+        device."""
         self.slow: dict[tuple[int, int], bytes] = {}
         self.messages = 0
-        """Given out: numbered so, for want of a sequence number on the wire."""
+        """Number of messages delivered; it replaces the sequence number, which CAN lacks."""
         self.frames = 0
-        """Since its last Sync."""
+        """Number of frames since the last Sync."""
         self.count: int | None = None
-        """What that said."""
+        """Count in that Sync."""

@@ -1,7 +1,7 @@
-"""Short stamps made whole, or refused.
+"""Extension of short stamps to full ones, or their rejection.
 
-A short stamp repeats every 1.05 s. What it means is known from the whole stamps of the same
-sender that came before it on the wire; whether that can be true, from our own clock.
+A short stamp repeats every 1.05 s. Earlier full stamps of the same sender give its meaning; our own
+clock shows whether this meaning is plausible.
 """
 
 from __future__ import annotations
@@ -10,13 +10,15 @@ from protocol.can.frames import STAMP_SHIFT
 from protocol.clock import elapsed_us
 
 OLDEST_US = 500_000
-"""Of a short stamp: a little less than half of what it counts to."""
+"""Maximum age of a short stamp, µs: a little less than half of its range."""
 LEAD_US = 50_000
-"""How far a stamp may lie ahead of the quickest frame before it: that one was late itself."""
+"""Maximum lead of a stamp over the fastest frame before it, µs: that frame was late itself."""
 STEP_US = 2_000_000
-"""A whole stamp further off is of another clock: the sender has booted, or is another."""
+"""Maximum jump of a full stamp, µs. A larger one belongs to another clock: the sender has booted,
+or is another one."""
 DRIFT_PPM = 500
-"""More than two crystals differ: by so much the quickest frame loses its weight."""
+"""Maximum drift of the two clocks, ppm, more than two crystals have. The weight of the fastest
+frame decreases at this rate."""
 _SPAN16, _HALF16 = 1 << 16, 1 << 15
 
 
@@ -25,21 +27,21 @@ class StampExtender:
 
     def __init__(self) -> None:
         self._wire_us: int | None = None
-        """Newest stamp seen, in the order of the wire, wraps undone."""
+        """Newest stamp in the order of the wire, with wraps undone, µs."""
         self._ahead_us = 0
-        """Sender's clock less ours, by the frame that took the shortest way."""
+        """Sender's clock minus ours, µs, by the fastest frame."""
         self._at_us = 0
-        """When that was judged."""
+        """Time of that estimate, µs."""
         self.newest: tuple[int, int] | None = None
-        """The last whole stamp as it came, and when."""
+        """Last full stamp as received, and its arrival time."""
 
     def restart(self) -> None:
-        """Begin anew with the newest whole stamp: the sender is another than before it."""
+        """Restart with the newest full stamp, because the sender has changed."""
         if self.newest is not None:
             self._begin(*self.newest)
 
     def whole(self, t_us: int, now_us: int) -> int:
-        """Take a 32-bit stamp; give it with wraps undone."""
+        """Take a 32-bit stamp; return it with wraps undone."""
         before = self._wire_us
         self.newest = t_us, now_us
         if before is None:
@@ -59,7 +61,7 @@ class StampExtender:
         self._wire_us, self._ahead_us, self._at_us = t_us, t_us - now_us, now_us
 
     def short(self, t16: int, now_us: int) -> int | None:
-        """Take a 16-bit stamp; None where it is too old, or nothing tells what it means."""
+        """Take a 16-bit stamp; return None if it is too old or has no reference."""
         before = self._wire_us
         if before is None:
             return None
@@ -72,5 +74,5 @@ class StampExtender:
         return stamp
 
     def sender_us(self, now_us: int) -> int:
-        """What the sender's clock shows about now; ours, as long as it has not told."""
+        """Return the present time of the sender's clock; of ours before its first stamp."""
         return now_us + self._ahead_us

@@ -1,8 +1,8 @@
-"""Transfers: what does not fit one CAN frame, cut up and put together again.
+"""Transfers: contents longer than one CAN frame, split and reassembled.
 
-Each frame ends with a tail byte as in UAVCAN and Cyphal: start, end, a bit that toggles, and
-five bits that count transfers. A tail byte alone does not see an even number of lost
-segments, so a transfer of several frames ends with the CRC-32 that frames have on UART.
+Each frame ends with a tail byte as in UAVCAN and Cyphal: start, end, a toggle bit, and five bits
+that count transfers. A tail byte alone does not detect an even number of lost segments. So a
+transfer of several frames ends with the CRC-32 that frames have on UART.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from protocol.uart.framing import CRC, MAX_PAYLOAD
 START, END, TOGGLE, TRANSFER = 0x80, 0x40, 0x20, 0x1F
 _SINGLE = START | END | TOGGLE
 SEGMENT = 7
-"""Content of one frame, beside its tail byte."""
+"""Number of content bytes in one frame, besides its tail byte."""
 FLAG_WHOLE_STAMP = 8
-"""In a transfer's first byte: ``t_us`` has 32 bits, not the 16 of a short stamp."""
+"""Flag in a transfer's first byte: ``t_us`` has 32 bits, not the 16 of a short stamp."""
 MAX_CONTENT = 1 + T32.size + MAX_PAYLOAD
 MAX_OPEN = 16
-"""Transfers put together at the same time: as many as there are nodes."""
+"""Maximum number of transfers reassembled at the same time: one per node."""
 OPEN_US = 1_000_000
-"""A transfer that takes longer is given up."""
+"""Maximum duration of a transfer, µs; a longer one is dropped."""
 
 
 def content(version_flags: int, t_us: int, payload: bytes) -> bytes:
-    """What a transfer carries: version and flags, stamp, payload.
+    """Return the content of a transfer: version and flags, stamp, payload.
 
-    The stamp is whole unless only a short one lets the content fit one frame.
+    The stamp is full, unless only a short one lets the content fit one frame.
     """
     short = 1 + T16.size + len(payload)
     if short <= SEGMENT < 1 + T32.size + len(payload):
@@ -39,7 +39,7 @@ def content(version_flags: int, t_us: int, payload: bytes) -> bytes:
 
 
 class Content(NamedTuple):
-    """A transfer's content, taken apart."""
+    """A transfer's content, parsed."""
 
     version_flags: int
     whole: bool
@@ -49,7 +49,7 @@ class Content(NamedTuple):
 
 
 def parse_content(data: bytes) -> Content | None:
-    """Take a content apart; None where it is too short to be one."""
+    """Parse a content; return None if it is too short."""
     whole = bool(data) and bool(data[0] & FLAG_WHOLE_STAMP)
     stamp = T32 if whole else T16
     if len(data) < 1 + stamp.size:
@@ -59,7 +59,7 @@ def parse_content(data: bytes) -> Content | None:
 
 
 def segments(data: bytes, transfer_id: int) -> list[bytes]:
-    """Cut a content into the data of frames."""
+    """Split a content into the data of frames."""
     transfer = transfer_id & TRANSFER
     if len(data) <= SEGMENT:
         return [data + bytes((_SINGLE | transfer,))]
@@ -84,11 +84,11 @@ class TransferResult(Enum):
     """What a segment was."""
 
     PART = "part"
-    """Taken; more is to come."""
+    """Accepted; more segments follow."""
     STRAY = "stray"
-    """Of no transfer that is open: one before it was lost."""
+    """Of no open transfer: an earlier segment was lost."""
     DAMAGED = "damaged"
-    """The last one, and the CRC does not hold."""
+    """The last segment, but the CRC is wrong."""
 
 
 class _Open:
@@ -102,19 +102,19 @@ class _Open:
 
 
 class Reassembler:
-    """Puts transfers together; its memory is bounded whatever arrives.
+    """Reassembles transfers; its memory is bounded whatever arrives.
 
-    Doubled frames are for the caller to leave out: they follow each other at once.
+    The caller must leave out duplicate frames, which directly follow each other.
     """
 
     def __init__(self) -> None:
         self.given_up = 0
-        """Transfers begun and not completed."""
+        """Number of transfers begun but not completed."""
         self._open: dict[int, _Open] = {}
 
     @property
     def held_bytes(self) -> int:
-        """Content of open transfers."""
+        """Size of the content of open transfers, bytes."""
         return sum(len(o.data) for o in self._open.values())
 
     def feed(self, can_id: int, data: bytes, now_us: int) -> bytes | TransferResult:

@@ -1,7 +1,7 @@
-"""Texts made from the catalogue, for other languages, tools and people.
+"""Texts generated from the catalogue, for other languages, tools and people.
 
-Each generator is a module of its own with a pure ``render`` that gives file name → text; it
-is imported only when it is asked for.
+Each generator is a module with a pure ``render`` that returns the text of each file by name. It is
+imported only when it is used.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def _lazily(module: str) -> Callable[..., dict[str, str]]:
-    def render(catalogue: Catalogue = CATALOGUE, **options: Any) -> dict[str, str]:  # noqa: ANN401 - whatever its module takes
+    def render(catalogue: Catalogue = CATALOGUE, **options: Any) -> dict[str, str]:  # noqa: ANN401 - its options
         files: dict[str, str] = importlib.import_module(module).render(catalogue, **options)
         return files
 
@@ -26,7 +26,7 @@ def _lazily(module: str) -> Callable[..., dict[str, str]]:
 GENERATORS: dict[str, Callable[..., dict[str, str]]] = {
     name: _lazily(f"protocol.generate.{name}") for name in ("c", "dbc", "lua", "proto", "md")
 }
-"""By the name that ``sweepctl generate`` takes."""
+"""Generators by the name that ``sweepctl generate`` takes."""
 
 PER_NODE = frozenset({"dbc"})
 """Generators whose text names one device: they take ``node``."""
@@ -36,9 +36,9 @@ def render(
     name: str,
     catalogue: Catalogue = CATALOGUE,
     node: int = 1,
-    **options: Any,  # noqa: ANN401 - whatever the generator takes beside
+    **options: Any,  # noqa: ANN401 - options of the generator
 ) -> dict[str, str]:
-    """Text by file name of one generator; ``options`` are its own.
+    """Return the texts of one generator by file name; ``options`` are its own.
 
     Raises:
         KeyError: no generator of this name.

@@ -1,6 +1,6 @@
-"""C99 for firmware: one header, one source, nothing but ``stdint`` beneath.
+"""C99 for firmware: one header, one source, only ``stdint`` and the like included.
 
-No allocation, no I/O, no recursion; everything that is kept stands in structs of the caller.
+No allocation, no I/O, no recursion; all state is in structs of the caller.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from protocol.uart.framing import HEADER as FRAME_HEADER
 HEADER = "sweepctl_protocol.h"
 SOURCE = "sweepctl_protocol.c"
 DELIMITERS = 2
-"""Zeros around a frame, bytes."""
+"""Number of zeros around a frame."""
 _PPM = 1_000_000
 
 
 def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
-    """Header and source for a catalogue, by file name."""
+    """Return header and source for a catalogue, by file name."""
     return {HEADER: _header(catalogue), SOURCE: _source(catalogue)}
 
 

@@ -1,4 +1,4 @@
-"""Tables for classic CAN in C: which fields of which message each native frame carries."""
+"""Tables for classic CAN in C: the fields of each message in each native frame."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def spans(catalogue: Catalogue) -> str:
 
 
 def host_parts(catalogue: Catalogue) -> int:
-    """Return the most CAN frames that a host's periodic message has."""
+    """Return the maximum number of CAN frames of a host's periodic message."""
     return max(
         (
             len(parts_of(s, len(s.fields)))

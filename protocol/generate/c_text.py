@@ -1,4 +1,4 @@
-"""Names, types and comments of the C that is generated."""
+"""Names, types and comments of the generated C."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 WIDTH = 96
 
-# C99, then what a C++ compiler that includes the header would also refuse.
+# Reserved words of C99, then those of a C++ compiler that includes the header.
 _WORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline
 int long register restrict return short signed sizeof static struct switch typedef union
@@ -28,22 +28,22 @@ _C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "i16": "int16
 
 
 def identifier(name: str) -> str:
-    """A field's name, with an underscore behind it where C has the word for itself."""
+    """Return a field's name, with a trailing underscore if C reserves the word."""
     return f"{name}_" if name in _RESERVED else name
 
 
 def c_type(field: Field) -> str:
-    """C type of an integer field."""
+    """Return the C type of an integer field."""
     return _C_TYPES[field.wire.name]
 
 
 def upper(spec: MessageSpec) -> str:
-    """The message's name in macros."""
+    """Return the message's name for macros."""
     return spec.name.upper()
 
 
 def plain(text: str) -> str:
-    """Words that any compiler's source encoding holds and that cannot end a comment."""
+    """Return ASCII text that cannot end a comment."""
     for sign, words in _ASCII.items():
         text = text.replace(sign, words)
     text = text.encode("ascii", "replace").decode().replace("``", "").replace("*/", "* /")
@@ -51,7 +51,7 @@ def plain(text: str) -> str:
 
 
 def comment(text: str, indent: str = "") -> str:
-    """A block comment, wrapped."""
+    """Return a block comment, wrapped."""
     lines = textwrap.wrap(plain(text), WIDTH - len(indent) - 6)
     if len(lines) == 1:
         return f"{indent}/* {lines[0]} */"
@@ -59,7 +59,7 @@ def comment(text: str, indent: str = "") -> str:
 
 
 def meaning(field: Field) -> str:
-    """Meaning, unit, scale and range of a field in one line."""
+    """Return meaning, unit, scale and range of a field in one line."""
     parts = [plain(field.doc)]
     if field.is_scaled:
         parts.append(f"1 step = {float(field.scale):.9g} {plain(field.unit)}")
@@ -77,16 +77,16 @@ def meaning(field: Field) -> str:
 
 
 def snake(name: str) -> str:
-    """``StopCause`` to ``stop_cause``."""
+    """Convert ``StopCause`` to ``stop_cause``."""
     return "".join(f"_{c.lower()}" if c.isupper() and i else c.lower() for i, c in enumerate(name))
 
 
 def float_literal(value: float) -> str:
-    """The nearest ``float``, as C reads it."""
+    """Return the nearest ``float`` in C notation."""
     text = f"{value:.9g}"
     return f"{text}f" if any(c in text for c in ".e") else f"{text}.0f"
 
 
 def lines(parts: Iterable[str]) -> str:
-    """Join, with a newline at the end."""
+    """Join the parts, with a newline at the end."""
     return "\n".join(parts) + "\n"

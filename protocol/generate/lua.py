@@ -1,9 +1,10 @@
 """A Wireshark dissector in one Lua file.
 
 It reads the serial link (DLT_USER0: one frame a packet; DLT_USER1: bytes as they were read) and CAN
-(any link type that Wireshark's own CAN dissector takes, SocketCAN's 227 among them). The catalogue
-becomes tables; ``templates/sweepctl.lua`` has the code that walks them. It runs on the Lua of every
-Wireshark since 3.0 (5.1 to 5.4): bits only by the bundled ``bit`` library, no integer division.
+(any link type that Wireshark's own CAN dissector takes, including SocketCAN's 227). The catalogue
+becomes tables; ``templates/sweepctl.lua`` has the code that uses them. It runs on the Lua of every
+Wireshark since 3.0 (5.1 to 5.4): bit operations only with the bundled ``bit`` library, no integer
+division.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _KINDS = {"text": "text", "uid96": "bytes"}
 
 
 def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
-    """The dissector's text by its file name."""
+    """Return the dissector's text by its file name."""
     fields = [f for s in catalogue for f in s.fields]
     values = {f.enum.__name__: f.enum for f in fields if f.enum and f.unit == "enum"}
     text = fill(
@@ -123,6 +124,9 @@ def _one_line(text: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Lua takes a backslash before a byte that would end the string, as Python shows it."""
+    """Return a Lua string.
+
+    Lua, like Python, takes a backslash before a byte that would end the string.
+    """
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
     return f'"{escaped}"'

@@ -274,7 +274,7 @@ class Hello(Message):
 
 @message(0x1C, _DEVICE, _RARE, bootstrap=True)
 class DescribeReply(Message):
-    """How the device declares one message."""
+    """The device's declaration of one message."""
 
     described_type: Annotated[int, number(U8, "id", "requested message type", high=0x7E)]
     field_count: Annotated[
@@ -337,7 +337,7 @@ class ImuInfo(Message):
 
 @message(0x1E, _DEVICE, _RARE, bootstrap=True)
 class DescribeEnumReply(Message):
-    """How the device numbers one enumeration."""
+    """The device's numbering of one enumeration."""
 
     enumeration: Annotated[int, number(U32, "hash", "requested enumeration")]
     member_count: Annotated[

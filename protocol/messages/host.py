@@ -114,7 +114,7 @@ class TimeRequest(Message):
 
 @message(0x08, _HOST, _RARE, bootstrap=True, tagged=False)
 class Describe(Message):
-    """Ask how the device declares one message."""
+    """Ask for the device's declaration of one message."""
 
     described_type: Annotated[int, number(U8, "id", "requested message type", high=0x7E)]
     field_count: Annotated[int, number(U8, "count", "fields that the host declares")]
@@ -190,7 +190,7 @@ class SetKey(Message):
 
 @message(0x0C, _HOST, _RARE, bootstrap=True, tagged=False)
 class DescribeEnum(Message):
-    """Ask how the device numbers one enumeration."""
+    """Ask for the device's numbering of one enumeration."""
 
     enumeration: Annotated[
         int, number(U32, "hash", "hash of its name and kind; start of its chain")

@@ -6,7 +6,7 @@ from enum import IntEnum, IntFlag
 
 
 class Mode(IntEnum):
-    """What moves the wheels."""
+    """Mode: the source of motion."""
 
     IDLE = 0
     """Motors are off."""
@@ -120,7 +120,7 @@ class NackReason(IntEnum):
     OTHER_CAUSE = 4
     """The latched stop has a different cause than the one to clear."""
     FAULT = 5
-    """The condition that stopped the device still holds."""
+    """The condition that stopped the device is still present."""
     UNSUPPORTED = 6
     """The device lacks the feature that the command needs (``hello.capabilities``)."""
     READ_ONLY = 7

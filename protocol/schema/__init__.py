@@ -1,1 +1,1 @@
-"""How messages are declared, encoded and compared."""
+"""Declaration, encoding and comparison of messages."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from enum import IntEnum
 
 PROTOCOL_VERSION = 2
-"""Of framing and bootstrap messages; everything else is negotiated message by message."""
+"""Version of framing and bootstrap messages; everything else is negotiated message by message."""
 
 
 class EnumSpec(NamedTuple):
@@ -24,16 +24,16 @@ class EnumSpec(NamedTuple):
     name: str
     members: tuple[str, ...]
     chain: tuple[int, ...]
-    """Hash before the first member, which identifies the enumeration, and after each."""
+    """Hash before the first member, which identifies the enumeration, and after each member."""
 
     @property
     def key(self) -> int:
-        """What a question names the enumeration by: the hash of its name and kind."""
+        """Hash of its name and kind, by which a question names the enumeration."""
         return self.chain[0]
 
 
 def enumerate_names(enum: type[IntEnum], unit: str) -> EnumSpec:
-    """Specification of an enumeration whose members are values (``enum``) or ``bits``."""
+    """Return the specification of an enumeration of values (``enum``) or ``bits``."""
     members = [(m.name or "").lower() for m in enum]
     values = (f"{name}={int(m)}" for name, m in zip(members, enum, strict=True))
     return EnumSpec(enum.__name__, tuple(members), _chain([f"{enum.__name__}|{unit}", *values]))
@@ -55,11 +55,11 @@ class Catalogue:
         named = {f.enum.__name__: (f.enum, f.unit) for s in self.specs for f in s.fields if f.enum}
         enums = [enumerate_names(*named[name]) for name in sorted(named)]
         self.enums: dict[int, EnumSpec] = {e.key: e for e in enums}
-        """By their key, in the order of their names."""
+        """Enumerations by their key, in the order of their names."""
         self.hash: int = zlib.crc32("".join(f"{line}\n" for line in self._whole()).encode())
 
     def _whole(self) -> Iterator[str]:
-        """What the whole hash covers: each message's last hash, then each enumeration's."""
+        """Yield what the whole hash covers: each message's last hash, then each enumeration's."""
         yield from (f"{t:02x}:{self.chains[t][-1]:08x}" for t in sorted(self.chains))
         yield from (f"{e.key:08x}:{e.chain[-1]:08x}" for e in self.enums.values())
 
@@ -67,10 +67,10 @@ class Catalogue:
         return iter(self.specs)
 
     def spec(self, cls: type[Message]) -> MessageSpec:
-        """Specification of a message class.
+        """Return the specification of a message class.
 
         Raises:
-            UnknownMessageError: the catalogue does not hold it.
+            UnknownMessageError: the message is not in the catalogue.
 
         """
         try:
@@ -80,7 +80,7 @@ class Catalogue:
 
 
 def _chain(texts: Iterable[str]) -> tuple[int, ...]:
-    """Hash after each line: equal values mean an equal prefix."""
+    """Return the hash after each line: equal values mean an equal prefix."""
     values = [0]
     for text in texts:
         values.append(zlib.crc32(f"{text}\n".encode(), values[-1]))
@@ -88,4 +88,4 @@ def _chain(texts: Iterable[str]) -> tuple[int, ...]:
 
 
 CATALOGUE = Catalogue((*ALL_MESSAGES, *plugged_messages(ALL_MESSAGES)))
-"""Everything that this version of the project speaks, and the messages of plug-ins."""
+"""All messages of this version of the project, and those of plug-ins."""

@@ -1,4 +1,4 @@
-"""Payload bytes to message and back."""
+"""Converts payload bytes to messages and back."""
 
 from __future__ import annotations
 
@@ -17,25 +17,24 @@ if TYPE_CHECKING:
 
 
 class Codec:
-    """Encodes and decodes a catalogue's messages, as far as a peer agrees with it.
+    """Encodes and decodes a catalogue's messages, as far as the peer agrees.
 
-    Where the peer is known to declare other fields of a message, :meth:`limit` says how
-    many of ours it shares: fewer of its own arrive (ours beyond them are None), more of its
-    own are passed over and counted.
+    If the peer declares other fields of a message, :meth:`limit` sets the number of our fields that
+    it shares. Missing fields become None. Additional fields of the peer are skipped and counted.
     """
 
     def __init__(self, catalogue: Catalogue = CATALOGUE) -> None:
         self.catalogue = catalogue
         self.extra_bytes = 0
-        """Bytes of fields that only the peer knows, passed over so far."""
+        """Number of bytes skipped in fields that only the peer knows."""
         self._shared: dict[int, int] = {}
         self._whole: dict[type[Message], tuple[int, Callable[..., bytes]]] = {
             spec.cls: (spec.type_id, spec.layout.pack) for spec in catalogue if spec.is_numeric
         }
-        """What ``struct`` alone can encode, all its fields being sent."""
+        """Messages that ``struct`` alone can encode, because all their fields are sent."""
 
     def limit(self, type_id: int, shared_fields: int | None) -> None:
-        """Note how many leading fields the peer shares; None: exactly ours."""
+        """Set the number of leading fields that the peer shares; None: exactly ours."""
         spec = self.catalogue.by_type.get(type_id)
         if shared_fields is None:
             self._shared.pop(type_id, None)
@@ -47,14 +46,14 @@ class Codec:
                 self._whole.pop(spec.cls, None)
 
     def shared_fields(self, spec: MessageSpec) -> int:
-        """How many leading fields of ours the peer shares."""
+        """Return the number of our leading fields that the peer shares."""
         return self._shared.get(spec.type_id, len(spec.fields))
 
     def decode(self, spec: MessageSpec, payload: bytes) -> Message:
         """Decode one payload.
 
         Raises:
-            PayloadError: the length is not one that the declaration allows.
+            PayloadError: the declaration does not allow this length.
 
         """
         layout = spec.layout
@@ -79,10 +78,10 @@ class Codec:
         return primitives.make(spec.cls, values + (None,) * (count - len(values)))
 
     def encode(self, message: Message) -> tuple[int, bytes]:
-        """Encode a message: its type and its payload.
+        """Encode a message; return its type and its payload.
 
         Raises:
-            UnknownMessageError: the catalogue does not hold it.
+            UnknownMessageError: the message is not in the catalogue.
             FieldRangeError: a value does not fit its field.
 
         """
@@ -90,7 +89,7 @@ class Codec:
             type_id, pack = self._whole[type(message)]
             return type_id, pack(*primitives.values_of(message))
         except (KeyError, struct.error):
-            pass  # the slow way knows the others, and which field it was
+            pass  # the slow path handles the others, and names the field
         spec = self.catalogue.spec(type(message))
         shared = self._shared.get(spec.type_id)
         return spec.type_id, self._encode_other(spec, tuple(message), shared)
@@ -102,7 +101,7 @@ class Codec:
         if shared is not None:
             values, fields, layout = values[:shared], fields[:shared], spec.prefix_layout(shared)
         for field, value in zip(fields, values, strict=True):
-            if not _fits(field.wire, value):  # struct cuts and pads bytes without a word
+            if not _fits(field.wire, value):  # struct truncates and pads bytes silently
                 raise FieldRangeError(spec.name, field.name, value)
         if fields and fields[-1].wire.is_text:
             text: str = values[-1]
@@ -110,7 +109,7 @@ class Codec:
         return layout.pack(*values)
 
 
-def _fits(wire: WireType, value: Any) -> bool:  # noqa: ANN401 - whatever the caller put there
+def _fits(wire: WireType, value: Any) -> bool:  # noqa: ANN401 - any value of the caller
     if wire.is_text:
         return isinstance(value, str)
     if wire.is_integer:

@@ -1,4 +1,4 @@
-"""Which messages two ends share, from the chained hashes of their declarations."""
+"""Finds the messages that two ends share, by the chained hashes of their declarations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Match(Enum):
-    """How a peer's declaration of a message or an enumeration compares with ours."""
+    """Result of comparing a peer's declaration of a message or an enumeration with ours."""
 
     EQUAL = "equal"
     OLDER = "older"
@@ -31,7 +31,7 @@ class Match(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EnumComparison:
-    """The outcome for one enumeration; a peer that lacks it has no message of ours that uses it."""
+    """Result for one enumeration; a peer without it has no message of ours that uses it."""
 
     spec: EnumSpec
     match: Match
@@ -56,7 +56,7 @@ class EnumComparison:
 
 @dataclass(frozen=True, slots=True)
 class MessageComparison:
-    """The outcome for one message."""
+    """Result for one message."""
 
     spec: MessageSpec
     match: Match
@@ -66,12 +66,12 @@ class MessageComparison:
 
     @property
     def usable(self) -> bool:
-        """True where both ends mean the same by what they share."""
+        """Whether the shared fields mean the same at both ends."""
         return self.match in {Match.EQUAL, Match.OLDER, Match.NEWER}
 
     @property
     def shared_fields(self) -> int:
-        """Leading fields that both declare."""
+        """Number of leading fields that both declare."""
         return min(self.peer_fields, len(self.spec.fields)) if self.usable else 0
 
     def report(self) -> str:
@@ -102,7 +102,7 @@ Reply = DescribeReply | DescribeEnumReply
 
 
 def describe(catalogue: Catalogue, question: Question) -> Reply:
-    """A device's answer about one of its messages or enumerations."""
+    """Return a device's answer about one of its messages or enumerations."""
     if isinstance(question, DescribeEnum):
         enum = catalogue.enums.get(question.enumeration)
         if enum is None:
@@ -119,7 +119,7 @@ def describe(catalogue: Catalogue, question: Question) -> Reply:
 
 
 class Comparison:
-    """Asks about every message and enumeration, whatever order the answers come in."""
+    """Asks about every message and enumeration; answers may come in any order."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
@@ -134,27 +134,27 @@ class Comparison:
 
     @property
     def complete(self) -> bool:
-        """True when every question is answered."""
+        """Whether every question is answered."""
         return not self._open
 
     @property
     def outcome(self) -> dict[int, MessageComparison]:
-        """What is known of each message, by type; final once it is complete."""
+        """Return the present result for each message, by type; final once complete."""
         other = {e.spec.name for e in self._enums.values() if e.match is Match.DIFFERENT}
         return {t: _judged(comparison, other) for t, comparison in self._messages.items()}
 
     @property
     def differences(self) -> tuple[Difference, ...]:
-        """Messages and enumerations that the peer declares differently."""
+        """Return the messages and enumerations that the peer declares differently."""
         found: Iterator[Difference] = iter([*self.outcome.values(), *self._enums.values()])
         return tuple(d for d in found if d.match is not Match.EQUAL)
 
     def questions(self, limit: int) -> list[Question]:
-        """Up to ``limit`` questions that are still unanswered."""
+        """Return up to ``limit`` unanswered questions."""
         return list(self._open.values())[:limit]
 
     def answer(self, reply: Reply) -> bool:
-        """Take one answer; False for what is answered or was not asked: it is passed over."""
+        """Take one answer; return False for a repeated or unexpected one, which is ignored."""
         if isinstance(reply, DescribeEnumReply):
             if self._open.pop((DescribeEnumReply, reply.enumeration), None) is None:
                 return False

@@ -1,8 +1,8 @@
 """Wire types and field declarations: the vocabulary of the catalogue.
 
-A message is a ``NamedTuple`` whose annotations carry a :class:`Field` each. Values are the
-raw wire integers; :func:`si` and :func:`si_or_none` add properties in SI units, so decoding
-stays cheap and logs stay exact.
+A message is a ``NamedTuple`` whose annotations carry a :class:`Field` each. Values are the raw wire
+integers. :func:`si` and :func:`si_or_none` add properties in SI units, so decoding stays fast and
+logs stay exact.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class WireType:
-    """How a value is laid out on the wire: little-endian, no padding."""
+    """Layout of a value on the wire: little-endian, no padding."""
 
     name: str
     code: str
     """``struct`` format character; empty for text."""
     size: int
-    """Bytes; 0 for text, which takes what is left of the payload."""
+    """Size, bytes; 0 for text, which takes the rest of the payload."""
     low: int = 0
     high: int = 0
 
     @property
     def is_text(self) -> bool:
-        """UTF-8 up to the payload's end; only as the last field."""
+        """Whether the type is UTF-8 up to the payload's end; only as the last field."""
         return self.name == "text"
 
     @property
     def is_integer(self) -> bool:
-        """True for everything that carries a number."""
+        """Whether the type is a number."""
         return self.high > self.low
 
 
@@ -47,7 +47,7 @@ UID96 = WireType("uid96", "12s", 12)
 TEXT = WireType("text", "", 0)
 
 Exact = int | str | Fraction
-"""A number that is exact in every language: ``"9.80665/16384"``, ``"0.001"`` or 2."""
+"""Exact number in every language: ``"9.80665/16384"``, ``"0.001"`` or 2."""
 
 
 def exact(value: Exact) -> Fraction:
@@ -68,21 +68,21 @@ class Field:
     scale: Fraction = Fraction(1)
     offset: Fraction = Fraction(0)
     low: int = 0
-    """Smallest raw value with a meaning."""
+    """Minimum meaningful raw value."""
     high: int = 0
-    """Largest raw value with a meaning, the sentinel left out."""
+    """Maximum meaningful raw value, without the sentinel."""
     none: int | None = None
-    """The raw value that says "nothing there"."""
+    """Raw value that means "no value"."""
     enum: type[IntEnum] | None = None
-    """Names of the values, or of the bits where the unit is ``bits``."""
+    """Names of the values, or of the bits if the unit is ``bits``."""
     can_part: int = 0
-    """Which CAN frame carries the field, where a message needs two."""
+    """Number of the CAN frame that carries the field, in a message that needs several."""
     name: str = ""
 
     def canonical(self) -> str:
-        """The text that schema negotiation hashes: all that changes a value's meaning.
+        """Return the text that schema negotiation hashes: everything that affects the meaning.
 
-        The range of an enumeration is left out: a member that is appended to it stays compatible.
+        The range of an enumeration is left out: an appended member stays compatible.
         """
         scale = str(self.scale)
         if self.offset:
@@ -95,12 +95,12 @@ class Field:
 
     @property
     def is_scaled(self) -> bool:
-        """True where the raw integer is not the value itself."""
+        """Whether the raw integer differs from the value."""
         return self.scale != 1 or self.offset != 0
 
     @property
     def si_suffix(self) -> str | None:
-        """The ending of the SI property's name, or None where the raw value has no unit."""
+        """Suffix of the SI property's name, or None if the raw value has no unit."""
         entry = SI_UNITS.get(self.unit)
         return entry[0] if entry else None
 
@@ -115,7 +115,7 @@ class Field:
         return float(self.offset) * SI_UNITS[self.unit][1]
 
     def named(self, name: str) -> Field:
-        """Give the declaration under its field's name."""
+        """Return the declaration under its field's name."""
         return replace(self, name=name)
 
 
@@ -135,12 +135,12 @@ SI_UNITS: dict[str, tuple[str, float]] = {
     "count/(deg/s)": ("_per_deg_s", 1.0),
     "count/K": ("_per_k", 1.0),
 }
-"""Physical unit of the wire → (name suffix, factor to the SI unit that the suffix names)."""
+"""Suffix and SI factor for each physical unit of the wire."""
 
 PLAIN_UNITS = frozenset(
     {"count", "percent", "enum", "bits", "id", "us", "hash", "text", "uid", "raw"}
 )
-"""Units of fields whose raw value is the value."""
+"""Units of fields whose raw value is the value itself."""
 
 
 def number(  # noqa: PLR0913 - a declaration names every property of the field
@@ -156,7 +156,7 @@ def number(  # noqa: PLR0913 - a declaration names every property of the field
     enum: type[IntEnum] | None = None,
     can_part: int = 0,
 ) -> Field:
-    """Declare a number; its range is that of the enumeration, or what the wire type can hold."""
+    """Declare a number; its default range is that of the enumeration or of the wire type."""
     values = [int(v) for v in enum] if enum is not None and unit == "enum" else []
     return Field(
         wire,
@@ -183,7 +183,7 @@ def uid(doc: str) -> Field:
 
 
 class _Si:
-    """Descriptor behind :func:`si`: reads its gain from the declaration at first use."""
+    """Descriptor behind :func:`si`: it reads its gain from the declaration at first use."""
 
     __slots__ = ("_field", "_gain", "_index", "_offset")
 
@@ -222,7 +222,7 @@ class SiValue(_Si):
 
 
 class SiValueOrNone(_Si):
-    """A field's value in SI units, None where it is absent or says "nothing there"."""
+    """A field's value in SI units, None if it is absent or the sentinel."""
 
     __slots__ = ("_none",)
 
@@ -250,10 +250,10 @@ class SiValueOrNone(_Si):
 
 
 def si(field: str) -> SiValue:
-    """Give ``field`` in SI units under the attribute this is assigned to."""
+    """Return a property that gives ``field`` in SI units."""
     return SiValue(field)
 
 
 def si_or_none(field: str) -> SiValueOrNone:
-    """Like :func:`si`, for a field with a sentinel or one that older peers lack."""
+    """Return the same for a field that has a sentinel or that older peers lack."""
     return SiValueOrNone(field)

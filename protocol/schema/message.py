@@ -1,8 +1,7 @@
-"""From an annotated class to a message type and its specification.
+"""Converts an annotated class to a message type and its specification.
 
-``@message(...)`` turns a class of annotated fields into an immutable tuple type (decoding
-builds one from ``struct.unpack`` in a single call) that type checkers see as a frozen
-dataclass.
+``@message(...)`` turns a class of annotated fields into an immutable tuple type. Decoding builds
+one from ``struct.unpack`` in a single call. Type checkers see a frozen dataclass.
 """
 
 from __future__ import annotations
@@ -45,13 +44,13 @@ class Message:
         def __iter__(self) -> Iterator[Any]: ...
 
     def __eq__(self, other: object) -> bool:
-        """Equal only to a message of the same type with the same values."""
+        """Return whether both have the same type and the same values."""
         return (
             isinstance(other, Message) and type(self) is type(other) and tuple(self) == tuple(other)
         )
 
     def __ne__(self, other: object) -> bool:
-        """Stated, or the tuple's own would be found, which compares values alone."""
+        """Negate :meth:`__eq__`; a tuple's own would compare values alone."""
         return not self == other
 
     def __hash__(self) -> int:
@@ -59,7 +58,7 @@ class Message:
         return hash((type(self).__name__, tuple(self)))
 
     def __repr__(self) -> str:
-        """For people: values in SI units where the message gives them, else as on the wire."""
+        """Return a text for people: values in SI units if available, else raw values."""
         cls = type(self)
         in_si = {
             value.bound_to: name
@@ -74,7 +73,7 @@ class Message:
 
 MAX_TYPE = 0x7E
 MAKERS_TYPES = range(0x50, 0x60)
-"""Types of makers' own messages; the project itself never uses them."""
+"""Types reserved for manufacturers' own messages; the project never uses them."""
 _ANY_CASE = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
@@ -82,37 +81,38 @@ M = TypeVar("M", bound=Message)
 
 
 class Direction(Enum):
-    """Who sends a message."""
+    """The sender of a message."""
 
     DEVICE = "device"
     HOST = "host"
 
 
 class RateClass(Enum):
-    """How a message is timed; decides its budget and its CAN encoding."""
+    """Timing of a message; it determines the message's budget and its CAN encoding."""
 
     STREAM = "stream"
     """Periodic; at most 25 B on UART and self-contained CAN frames of 6 B."""
     COMMAND = "command"
-    """Carries an id; acknowledged or refused, retried."""
+    """Has an id; acknowledged or rejected, and retried."""
     RARE = "rare"
-    """On occasion; may be long."""
+    """Occasional; may be long."""
 
 
 class CanPart(NamedTuple):
-    """One of the CAN frames that share a periodic message."""
+    """One of several CAN frames that carry a periodic message."""
 
     can_type: int
-    """The type in the frame's identifier; that of part 0 is the message's own."""
+    """Type in the frame's identifier; that of part 0 is the message's own."""
     name: str = ""
-    """Follows the message's name in the DBC."""
+    """Suffix of the message's name in the DBC."""
     slow_us: int = 0
-    """Sent with the first message and then after this long; receivers keep it. 0: always."""
+    """Minimum time between two sendings, µs; receivers keep the value. 0: sent with every message.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class MessageSpec:
-    """Everything that is known of one message."""
+    """All properties of one message."""
 
     type_id: int
     name: str
@@ -121,28 +121,29 @@ class MessageSpec:
     rate: RateClass
     default_hz: float
     bootstrap: bool
-    """Needed to agree at all: never changes, and is decoded before agreement."""
+    """True: needed for agreement itself. It never changes and is decoded before agreement."""
     to_all: bool
-    """May be addressed to node 0, which is every device."""
+    """True: may be addressed to node 0, which is every device."""
     minimal: bool
-    """In the smallest set that the generated C can be cut to."""
+    """True: part of the smallest set that the generated C can be reduced to."""
     needs_tag: bool
-    """A host's message that a device with a key takes only with a tag."""
+    """True: a device with a key accepts this host message only with a tag."""
     can_parts: tuple[CanPart, ...]
     """Frames of a periodic message on CAN, by the number of the part."""
     full_stamp: bool
-    """On CAN it carries ``t_us`` itself, in front, instead of the short stamp."""
+    """True: on CAN the message starts with the full ``t_us`` instead of the short stamp."""
     doc: str
     fields: tuple[Field, ...]
     layout: struct.Struct
-    """The fixed part; a text field follows it."""
+    """Layout of the fixed part; a text field follows it."""
     text_field: Field | None
-    """The trailing text, where there is one."""
+    """Trailing text field, if any."""
     is_numeric: bool
-    """Nothing but integers: ``struct`` alone packs them and refuses what does not fit."""
+    """True: all fields are integers, so ``struct`` alone packs them and rejects values out of
+    range."""
 
     def canonical(self) -> list[str]:
-        """What schema negotiation hashes, line by line: the message, then each of its fields."""
+        """Return the lines that schema negotiation hashes: the message, then each of its fields."""
         lines = [f"{self.name}|{self.direction.value}|{self.rate.value}"]
         for field in self.fields:
             part = self.can_parts[field.can_part].can_type if field.can_part else None
@@ -151,11 +152,11 @@ class MessageSpec:
 
     @property
     def is_bare(self) -> bool:
-        """Whether it says all by its type: its frame is the same whoever sends it."""
+        """Whether the type alone says everything: the frame is the same from every sender."""
         return not self.fields
 
     def prefix_layout(self, count: int) -> struct.Struct:
-        """Layout of the first ``count`` fields, for a peer that knows only those."""
+        """Return the layout of the first ``count`` fields, for a peer that knows only those."""
         return struct.Struct("<" + "".join(f.wire.code for f in self.fields[:count]))
 
 
@@ -177,7 +178,7 @@ _DECLARATIONS: dict[type[Message], _Declaration] = {}
 
 
 @dataclass_transform(frozen_default=True)
-def message(  # noqa: PLR0913 - what is declared of a message
+def message(  # noqa: PLR0913 - the properties of a message
     type_id: int,
     direction: Direction,
     rate: RateClass,
@@ -192,8 +193,8 @@ def message(  # noqa: PLR0913 - what is declared of a message
 ) -> Callable[[type[M]], type[M]]:
     """Declare the ``NamedTuple`` below as a message.
 
-    ``tagged`` is False for a host's message that moves and changes nothing, or stops: it is
-    taken without a tag. ``can_parts`` names the frames of a stream that needs several on CAN.
+    ``tagged`` is False for a host's message that only stops, or moves and changes nothing: it needs
+    no tag. ``can_parts`` names the frames of a stream that needs several on CAN.
     """
 
     def register(cls: type[M]) -> type[M]:
@@ -222,7 +223,7 @@ def message(  # noqa: PLR0913 - what is declared of a message
 
 
 def declared_in(module: ModuleType) -> tuple[type[Message], ...]:
-    """Messages that a module declares, in its order."""
+    """Return the messages that a module declares, in its order."""
     return tuple(v for v in vars(module).values() if isinstance(v, type) and v in _DECLARATIONS)
 
 
@@ -230,8 +231,8 @@ def specify(cls: type[Message]) -> MessageSpec:
     """Read a declared message's annotations into its specification.
 
     Raises:
-        TypeError: the class was not declared with :func:`message`, or a field lacks its
-            declaration, or a text stands before the last field, or a CAN part is not declared.
+        TypeError: the class was not declared with :func:`message`, a field lacks its declaration, a
+            text is not the last field, or a CAN part is not declared.
 
     """
     declaration = _DECLARATIONS.get(cls)

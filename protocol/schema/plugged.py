@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:
     """Return the messages of installed plug-ins that can join ``own``.
 
-    One that cannot is disabled, with a line that names its package. If two packages claim one type
-    or one name, both are refused: which of them a device means cannot be known.
+    An invalid message is disabled, with a line that names its package. If two packages claim one
+    type or one name, both are rejected, because a device could mean either.
     """
     taken = {specify(message).name for message in own}
     sound: list[tuple[Plugin, MessageSpec]] = []

@@ -1,8 +1,9 @@
-"""A whole capture to numpy arrays, one per message type.
+"""Decodes a whole capture to numpy arrays, one per message type.
 
-Gives what :class:`protocol.uart.framing.UartParser` and :class:`protocol.schema.codec.Codec` give,
-damaged stretches included, with the place of each in the capture. Frames are handled by length
-(:mod:`protocol.uart.batch_frames`); only texts take a step of Python each.
+The result equals that of :class:`protocol.uart.framing.UartParser` and
+:class:`protocol.schema.codec.Codec`, including damaged stretches, with the place of each in the
+capture. Frames are handled by length (:mod:`protocol.uart.batch_frames`); only texts need Python
+code each.
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ if TYPE_CHECKING:
 
 
 class Readable(Protocol):
-    """What a file opened for reading bytes can do."""
+    """The method that a file opened for reading bytes has."""
 
     def read(self, size: int, /) -> bytes:
-        """Give up to ``size`` bytes; none at the end."""
+        """Return up to ``size`` bytes; none at the end."""
 
 
 CHUNK_BYTES = 1 << 20
-"""Of a capture at a time; what is needed beside the result is some ten times this."""
+"""Number of bytes decoded at a time; the memory besides the result is about ten times this."""
 REASONS = ("version", "type", "payload")
-"""Why an intact frame is no message of the catalogue, by its code in ``rejected``."""
+"""Reasons why an intact frame is no message of the catalogue, by its code in ``rejected``."""
 DAMAGED_DTYPE = np.dtype([("offset", "<i8"), ("length", "<i8"), ("damage", "u1")])
 REJECTED_DTYPE = np.dtype(
     {
@@ -58,7 +59,7 @@ _HEAD = {
     "seq": ("u1", OFFSET_SIZE + 3),
     "t_us": ("<u4", OFFSET_SIZE + 4),
 }
-"""Format and place of what stands before the payload in each row."""
+"""Format and place of the header's fields in each row."""
 _HEAD_DTYPE = np.dtype([(name, code) for name, (code, _) in _HEAD.items()])
 _HEAD_SIZE = OFFSET_SIZE + HEADER.size
 _FLAGS, _TYPE = OFFSET_SIZE, OFFSET_SIZE + 2
@@ -67,30 +68,30 @@ _FORMATS = {"u8": "u1", "u16": "<u2", "u32": "<u4", "i16": "<i2", "uid96": "V12"
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """What a capture holds, each array in the capture's order."""
+    """Content of a capture; each array is in the capture's order."""
 
     catalogue: Catalogue
     messages: dict[str, NDArray[np.void]]
-    """Rows of :func:`row_dtype` by the message's name; empty where none came."""
+    """Rows of :func:`row_dtype` by the message's name; empty without such messages."""
     damaged: NDArray[np.void]
-    """Rows of :data:`DAMAGED_DTYPE`: stretches that are no frame; see :meth:`damage_of`."""
+    """Damaged stretches, rows of :data:`DAMAGED_DTYPE`; see :meth:`damage_of`."""
     rejected: NDArray[np.void]
-    """Rows of :data:`REJECTED_DTYPE`: intact frames that are no message of the catalogue."""
+    """Intact frames that are no message of the catalogue, rows of :data:`REJECTED_DTYPE`."""
     bytes_seen: int
-    """Of the capture, up to where this result ends."""
+    """Number of bytes of the capture up to the end of this result."""
 
     @property
     def message_count(self) -> int:
-        """Messages of all types."""
+        """Number of messages of all types."""
         return sum(len(rows) for rows in self.messages.values())
 
     @staticmethod
     def damage_of(code: int) -> Damage:
-        """What a code in ``damaged["damage"]`` stands for."""
+        """Return the meaning of a code in ``damaged["damage"]``."""
         return DAMAGES[code]
 
     def si(self, message: str, field: str) -> NDArray[np.float64]:
-        """One field's values in SI units; NaN where it says "nothing there"."""
+        """Return one field's values in SI units; NaN for the sentinel."""
         declared = next(f for f in self.catalogue.by_name[message].fields if f.name == field)
         raw = self.messages[message][field]
         values: NDArray[np.float64] = raw * declared.si_gain + declared.si_offset
@@ -100,11 +101,11 @@ class BatchResult:
 
 
 def row_dtype(spec: MessageSpec) -> np.dtype[np.void]:
-    """Columns of one message type: offset, header, then the raw fields by their names.
+    """Return the columns of one message type: offset, header, then the raw fields by name.
 
-    ``offset`` is the place of the first encoded byte in the capture; ``frame_flags`` are the
-    header's, since a message may have ``flags`` of its own. A 96-bit id is a void
-    of 12 bytes, a text an object (str).
+    ``offset`` is the place of the first encoded byte in the capture. ``frame_flags`` are the
+    header's, because a message may have ``flags`` of its own. A 96-bit id is a void of 12 bytes, a
+    text an object (str).
     """
     fixed = _fixed_dtype(spec)
     if spec.text_field is None:
@@ -114,7 +115,7 @@ def row_dtype(spec: MessageSpec) -> np.dtype[np.void]:
 
 
 def _fixed_dtype(spec: MessageSpec) -> np.dtype[np.void]:
-    """Columns that lie in a row as in the frame; the type byte, always the same, is passed over."""
+    """Return the columns that have the same layout as the frame, without the constant type byte."""
     heads = [name for name in _HEAD if name != "type_id"]
     names = [*heads]
     formats = [_HEAD[name][0] for name in heads]
@@ -137,8 +138,8 @@ def decode_capture(
 ) -> BatchResult:
     """Decode a whole capture: bytes, pieces of it in order, or an open binary file.
 
-    Beside the result itself the memory needed depends on ``chunk_bytes`` alone; for a capture
-    whose result is too large as well there is :func:`iter_capture`.
+    The memory besides the result depends on ``chunk_bytes`` alone. If the result itself is too
+    large, use :func:`iter_capture`.
     """
     return join(list(iter_capture(source, catalogue, chunk_bytes=chunk_bytes)), catalogue)
 
@@ -149,7 +150,7 @@ def iter_capture(
     *,
     chunk_bytes: int = CHUNK_BYTES,
 ) -> Iterator[BatchResult]:
-    """Decode a capture of any size a chunk at a time; a frame belongs to where it ends."""
+    """Decode a capture of any size in chunks; a frame belongs to the chunk in which it ends."""
     decoder = BatchDecoder(catalogue)
     for chunk in _chunks(source, chunk_bytes):
         yield decoder.feed(chunk)
@@ -171,7 +172,8 @@ def _chunks(
     pieces: list[bytes] = []
     size = 0
     for piece in source:  # type: ignore[union-attr]  # no file: an iterable
-        # Reads of a port are small: gathered, or numpy's calls would cost more than the work.
+        # Reads of a port are small. They are gathered, because numpy's calls would cost more than
+        # the work.
         if size + len(piece) < chunk_bytes:
             pieces.append(piece)
             size += len(piece)
@@ -200,11 +202,11 @@ def join(results: list[BatchResult], catalogue: Catalogue = CATALOGUE) -> BatchR
 
 
 class _Layout(NamedTuple):
-    """How one type's rows lie."""
+    """Layout of one type's rows."""
 
     spec: MessageSpec
     fixed: np.dtype[np.void]
-    """All but a text."""
+    """Columns of everything except a text."""
     row: np.dtype[np.void]
 
 
@@ -216,17 +218,17 @@ class BatchDecoder:
         self.bytes_seen = 0
         self._partial = b""
         self._overlong = 0
-        """Bytes dropped of a stretch that is already longer than any frame."""
+        """Number of dropped bytes of a stretch that is already longer than any frame."""
         self._layouts = {s.type_id: _Layout(s, _fixed_dtype(s), row_dtype(s)) for s in catalogue}
         self._empty = {w.spec.name: np.empty(0, w.row) for w in self._layouts.values()}
 
     def feed(self, chunk: bytes | memoryview) -> BatchResult:
-        """Decode what ends in the next bytes."""
+        """Decode the frames that end in the next bytes."""
         data = b"".join((self._partial, chunk))
         first = self.bytes_seen - len(self._partial)
         self.bytes_seen += len(chunk)
         end = data.rfind(b"\0") + 1
-        # One byte more than any frame has: it stays too long, whatever follows.
+        # One byte more than any frame has: the stretch stays too long, whatever follows.
         self._partial = data[end : end + MAX_ENCODED + 1]
         dropped = len(data) - end - len(self._partial)
         if not end:
@@ -241,7 +243,7 @@ class BatchDecoder:
         found = find_stretches(data)
         if len(found.overlong_starts):
             offsets, lengths = found.overlong_starts + first, found.overlong_lengths.copy()
-            if self._overlong:  # then it is the first: what was kept of it is too long by itself
+            if self._overlong:  # then it is the first stretch, whose kept part is already too long
                 offsets[0] -= self._overlong
                 lengths[0] += self._overlong
             sorter.damage(offsets, lengths, np.full(len(offsets), LENGTH, np.uint8))
@@ -275,7 +277,7 @@ def _concatenate(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
     row = parts[0].dtype
     if row.hasobject:
         return np.concatenate(parts)
-    # Bare bytes: structured rows would be copied column by column.
+    # Bare bytes, because structured rows would be copied column by column.
     whole = np.concatenate([part.view(f"V{row.itemsize}") for part in parts])
     return whole.view(row)
 
@@ -288,7 +290,7 @@ def _ordered(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 class _Sorter:
-    """Puts rows of header and payload where they belong."""
+    """Sorts rows of header and payload by message type."""
 
     def __init__(self, layouts: dict[int, _Layout]) -> None:
         self._layouts = layouts
@@ -299,7 +301,7 @@ class _Sorter:
     def damage(
         self, offsets: NDArray[np.int64], lengths: NDArray[np.int64], kinds: NDArray[np.uint8]
     ) -> None:
-        """Take stretches that are no frame."""
+        """Take damaged stretches."""
         rows = np.empty(len(offsets), DAMAGED_DTYPE)
         rows["offset"], rows["length"], rows["damage"] = offsets, lengths, kinds
         self.damaged.append(rows)
@@ -323,7 +325,7 @@ class _Sorter:
     def _message(self, layout: _Layout, rows: NDArray[np.uint8]) -> None:
         spec, fixed = layout.spec, layout.fixed.itemsize
         extra = rows.shape[1] - fixed
-        # The codec's rule: what is needed to agree at all may have grown at its end.
+        # The codec's rule: a bootstrap message may have grown at its end.
         if extra < 0 or (extra and spec.text_field is None and not spec.bootstrap):
             self._reject(rows, "payload")
             return

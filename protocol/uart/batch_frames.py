@@ -1,6 +1,6 @@
 """Framing of a whole capture with numpy: delimiters, COBS, CRC-32, for all frames of a length.
 
-The streaming parser (:mod:`protocol.uart.framing`) says what is right; this must find the same.
+The streaming parser (:mod:`protocol.uart.framing`) is the reference; this must find the same.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ DAMAGES = (Damage.COBS, Damage.LENGTH, Damage.CRC)
 COBS, LENGTH, CHECK = range(3)
 INTACT = 255
 OFFSET_SIZE = 8
-"""Bytes before the content in each row: where the frame stood, as a little-endian i8."""
+"""Number of bytes before the content in each row: the frame's offset, as a little-endian i8."""
 _FEW = 256
-"""Rows below which zlib, a frame at a time, is quicker than a few numpy calls per byte."""
+"""Number of rows below which zlib, a frame at a time, is faster than a few numpy calls per byte."""
 
 
-class WallSegments(NamedTuple):
-    """What stands between the delimiters of some bytes; nothing empty, nothing overlong."""
+class Stretches(NamedTuple):
+    """Stretches of bytes between the delimiters; none is empty or overlong."""
 
     starts: NDArray[np.int64]
-    """Of each stretch in the bytes."""
+    """Start of each stretch in the bytes."""
     lengths: NDArray[np.int64]
-    """1-254."""
+    """Length of each stretch, 1-254."""
     overlong_starts: NDArray[np.int64]
-    """Of what is longer than any frame."""
+    """Start of each stretch that is longer than any frame."""
     overlong_lengths: NDArray[np.int64]
 
 
-def find_stretches(data: bytes) -> WallSegments:
-    """Cut ``data``, which ends with a delimiter or is empty."""
+def find_stretches(data: bytes) -> Stretches:
+    """Split ``data``, which ends with a delimiter or is empty."""
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == 0)
     gaps = np.diff(ends, prepend=-1)
     gaps -= 1
@@ -48,9 +48,9 @@ def find_stretches(data: bytes) -> WallSegments:
     starts -= lengths
     overlong = lengths > MAX_ENCODED
     if not overlong.any():
-        return WallSegments(starts, lengths, starts[:0], lengths[:0])
+        return Stretches(starts, lengths, starts[:0], lengths[:0])
     usable = ~overlong
-    return WallSegments(starts[usable], lengths[usable], starts[overlong], lengths[overlong])
+    return Stretches(starts[usable], lengths[usable], starts[overlong], lengths[overlong])
 
 
 def decode_frames(
@@ -58,13 +58,12 @@ def decode_frames(
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Decode all stretches of one length, 1-254 B.
 
-    Gives the damage of each (:data:`INTACT` where there is none), and of the intact ones a
-    row each: its offset, counted from ``first`` bytes before ``data``, as 8 bytes, then its
-    header and payload.
+    Returns the damage of each stretch (:data:`INTACT` if none), and a row for each intact one: its
+    offset, counted from ``first`` bytes before ``data``, as 8 bytes, then its header and payload.
     """
     encoded = _gather(data, starts, length)
     whole = _undo_cobs(encoded)
-    size = length - 1  # a stretch of at most 254 B has one byte beside its content
+    size = length - 1  # a stretch of at most 254 B has one byte besides its content
     if size < MIN_DECODED:
         return np.empty((0, OFFSET_SIZE), np.uint8), np.where(
             whole, np.uint8(LENGTH), np.uint8(COBS)
@@ -85,17 +84,17 @@ def decode_frames(
 
 
 def _gather(data: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
-    # One overlapping item of `length` bytes at each byte: numpy then copies whole frames.
+    # One overlapping item of `length` bytes at each byte, so that numpy copies whole frames.
     places = len(data) - length + 1
     items = np.ndarray((places,), f"V{length}", data, 0, (1,))
     return items[starts].view(np.uint8).reshape(-1, length)
 
 
 def _undo_cobs(encoded: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Put the zeros back in place; False where the distances do not lead to the end.
+    """Restore the zeros in place; return False for rows whose distances do not lead to the end.
 
-    There are no zeros in it, so that each step leads on; up to 254 B there is no code 0xFF
-    that leads anywhere but past the end.
+    The data has no zeros, so each step moves forward. Up to 254 B a code 0xFF can only lead past
+    the end.
     """
     count, length = encoded.shape
     flat = encoded.reshape(-1)
@@ -115,7 +114,7 @@ def _undo_cobs(encoded: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Whether the CRC-32 at the end of each row is that of what stands before it."""
+    """Return whether the CRC-32 at the end of each row matches the bytes before it."""
     count, size = body.shape
     if count < _FEW:
         rows = np.ascontiguousarray(body).view(f"V{size}").ravel().tolist()
@@ -124,11 +123,11 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
             zlib.crc32(bytes(4) and zlib.crc32(b"").to_bytes(4))
         )
         return residue
-    # A CRC is affine: the exclusive or of what each byte does at its distance from the end.
+    # A CRC is affine: it is the exclusive or of each byte's effect at its distance from the end.
     content = size - CRC.size
     register = np.full(count, zlib.crc32(bytes(content)), np.uint32)
     for column in range(content):
-        # Bytes are never out of bounds; "wrap" spares looking for that, a third of the time.
+        # Bytes are never out of bounds; mode "wrap" skips the check, a third of the time.
         register ^= _EFFECTS[content - 1 - column].take(body[:, column], mode="wrap")
     stored = np.ascontiguousarray(body[:, content:]).view("<u4").ravel()
     equal: NDArray[np.bool_] = register == stored
@@ -136,7 +135,7 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _effects() -> NDArray[np.uint32]:
-    """What one byte does to the CRC: by its distance from the end, then by its value."""
+    """Return the effect of one byte on the CRC: by its distance from the end, then by its value."""
     step = np.arange(256, dtype=np.uint32)
     for _ in range(8):
         step = (step >> np.uint32(1)) ^ np.where(step & np.uint32(1), _POLYNOMIAL, np.uint32(0))
@@ -149,5 +148,5 @@ def _effects() -> NDArray[np.uint32]:
 
 
 _POLYNOMIAL = np.uint32(0xEDB88320)
-"""0x04C11DB7 with its bits in reverse."""
+"""CRC polynomial 0x04C11DB7 with its bits reversed."""
 _EFFECTS = _effects()

@@ -18,7 +18,7 @@ from protocol.schema.message import MAX_TYPE
 HEADER = struct.Struct("<BBBBI")
 CRC = struct.Struct("<I")
 MAX_DECODED = 253
-"""Longest frame without its COBS byte: COBS then adds exactly one."""
+"""Maximum length of a frame without its COBS byte; COBS then adds exactly one."""
 MAX_ENCODED = MAX_DECODED + 1
 MIN_DECODED = HEADER.size + CRC.size
 MAX_PAYLOAD = MAX_DECODED - MIN_DECODED
@@ -26,13 +26,13 @@ FLAG_AUTHENTICATED = 1
 MAX_FLAGS = 15
 MAX_NODE = 15
 OWN_VERSION = PROTOCOL_VERSION << 4
-"""The first byte of a frame without flags."""
+"""First byte of a frame without flags."""
 RESIDUE = 0xDEBB20E3
-"""The CRC register after every intact frame, its CRC included."""
+"""CRC register after every intact frame, its CRC included."""
 
 
 def _crc_table() -> list[int]:
-    """What one byte does to the CRC register."""
+    """Return the effect of one byte on the CRC register."""
     table = []
     for byte in range(256):
         register = byte
@@ -45,7 +45,7 @@ def _crc_table() -> list[int]:
 _CRC_TABLE = _crc_table()
 _MAX_ENCODED, _MAX_PAYLOAD, _MIN_DECODED = MAX_ENCODED, MAX_PAYLOAD, MIN_DECODED
 _RESIDUE = RESIDUE
-# Compiled, they are C integers, and the names above are still Python's.
+# In compiled code these are C integers; the names above are still Python's.
 
 
 class Frame(NamedTuple):
@@ -57,9 +57,9 @@ class Frame(NamedTuple):
     """The device's id, 1-15, in both directions; 0: all."""
     type_id: int
     seq: int
-    """Counts the sender's frames; wraps at 8 bits."""
+    """Counter of the sender's frames; wraps at 8 bits."""
     t_us: int
-    """Sender's clock when the content was sampled; wraps at 32 bits."""
+    """Sender's clock when the content was sampled, µs; wraps at 32 bits."""
     payload: bytes
 
     @property
@@ -74,7 +74,7 @@ class Frame(NamedTuple):
 
 
 class Damage(Enum):
-    """What is wrong with a stretch of bytes between two delimiters."""
+    """The error in a stretch of bytes between two delimiters."""
 
     COBS = "cobs"
     LENGTH = "length"
@@ -82,14 +82,14 @@ class Damage(Enum):
 
 
 class DamagedFrame(NamedTuple):
-    """Bytes between two delimiters that are no frame; a bare tuple, for noise makes many."""
+    """Bytes between two delimiters that are no frame; a bare tuple, because noise makes many."""
 
     damage: Damage
     offset: int
-    """Of its first byte in the stream, counted from the parser's start."""
+    """Place of its first byte in the stream, counted from the parser's start."""
     length: int
     data: bytes
-    """The bytes themselves; the first 254 where there were more."""
+    """The bytes themselves, at most the first 254."""
 
 
 class FrameSizeError(LocalError):
@@ -103,7 +103,7 @@ class FrameSizeError(LocalError):
 def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
     node: int, type_id: int, seq: int, t_us: int, payload: bytes, flags: int = 0
 ) -> bytes:
-    """COBS-encode one frame, its closing delimiter included, the leading one not.
+    """COBS-encode one frame, with its closing delimiter but without the leading one.
 
     Raises:
         FrameSizeError: the payload is longer than a frame can hold.
@@ -116,7 +116,7 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
 
 def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
-    """Refuse what :func:`encode_frame` cannot carry, before it is queued."""
+    """Reject what :func:`encode_frame` cannot carry, before it is queued."""
     if len(payload) > MAX_PAYLOAD:
         raise FrameSizeError(len(payload))
     if not 0 <= node <= MAX_NODE:
@@ -128,7 +128,7 @@ def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
 
 
 class UartEncoder:
-    """Makes the bytes of one frame after the other."""
+    """Encodes frames one after the other."""
 
     def __init__(self) -> None:
         self._body = bytearray(MAX_DECODED)
@@ -137,7 +137,7 @@ class UartEncoder:
     def frame(  # noqa: PLR0913, PLR0917 - the header's fields
         self, version_flags: int, node: int, type_id: int, seq: int, t_us: int, payload: bytes
     ) -> bytes:
-        """Encode one frame, its closing delimiter included, the leading one not.
+        """Encode one frame, with its closing delimiter but without the leading one.
 
         Raises:
             FrameSizeError: the payload is longer than a frame can hold.
@@ -160,7 +160,7 @@ class UartEncoder:
         body[size], body[size + 1] = crc & 0xFF, crc >> 8 & 0xFF
         body[size + 2], body[size + 3] = crc >> 16 & 0xFF, crc >> 24
         size += 4
-        # COBS: each zero becomes the distance to the next; the first distance stands in front.
+        # COBS: each zero becomes the distance to the next; the first distance comes first.
         zero = 0
         for place in range(size):
             byte = body[place]
@@ -175,32 +175,33 @@ class UartEncoder:
 
 
 class UartParser:
-    """Finds frames in a byte stream, however it is cut; keeps at most one frame's bytes.
+    """Finds frames in a byte stream, however it is split; keeps at most one frame's bytes.
 
-    :meth:`feed` gives all that some bytes complete. :meth:`take` and :meth:`next_event` give the
-    same one by one, with the header's fields as attributes: for a loop that looks at each.
+    :meth:`feed` returns everything that some bytes complete. :meth:`take` and :meth:`next_event`
+    return the same one by one, with the header's fields as attributes, for a loop that handles
+    each.
     """
 
     def __init__(self) -> None:
         self.bytes_seen = 0
-        """Up to the place that the parser has reached."""
+        """Number of bytes parsed."""
         self.frames = 0
         self.damaged = 0
         self.version_flags = self.node = self.type_id = self.seq = 0
-        """Of the newest frame."""
+        """Header fields of the newest frame."""
         self.payload = b""
-        """Of the newest frame."""
+        """Payload of the newest frame."""
         self._data = b""
         self._place = 0
-        """Of the next byte in the data."""
+        """Place of the next byte in the data."""
         self._stretch = bytearray(MAX_ENCODED)
         """The first bytes after the last delimiter."""
         self._length = 0
-        """Bytes after the last delimiter, kept or not."""
+        """Number of bytes after the last delimiter, kept or not."""
         self._body = bytearray(MAX_DECODED)
 
     def feed(self, data: bytes) -> list[Frame | DamagedFrame]:
-        """Take the next bytes; give what they complete, in order."""
+        """Take the next bytes; return what they complete, in order."""
         found: list[Frame | DamagedFrame] = []
         self.take(data)
         event = self.next_event()
@@ -210,12 +211,12 @@ class UartParser:
         return found
 
     def take(self, data: bytes) -> None:
-        """Take the next bytes, once :meth:`next_event` has given None for those before."""
+        """Take the next bytes, after :meth:`next_event` has returned None for those before."""
         self._data = data
         self._place = 0
 
     def next_event(self) -> Frame | DamagedFrame | None:
-        """The next frame or damage in the bytes taken; None when there is no more."""
+        """Return the next frame or damage in the bytes taken; None if there is no more."""
         view, stretch = self._data, self._stretch
         begin, length = self._place, self._length
         for place in range(begin, len(self._data)):
@@ -236,11 +237,11 @@ class UartParser:
         return None
 
     def _judged(self, length: int) -> Frame | DamagedFrame:
-        """The frame, or the damage, that the last ``length`` bytes before a delimiter are."""
+        """Return the frame, or the damage, in the last ``length`` bytes before a delimiter."""
         stretch, body = self._stretch, self._body
         damage = _LENGTH
         if length <= _MAX_ENCODED:
-            # COBS and CRC in one pass: a distance leads to each zero, and the last to the end.
+            # COBS and CRC in one pass: a distance leads to each zero, and the last one to the end.
             left = stretch[0]
             crc = 0xFFFF_FFFF
             for place in range(1, length):
@@ -263,7 +264,7 @@ class UartParser:
         return primitives.make(_DamagedFrame, (damage, offset, length, data))
 
     def _frame(self, end: int) -> Frame:
-        """The frame whose header and payload are the first ``end`` bytes of the body."""
+        """Return the frame whose header and payload are the first ``end`` bytes of the body."""
         body = self._body
         self.frames += 1
         self.version_flags, self.node, self.type_id, self.seq = body[0], body[1], body[2], body[3]

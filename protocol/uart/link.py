@@ -1,4 +1,4 @@
-"""One end of a link over a serial line: its bytes to messages, and messages to bytes."""
+"""One end of a link over a serial line: it converts bytes to messages, and messages to bytes."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 
 _HALF_SEQ = 128
 _STOPS = frozenset({"stop", "stop_all"})
-"""Names of the messages that need no tag, and are not refused for a wrong one."""
+"""Names of the messages that need no tag, and that a wrong tag does not reject."""
 _TIME_REQUEST = "time_request"
-"""Name of the message that needs no tag, and is answered with a wrong one too. A host with another
-key then measures the link, and its commands are rejected."""
+"""Name of the message that needs no tag and is answered even with a wrong one. A host with another
+key can then measure the link, but its commands are rejected."""
 _HELLO = "hello"
-"""Name of the message that says which boot a device's sequence numbers are of."""
+"""Name of the message that names the boot of a device's sequence numbers."""
 _PLAIN_MASK = 0xF0 | FLAG_AUTHENTICATED
-"""Version and this flag: a frame that claims to be authenticated never goes the short way."""
+"""Mask of the version and the authentication flag: a marked frame never takes the short path."""
 _OWN_VERSION = OWN_VERSION
 _UNKNOWN = -1
-"""No sequence number: the next one of this sender may be any."""
+"""Unknown sequence number: the next one of this sender may be any."""
 
 
 class _Ordinary:
-    """How a message is read whose type and length alone say it."""
+    """How to read a message that type and length alone identify."""
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
@@ -64,13 +64,14 @@ class Link(LinkBase):
         self._encoder = UartEncoder()
         self._seq = 0
         self._expected_seq = [_UNKNOWN] * 256
-        """By sender; compared with every frame's."""
+        """Next sequence number of each sender; compared with every frame's."""
         self._boots: dict[int, int] = {}
-        """The boot that each device's newest hello names."""
-        # A device's frames name it; a host counts all its own together, whatever node they name.
+        """Boot in the newest hello of each device."""
+        # A device's frames name the device; a host counts all its frames together, whatever node
+        # they name.
         self._sender_mask = 0xFF if sends is Direction.HOST else 0
         self._ordinary: list[_Ordinary | None] = [None] * 256
-        """By type; None where it takes more to read the message, or it does not come in."""
+        """By type; None if reading the message takes more, or if this end does not receive it."""
         for spec in self.codec.catalogue:
             if spec.direction is not sends and spec.text_field is None and not spec.is_bare:
                 self._ordinary[spec.type_id] = _Ordinary(spec)
@@ -78,7 +79,7 @@ class Link(LinkBase):
     # ---- receiving ------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_us: int = 0) -> list[LinkEvent]:  # noqa: ARG002 - stamps are whole
-        """Take bytes from the port; give what they complete, in order."""
+        """Take bytes from the port; return what they complete, in order."""
         parser, statistics = self._parser, self.statistics
         by_type, expected = statistics.by_type, self._expected_seq
         found: list[LinkEvent] = []
@@ -126,17 +127,18 @@ class Link(LinkBase):
         statistics = self.statistics
         statistics.frames_in += 1
         statistics.by_type[type_id] = statistics.by_type.get(type_id, 0) + 1
-        if spec is None or not spec.is_bare:  # that has no number: anybody may have sent it
+        # a bare message has no number: any sender may have sent it
+        if spec is None or not spec.is_bare:
             self._count(spec, frame)
         if spec is None:
             return self._reject(frame, "type")
         genuine = True
         if version_flags & FLAG_AUTHENTICATED and type_id not in self.disabled:
-            if spec.name in _STOPS:  # obeyed from anyone, so whatever its tag; it is not genuine
+            if spec.name in _STOPS:  # obeyed from any sender, with any tag; it is not authentic
                 frame = frame._replace(version_flags=version_flags & ~FLAG_AUTHENTICATED)
             else:
                 frame, genuine = self._opened(frame)
-                if not genuine and spec.name == _TIME_REQUEST:  # answered, but not genuine
+                if not genuine and spec.name == _TIME_REQUEST:  # answered, but not authentic
                     frame = frame._replace(version_flags=version_flags & ~FLAG_AUTHENTICATED)
                     genuine = True
         if not genuine or type_id in self.disabled:
@@ -147,14 +149,14 @@ class Link(LinkBase):
             return self._reject(frame, "payload")
 
     def _opened(self, frame: Frame) -> tuple[Frame, bool]:
-        """A frame that says it is authenticated without its trailer, and whether it is."""
+        """Return an authenticated frame without its trailer, and whether it is authentic."""
         payload, trailer = frame.payload[: -TRAILER.size], frame.payload[-TRAILER.size :]
         frame = frame._replace(payload=payload)
         covered = HEADER.pack(*frame[:-1]) + payload
         return frame, self.key is not None and self.key.check(covered, trailer)
 
     def _count(self, spec: MessageSpec | None, frame: Frame) -> None:
-        """Find what is missing by a frame's number."""
+        """Count missing frames by a frame's sequence number."""
         sender, seq = frame.node & self._sender_mask, frame.seq
         booted = spec is not None and spec.name == _HELLO and self._booted(sender, spec, frame)
         if booted or self._expected_seq[sender] in {seq, _UNKNOWN}:
@@ -163,7 +165,7 @@ class Link(LinkBase):
             self._out_of_sequence(sender, seq)
 
     def _booted(self, sender: int, spec: MessageSpec, frame: Frame) -> bool:
-        """Whether a hello is of another boot than the one before: its numbers begin anew."""
+        """Return whether a hello names another boot than the last one: its numbers restart."""
         try:
             boot_id = getattr(self.codec.decode(spec, frame.payload), "boot_id", None)
         except PayloadError:
@@ -182,22 +184,22 @@ class Link(LinkBase):
             self._expected_seq[sender] = (seq + 1) & 0xFF
 
     def forget_sequence(self) -> None:
-        """Expect any sequence number next: the peer has booted anew."""
+        """Accept any sequence number next, because the peer has booted."""
         self._expected_seq = [_UNKNOWN] * 256
 
     # ---- sending --------------------------------------------------------------------------
 
     def data_to_send(self) -> bytes:
-        """Fetch and forget what is queued."""
+        """Return and remove the queued bytes."""
         if not self._queue:
             return b""
-        # With a leading delimiter on an idle line, a damaged tail costs no intact neighbour.
+        # A leading delimiter on an idle line keeps the rest of a damaged frame from this one.
         data = b"\0"
         by_type = self.codec.catalogue.by_type
         for node, type_id, t_us, payload, flags, _ in self._queue:  # hardly ever more than one
             version_flags, stamp_us = OWN_VERSION | flags, t_us & 0xFFFF_FFFF
             content = payload
-            if not payload and by_type[type_id].is_bare:  # the same frame whoever sends it
+            if not payload and by_type[type_id].is_bare:  # the same frame from every sender
                 data += self._encoder.frame(OWN_VERSION, node, type_id, 0, 0, payload)
                 continue
             if flags & FLAG_AUTHENTICATED and self.key is not None:
