@@ -1,24 +1,23 @@
 """Floor plans (``*.json``): the room's outline, its obstacles and the start pose.
 
-Used by whoever knows the truth: the virtual world, the metrics and the pictures. Planners
-never see one. Files come from elsewhere, so everything in them is checked and bounded.
+The virtual world, the metrics and the pictures use floor plans; planners never see one. Every value
+in a file is checked and bounded.
 
-Two optional keys tell what the floor is like; the virtual robot's body feels them, the
-metrics do not (both are floor):
+Two optional keys describe the floor. They affect the virtual robot, but not the metrics (both count
+as floor):
 
-- ``"carpets": [{"polygon": [[x, y], …], "drag_n": 4.0, "slip": 0.02}, …]``: with both wheels on
-  it the robot needs ``drag_n`` newtons more to roll, and each wheel loses the share ``slip`` of
-  its travel; either may be left out (these are its values then). Where carpets overlap, both
-  are felt.
+- ``"carpets": [{"polygon": [[x, y], …], "drag_n": 4.0, "slip": 0.02}, …]``: with both wheels on it
+  the robot needs ``drag_n`` newtons more to roll, and each wheel loses the share ``slip`` of its
+  travel. Both keys are optional, with these defaults. Overlapping carpets add up.
 - ``"thresholds": [{"line": [[x, y], [x, y]], "height_m": 0.005}, …]``: a rounded bar that wheels
-  and caster have to climb over.
+  and caster must climb.
 
-A third tells where there is no floor at all: ``"cliffs": [[[x, y], …], …]``, polygons like the
-obstacles. Nothing stands there, so rays and bodies pass; the cliff sensor sees it, a robot
-that drives on falls in, and the metrics count it as they count obstacles.
+A third key describes missing floor: ``"cliffs": [[[x, y], …], …]``, polygons like the obstacles.
+Rays and robots pass over a cliff, but the cliff sensor detects it. A robot that drives on falls in.
+The metrics count cliffs as obstacles.
 
-Other keys are ignored, in these objects too; one that resembles a known key is named in
-:attr:`FloorPlan.cautions`, for it was probably meant to be that key.
+Other keys are ignored, in these objects too. An unknown key that resembles a known one is probably
+a misspelling; :attr:`FloorPlan.cautions` names it.
 """
 
 from __future__ import annotations
@@ -55,31 +54,31 @@ _PLANE = 2
 _POSE = 3
 _KEYS = tuple(key.name for key in ROOM_KEYS)
 _RESEMBLES = 0.75
-"""Share of equal letters (Ratcliff and Obershelp) from which a key resembles another: "wall" and
-"walls" have 0.89, "Obstacle" and "obstacles" 0.94, "notes" and "name" 0.44."""
+"""Minimum share of equal letters (Ratcliff and Obershelp) at which a key resembles another: "wall"
+and "walls" have 0.89, "Obstacle" and "obstacles" 0.94, "notes" and "name" 0.44."""
 _RESEMBLES_MISSING = 0.55
-"""The same for a key that must be there and is not: "start_pose" and "start" have 0.67."""
+"""The same for a required key that is missing: "start_pose" and "start" have 0.67."""
 MAX_HEADING_RAD = 2.0 * math.pi + 0.01
-"""Greatest heading of the start pose: a full turn, rounded to two digits. A greater one is
+"""Maximum heading of the start pose, rad: a full turn, rounded to two digits. A larger value is
 probably an angle in degrees."""
 MAX_DEGREES = 10_000.0
-"""Angle beyond which a heading is no number of degrees either."""
+"""Maximum angle that may be a heading in degrees; a larger value is neither."""
 _POLYGON, _DRAG, _SLIP = CARPET_KEYS
 _LINE, _HEIGHT = THRESHOLD_KEYS
 
 
 class FloorPlanError(ConfigError, ValueError):
-    """A floor plan that cannot be used; the text names every key that is wrong, and its value."""
+    """An invalid floor plan; the text names every wrong key and its value."""
 
 
 class Carpet(NamedTuple):
-    """A patch of floor that is harder to roll on."""
+    """A patch of floor with a higher rolling resistance."""
 
     polygon: Polygon
     drag_n: float = CARPET_DRAG_N
-    """Extra resistance with both wheels on it, half by each."""
+    """Additional resistance with both wheels on the carpet, N, half for each wheel."""
     slip: float = CARPET_SLIP
-    """Share of a wheel's travel lost on it."""
+    """Share of a wheel's travel lost on the carpet."""
 
 
 class Threshold(NamedTuple):
@@ -102,7 +101,7 @@ class FloorPlan:
     thresholds: tuple[Threshold, ...] = ()
     cliffs: tuple[Polygon, ...] = ()
     cautions: tuple[str, ...] = field(default=(), compare=False)
-    """What is probably wrong in the room file although the file can be used; for people."""
+    """Probable mistakes in a room file that is still valid; for people."""
 
     def edges(self) -> list[tuple[Point, Point]]:
         """Every wall and obstacle edge as a pair of end points."""
@@ -113,13 +112,13 @@ class FloorPlan:
         ]
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """The outline's bounding box: x_min, y_min, x_max, y_max."""
+        """Bounding box of the outline: x_min, y_min, x_max, y_max."""
         xs = [p[0] for p in self.walls]
         ys = [p[1] for p in self.walls]
         return min(xs), min(ys), max(xs), max(ys)
 
     def to_json(self) -> str:
-        """The plan as a room file."""
+        """Return the plan as the text of a room file."""
         room: dict[str, object] = {
             "name": self.name,
             "walls": self.walls,
@@ -138,14 +137,14 @@ class FloorPlan:
 
 
 def signed_area_m2(polygon: Polygon) -> float:
-    """Shoelace area, positive for counter-clockwise corners."""
+    """Return the area by the shoelace formula, positive for counter-clockwise corners."""
     return 0.5 * sum(
         a[0] * b[1] - b[0] * a[1] for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True)
     )
 
 
 def contains(polygon: Polygon, x_m: float, y_m: float) -> bool:
-    """Even-odd test of a point against a polygon."""
+    """Return whether a point is inside a polygon, by the even-odd rule."""
     inside = False
     for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         if (ay > y_m) != (by > y_m) and x_m < (bx - ax) * (y_m - ay) / (by - ay) + ax:
@@ -154,7 +153,7 @@ def contains(polygon: Polygon, x_m: float, y_m: float) -> bool:
 
 
 def check_robot_fits(plan: FloorPlan, radius_m: float) -> None:
-    """See that a robot of this radius fits at the start.
+    """Check that a robot of this radius fits at the start.
 
     Raises:
         StartBlockedError: its disc overlaps a wall or an obstacle.
@@ -166,7 +165,7 @@ def check_robot_fits(plan: FloorPlan, radius_m: float) -> None:
 
 
 def _overlap_m(start: Pose2, boundaries: tuple[Polygon, ...], radius_m: float) -> float | None:
-    """How far the disc at the start sticks into the walls or an obstacle; below 0: it is free.
+    """Return the depth of the start disc in the walls or an obstacle; below 0: it is free.
 
     ``boundaries`` begins with the walls. None: the disc's centre is not on the floor.
     """
@@ -183,14 +182,14 @@ def _overlap_m(start: Pose2, boundaries: tuple[Polygon, ...], radius_m: float) -
 
 
 START_OVERLAP_M = 1e-6
-"""Depth to which the start disc may overlap a wall: rounding in a room file, not a mistake."""
+"""Maximum depth of the start disc in a wall, m; it is rounding in a room file, not a mistake."""
 
 
 class StartBlockedError(FloorPlanError):
-    """The robot's disc does not fit where the room file starts it."""
+    """The robot's disc does not fit at the start of the room file."""
 
     def __init__(self, x_m: float, y_m: float, radius_m: float, overlap_m: float | None) -> None:
-        """Keep the start, the disc's radius and how far it sticks into a wall (m).
+        """Keep the start, the disc's radius and its depth in a wall (m).
 
         ``None``: the disc's centre itself is not on the floor.
         """
@@ -221,15 +220,14 @@ def parse_floorplan(
     """Read a room file's text.
 
     Args:
-        text: content of the file.
-        default_name: name of a room that has none.
-        radius_m: radius of a robot that must fit at the start, m; None: no check.
-        start: start pose that replaces the file's.
+        text: Content of the file.
+        default_name: Name of a room that has none.
+        radius_m: Radius of a robot that must fit at the start, m; None: no check.
+        start: Start pose that replaces the file's.
 
     Raises:
-        FloorPlanError: not JSON, a key missing or of the wrong form, numbers that are not
-            finite or out of bounds, or a start outside the free floor. All that is wrong is
-            named.
+        FloorPlanError: not JSON, a key missing or of the wrong form, numbers that are not finite or
+            out of bounds, or a start outside the free floor. The text lists all errors.
 
     """
     if len(text) > MAX_FILE_BYTES:
@@ -246,13 +244,13 @@ def parse_floorplan(
 
 
 class _Pairs(dict[str, object]):
-    """A JSON object that remembers which keys stand in it twice."""
+    """A JSON object that remembers duplicate keys."""
 
     twice: tuple[str, ...] = ()
 
     @classmethod
     def made(cls, pairs: list[tuple[str, object]]) -> _Pairs:
-        """From the pairs of the text."""
+        """Create the object from the pairs of the text."""
         found = cls(pairs)
         if len(found) < len(pairs):
             keys = [key for key, _ in pairs]
@@ -264,7 +262,7 @@ _Read = TypeVar("_Read")
 
 
 class _Reading:
-    """One pass over a room file, which gathers everything that is wrong."""
+    """One pass over a room file, which collects all errors."""
 
     def __init__(self, data: dict[str, object], default_name: str, radius_m: float | None) -> None:
         self._data = data
@@ -274,10 +272,10 @@ class _Reading:
         self._cautions: list[str] = []
 
     def plan(self) -> FloorPlan:
-        """The floor plan.
+        """Return the floor plan.
 
         Raises:
-            FloorPlanError: it cannot be used.
+            FloorPlanError: the file is invalid.
 
         """
         data = self._data
@@ -364,7 +362,7 @@ class _Reading:
         return tuple(found) if len(found) == len(values) else ()
 
     def _look_at_keys(self, data: dict[str, object], known: tuple[str, ...], prefix: str) -> None:
-        """Take note of keys that are probably another one, misspelt, and of keys given twice."""
+        """Note probable misspellings and duplicate keys."""
         if len(self._cautions) >= MAX_PROBLEMS:
             return
         for key in data:
@@ -427,14 +425,14 @@ def _threshold(value: object, key: str) -> Threshold:
 
 
 def _needed(data: dict[str, object], name: str, key: str) -> object:
-    """Value of a key that an object must have."""
+    """Return the value of a required key."""
     if name not in data:
         raise FloorPlanError(f"{key}.{name}: is missing")
     return data[name]
 
 
 def _number(data: dict[str, object], of: RoomKey, key: str) -> float:
-    """A number of an object in its range; its default where it is missing and has one."""
+    """Return a number in its range; its default, if any, when the key is missing."""
     if of.name not in data and isinstance(of.default, float):
         return of.default
     path = f"{key}.{of.name}"

@@ -1,4 +1,4 @@
-"""What is probably wrong in a room although its file can be used: for ``sweepctl room check``."""
+"""Finds probable mistakes in a valid room file, for ``sweepctl room check``."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan, Point, Polygon
 
 _MAX_CORNERS = 5000
-"""Longest polygon that is searched for crossings: the work grows with the square, here to 1 s."""
+"""Maximum number of corners of a polygon that is searched for crossings. The work grows with the
+square, here to 1 s."""
 
 
 def plan_cautions(plan: FloorPlan) -> list[str]:
-    """Return what is probably wrong, each by its key."""
+    """Return the probable mistakes, each with its key."""
     found = list(_crossings(plan))
     found += [
         f"{key}: it lies outside the walls"
@@ -38,7 +39,7 @@ def _on_floor(plan: FloorPlan) -> Iterator[tuple[str, Polygon]]:
 
 
 def _near_inside(walls: Polygon, polygon: Polygon) -> bool:
-    """Whether the bounding boxes overlap: a rug may be larger than the room, or lie on its edge."""
+    """Return whether the bounding boxes overlap; a rug may be larger than the room."""
     room, shape = np.asarray(walls), np.asarray(polygon)
     overlap = (shape.min(axis=0) <= room.max(axis=0)) & (shape.max(axis=0) >= room.min(axis=0))
     return bool(np.all(overlap))
@@ -58,7 +59,7 @@ def _crossings(plan: FloorPlan) -> Iterator[str]:
 
 
 def _first_crossing(polygon: Polygon) -> Point | None:
-    """Where two edges of a polygon that are not neighbours cross; None: nowhere."""
+    """Return where two edges of a polygon that are not neighbours cross; None: nowhere."""
     begin = np.asarray(polygon)
     end = np.roll(begin, -1, axis=0)
     along = end - begin

@@ -10,14 +10,14 @@ class RoomKey(NamedTuple):
 
     name: str
     form: str
-    """What its value is, for people."""
+    """Form of its value, for people."""
     meaning: str
     unit: str = ""
     low: float = 0.0
     high: float = 0.0
-    """Range of a number; a lower end that is ``above_low`` is not part of it."""
+    """Maximum of a number. With ``above_low`` the minimum itself is excluded."""
     default: float | str | None = None
-    """Value where the key is missing; None: it must be there."""
+    """Default if the key is missing; None: the key is required."""
     above_low: bool = False
 
     @property
@@ -28,7 +28,7 @@ class RoomKey(NamedTuple):
 
 _POLYGON = "polygon `[[x, y], …]`"
 MAX_EXTENT_M = 200.0
-"""Largest coordinate of anything in a room, m: a hall. Beyond it is a unit other than metres."""
+"""Maximum coordinate in a room, m: a hall. A larger value is probably in another unit."""
 CARPET_DRAG_N = 4.0
 """Drag of a carpet without the key, N: a short pile under a robot of 3 kg, 14 % of its weight."""
 CARPET_SLIP = 0.02
