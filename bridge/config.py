@@ -39,7 +39,7 @@ bracket that is plausible. A sensor farther out is a typing error."""
 
 
 def load_robot(path: Path | None) -> tuple[RobotModel, str]:
-    """Read a robot file; without one, the default robot. Gives the model and its TOML text.
+    """Read a robot file, or the default robot; return the model and its TOML text.
 
     Raises:
         ConfigError: the file cannot be read or a key is wrong; the text names which.
@@ -65,7 +65,7 @@ def load_robot(path: Path | None) -> tuple[RobotModel, str]:
 
 
 def robot_cautions(model: RobotModel) -> list[str]:
-    """What will not work well on this robot, by key; each text says what to do."""
+    """Return the model's keys that will not work well, each with a remedy."""
     found = []
     radius_m = model.radius_m
     outside_m = model.mouth_reach_m - radius_m
@@ -98,7 +98,7 @@ def robot_cautions(model: RobotModel) -> list[str]:
 
 
 def load_supervise(path: Path | None) -> SuperviseSettings:
-    """What a robot file says of supervision (``[supervise]``), over the defaults.
+    """Return the supervision settings of a robot file (``[supervise]``), with defaults.
 
     Raises:
         ConfigError: the file cannot be read or a key is wrong; the text names which.
@@ -119,7 +119,8 @@ def parse_robot(text: str) -> RobotModel:
     data = _tables(text)
     problems: list[str] = []
     try:
-        settings_from(data.pop(SUPERVISE, {}))  # a wrong rule is told before a run, not in it
+        # a wrong rule is reported before the run, not during it
+        settings_from(data.pop(SUPERVISE, {}))
     except ConfigError as error:
         problems += error.problems
     model = fill(RobotModel(), data, "", problems, also_known=(SUPERVISE,))
@@ -130,9 +131,9 @@ def parse_robot(text: str) -> RobotModel:
 
 
 def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
-    """What cannot be built, or cannot work, although each value is in its range.
+    """Return combinations that are impossible although each value is in its range.
 
-    A value in ``wrong`` is not known, so nothing that depends on it is judged.
+    A value in ``wrong`` is unknown, so nothing that depends on it is checked.
     """
     found: list[str] = []
 
@@ -245,7 +246,7 @@ def _explained(table: DataclassInstance) -> list[str]:
 
 
 def _line(field: dataclasses.Field[Any], value: object) -> str:
-    """One key with its value, and what it means as a comment."""
+    """Return one key with its value, and its meaning as a comment."""
     text = f"{field.name} = {as_toml(value)}"
     parts = [field.metadata.get("meaning", "").replace("`", "")]
     if "range" in field.metadata:

@@ -1,4 +1,4 @@
-"""Errors of the host, by what a user can do about them; each is one line and an exit status."""
+"""Errors of the host, grouped by the user's remedy; each is one line and an exit status."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 
 class Remedy(Enum):
-    """What a caller can do about an error, as a code: each interface has words of its own for it.
+    """Remedy for an error, as a code: each interface has its own words for it.
 
-    What would let the refused thing be done; the value is how a program says it.
+    The value is the text of the Python interface.
     """
 
     CLEAR_STOP = ", then call enable(clear_stop=True)"
-    """A stop is latched for safety; a person who looked may clear it."""
+    """A stop is latched for safety; a person who has checked the robot may clear it."""
     KEY = ": give it as bridge.open(port, key=...)"
     """The robot has a key, and the session does not sign with it."""
     NODE = "; choose one with bridge.open(port, node=N)"
@@ -31,15 +31,15 @@ class BridgeError(Exception):
 
     exit_status = 1
     remedy: Remedy | None = None
-    """What the caller can do, where something can be done."""
+    """Remedy for the error, if any."""
 
     @property
     def bare(self) -> str:
-        """What is wrong, without the remedy: the command line has words of its own for that."""
+        """The error without the remedy; the command line has its own words for the remedy."""
         return super().__str__()
 
     def __str__(self) -> str:
-        """What is wrong, and what a program can do about it."""
+        """Return the error and the remedy in the Python interface."""
         return self.bare if self.remedy is None else self.bare + self.remedy.value
 
 
@@ -49,11 +49,11 @@ class ConfigError(BridgeError):
     exit_status = 2
 
     def __init__(self, *problems: str, source: str = "") -> None:
-        """Keep what is wrong.
+        """Keep the errors.
 
         Args:
-            problems: one text for each thing that is wrong, the key first.
-            source: the file, which the line names before them.
+            problems: One text for each error, the key first.
+            source: The file that the line names first.
 
         """
         self.problems = problems
@@ -75,7 +75,7 @@ def together(problems: Sequence[str]) -> str:
 
 
 class ArgumentError(BridgeError, ValueError):
-    """An argument of a call that is not of its kind; names it, its value and what it must be."""
+    """An argument of the wrong type or range; the text names it, its value and the valid values."""
 
     exit_status = 2
 
@@ -120,7 +120,7 @@ class NoOwnerError(PortError):
 
 
 class OwnerRejectedError(BridgeError):
-    """The process that owns the port did not do what it was asked for."""
+    """The process that owns the port rejected the request."""
 
     exit_status = 4
 
@@ -144,13 +144,13 @@ class DeviceLostError(PortError):
 
 
 class IncompatibleError(BridgeError):
-    """The device speaks another protocol or refuses us."""
+    """The device is incompatible or rejects the host."""
 
     exit_status = 4
 
 
 class CommandRejectedError(BridgeError):
-    """The device refused a command."""
+    """The device rejected a command."""
 
     exit_status = 4
 
@@ -174,7 +174,7 @@ class KeyExposedError(BridgeError):
 
 
 class StoppedForSafetyError(BridgeError):
-    """The robot is stopped and must be freed by hand."""
+    """The robot is stopped, and a person must clear the stop."""
 
     exit_status = 5
 

@@ -1,4 +1,4 @@
-"""Files that people name: whole ones on a disk, not what waits for a writer or never ends."""
+"""Access to files that users name: regular files only, not pipes or devices."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
 _PIPES_OF_SHELLS = ("/dev/fd/", "/dev/stdin", "/proc/self/fd/")
-"""What a shell gives for ``<(command)``, and for what is piped in."""
+"""Paths that a shell uses for ``<(command)`` and for piped input."""
 _READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0)
 
 
 def open_to_read(path: Path, *, takes_pipe: bool = False) -> BinaryIO:
-    """Open a regular file; with ``takes_pipe`` also the pipe of a shell, as ``<(command)`` gives.
+    """Open a regular file; with ``takes_pipe`` also the pipe of a shell's ``<(command)``.
 
     Raises:
         OSError: it cannot be opened, or is something else; a folder is an ``IsADirectoryError``.
@@ -27,7 +27,7 @@ def open_to_read(path: Path, *, takes_pipe: bool = False) -> BinaryIO:
     found = path.stat().st_mode  # first: opening alone may act on a device
     if not waits:
         _check_regular(path, found)
-    # A named pipe that took the file's place meanwhile would wait for a writer.
+    # A named pipe that has replaced the file meanwhile would block until it has a writer.
     number = os.open(path, _READING | (0 if waits else getattr(os, "O_NONBLOCK", 0)))
     try:
         opened = os.fstat(number).st_mode
@@ -40,10 +40,10 @@ def open_to_read(path: Path, *, takes_pipe: bool = False) -> BinaryIO:
 
 
 def check_target(path: Path) -> None:
-    """See that a file can be written at a path: none is there, a regular one, or as /dev/null.
+    """Check that a path can be written: it is free, a regular file, or like /dev/null.
 
     Raises:
-        OSError: something else stands there, which would wait for a reader, or act on the bytes.
+        OSError: another kind of file is there, which would block, or act on the bytes.
 
     """
     try:
@@ -56,14 +56,14 @@ def check_target(path: Path) -> None:
 
 
 def cause(path: Path, error: OSError) -> str:
-    """Why a file at a path could not be written, and what to do where that is known."""
+    """Return why a file could not be written, and the remedy if known."""
     if error.errno == errno.ENOENT and not path.parent.exists():
         return f"there is no folder {path.parent}; make it first"
     return error.strerror or str(error)
 
 
 def _keeps_nothing(device: int) -> bool:
-    """Whether a device is of the family of /dev/null, which drops or refuses every byte."""
+    """Return whether a device is of the family of /dev/null, which drops or rejects every byte."""
     try:
         return os.major(device) == os.major(Path(os.devnull).stat().st_rdev)
     except (OSError, AttributeError):  # Windows

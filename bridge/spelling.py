@@ -1,4 +1,4 @@
-"""Names that are not known: the one that was probably meant."""
+"""Suggestions for misspelt names."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Tables of a TOML file to dataclasses: every problem is named by its key.
+"""Converts tables of a TOML file to dataclasses; every error is named by its key.
 
-A field's default gives its type. Its metadata may hold ``range`` (lowest and highest value of a
-number) or ``read`` (a function of path and value, for what is none of these).
+A field's default gives its type. Its metadata may hold ``range`` (minimum and maximum of a number)
+or ``read`` (a function of path and value, for other types).
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ def fill(
     *,
     also_known: tuple[str, ...] = (),
 ) -> _T:
-    """Give ``base`` with the values of a table.
+    """Return ``base`` with the values of a table.
 
     Args:
         base: The defaults.
         table: The table, as the TOML file has it.
         path: The table's name and a dot; empty for the file's top.
-        problems: What is wrong is added to it.
-        also_known: Keys that somebody else reads.
+        problems: Receives the errors.
+        also_known: Keys that other code reads.
 
     """
     fields = {each.name: each for each in dataclasses.fields(base)}

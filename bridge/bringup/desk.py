@@ -1,8 +1,8 @@
-"""One device in hand: ask it, listen to it, move it a little; time passes only in calls.
+"""A session with one device for bring-up: it asks, listens and moves the robot a little.
 
-Sans-I/O: a :class:`bridge.bringup.desk_wire.Wire` carries bytes and tells the time, so that the
-same procedure runs on a port and in virtual time against the emulated device. Single-threaded,
-without planner, log or estimate: for those there is :class:`bridge.run.host.Host`.
+Sans-I/O: a :class:`bridge.bringup.desk_wire.Wire` carries bytes and gives the time. So the same
+procedure runs on a port and, in virtual time, against the emulated device. Time passes only in
+calls. Single-threaded, without planner, log or estimate; :class:`bridge.run.host.Host` has those.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ ANSWER_S = 8.0
 STALE_S = 0.3
 """Age of an encoder reading, by its stamp, at which what moves is stopped, s: fifteen readings."""
 LINK_S = 4.0
-"""Time for the link to prove quick enough before the first motion, s; four pings take 0.4 s."""
+"""Maximum time until the link counts as fast enough for the first motion, s; four pings take 0.4 s.
+"""
 SILENT_NS = 100_000_000
 """Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
 judges a silence, within a second."""
@@ -67,7 +68,7 @@ R = TypeVar("R")
 class Desk:
     """A session with one device; use it as a context manager, which leaves it stopped."""
 
-    def __init__(  # noqa: PLR0913 - what a session can be begun with
+    def __init__(  # noqa: PLR0913 - options of a session
         self,
         wire: Wire,
         new_session_id: Callable[[], int],
@@ -77,13 +78,15 @@ class Desk:
         timeout_s: float = 10.0,
         records: BenchRecords | None = None,
     ) -> None:
-        """Agree with the device; nothing moves. ``key`` signs what moves it, where it has one.
+        """Agree with the device; nothing moves.
 
-        ``records`` gets all that passes.
+        ``key`` signs motion commands if the device has a key.
+
+        ``records`` gets every record of the session.
 
         Raises:
             NoDeviceError: none answered.
-            IncompatibleError: it speaks another protocol.
+            IncompatibleError: the device is incompatible.
 
         """
         self._wire, self._records = wire, records
@@ -93,7 +96,7 @@ class Desk:
         )
         self.commands = Dialogue(self.session)
         self.client = DeviceClient(self)
-        """Asks the device; time passes meanwhile."""
+        """Client for questions to the device; time passes during each question."""
         self.newest: dict[type[Message], Message] = {}
         self._times = SampleTimes()
         self._imu = ImuReader()
@@ -101,10 +104,10 @@ class Desk:
         self._duty: tuple[float, float] | None = None
         self._steer: Callable[[], tuple[float, float]] | None = None
         self._stops: list[Outcome] = []
-        """How the newest stop, and earlier ones meanwhile, have ended."""
+        """Results of the newest stop and of earlier ones that ended meanwhile."""
         self._failed: Failed | None = None
         self._unsafe = ""
-        """Why the robot was or must be stopped; empty: nothing is wrong."""
+        """Reason for which the robot was or must be stopped; empty: none."""
         self._moved = self._interrupted = False
         self._free = False
         """No stop should be latched: one that is has come from the device."""
@@ -146,11 +149,11 @@ class Desk:
     # ---- time -----------------------------------------------------------------------------
 
     def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Let time pass; True once ``until`` holds, False where the time ran out before.
+        """Let time pass; return True once ``until`` is true, False if the time has run out before.
 
         Raises:
-            DeviceLostError: the device fell silent or booted anew.
-            StoppedForSafetyError: it latched a stop by itself, or its encoders fell silent.
+            DeviceLostError: the device was lost or has booted.
+            StoppedForSafetyError: the device latched a stop by itself, or its encoder stream ended.
             InterruptedByPersonError: see :meth:`interrupt`.
 
         """
@@ -220,7 +223,7 @@ class Desk:
     # ---- news -----------------------------------------------------------------------------
 
     def record_line(self, text: str) -> None:
-        """Put on record what the person is told."""
+        """Record what the person reads."""
         if self._records is not None:
             self._records.record_line(text)
 
@@ -272,10 +275,10 @@ class Desk:
         return found if isinstance(found := self.newest.get(kind), kind) else None
 
     def await_newest(self, kind: type[M], timeout_s: float = 3.0) -> M:
-        """The newest message of a kind, waited for where there is none yet.
+        """Return the newest message of a kind; wait for the first one.
 
         Raises:
-            DeviceLostError: none came.
+            DeviceLostError: no such message arrived.
 
         """
         self.run(timeout_s, lambda: kind in self.newest)
@@ -285,7 +288,7 @@ class Desk:
         return found
 
     def collect(self, kind: type[M], duration_s: float) -> list[tuple[float, M]]:
-        """Messages of one kind for so long, each with the device's time (s)."""
+        """Return the messages of one kind during ``duration_s``, each with the device time (s)."""
         kept: list[tuple[float, Message]] = []
         tap = ((kind,), kept)
         self._taps.append(tap)
@@ -324,7 +327,7 @@ class Desk:
         """Run ``begin``, and let time pass until it has called its argument.
 
         Raises:
-            DeviceLostError: it was not called in time, or the device was lost.
+            DeviceLostError: no call in time, or the device was lost.
 
         """
         answered: list[bool] = []
@@ -333,13 +336,13 @@ class Desk:
             raise DeviceLostError(f"the device did not answer {what}")
 
     def enable(self, mode: Mode, *, clear_stop: bool = False) -> None:
-        """Ask for leave to move in this mode.
+        """Enable motion in this mode.
 
-        A stop is cleared only where it ended a session in order, or with ``clear_stop``.
+        A stop is cleared only if it ended a session cleanly, or with ``clear_stop``.
 
         Raises:
             StoppedForSafetyError: another stop is latched, or the link is too slow.
-            CommandRejectedError: the device refused.
+            CommandRejectedError: the device rejected it.
 
         """
         trip, now = self.session.round_trip, self._wire.now
@@ -371,7 +374,7 @@ class Desk:
         self._duty = (left, right)
 
     def steer(self, wanted: Callable[[], tuple[float, float]]) -> None:
-        """Repeat what this gives, speed (m/s) and yaw rate (rad/s), while time passes."""
+        """Send speed (m/s) and yaw rate (rad/s) from ``wanted`` repeatedly while time passes."""
         self._duty = None
         self._steer = wanted
 
@@ -398,14 +401,14 @@ class Desk:
             raise DeviceLostError("the device did not confirm the stop; see that the robot stands")
 
     def _stop_in_session(self, cause: StopCause) -> bool:
-        self.newest.pop(Status, None)  # what it said before counts no more
+        self.newest.pop(Status, None)  # an older status is not valid any more
         try:
             self._stops.clear()
             command_id = self.session.stop(cause, self._wire.now())
             self._spin(CONFIRM_S, lambda: self._ending_of(command_id) is not None)
         except PortError:
             raise
-        except Exception:  # noqa: BLE001 - whatever fails in the session, the robot must stop
+        except Exception:  # noqa: BLE001 - after any failure in the session the robot must stop
             return False
         outcome = self._ending_of(command_id)
         return outcome is not None and outcome.accepted

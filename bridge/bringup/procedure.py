@@ -52,9 +52,9 @@ KICK_DUTY = 0.3
 KICK_S = 0.8
 """Duration of a kick, s."""
 HAND_S = 20.0
-"""Time for the person to do what was asked, s."""
+"""Maximum time for the person to do a requested action, s."""
 RELEASE_S = 4.0
-"""Time for the person's hand to leave the previous sensor, s."""
+"""Maximum time for the person's hand to leave the previous sensor, s."""
 TURN_RAD = math.radians(45.0)
 """Smallest turn that counts when a quarter turn was asked for, rad."""
 TILT_M_S2 = 2.5

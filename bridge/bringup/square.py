@@ -91,7 +91,7 @@ class Result(NamedTuple):
     verified: Benchmark | None = None
     """Figures of new runs, driven and evaluated with ``model``."""
     refuted: str | None = None
-    """Why the new runs contradict ``model``; such a result must not be written."""
+    """Reason why the new runs contradict ``model``; such a result must not be written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

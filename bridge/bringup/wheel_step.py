@@ -134,7 +134,7 @@ def _seconds(value: float) -> str:
 
 
 def as_text(steps: Sequence[WheelStep], *, width: int = 64, height: int = 12) -> str:
-    """Plot both wheels in characters: l and r, x where they coincide, dashes for the target."""
+    """Plot both wheels as text: l and r, x where they coincide, dashes for the target."""
     target = steps[0].response.target
     end_s = max(step.response.time_s[-1] for step in steps)
     top = 1.25 * max([abs(target), *(abs(v) for s in steps for v in s.response.value)])

@@ -20,7 +20,7 @@ GRAVITY_OFF_M_S2 = 1.0
 GYRO_REST_RAD_S = math.radians(20.0)
 """Largest rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
 MIN_COUNTS = 30
-"""Smallest count that shows a turning wheel. A kick gives hundreds; vibration gives a few."""
+"""Minimum count that shows a turning wheel. A kick gives hundreds; vibration gives a few."""
 BATTERY_SHARE = 0.3
 """Largest normal deviation of the battery voltage, relative to the nominal one."""
 LOGIC_V = (4.6, 5.4)
@@ -82,8 +82,8 @@ class Kick(NamedTuple):
 def judge_kicks(kicks: Sequence[Kick]) -> list[Finding]:
     """Find swapped and reversed motor outputs and encoders.
 
-    The person says which wheel turned, and in which direction. If outputs and encoders are both
-    swapped, no program can see it, and the robot would turn in the wrong direction.
+    The person answers which wheel turned, and in which direction. No program can detect that
+    outputs and encoders are both swapped; the robot would then turn in the wrong direction.
     """
     found: list[Finding] = []
     for kick in kicks:
@@ -227,7 +227,7 @@ def strongest(values: Sequence[float]) -> Axis:
 
 
 def judge_axis(step: str, values: Sequence[float], wanted: str, least: float) -> Finding:
-    """Check which axis responded to a motion by hand; ``least`` is the smallest response."""
+    """Check which axis responded to a motion by hand; ``least`` is the minimum response."""
     axis = strongest(values)
     if abs(axis.value) < least:
         return left_out(step, "no motion was measured")

@@ -245,7 +245,7 @@ _ROLES = {
     "stair": "cliffs",
     "start": "start",
 }
-"""Words in the id, class or label of an element, or of a group around it, and what they mean."""
+"""Meaning of words in the id, class or label of an element, or of a group around it."""
 
 
 class _Shape(NamedTuple):

@@ -69,9 +69,9 @@ def _turn(came: _Corner, step: _Corner) -> int:
 
 
 def simplified(polygon: Sequence[Point], tolerance_m: float) -> Polygon:
-    """Leave out corners that are within a tolerance of what remains (Douglas and Peucker).
+    """Remove corners that are within a tolerance of the rest (Douglas and Peucker).
 
-    A polygon that would vanish, such as a single cell of a map, is kept as it is.
+    A polygon that would vanish, such as a single cell of a map, is kept unchanged.
     """
     points = np.asarray(polygon, dtype=np.float64)
     whole = tuple((float(x), float(y)) for x, y in points)

@@ -39,7 +39,7 @@ class PlannerEvent:
 
 @dataclass(frozen=True, slots=True)
 class PlannerState:
-    """The paper's variables (Table 1) and where the planner stands."""
+    """The paper's variables (Table 1) and the state of the planner."""
 
     state: str = "idle"
     turn_count: int = 0
@@ -57,11 +57,11 @@ class PlannerState:
 
 
 class Planner(Protocol):
-    """Decides the next leg when one has ended; knows only the observations."""
+    """Decides the next leg when one has ended, from the observations only."""
 
     @property
     def state(self) -> PlannerState:
-        """Where the planner stands."""
+        """Present state of the planner."""
         ...
 
     def start(self, obs: Observation) -> Leg | Finish:
@@ -92,11 +92,11 @@ class ObservingPlanner(Protocol):
 
 
 class PlannerError(TypeError):
-    """An object that is no planner, or a leg that is none; the text names what is wrong."""
+    """An invalid planner or leg; the text names the error."""
 
 
 ORIGINS: dict[type, str] = {}
-"""By the class of a planner from outside the project: where it comes from, for messages."""
+"""Origin of each planner class from outside the project, for messages."""
 
 
 def check_planner(planner: object) -> None:
@@ -127,10 +127,10 @@ def check_planner(planner: object) -> None:
 
 
 def check_leg(planner: object, leg: object) -> None:
-    """See that what a planner handed over is a leg, and its fields are finite and of their types.
+    """Check that a planner returned a leg with finite fields of the right types.
 
     Raises:
-        PlannerError: it is not; the text names planner, leg and field.
+        PlannerError: it did not; the text names planner, leg and field.
 
     """
     name = type(planner).__name__
@@ -169,13 +169,13 @@ _WANTED: dict[object, str] = {
     "float": "a finite number",
     "float | None": "a finite number or None",
 }
-"""By the fields' annotations, which are texts."""
+"""Expected value by the annotation of a field, which is a text."""
 _METHODS = ("start", "next", "drain_events")
-"""What :class:`Planner` asks for, besides ``state``."""
+"""Methods that a :class:`Planner` must have, besides ``state``."""
 
 
 class Step(NamedTuple):
-    """What a script is sent when its leg has ended."""
+    """Result of a leg that a script receives."""
 
     result: LegResult
     obs: Observation
@@ -186,13 +186,13 @@ Script = Generator[Leg, Step, str]
 
 
 class PlannerRecord:
-    """What a planner reports: its state, its decisions and the figures of its end."""
+    """Reports of a planner: its state, its decisions and the figures of its end."""
 
     def __init__(self) -> None:
         """Begin with the state ``idle`` and no decision."""
         self.state = PlannerState()
         self.end_figures: dict[str, Scalar] = {}
-        """Figures of the event ``finish``, beside its reason."""
+        """Figures of the event ``finish``, in addition to its reason."""
         self._events: list[PlannerEvent] = []
 
     def change(self, **fields: Any) -> None:  # noqa: ANN401 - the fields of PlannerState
@@ -232,7 +232,7 @@ class ScriptedPlanner(ABC):
         return self.record.state
 
     def start(self, obs: Observation) -> Leg | Finish:
-        """Begin the plan anew and return its first leg."""
+        """Restart the plan and return its first leg."""
         self.record.state, self.record.end_figures = PlannerState(), {}
         self._script = self.script(obs)
         return self._resume(self._script, None)

@@ -55,7 +55,7 @@ def parse_options(kind: type[Options], texts: Iterable[str]) -> Options:
     return kind(**values)
 
 
-def _hint(kind: type[Any], name: str) -> Any:  # noqa: ANN401 - a type, of whatever form
+def _hint(kind: type[Any], name: str) -> Any:  # noqa: ANN401 - any form of a type
     return get_type_hints(kind)[name]
 
 

@@ -31,7 +31,7 @@ PLANNERS: dict[str, str] = {
 
 
 def _recovery(model: RobotModel, _rng: RandomSource, options: Sequence[str]) -> Planner:
-    from bridge.coverage.recovery.planner import (  # noqa: PLC0415 - only where it runs
+    from bridge.coverage.recovery.planner import (  # noqa: PLC0415 - imported only when used
         RecoveryPlanner,
     )
 
@@ -53,7 +53,7 @@ class UnknownPlannerError(ValueError):
     """No planner has this name."""
 
     def __init__(self, name: str) -> None:
-        """``name`` is what was asked for."""
+        """Keep the requested name."""
         self.name = name
         super().__init__(f"unknown planner '{name}'; there are: {', '.join(planner_names())}")
 
@@ -63,7 +63,7 @@ class PlannerMakingError(PlannerError):
 
 
 def planner_names() -> list[str]:
-    """Names of the project's planners, then those of plug-ins; none of them is imported."""
+    """Return the names of the project's planners, then those of plug-ins; import none."""
     return [
         *PLANNERS,
         *(name for name in sweepctl_plugins.found("planners") if name not in PLANNERS),
@@ -115,7 +115,7 @@ def make_planner(
 
 
 def _outside(name: str) -> tuple[str, Factory]:
-    """Find a planner outside the project: what it is, for messages, and what makes it."""
+    """Return a planner outside the project: its description for messages, and its factory."""
     plugin = sweepctl_plugins.found("planners").get(name)
     clash = sweepctl_plugins.clashes("planners").get(name)
     if clash is not None:
@@ -144,4 +144,4 @@ def _imported(name: str) -> Factory:
     except Exception as error:
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise PlannerMakingError(f"planner {name} cannot be loaded: {what}") from error
-    return found  # type: ignore[return-value]  # whatever it is, it is checked by its result
+    return found  # type: ignore[return-value]  # its result is checked

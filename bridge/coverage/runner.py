@@ -174,7 +174,7 @@ class PlanRunner:
             raise
 
     def _blame(self, error: Exception) -> None:
-        """Name a planner from outside the project in what it raised."""
+        """Add the name of a planner from outside the project to its exception."""
         origin = ORIGINS.get(type(self._planner))
         if origin is not None:
             error.add_note(f"raised by {origin}")

@@ -25,7 +25,7 @@ _GAP_M = 0.5
 
 
 class OccupancyArray(NamedTuple):
-    """What an OccupancyGrid needs."""
+    """The data that an OccupancyGrid needs."""
 
     cells: NDArray[np.int8]
     """Shape (rows along +y, columns along +x): ravelled, it is the message's ``data``."""
@@ -88,7 +88,7 @@ class SweptMap:
         return self._cells.count(1) * self.resolution_m**2
 
     def update(self, pose: Pose2) -> None:
-        """Mark what the mouth covers at a pose and on the path from the last one."""
+        """Mark the cells that the mouth covers at a pose and on the path from the last one."""
         last = self._last
         if last is None:
             self._last = pose

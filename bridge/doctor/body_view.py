@@ -24,7 +24,7 @@ _LOOKED_AT = frozenset({Imu, Encoders, Range, Power, Status, PlannerState})
 STEP_US = 20_000
 """Period of the supervision rules, µs: the control period of the host."""
 GAP_US = 500_000
-"""Longest pause between two messages, µs; after a longer one the estimate starts anew."""
+"""Maximum pause between two messages, µs; after a longer one the estimate restarts."""
 REST_S = 1.0
 """Time without encoder counts after which the robot counts as standing still, s."""
 SHIFT_DEG_S = 1.0
@@ -51,7 +51,7 @@ _QUIET = {"silence": "off", "progress": "off", "fence": "off", "reset": "off"}
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """A fault of the robot or its sensors, at one moment."""
+    """A fault of the robot or its sensors, at one time."""
 
     kind: str
     at_s: float

@@ -1,4 +1,4 @@
-"""Coverage of a run: what was swept, when, and what was left."""
+"""Coverage of a run: swept floor, its time, and missed floor."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ _CHUNK_S = 0.25
 _TOLERANCE_M = 2e-4
 """... as long as neither end of the mouth strays further than this from the piece."""
 _JUMP_M = 0.2
-"""Poses further apart than this are not joined: a log with a hole, or an estimate set anew."""
+"""Maximum distance of poses that are joined, m. A larger jump means a gap in the log, or a reset of
+the estimate."""
 _T90, _T99 = 0.90, 0.99
 _Mouth = tuple[float, float, float, float]
 """x and y of its left, then of its right end."""
@@ -45,10 +46,10 @@ class Coverage:
     """Shares of the floor, 0 to 1."""
 
     mouth_sweepable: float
-    """The main figure: of what the mouth can reach, what it swept."""
+    """Main figure: swept share of the floor that the mouth can reach."""
     mouth_passing: float
-    """The same of what the mouth reaches as the robot passes: with the mouth ahead of the axle,
-    without what it reaches only by turning towards a wall."""
+    """Swept share of the floor that the mouth reaches while the robot passes. With the mouth ahead
+    of the axle, this leaves out floor that the mouth reaches only by turning towards a wall."""
     mouth_free: float
     body_reachable: float
     body_free: float
@@ -79,7 +80,8 @@ class CoverageReport:
     duration_s: float
     path_m: float
     t90_s: float | None
-    """When 90 % of the sweepable floor was swept, from the first pose; ``None``: never."""
+    """Time at which 90 % of the sweepable floor was swept, s from the first pose; ``None``: never.
+    """
     t99_s: float | None
     largest_hole_cm2: float
     hole_inradius_m: float
@@ -103,12 +105,12 @@ class CoverageReport:
 
 
 def max_sweep_rate_m2_s(model: RobotModel) -> float:
-    """Largest area that the mouth can pass over in a second, at the robot's speed limits.
+    """Return the maximum area that the mouth can sweep per second, at the robot's speed limits.
 
     A point of the mouth at y left of its middle moves across the mouth at v - ωy, wherever the
-    mouth sits on the robot. The rate is the integral of |v - ωy| over the width W. It is convex
-    in v and ω, so that it is largest at both limits: v·W if the mouth's ends never move
-    backward, otherwise v²/ω + ωW²/4.
+    mouth sits on the robot. The rate is the integral of |v - ωy| over the width W. It is convex in
+    v and ω, so that it is largest at both limits: v·W if the mouth's ends never move backward,
+    otherwise v²/ω + ωW²/4.
     """
     speed, yaw_rate = model.max_speed_m_s, model.max_yaw_rate_rad_s
     half = 0.5 * model.cleaning_width_m
@@ -121,7 +123,7 @@ class CoverageMeter:
     """Measures runs on one floor plan; the plan's areas are worked out once."""
 
     def __init__(self, plan: FloorPlan, model: RobotModel, resolution_m: float = 0.005) -> None:
-        """Cells of 1 cm or finer are what the figures are defined for."""
+        """Use cells of 1 cm or finer, for which the figures are defined."""
         self.model = model
         self.regions = find_regions(plan, model, resolution_m)
         raster = self.regions.raster
@@ -158,7 +160,7 @@ class CoverageMeter:
         return track.report(lane_length_m)
 
     def track(self) -> CoverageTrack:
-        """Begin to measure a run pose by pose; what it keeps does not grow with the run."""
+        """Begin to measure a run pose by pose; the memory does not grow with the run."""
         return CoverageTrack(self)
 
     def share_at(self, report: CoverageReport, times_s: Sequence[float]) -> list[float]:
@@ -182,7 +184,7 @@ class CoverageTrack:
         self._newest: TimedPose | None = None
         self._path_m = 0.0
         self._begun: TimedPose | None = None
-        """Where the piece under way begins."""
+        """Start of the current piece of the path."""
         self._anchor = self._end = _NO_MOUTH
         self._end_pose: TimedPose | None = None
         """The pose that the piece under way has come to; None: no further than it began."""
@@ -261,7 +263,7 @@ class CoverageTrack:
     # -- inside ----------------------------------------------------------------------------
 
     def _set_out(self, pose: TimedPose) -> None:
-        """Begin anew, unconnected with what was before."""
+        """Begin a new piece, not connected with the previous one."""
         self._begun, self._anchor = pose, self._mouth(pose)
         self._end, self._end_pose = self._anchor, None
         self._directions = None
@@ -287,7 +289,7 @@ class CoverageTrack:
         self._end, self._end_pose = ends, pose
 
     def _close(self) -> None:
-        """Stamp the piece under way, and begin the next where it ends."""
+        """Stamp the current piece, and begin the next one at its end."""
         begun, last = self._begun, self._end_pose
         if begun is None or last is None or self._first is None:
             return
@@ -300,7 +302,7 @@ class CoverageTrack:
         self._end_pose = self._directions = None
 
     def _stand(self, pose: TimedPose) -> None:
-        """Stamp the body where a way begins; it may be all of it."""
+        """Stamp the footprint at the start of a piece; the piece may have no other pose."""
         centre = (pose.x_m, pose.y_m)
         self._meter.regions.raster.stamp_capsule(self._body, centre, centre, self._model.radius_m)
 
@@ -328,7 +330,7 @@ def _holes(raster: Raster, left: Mask) -> tuple[float, float]:
 
 
 def _straight(anchor: Sequence[float], directions: Sequence[float], ends: Sequence[float]) -> bool:
-    """Whether both ends lie on the lines that they set out along, and go on along them."""
+    """Return whether both ends lie on their initial lines and move along them."""
     for k in (0, 2):
         dx, dy = directions[k], directions[k + 1]
         ex, ey = ends[k] - anchor[k], ends[k + 1] - anchor[k + 1]

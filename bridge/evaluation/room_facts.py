@@ -1,4 +1,4 @@
-"""What a room offers to a robot: areas, and floor that the robot fits on but cannot get to."""
+"""Properties of a room for a robot: areas, and floor that the robot fits on but cannot reach."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _FINEST_M = 0.01
-"""Finest raster of a picture, m: that of the coverage metrics."""
+"""Minimum cell size of a picture, m: that of the coverage metrics."""
 _MAX_CELLS = 4_000_000
 """Largest raster: 400 m² at 1 cm take 2 s. A hall gets larger cells."""
 
@@ -60,7 +60,7 @@ def room_facts(plan: FloorPlan, model: RobotModel) -> RoomFacts:
 
 
 def _separate(regions: Regions, radius_m: float) -> tuple[Separate, ...]:
-    """Find pieces by distance from the walls; one cell of slack, for that of a raster is coarse."""
+    """Find pieces by distance from the walls, with one cell of tolerance for the coarse raster."""
     raster = regions.raster
     inside = np.pad(regions.free, 1)
     depth_m = ndimage.distance_transform_edt(inside)[1:-1, 1:-1] * raster.resolution_m

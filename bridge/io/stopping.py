@@ -36,7 +36,7 @@ def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = No
 
     Raises:
         PortError: the port cannot be opened, or is gone.
-        NoDeviceError: a device that is heard, or ``node``, has not confirmed the stop within
+        NoDeviceError: a device on the port, or ``node``, has not confirmed the stop within
             :data:`CONFIRM_S`.
 
     """

@@ -13,7 +13,7 @@ class Column(NamedTuple):
     """SQL type: TEXT, REAL or INTEGER."""
     meaning: str
     keys: tuple[str, ...] = ()
-    """Where the summary has the value; empty: the log's metadata or its file."""
+    """Place of the value in the summary; empty: the value is in the log's metadata or its file."""
 
 
 COLUMNS = (

@@ -33,14 +33,14 @@ _NS = 1_000_000_000
 
 
 class Entry(NamedTuple):
-    """What the index holds of one file."""
+    """Content of the index for one file."""
 
     values: dict[str, Any] | None
-    """By column; None: the file is no run's first file."""
+    """Values by column; None: the file is no run's first file."""
     first: str | None = None
     """Name of the run's first file, for a later file of a run."""
     problem: str | None = None
-    """Why the file cannot be read."""
+    """Reason why the file cannot be read."""
 
 
 def read_entry(path: Path, modified_ns: int) -> Entry:

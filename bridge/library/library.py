@@ -38,7 +38,7 @@ class Run:
 
     path: Path
     values: dict[str, Any]
-    """By column."""
+    """Values by column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Selection:
     tags: tuple[str, ...] = ()
     """Tags that a run must have."""
     last: int | None = None
-    """Only so many, from the end; None: all."""
+    """Maximum number of runs, counted from the end; None: all."""
 
 
 class Library:
@@ -64,7 +64,7 @@ class Library:
         self.unreadable: list[tuple[Path, str]] = []
         """Files that cannot be read, with the reason."""
         self.unstored: list[Path] = []
-        """Folders that cannot be written, whose logs are read each time."""
+        """Folders without write access, whose logs are read each time."""
         self._places: list[Path] = []
         """Folders by their number in the table."""
         self._database = sqlite3.connect("file::memory:", isolation_level=None, uri=True)

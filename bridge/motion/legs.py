@@ -20,7 +20,7 @@ class Drive:
 
     heading_rad: float
     distance_m: float | None = None
-    """Where to stop along the line; negative: backwards; ``None``: no limit."""
+    """Length along the line, m; negative: backwards; ``None``: no limit."""
     speed_m_s: float | None = None
     """``None``: the robot's cruise speed."""
     stop_range_m: float | None = None
@@ -32,7 +32,7 @@ class Drive:
     wary: bool = False
     """Whether to slow down for obstacles that have left the ultrasonic's cone."""
     purpose: str = "drive"
-    """For events and lane lengths; it changes nothing in the motion."""
+    """Purpose, for events and lane lengths; it does not affect the motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class GoTo:
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Stand still, which lets the estimator measure the gyro's bias."""
+    """Stand still, so that the estimator can measure the gyro bias."""
 
     duration_s: float
     purpose: str = "rest"
@@ -71,8 +71,8 @@ class Rest:
 class FollowWall:
     """Drive along the wall on one side, by that side's infrared.
 
-    It ends where something stands ahead, where the wall is lost, after ``distance_m``, or when
-    the planner cancels it.
+    It ends at an obstacle ahead, where the wall is lost, after ``distance_m``, or when the planner
+    cancels it.
     """
 
     left: bool
@@ -80,7 +80,7 @@ class FollowWall:
     gap_m: float
     """Gap between rim and wall, m; 0: light contact."""
     touching: bool = False
-    """Whether to begin with a contact abeam, seen or not."""
+    """Whether to begin with a contact abeam, detected by infrared or not."""
     distance_m: float | None = None
     speed_m_s: float | None = None
     timeout_s: float = 600.0

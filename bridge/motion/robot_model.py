@@ -12,7 +12,7 @@ from typing import Any
 
 
 def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """A number with the range, the unit and the meaning that the reference of robot files gives."""
+    """Declare a number with range, unit and meaning, as in the reference of robot files."""
     return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
@@ -23,7 +23,7 @@ def _limited(low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: 
 
 @dataclass(frozen=True, slots=True)
 class RangerMount:
-    """Where a range sensor sits and what it can see.
+    """Place and limits of a range sensor.
 
     Mount in the body frame (x forward, y left, from the axle's centre).
     """

@@ -1,16 +1,16 @@
-"""What the gains of the controllers do: closed-loop step responses, and Fig. 12's smoothing.
+"""Effect of the controllers' gains: closed-loop step responses, and Fig. 12's smoothing.
 
-The plant of these experiments is the robot as the controllers see it: a velocity commanded
-takes effect after a dead time (link and control period) through a first-order lag (motors and
-wheel control), as the virtual sweeper does. From it the gains are taken:
+The plant of these experiments is the robot as the controllers see it, as in the virtual sweeper: a
+commanded velocity takes effect after a dead time (link and control period) through a first-order
+lag (motors and wheel control). The gains follow from it:
 
-- rotary (``gain_table``): of the pairs that overshoot a 90° turn by less than 2 %, the one
-  that settles first. Kp 5 1/s and Td 0.03 s settle in 1.38 s; Kp 4 takes 1.60, Kp 6 1.56.
-- point to point: near the point the speed falls as v = Kp·r, a deceleration of Kp·v, which
-  must stay within the share of the acceleration limit kept for braking: Kp = 0.75·0.4/0.2
-  = 1.5 1/s at cruise speed. It does not overshoot.
+- Rotary (``gain_table``): of the pairs that overshoot a 90° turn by less than 2 %, the one with the
+  shortest settling time. Kp 5 1/s and Td 0.03 s settle in 1.38 s; Kp 4 takes 1.60 s, Kp 6 1.56 s.
+- Point to point: near the point the speed falls as v = Kp·r, a deceleration of Kp·v. It must stay
+  within the share of the acceleration limit that is kept for braking: Kp = 0.75·0.4/0.2 = 1.5 1/s
+  at cruise speed. It does not overshoot.
 
-What steers a robot that moves on, bearing and wall, is in ``steering_response``.
+``steering_response`` has the controllers that steer a moving robot, by bearing and by wall.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class StepResponse(NamedTuple):
 
     @property
     def overshoot(self) -> float:
-        """Greatest excess over the target, relative to it."""
+        """Maximum overshoot, relative to the target."""
         return max(max(v / self.target for v in self.value) - 1.0, 0.0)
 
     @property
@@ -156,7 +156,7 @@ def gain_table(
     kps: Sequence[float] = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0),
     tds: Sequence[float] = (0.0, 0.03, 0.06),
 ) -> list[GainRow]:
-    """Rotary gains against what a 90° turn makes of them (band: 0.25°)."""
+    """Return the response to a 90° turn for each pair of rotary gains (band: 0.25°)."""
     rows = []
     for kp in kps:
         for td in tds:

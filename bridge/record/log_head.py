@@ -1,7 +1,7 @@
-"""What a log says of its run besides its messages: metadata and small attachments.
+"""Metadata and small attachments of a log, without its messages.
 
 A complete file is read through the index at its end, in constant time. An incomplete one has no
-index; its records are stepped over one by one.
+index, so its records are read one by one.
 """
 
 from __future__ import annotations

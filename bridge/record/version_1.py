@@ -42,14 +42,14 @@ _TYPES = {
     0x1D: 0x79,  # log_text
     0x1E: 0x78,  # parameter_value
 }
-"""Types that have changed: of version 2, by those of version 1."""
+"""Changed types: the type in version 2 for each type of version 1."""
 _HOST_HELLO = CATALOGUE.by_class[HostHello].type_id
 _HELLO_BOOT = 8
-"""Where the boot id stands that version 2 has added to the host's hello."""
+"""Place of the boot id that version 2 has added to the host's hello."""
 _NO_BOOT = bytes(4)
 _REPLIES = {CATALOGUE.by_class[kind].type_id for kind in (Ack, Nack)}
 _COMMAND_TYPE = 2
-"""Where a reply names its command's type."""
+"""Place of the command's type in a reply."""
 _FLAGS = 0x0F
 _PART_SIZES = {
     part.can_type: sum(f.wire.size for f in spec.fields if f.can_part == number)
@@ -66,7 +66,7 @@ def is_version_1(reader: LogReader) -> bool:
 
 
 class Version1:
-    """Rewrites the records of one log, which come in order."""
+    """Rewrites the records of one log, in their order."""
 
     def __init__(self) -> None:
         """Start with no byte held back."""
@@ -97,7 +97,7 @@ class Version1:
             payload, stamp = frame.data[: -T16.size], frame.data[-T16.size :]
             return to_record(frame._replace(data=stamp + payload.ljust(size, b"\0")))
         if frame.can_type in CATALOGUE.by_type and is_native(CATALOGUE.by_type[frame.can_type]):
-            return to_record(frame)  # the whole stamp stands in front in both versions
+            return to_record(frame)  # both versions start with the full stamp
         return b"".join(
             to_record(frame._replace(data=segment))
             for segment in self._segments(frame.can_id, frame.data)
@@ -143,7 +143,7 @@ def _payload(type_id: int, payload: bytes) -> bytes:
 
 
 def _serial(stretch: bytes) -> bytes:
-    """Return what stands between two delimiters."""
+    """Return the bytes between two delimiters."""
     events = UartParser().feed(b"\0" + stretch + b"\0")
     if len(events) != 1 or not isinstance(events[0], Frame) or events[0].version != _VERSION:
         return stretch

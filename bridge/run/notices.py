@@ -43,7 +43,7 @@ class NoticeKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """An event for other programs. What does not apply to its kind is None."""
+    """An event for other programs. Fields that do not apply to its kind are None."""
 
     kind: NoticeKind
     time_ns: int

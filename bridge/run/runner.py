@@ -1,4 +1,4 @@
-"""Interface of whatever decides the velocity of a run."""
+"""Interface of the object that decides the velocity of a run."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ REPEAT_NS = STOP_REPEAT_US * 1000
 """Interval of the repeated stop, ns: above an FTDI adapter's latency of 16 ms, so that a reply
 arrives before the next stop leaves."""
 GATHER_NS = 200_000_000
-"""Time to hear of every device on a bus, ns: two periods of the slowest stream that each sends in a
+"""Time to detect every device on a bus, ns: two periods of the slowest stream that each sends in a
 session. A device without a session stands still, and answers a stop at once."""
 _STOP = CATALOGUE.by_class[Stop].type_id
 _STATUS = CATALOGUE.by_class[Status].type_id
@@ -59,7 +59,7 @@ class StopRequest(ABC):
         return HostNs(self._due_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Handle bytes from the port; none says that time has passed."""
+        """Handle bytes from the port; empty bytes mean that time has passed."""
         for event in self._link.receive(data, now_ns // 1000) if data else ():
             if isinstance(event, Received):
                 self._take(event)
@@ -93,14 +93,14 @@ class AddressedStop(StopRequest):
 
 
 class StopEverything(StopRequest):
-    """The stop of every device on the port: the same bytes from whoever sends it.
+    """The stop of every device on the port: the same bytes from every sender.
 
-    A device that is heard must show the latched cause ``operator``, or a graver one. On a bus that
-    is known only after :data:`GATHER_NS`.
+    Every detected device must show the latched cause ``operator``, or a graver one. On a bus the
+    devices are known only after :data:`GATHER_NS`.
     """
 
     def __init__(self, link: type[LinkBase], node: int | None = None) -> None:
-        """Wait for ``node``, and for every other device that is heard."""
+        """Wait for ``node``, and for every other detected device."""
         super().__init__(link, StopAll(), NODE_ALL)
         self._link.codec.limit(_STATUS, _LATCH_FIELDS)
         self._latched: dict[int, bool] = {} if node is None else {node: False}
@@ -134,7 +134,7 @@ class StopEverything(StopRequest):
         return super().data_to_send(now_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Handle bytes from the port; none says that time has passed."""
+        """Handle bytes from the port; empty bytes mean that time has passed."""
         self._now_ns = now_ns
         super().receive(data, now_ns)
 

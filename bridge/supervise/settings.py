@@ -53,7 +53,7 @@ class Level(enum.IntEnum):
 
 
 def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """A number with the range, the unit and the meaning that the reference of robot files gives."""
+    """Declare a number with range, unit and meaning, as in the reference of robot files."""
     return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
@@ -323,7 +323,7 @@ def default_settings() -> SuperviseSettings:
 
 
 RULE_PLUGINS: dict[str, str] = {}
-"""By the name of a rule of a plug-in: the plug-in, for messages."""
+"""Name of the plug-in for each of its rules, for messages."""
 
 
 def _plugged(name: str, kind: object, own: set[str]) -> tuple[str, PluggedRule | None]:

@@ -1,1 +1,1 @@
-"""Seeing a run in Rerun, in a process of its own."""
+"""Display of a run in Rerun, in a separate process."""

@@ -1,4 +1,4 @@
-"""What the lane planners share: lanes, side steps and backing off, as parts of a script."""
+"""Common parts of the lane planners: lanes, side steps and backing off, as parts of a script."""
 
 from __future__ import annotations
 
@@ -28,24 +28,23 @@ class LaneOptions:
     side: Side = "left"
     """Side of the first lane on which the next one lies."""
     end: End = "last_partial_lane"
-    """What ends the plan if a side step is blocked before W. ``blocked_step`` ends it there.
-    ``last_partial_lane`` sweeps one more lane there, and ends it if the step at that lane's
-    other end is blocked too. ``never`` continues until ``max_lanes``."""
+    """Condition that ends the plan if a side step is blocked before W. ``blocked_step`` ends it
+    there. ``last_partial_lane`` sweeps one more lane there, and ends the plan if the step at that
+    lane's other end is blocked too. ``never`` continues until ``max_lanes``."""
     stop_range_m: float = 0.046
     """Ultrasonic reading that is a wall: 6 mm of clearance, for the sensor sits 4 cm inside
     the body's front."""
     step_stop_range_m: float = 0.054
-    """The same at the end of a side step. The next lane runs along that wall, and a heading that
-    is 1 cm in 1.7 m off must not graze it."""
+    """The same at the end of a side step, m. The next lane runs along that wall, and a heading
+    error of 1 cm in 1.7 m must not make it graze."""
     back_off_m: float = 0.015
     """Distance of backing off after a contact, so that the turn does not graze."""
     cliff_back_off_m: float = 0.05
     short_step_m: float = 0.015
-    """A side step that lacks less than this of W is a whole one."""
+    """Maximum shortfall of W at which a side step still counts as whole, m."""
     step_from: Literal["lane_line", "here"] = "lane_line"
-    """What "move distance W" is counted from: the line that the last lane was meant to keep,
-    so that lanes stay W apart whatever a bump or a wheel's slip did in between, or wherever
-    the robot happens to stand."""
+    """Reference of "move distance W": the intended line of the last lane, or the robot's place.
+    With the line, lanes stay W apart whatever a contact or slip did in between."""
     rest_s: float = 0.6
     """Rest at the end of each lane; the gyro bias is measured in its second half. With an error of
     0.01 °/s a run of case 1 would end 2° off. 0: no rest."""
@@ -97,7 +96,7 @@ class LaneSweep:
     def side_step(self, pose: Pose2, distance_m: float) -> Part:
         """Turn across the lanes and drive to the line ``distance_m`` on, or back if negative.
 
-        ``pose`` is where the robot stands; the line of the last lane decides how far that is.
+        The path depends on ``pose``, the robot's place, and on the line of the last lane.
         """
         options = self._options
         if options.step_from == "here":

@@ -1,7 +1,7 @@
 """The paper's algorithm, faithfully: U-shaped lanes and one slot of memory (section 3.2).
 
-It is a reference and not to be repaired: where it fails, this must fail. What the paper leaves
-open is an option with a name; the defaults are those that reproduce its tables.
+This is a reference and must not be repaired: where the paper's algorithm fails, this must fail.
+Each choice that the paper leaves open is an option; the defaults reproduce the paper's tables.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ class PaperOptions(LaneOptions):
     equal_tolerance_m: float = 0.02
     """D = Prev-D (case 1) up to this: no two lanes are equal to the millimetre."""
     count_turns: Literal["whole_step", "every_turn", "on_equal"] = "whole_step"
-    """When T grows. Pseudo-code 1 counts after "turn, move distance W, turn": at ``every_turn``,
-    or only when W was really moved (``whole_step``), without which W·T is no length.
-    Pseudo-code 2 counts in case 1 only (``on_equal``): after case 2 that is a lane short."""
+    """Condition under which T grows. Pseudo-code 1 counts after "turn, move distance W, turn": at
+    every turn (``every_turn``), or only after a full W (``whole_step``), without which W·T is no
+    length. Pseudo-code 2 counts in case 1 only (``on_equal``), which is one lane short after case
+    2."""
     between: Literal["count", "keep", "reset"] = "count"
     """Effect on T of tolerance < |D - Prev-D| ≤ Φ, which the paper leaves open, if T is counted
     ``on_equal``; with ``count`` this is case 1."""
@@ -44,8 +45,8 @@ class PaperOptions(LaneOptions):
     and no stack: with "observed", a second obstacle in that region overwrites the values of the
     first one."""
     return_by: Literal["leave_point", "nearest"] = "leave_point"
-    """Where to continue after recovery: at the place of case 3, or where the last lane in the
-    occluded region ended."""
+    """Place at which to continue after recovery: that of case 3, or the end of the last lane in the
+    occluded region."""
 
 
 class PaperPlanner(ScriptedPlanner):
@@ -92,7 +93,7 @@ class PaperPlanner(ScriptedPlanner):
     # -- the three cases -------------------------------------------------------------------
 
     def _compare(self, lane: LegResult) -> int:
-        """Record D, judge it against Prev-D, keep T; returns the case, 0 for none."""
+        """Record D, compare it with Prev-D, count T; return the case, 0 for none."""
         options, state = self.options, self.record.state
         distance = lane.distance_m
         previous = distance if self._first_lane else state.previous_lane_distance_m

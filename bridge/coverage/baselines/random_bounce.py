@@ -28,16 +28,16 @@ class RandomOptions:
     """Choices of the random baseline."""
 
     max_time_s: float = 1800.0
-    """It cannot know when it is done; it ends after this time."""
+    """Maximum duration, s: the planner cannot know when the floor is swept."""
     min_turn_rad: float = math.radians(90.0)
-    """Turns are uniform over what is at least this far from the old heading."""
+    """Minimum turn, rad; turns are uniform over all larger ones."""
     stop_range_m: float = 0.05
     back_off_m: float = 0.02
     cliff_back_off_m: float = 0.05
 
 
 class RandomPlanner(ScriptedPlanner):
-    """The baseline that the paper compares with and gives no figures for."""
+    """The baseline that the paper compares with but gives no figures for."""
 
     def __init__(
         self,

@@ -1,8 +1,8 @@
-"""Cliffs: where the cliff sensor missed the floor, and what that forbids.
+"""Cliffs: places where the cliff sensor missed the floor, and the resulting restrictions.
 
-The sensor gives one bit for three spots under the front rim: neither the spot nor the direction of
-the cliff is known. No range sensor sees a cliff, so it is not followed. Lanes lead up to it, slowly
-where it is known; perimeter passes and transits avoid it.
+The sensor gives one bit for three barriers under the front rim, so neither the barrier nor the
+direction of the cliff is known. No range sensor detects a cliff, so the robot does not follow it.
+Lanes lead up to a cliff, slowly if it is known; perimeter passes and transits avoid it.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Cliffs:
         self.marks += [Pose2(x, y, pose.theta_rad) for x, y in missing]
 
     def see_floor(self, pose: Pose2) -> None:
-        """All of the spots see floor at a pose: it is not missing where they look."""
+        """Note that all barriers detect floor at a pose: the floor under them is not missing."""
         if not self.marks or not self.beside(pose.x_m, pose.y_m, self._near_m):
             return
         spots = self._spots(pose)
@@ -72,7 +72,7 @@ class Cliffs:
         ]
 
     def clear(self, pose: Pose2, radius_m: float) -> None:
-        """Drop what was seen so near to a pose."""
+        """Remove the marks within a radius of a pose."""
         self.poses = [known for known in self.poses if known.distance_m(pose) > radius_m]
         self.rims = [known.transform(self._radius_m, 0.0) for known in self.poses]
         self.marks = [mark for mark in self.marks if mark.distance_m(pose) > radius_m]
@@ -83,7 +83,7 @@ class Cliffs:
         return any((x - x_m) ** 2 + (y - y_m) ** 2 < limit for x, y in self.rims)
 
     def pace(self, pose: Pose2) -> float:
-        """Fastest forward speed, m/s: infinite where no edge is near."""
+        """Return the maximum forward speed, m/s; infinite if no cliff is near."""
         return _SLOW_M_S if self.beside(pose.x_m, pose.y_m, self._near_m) else math.inf
 
     def _spots(self, pose: Pose2) -> list[tuple[float, float]]:
@@ -95,7 +95,7 @@ class Cliffs:
 
 
 def _beyond(mark: Pose2, x_m: float, y_m: float) -> bool:
-    """Whether a point is a little farther on than a mark, as that was looked at."""
+    """Return whether a point is a little farther on than a mark, in the mark's direction."""
     c, s = math.cos(mark.theta_rad), math.sin(mark.theta_rad)
     dx, dy = x_m - mark.x_m, y_m - mark.y_m
     min_m, max_m = _FLOOR_M

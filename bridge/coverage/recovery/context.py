@@ -1,4 +1,4 @@
-"""What the behaviours of the recovery planner share during one plan."""
+"""State that the behaviours of the recovery planner share during one plan."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ _MOST = cython.declare(cython.int, 6)
 SURE = _SURE
 """Evidence that makes a cell occupied."""
 MOST = _MOST
-"""Evidence is not counted beyond: so many beams through a cell free it again."""
+"""Maximum of counted evidence: this many beams through a cell free it again."""
 
 
 @cython.cfunc
@@ -98,9 +98,9 @@ def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
     half: cython.double,
     ahead: cython.double,
 ) -> int:
-    """Mark the cells whose centre the mouth passes between two near poses; count the new ones.
+    """Mark the cells whose centre the mouth passes between two near poses; return the new ones.
 
-    A centre is passed where it lies before the mouth at one pose and behind it at the other.
+    The mouth passes a centre that lies ahead of it at one pose and behind it at the other.
     """
     rows, cols = swept.shape[0], swept.shape[1]
     c0, s0 = cos(th0), sin(th0)
@@ -264,10 +264,11 @@ def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
     latency: cython.double,
     fast: cython.double,
 ) -> float:
-    """Fastest forward speed (m/s) that meets no occupied cell harder than ``touch`` head on.
+    """Return the maximum forward speed (m/s) that contacts every occupied cell below ``touch``.
 
-    Braking with ``decel`` after ``latency``. ``cell``: its edge; ``rim``: the body's radius and
-    half a cell; what lies farther aside than ``right`` or ``left`` does not count (m).
+    The robot brakes with ``decel`` after ``latency``. ``cell``: the cell's edge; ``rim``: the
+    footprint's radius and half a cell. Cells farther to the side than ``right`` or ``left`` do not
+    count (m).
     """
     rows, cols = wall.shape[0], wall.shape[1]
     c, s = cos(th), sin(th)

@@ -1,9 +1,9 @@
-"""Everything in the recovery planner that depends on the robot: its size, mouth, mounts and speeds.
+"""Everything in the recovery planner that depends on the robot: size, mouth, mounts and speeds.
 
-A planner for another robot is the same planner with other numbers. They are computed here, once,
-from the robot file and the tuned ratios of :class:`RecoveryOptions`; nothing else in the planner
-knows a length of a robot. The grid follows the mouth: a cell is an eighth of its width, so that
-areas and widths of the mouth are about as many cells on every robot.
+A planner for another robot differs only in these numbers. They are computed here, once, from the
+robot file and the tuned ratios of :class:`RecoveryOptions`; no other module of the planner contains
+a length of the robot. The grid follows the mouth: a cell is an eighth of its width, so areas and
+widths of the mouth are about the same number of cells on every robot.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ _MIN_CELL_M, _MAX_CELL_M = 0.01, 0.025
 """Bounds of a cell's edge, m: below, a search on a large floor takes seconds; above, passages that
 the footprint fits through close."""
 _CELLS_PER_RADIUS = 8.0
-"""Least cells per radius of the footprint: a wide mouth does not make the passages coarse."""
+"""Minimum number of cells per radius of the footprint: a wide mouth does not make passages coarse.
+"""
 _MAX_MARGIN_M = 0.01
 """Length by which each end of the mouth counts less at most, for the pose's uncertainty, m."""
 _OUTER_SPOT_RAD = math.radians(55.0)
@@ -84,11 +85,11 @@ class PlannerGeometry:
     turning_cells_2: int
     """The same for a robot that turns in place (12): a mouth ahead of the axle reaches farther."""
     beside_cells: int
-    """Radius of the floor that is looked at beside a wall: the mouth's half width (4)."""
+    """Radius of the searched floor beside a wall: the mouth's half width (4)."""
     hole_cells: int
     """Diameter of the disc that must fit into a hole (4): half the mouth's width."""
     snap_cells: int
-    """Distance within which the nearest passable cell stands for the robot's place (6)."""
+    """Maximum distance of the passable cell that replaces the robot's place (6)."""
     parted_cells: int
     """Visited but unreachable cells from which the evidence must be wrong: a metre of path (50)."""
     min_cells: int
@@ -135,13 +136,13 @@ class PlannerGeometry:
     """Strip beside the axle's line that a perimeter pass sweeps (0.03 to 0.065): the part of the
     mouth next to the wall."""
     band_ahead_m: tuple[float, float]
-    """Bounds ahead of the axle of the strip that tells whether a pass is closed (0.03 to 0.25)."""
+    """Bounds ahead of the axle of the strip that shows whether a pass is closed (0.03 to 0.25)."""
     contact_ahead_m: tuple[float, float]
     """Bounds of the floor before an obstacle, in its direction (0.02 to 0.075)."""
     contact_beside_m: float
     """Half the width of that floor (0.04)."""
     beside_lane_m: tuple[float, float]
-    """Bounds of the strip beside a lane that a wall takes, from the gap to the wall on (0.015 to
+    """Bounds of the strip beside a lane that a wall occupies, from the gap to the wall on (0.015 to
     0.065)."""
     beside_lane_gap_m: float
     """Gap between rim and wall up to which the wall takes a part of the lane's band (0.14)."""
@@ -241,6 +242,6 @@ def _farthest(model: RobotModel) -> float:
 
 
 def _stop_range(model: RobotModel, gap_m: float) -> float:
-    """Return the ultrasonic range at a gap between rim and wall, not below what it can measure."""
+    """Return the ultrasonic range at a gap between rim and wall, at least its minimum range."""
     mount: RangerMount = model.ultrasonic
     return _exact(max(mount.hull_distance_m(model.radius_m) + gap_m, mount.min_range_m + gap_m))

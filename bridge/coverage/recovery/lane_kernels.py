@@ -1,6 +1,6 @@
-"""The lanes that are left, priced by what they sweep per time, compiled.
+"""Compiled search of the remaining lanes, rated by the area they sweep per time.
 
-Lanes are looked for in images of the map turned to the lanes' direction, row by row.
+The search runs in images of the map turned to the lanes' direction, row by row.
 """
 
 # Kernels are long loops over plain numbers: a call out of them, or an object into them, costs more
@@ -24,17 +24,17 @@ _PI = cython.declare(cython.double, math.pi)
 @cython.final
 @cython.cclass
 class LanePrices:
-    """What a lane costs."""
+    """Costs of a lane."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
     """Along the lane and on the way to it."""
     turn_s_rad = cython.declare(cython.double, visibility="public")
     stop_s = cython.declare(cython.double, visibility="public")
-    """For each stop."""
+    """Time for each stop, s."""
     frontier = cython.declare(cython.double, visibility="public")
     """Cells for each edge cell that the lane leaves behind."""
     heading_rad = cython.declare(cython.double, visibility="public")
-    """Of the image's rows, in the frame of the robot's heading."""
+    """Direction of the image's rows, in the frame of the robot's heading, rad."""
     cell_cm = cython.declare(cython.double, visibility="public")
     """Edge of a cell, cm."""
     cost_cm = cython.declare(cython.double, visibility="public")
@@ -84,7 +84,7 @@ class BestLane:
     """First column of the axle; ``last`` is its last one."""
     last = cython.declare(cython.int, visibility="public")
     backwards = cython.declare(cython.bint, visibility="public")
-    """Whether it begins at ``last``."""
+    """Whether the lane begins at ``last``."""
     new = cython.declare(cython.int, visibility="public")
     """Cells."""
 
@@ -176,9 +176,9 @@ def scan_lanes(
     best: BestLane,
     sums: Ints,
 ) -> None:
-    """The best straight lane along the rows, judged by new cells per time.
+    """Find the best straight lane along the rows, by new cells per time.
 
-    ``best`` holds the best so far. ``sums`` is room for a number a column.
+    ``best`` holds the best lane so far. ``sums`` is scratch space, a number per column.
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]

@@ -1,4 +1,4 @@
-"""What the recovery planner does with each observation: map, speed limit, reasons to end a leg."""
+"""Use of each observation in the recovery planner: map, speed limit, reasons to end a leg."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _BRAKE_SHARE = 0.75
 _LATENCY_S = 0.10
 """Time from a command to the wheels, s."""
 _BRISK_M_S = 0.15
-"""Speed above that of any corner, m/s."""
+"""Minimum speed that only straight driving reaches, m/s; it is above that of any corner."""
 _JUMP_M = 0.008
 """Motion of the estimate beyond the driven path that is a pose correction, m: a control step drives
 6 mm at top speed."""
@@ -84,7 +84,7 @@ class WallFollowing:
 class Lookout:
     """Takes every observation during a plan."""
 
-    def __init__(  # noqa: PLR0913 - what it updates
+    def __init__(  # noqa: PLR0913 - the objects that it updates
         self,
         model: RobotModel,
         options: RecoveryOptions,
@@ -177,7 +177,7 @@ class Lookout:
         return wall.stale > 1 and wall.distance_m > wall.min_m
 
     def _see_cliff(self, obs: Observation) -> None:
-        """Keep where the floor was first missed: the robot stands only farther on."""
+        """Store where the floor was first missed; the robot stops only farther on."""
         if not obs.cliff:
             self.cliff_at = None
         elif self.cliff_at is None:
@@ -199,7 +199,7 @@ class Lookout:
             )
 
     def _see_heading(self, sigma_rad: float) -> None:
-        """Report that walls reduced the heading's standard deviation, which grows by itself."""
+        """Report that walls reduced the heading's standard deviation, which otherwise grows."""
         max_rad = self._max_sigma_rad
         if sigma_rad > max_rad:
             self._max_sigma_rad = sigma_rad
@@ -213,7 +213,7 @@ class Lookout:
             )
 
     def _sees_wall_beside(self, obs: Observation) -> bool:
-        """Whether a wall beside the lane appears whose perimeter is unswept."""
+        """Return whether a wall with an unswept perimeter appears beside the lane."""
         if abs(obs.yaw_rate_rad_s) > _STEADY_RAD_S or obs.v_m_s < _ON_LANE_M_S:
             return False
         for side, mount, range_m in (

@@ -190,7 +190,7 @@ class EvidenceMap:
         return 0.5 * (low + high) if seen is None else seen
 
     def bearing_rad(self, result: LegResult, beside: int = 0) -> float:
-        """Return the bearing from the heading, rad, of what ended a leg; 0: straight ahead.
+        """Return the bearing from the heading, rad, of the obstacle that ended a leg; 0: ahead.
 
         Args:
             result: how the leg ended.
@@ -359,9 +359,9 @@ class EvidenceMap:
         return packed.pack(*self.to_metres(c0, r0), kind)
 
     def unpack(self, kept: PackedMap) -> None:
-        """Put what two bits keep of this map in place of its layers; see the module ``packed``.
+        """Replace this map's layers by the content of a packed map; see the module ``packed``.
 
-        For measuring what they cost: no planner asks for it.
+        It serves to measure the loss by packing; no planner calls it.
 
         Raises:
             ValueError: it is not a part of this map.
@@ -391,7 +391,7 @@ class EvidenceMap:
         return np.s_[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1], (r0, c0)
 
     def _disc(self, x_m: float, y_m: float, radius_m: float) -> tuple[Ints, Ints]:
-        """Rows and columns of the cells whose centres are so near to a point."""
+        """Return rows and columns of the cells whose centres are within a radius of a point."""
         x, y = self.to_cells(x_m, y_m)
         reach = radius_m * self._per_m
         r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)

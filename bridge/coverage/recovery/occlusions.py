@@ -1,7 +1,7 @@
 """Occluded regions: strips of lanes that an obstacle hid.
 
-They serve events only: the search finds what is left in the map. The paper's one slot T becomes
-this list.
+They serve events only: the search finds unswept floor in the map. This list replaces the paper's
+single slot T.
 """
 
 from __future__ import annotations

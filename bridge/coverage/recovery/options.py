@@ -1,6 +1,6 @@
-"""Options of the recovery planner: what experiments tuned, as far as possible relative to a robot.
+"""Options of the recovery planner: values tuned by experiments, where possible relative to a robot.
 
-:mod:`bridge.coverage.recovery.geometry` makes the sizes of one robot of them.
+:mod:`bridge.coverage.recovery.geometry` derives the sizes for one robot.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class RecoveryOptions:
     min_rate: float = 3.0 / 14.0
     """Sweep rate that a choice must promise, in sweep rates of a full lane at cruise speed."""
     ahead_patience: float = 4.0
-    """Growth of the patience with small pieces, for each width of the mouth that it is ahead of the
-    axle: the promised sweep rate is divided by one more. A mouth ahead leaves a piece at each
-    corner, and each takes a short lane of its own."""
+    """Growth of the patience with small pieces, per width of the mouth that it is ahead of the
+    axle. The promised sweep rate is divided by one plus this. A mouth ahead leaves a piece at each
+    corner, and each piece needs a short lane."""
     near_rate: float = 3.0 / 7.0
     """Sweep rate at which a choice is taken without a wider search, in the same unit."""
     hole_rate: float = 1.0 / 70.0
@@ -57,8 +57,8 @@ class RecoveryOptions:
     retry_length_m: float = 0.625
     """Length of a full strip of new floor after which a fruitless attempt may be repeated."""
     perimeter_pace: float = 1.2
-    """Speed along a straight wall, in cruise speeds. A bend is followed at the cruise speed,
-    because the ultrasonic does not see what stands behind it."""
+    """Speed along a straight wall, in cruise speeds. A bend is followed at cruise speed, because
+    the ultrasonic cannot detect obstacles behind it."""
     lane_pace: float = 1.4
     """Speed on a lane and in transit, in cruise speeds."""
     top_share: float = 14.0 / 15.0
@@ -72,11 +72,11 @@ class RecoveryOptions:
     looks_m: tuple[float, ...] = (2.2, 5.2)
     """Path lengths up to which the search looks, one after another, before it looks everywhere."""
     slice_cells: int = 50_000
-    """Work of a search in one control step, cells: about 2 ms. On a large floor the robot stands
-    for some steps."""
+    """Work of a search in one control step, cells: about 2 ms. On a large floor the robot waits for
+    some steps."""
     tries: int = 2
     """Fruitless attempts after which a cell is abandoned."""
     heading_fix_apart_s: float = 20.0
-    """Least time between two heading fixes, s; it doubles after each that did not help."""
+    """Minimum time between two heading fixes, s; it doubles after each fix without effect."""
     max_decisions: int = 4000
     """Decisions after which a plan ends."""

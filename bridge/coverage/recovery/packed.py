@@ -1,20 +1,20 @@
-"""The map at rest: two bits a cell, as a microcontroller would hold it between two legs.
+"""A compact map: two bits a cell, as a microcontroller would store it between two legs.
 
-A cell is of one of four kinds; where it could be of several, the later one is kept:
+Each cell has one of four kinds; if several apply, the later one is stored:
 
-- ``UNKNOWN``: nothing known, or nothing but a beam that passed.
-- ``DONE``: swept, or given up.
-- ``BEEN``: the axle was there, whose middle the mouth is: swept, and open whatever is near.
-- ``OCCUPIED``: something stands there, by evidence enough.
+- ``UNKNOWN``: nothing is known, or only a beam has passed.
+- ``DONE``: swept, or abandoned.
+- ``BEEN``: the axle was there, and with it the middle of the mouth: swept, and passable whatever is
+  near.
+- ``OCCUPIED``: enough evidence of an obstacle.
 
-Of how the planner sees a cell of the box that is packed this survives, exactly: what is occupied
-but for cells in which the axle was, and so the disc around it that is forbidden; where the axle
-was; what is swept but for cells in which something stands, which are done with all the same.
-What was open stays open.
+The packed map keeps exactly: occupied cells except those in which the axle was, and so the
+forbidden disc around them; the cells of the axle; swept cells except occupied ones, which need no
+sweeping either. Passable cells stay passable.
 
-Lost: how much evidence there is (a lone reading is forgotten, a thing is just sure enough), the
-places that bumps forbid beside the thing that was put there, tries that were not the last, whether
-a cell was swept or given up, and things that were seen farther off than ``RIM_M`` beyond the body.
+The packed map loses: the amount of evidence (a single reading is dropped, an obstacle is just
+certain); the forbidden places of bumps beside the obstacle; attempts other than the last; whether a
+cell was swept or abandoned; obstacles farther than ``RIM_M`` beyond the footprint.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ if TYPE_CHECKING:
 
 UNKNOWN, DONE, BEEN, OCCUPIED = range(4)
 RIM_M = 0.05
-"""Packed beyond the body where the axle was outermost: a wall stands outside of the disc that
-touches it, by up to two cells."""
+"""Margin of the packed box beyond the footprint at the outermost place of the axle, m. A wall
+stands outside the disc that touches it, by up to two cells."""
 _HEAD_BYTES = 12
-"""Beside the cells: where the first one lies (two floats) and how many (two 16-bit numbers)."""
+"""Size of the head, bytes: place of the first cell (two floats) and size of the box (two 16-bit
+numbers)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,7 @@ class PackedMap:
 
     @property
     def size_bytes(self) -> int:
-        """What it takes, its frame included."""
+        """Return the size, bytes, its head included."""
         return len(self.cells) + _HEAD_BYTES
 
 

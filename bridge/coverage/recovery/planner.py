@@ -1,9 +1,10 @@
 """The ``recovery`` planner: perimeters along the walls, lanes between, occluded regions revisited.
 
-The paper's idea is kept: remember cheaply what an obstacle occluded, and revisit it. The paper's
-one slot becomes a map of evidence. A wall that the robot meets is followed until its perimeter is
-closed, which sweeps the band that only a perimeter pass can sweep, and draws the map. Then, again
-and again, the lane or perimeter that sweeps most per time is chosen, until none is worth its time.
+It keeps the paper's idea: remember at low cost what an obstacle occluded, and revisit it. A map of
+evidence replaces the paper's single slot. The robot follows each wall that it contacts until its
+perimeter is closed. This sweeps the strip that only a perimeter pass can sweep, and draws the map.
+Then the planner repeatedly chooses the lane or perimeter that sweeps most per time, until none is
+worth its time.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Behaviours:
 
 
 class RecoveryPlanner(ScriptedPlanner):
-    """Chooses what to sweep next, carries it out, and judges what it gave."""
+    """Chooses the next target, executes it, and rates the result."""
 
     def __init__(
         self,
@@ -109,7 +110,7 @@ class RecoveryPlanner(ScriptedPlanner):
         return self._end(context, f"{self.options.max_decisions} decisions, the limit")
 
     def _carry_out(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step]:
-        """Sweep what was chosen, and judge what it gave."""
+        """Sweep the chosen target, and rate the result."""
         before = context.map.new_cells
         self.record.emit(events.chosen(choice))
         begin = Pose2(*choice.path[-1], choice.heading_rad)

@@ -1,7 +1,7 @@
 """The search for the next target: the lane or perimeter that sweeps most per time.
 
-It runs in slices of bounded work, so that no control step waits for it. On a large floor the robot
-stands for some steps.
+It runs in slices of bounded work, so that no control step is delayed. On a large floor the robot
+waits for some steps.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class Chooser:
         self.parted_at: Point | None = None
         """Nearest place of its past that the search could not reach, m."""
         self.left_m2 = 0.0
-        """Reachable floor that is neither swept nor abandoned, as far as the last search looked,
-        m²."""
+        """Reachable floor that is neither swept nor abandoned, as far as the last search went, m².
+        """
         self.beside_walls_m2 = 0.0
         """Further such floor that the mouth reaches only as the robot turns towards a wall, m²."""
 

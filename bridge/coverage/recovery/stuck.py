@@ -1,4 +1,4 @@
-"""When the recovery planner gives up: a path, a target, evidence of the map, and the plan."""
+"""Rules by which the recovery planner gives up a path, a target, map evidence, or the plan."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ _MAX_CLEARED = 3
 _CLEAR_RADIUS_M = 0.6
 """Radius in which evidence is cleared if nothing leads anywhere, m."""
 _BLOCKED_RADIUS_M = 0.3
-"""Radius in which evidence is cleared where one place blocks, m: farther evidence does not block
-the robot there, and the robot bumps into cleared chair legs again."""
+"""Radius in which evidence is cleared when one place blocks, m. Evidence farther away does not
+block the robot there, and without it the robot would bump into known chair legs again."""
 _BUMP_RADIUS_M = 0.2
 """Radius around bumps in which targets get one more try, m."""
 _AGAIN = 2
@@ -47,7 +47,7 @@ _LITTLE = 0.3
 
 
 class Verdict(Enum):
-    """What the planner does before it carries out a choice."""
+    """Decision of the planner before it executes a choice."""
 
     GO_ON = "go on"
     CLEARED = "evidence was cleared: choose again"
@@ -78,7 +78,8 @@ class StuckPolicy:
         """Blocks in a row at ``_blocked_at``."""
         self._blocked_at: Pose2 | None = None
         self._passages: list[tuple[Pose2, bool, int]] = []
-        """Places where a passage was sought, on which side, and the new cells by then."""
+        """Places where the robot sought a passage, with side and the number of new cells at that
+        time."""
         self._left_path_at: Pose2 | None = None
         """Place where the current transit was left to seek a passage."""
 
@@ -94,7 +95,7 @@ class StuckPolicy:
         return True
 
     def judge(self, pose: Pose2, *, shut_in: bool, parted_at: Point | None) -> Verdict:
-        """Decide whether to go on from a pose.
+        """Decide whether to continue from a pose.
 
         Args:
             pose: the robot's pose.
@@ -126,7 +127,7 @@ class StuckPolicy:
         return Verdict.SHUT_IN if stuck else Verdict.GO_ON
 
     def begin_transit(self) -> None:
-        """Forget where the last transit was left."""
+        """Discard the place where the last transit was left."""
         self._left_path_at = None
 
     def blocked(self, result: LegResult, heading_rad: float) -> None:
@@ -182,13 +183,13 @@ class StuckPolicy:
         return True
 
     def take(self, choice: Choice, new_cells: int, pose: Pose2, *, arrived: bool) -> None:
-        """Take what a choice gave.
+        """Rate the result of a choice.
 
         Args:
-            choice: what was carried out.
-            new_cells: cells that it swept.
-            pose: where it ended.
-            arrived: whether the robot reached the choice's beginning.
+            choice: The executed choice.
+            new_cells: Number of cells that it swept.
+            pose: Pose at its end.
+            arrived: Whether the robot reached the start of the choice.
 
         """
         self._judge_target(choice, new_cells, pose, arrived=arrived)
@@ -196,10 +197,10 @@ class StuckPolicy:
         self._fruitless = self._fruitless + 1 if fruitless else 0
 
     def _judge_target(self, choice: Choice, new_cells: int, pose: Pose2, *, arrived: bool) -> None:
-        """Count a fruitless attempt against its target, and abandon the target in time.
+        """Count a fruitless attempt at a target, and abandon the target after several.
 
-        A block far from the target speaks against the passage, which ``blocked`` closes: there may
-        be another path.
+        A block far from the target is evidence against the passage, which ``blocked`` closes: there
+        may be another path.
         """
         promised = choice.new_m2 / self._geometry.cell_m**2
         if choice.kind == "perimeter":

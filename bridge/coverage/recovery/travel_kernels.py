@@ -35,7 +35,7 @@ class Search:
     waiting = cython.declare(cython.int, visibility="public")
     """Cells in all buckets that are not settled yet."""
     taken = cython.declare(cython.int, visibility="public")
-    """Of the cells in the bucket of ``level``, how many were looked at."""
+    """Number of cells of the bucket ``level`` that were processed."""
 
     def __init__(self) -> None:
         """Nothing is begun."""
@@ -52,21 +52,21 @@ def travel(
     counts: Ints,
     search: Search,
 ) -> tuple[int, bool]:
-    """Go on with the search for shortest ways, up to a cost: cells settled, whether it is done.
+    """Continue the search for shortest paths up to a cost; return settled cells and completion.
 
-    Dial's buckets in a ring. It settles at most ``budget`` cells before it returns, and goes on
-    from ``search`` at the next call. Cells with a ``dist`` of more than ``most`` were only
-    touched; -1: not even that. The rim must be shut.
+    Dial's algorithm with a ring of buckets. It settles at most ``budget`` cells, and continues from
+    ``search`` at the next call. Cells with a ``dist`` above ``most`` were only touched; -1: not
+    even touched. The rim must be closed.
 
     Args:
-        ground: ``open_`` as of ``copy_window``, row after row.
-        cols: in a row.
-        most: cost up to which ways are wanted.
-        budget: cells.
-        dist: costs so far, row after row; -1 but for a 0 where it begins.
+        ground: ``open_`` from ``copy_window``, row after row.
+        cols: Number of cells in a row.
+        most: Maximum cost of a path.
+        budget: Maximum number of cells.
+        dist: Costs so far, row after row; -1, and 0 at the start.
         queue: ``(RING, room)``: the cells of each bucket, flat.
-        counts: ``(RING,)``: the cells in each bucket; at first one in bucket 0.
-        search: what else there is to remember; at first one cell waiting.
+        counts: ``(RING,)``: the number of cells in each bucket; initially one in bucket 0.
+        search: Remaining state of the search; initially one waiting cell.
 
     """
     room: cython.int = queue.shape[1]
@@ -78,7 +78,7 @@ def travel(
     cost: cython.int
     i: cython.int
     j: cython.int
-    # Locals: C reads a module's number anew after each store to an array.
+    # Local copies: compiled code reads a module's number again after each store to an array.
     straight: cython.int = _STRAIGHT
     diagonal: cython.int = _DIAGONAL
     tight: cython.int = _TIGHT

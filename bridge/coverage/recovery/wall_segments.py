@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
 HEADING_RUN_M = 0.48
-"""Length of a run along a wall, m: 40 cm for a measurement, which gives the direction to a third
-of a degree with a noisy infrared, and the approach to the line."""
+"""Length of a run along a wall, m: 40 cm for a measurement and the rest for the approach. It gives
+the direction to a third of a degree with a noisy infrared."""
 OFF_M = 0.035
-"""Gap to the wall beyond that of a perimeter pass, m: the position may be off by as much, and a
-robot that grazes a wall takes the wall's direction for its heading."""
+"""Gap to the wall beyond that of a perimeter pass, m. The position may be off by this much, and a
+robot that grazes a wall would mistake the wall's direction for its heading."""
 _MIN_M = 0.5
 """Minimum length of a kept segment, m."""
 _MAX_KEPT = 24

@@ -1,4 +1,4 @@
-"""A window of the map as a search needs it: what is open, what is left, outlines; compiled."""
+"""Compiled views of a window of the map: passable cells, remaining cells, outlines."""
 
 # Kernels are long loops over plain numbers: a call out of them, or an object into them, costs more
 # than it explains.
@@ -20,20 +20,20 @@ _SWEPT = cython.declare(cython.int, 1)
 _GIVEN_UP = cython.declare(cython.int, 2)
 _OCCUPIED = cython.declare(cython.int, 4)
 SWEPT, GIVEN_UP, OCCUPIED = _SWEPT, _GIVEN_UP, _OCCUPIED
-"""Why a cell is done with: bits."""
+"""Bits that tell why a cell needs no sweeping."""
 
 
 @cython.final
 @cython.cclass
 class PerimeterCosts:
-    """What following a wall costs, and what it promises."""
+    """Costs and expected gain of following a wall."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
     turn_s_rad = cython.declare(cython.double, visibility="public")
     stop_s = cython.declare(cython.double, visibility="public")
-    """For each stop."""
+    """Time for each stop, s."""
     cells = cython.declare(cython.double, visibility="public")
-    """What a perimeter pass promises to sweep."""
+    """Number of cells that a perimeter pass is expected to sweep."""
     full_rate = cython.declare(cython.double, visibility="public")
     """Cells that the mouth sweeps in a second."""
     cost_cm = cython.declare(cython.double, visibility="public")
@@ -41,7 +41,7 @@ class PerimeterCosts:
     near_cost = cython.declare(cython.double, visibility="public")
     """Cost of a path up to which there is no path to drive first."""
     beside_cells = cython.declare(cython.int, visibility="public")
-    """Radius of the floor beside the wall that is looked at: the mouth's half width, cells."""
+    """Radius of the searched floor beside the wall, cells: the mouth's half width."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class BestPerimeter:
     row = cython.declare(cython.int, visibility="public")
     col = cython.declare(cython.int, visibility="public")
     bearing_rad = cython.declare(cython.double, visibility="public")
-    """Of the wall."""
+    """Bearing of the wall, rad."""
 
     def __init__(self) -> None:
         """No place yet."""
@@ -92,10 +92,10 @@ def copy_window(
     open_: Layer,
     done: Layer,
 ) -> None:
-    """What a search needs of a window of the map, its rim shut.
+    """Copy the cells that a search needs from a window of the map, with a closed rim.
 
-    ``open_``: 0 the axle cannot be there, 1 beside such a place, 2 free. ``done``: why there is
-    nothing to sweep, as bits.
+    ``open_``: 0: the axle cannot be there; 1: beside such a cell; 2: free. ``done``: bits that tell
+    why a cell needs no sweeping.
     """
     rows: cython.int = open_.shape[0]
     cols: cython.int = open_.shape[1]
@@ -139,10 +139,10 @@ def mark_targets(
     ways: IntGrid,
     near_2: cython.int,
 ) -> cython.int:
-    """What is worth sweeping, and how far the axle has to go; the number of targets.
+    """Mark the cells worth sweeping and the axle's path length to each; return their number.
 
-    A cell is a target if nothing is done with it and it is within the mouth's half width (its
-    square is ``near_2`` cells) of where the axle can be. ``ways``: -1 where it cannot.
+    A cell is a target if it still needs sweeping and is within the mouth's half width (its square
+    is ``near_2`` cells) of a possible place of the axle. ``ways``: -1 if there is no path.
     """
     near: cython.int = int(sqrt(near_2))
     rows: cython.int = dist.shape[0]
@@ -170,7 +170,7 @@ def mark_targets(
                 and ways[r, c + 1] >= 0
             ):
                 continue
-            # only the reach of a cell at the edge goes beyond what was counted above
+            # only the reach of a cell at the edge exceeds the area counted above
             for i in range(-near, near + 1):
                 for j in range(-near, near + 1):
                     if (
@@ -184,10 +184,10 @@ def mark_targets(
 
 
 def keep_holes(target: Layer, hole: Layer, width: cython.int) -> cython.int:
-    """Leave of the targets those of pieces into which a disc of a diameter fits; their number.
+    """Keep only targets in pieces that can hold a disc of a diameter; return their number.
 
-    The disc is a block of ``width`` by ``width`` cells without those whose centres it does not
-    cover. ``hole`` is room for the result.
+    The disc is a block of ``width`` by ``width`` cells without the cells whose centres it does not
+    cover. ``hole`` is scratch space.
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
@@ -231,7 +231,7 @@ def scan_outlines(
     prices: PerimeterCosts,
     best: BestPerimeter,
 ) -> None:
-    """The best place beside a wall whose band was not swept, to begin following it."""
+    """Find the best place beside a wall with an unswept strip to begin following it."""
     rows: cython.int = open_.shape[0]
     cols: cython.int = open_.shape[1]
     r: cython.int

@@ -27,7 +27,7 @@ class Braking:
     """Lowest approach speed, m/s (rad/s): below it wheels stick, and the robot never arrives."""
 
     def __post_init__(self) -> None:
-        """Refuse figures with no meaning."""
+        """Reject meaningless figures."""
         if not (self.decel > 0.0 and self.latency_s >= 0.0 and self.creep >= 0.0):
             raise ValueError(f"braking needs decel > 0, latency_s >= 0, creep >= 0, not {self}")
 

@@ -70,7 +70,7 @@ class LegExecutor:
         self._result: LegResult | None = None
         self._last_s = 0.0
 
-    # -- what is known ---------------------------------------------------------------------
+    # -- present knowledge ------------------------------------------------------------------
 
     @property
     def result(self) -> LegResult | None:
@@ -184,12 +184,12 @@ class LegExecutor:
         return self._slow_down(dt)
 
     def halt(self) -> None:
-        """Tell that the robot was stopped from outside: the next step ramps up from rest."""
+        """Note a stop from outside: the next step ramps up from rest."""
         self._smooth_v.reset()
         self._smooth_w.reset()
 
     def _step_s(self, obs: Observation) -> float:
-        """Time since the last step; after a gap, in which others drove, what they left counts."""
+        """Return the time since the last step, including a gap in which other code drove."""
         since_s = max(obs.time_s - self._last_s, 0.0)
         self._last_s = obs.time_s
         if since_s <= _MAX_STEP_S:
@@ -243,7 +243,7 @@ class LegExecutor:
     def _turn(self, leg: Turn, obs: Observation, dt: float) -> VelocityCommand:
         tune = self._tuning
         if self._rolls_into(obs):
-            self._smooth_v.reset()  # a turn is the way out, what is left of the way before is not
+            self._smooth_v.reset()  # a turn leads away, but the rest of the forward motion does not
         error = wrap_angle(leg.heading_rad - obs.pose.theta_rad)
         run_out = 0.5 * tune.lag_s * abs(obs.yaw_rate_rad_s)
         if leg.flowing and abs(error) < tune.flow_rad + run_out:
@@ -273,7 +273,7 @@ class LegExecutor:
         rate = command.yaw_rate_rad_s
         speed = command.vx_m_s
         if speed <= 0.0:
-            # in place: what lies that way now is not what lies ahead later
+            # in place: an obstacle ahead now is not ahead after the turn
             self._ahead.reset()
             speed = 0.0
             if abs(rate) < tune.min_turn_rad_s:
@@ -322,7 +322,7 @@ class LegExecutor:
         return min(speed, self._brake.speed(remaining))
 
     def _allowed(self, *, wary: bool) -> float:
-        """Fastest forward speed for what is known, and with ``wary`` suspected, ahead."""
+        """Return the maximum forward speed for known and, with ``wary``, suspected obstacles."""
         most = min(self.speed_limit_m_s, self._wary_m_s) if wary else self.speed_limit_m_s
         return max(most, self._tuning.creep_m_s)
 
@@ -361,14 +361,14 @@ class LegExecutor:
         return self._send(0.0, 0.0, dt)
 
     def _flow_on(self, reason: StopReason, obs: Observation) -> VelocityCommand:
-        """End the leg in motion; the next one takes over from what was sent last."""
+        """End the leg in motion; the next one continues from the last command."""
         self._stopping = reason
         self._bumped = (obs.bumper_left, obs.bumper_right)
         self._finish(obs)
         return VelocityCommand(self._smooth_v.output, self._smooth_w.output)
 
     def _come_to_rest(self, obs: Observation, dt: float) -> VelocityCommand:
-        """Ramp to zero; the leg ends at rest, where its distance and pose are final."""
+        """Ramp down to zero; the leg ends at rest, where its distance and pose are final."""
         tune = self._tuning
         self._stopped_s += dt
         command = self._slow_down(dt)

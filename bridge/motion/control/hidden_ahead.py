@@ -1,8 +1,8 @@
 """Obstacles that have left the ultrasonic's cone and may still be in the way.
 
-A cone of half angle α is narrower than the footprint: an obstacle at y beside the axis is seen
-from afar and leaves the cone at the range y / tan α. So the range at which the echo was lost gives
-the lateral distance, but not the side.
+A cone of half angle α is narrower than the footprint. An obstacle at lateral distance y is visible
+from afar and leaves the cone at the range y / tan α. So the range at which the echo disappears
+gives the lateral distance, but not the side.
 """
 
 from __future__ import annotations

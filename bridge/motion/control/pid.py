@@ -16,7 +16,7 @@ class PidGains:
     td_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse gains with no meaning."""
+        """Reject meaningless gains."""
         if not (math.isfinite(self.kp) and self.ti_s > 0.0 and self.td_s >= 0.0):
             raise ValueError(f"PID gains need finite kp, ti_s > 0, td_s >= 0, not {self}")
 
@@ -56,7 +56,7 @@ class Pid:
         return self._integral
 
     def reset(self) -> None:
-        """Forget the integral and the last error."""
+        """Reset the integral and the last error."""
         self._integral = 0.0
         self._previous = None
 

@@ -17,7 +17,7 @@ TURN_IN_PLACE_RAD = math.radians(45.0)
 
 
 class PointCommand(NamedTuple):
-    """What the controller wants; a differential drive can follow ``vx`` and the yaw rate."""
+    """Command of the controller; a differential drive can follow ``vx`` and the yaw rate."""
 
     vx_m_s: float
     vy_m_s: float
@@ -30,14 +30,13 @@ class PointCommand(NamedTuple):
 class PointToPointController:
     """Body velocity towards a point.
 
-    Where the paper cannot be taken to the letter:
+    Deviations from the paper, whose formulas do not work as written:
 
-    - its distance error e = 0 - r with a positive gain drives *away*: here e = r;
-    - ``atan2`` where it writes arctan, and the bearing error wrapped to ±π;
-    - its transform gives a lateral velocity that a differential drive has not. Only vx is
-      driven; the transform itself makes it v·cos(bearing error), which slows the robot while
-      it points elsewhere;
-    - beyond 45° of bearing error it turns in place.
+    - Its distance error e = 0 - r with a positive gain drives *away*; here e = r.
+    - ``atan2`` replaces its arctan, and the bearing error is wrapped to ±π.
+    - Its transform gives a lateral velocity, which a differential drive cannot follow. Only vx is
+      driven: v·cos(bearing error), which slows the robot while it points elsewhere.
+    - Beyond 45° of bearing error the robot turns in place.
     """
 
     __slots__ = ("_bearing", "_distance")
@@ -54,7 +53,7 @@ class PointToPointController:
         self._bearing = Pid(bearing_gains, max_rate_rad_s)
 
     def reset(self) -> None:
-        """Forget the last errors."""
+        """Reset the last errors."""
         self._distance.reset()
         self._bearing.reset()
 

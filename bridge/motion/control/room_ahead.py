@@ -1,4 +1,4 @@
-"""Free distance before what the ultrasonic sees, and whether to trust that there is none."""
+"""Free distance ahead by the ultrasonic, and whether to trust a short range."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import math
 _HELD_S = 0.12
 """Longer than a reading is held: an equal one after this is a new one."""
 _SILENT_S = 0.3
-"""Without an echo for so long there is nothing ahead."""
+"""Time without an echo after which nothing is ahead, s."""
 _LEAP_M = 0.1
-"""Nearer by so much from one reading to the next is something else: no robot is so fast."""
+"""Minimum decrease between two readings that means another object, m: no robot is so fast."""
 
 
 class RoomAhead:
@@ -29,7 +29,7 @@ class RoomAhead:
         self._age_s = 0.0
         self._strange_s = math.inf
         self.is_blocked = False
-        """Whether there is less room than asked for at the last update, for certain."""
+        """Whether the last update found less room than requested, with certainty."""
 
     def update(self, range_m: float | None, min_m: float, dt_s: float) -> float:
         """Return the free distance by the newest reading, m; infinite without an echo.

@@ -30,7 +30,7 @@ class RotaryController:
         self._brake_rad_s2 = brake_rad_s2
 
     def reset(self) -> None:
-        """Forget the last error."""
+        """Reset the last error."""
         self._pid.reset()
 
     def update(self, target_rad: float, yaw_rad: float, dt_s: float) -> float:

@@ -23,7 +23,8 @@ class MotionTuning:
     """Slowest turn: below it wheels of this size stick."""
     heading_tolerance_rad: float = 0.004
     flow_rad: float = 0.02
-    """A turn that flows into the next leg ends within this: what follows takes the rest out."""
+    """Maximum heading error at which a turn may flow into the next leg, rad; the next leg corrects
+    the rest."""
     flow_rate_share: float = 0.9
     """Share of the yaw rate's limit in a turn that flows into the next leg."""
     flow_brake_share: float = 0.75
@@ -34,7 +35,7 @@ class MotionTuning:
     rest_m_s: float = 0.01
     rest_rad_s: float = 0.03
     settling_s: float = 0.6
-    """A leg ends at the latest this long after its stop, at rest or not."""
+    """Maximum time from a leg's stop to its end, at rest or not, s."""
     stall_s: float = 1.5
     stall_m: float = 0.003
     stall_rad: float = 0.02

@@ -27,7 +27,7 @@ class Side(enum.IntEnum):
 
 
 class FollowState(enum.StrEnum):
-    """How it stands with the wall."""
+    """State of wall following."""
 
     FOLLOWING = "following"
     CORNER = "corner"
@@ -42,7 +42,8 @@ class FollowStep(NamedTuple):
     """One control step's outcome."""
 
     command: VelocityCommand
-    """Not smoothed: the acceleration limit is the smoothing's, as with every controller."""
+    """Unsmoothed command: as with every controller, the smoothing applies the acceleration limit.
+    """
     state: FollowState
     gap_m: float | None
     """Gap between the rim and the wall, m; ``None``: no wall."""
@@ -57,26 +58,29 @@ class FollowTuning:
     lookahead_m: float = 0.15
     """The heading aims at the set line this far ahead."""
     integral_s: float = 2.5
-    """Integral time of that aim: along a round column it stands off by a few degrees."""
+    """Integral time of the distance controller, s: along a round column the robot stands off by a
+    few degrees."""
     yaw_gain_s: float = 4.0
     """Yaw rate per rad of heading error."""
     approach_rad: float = math.radians(20.0)
     """Steepest heading towards or off the wall."""
     touch_m_s: float = 0.015
-    """Greatest speed across at which contact is sought: half of what counts as a collision."""
+    """Maximum lateral speed at which contact is sought, m/s: half of a collision's minimum."""
     press_m: float = 0.004
     """Light contact aims this far into the wall, so that range noise does not lift it off."""
     corner_gap_m: float = 0.005
-    """At least so far from a corner it is circled: what it is thought to be is no better."""
+    """Minimum gap at which a corner is circled, m: the corner's estimated place is no more precise.
+    """
     stop_gap_m: float = 0.03
     """Gap ahead of the rim at which it halts before a wall ahead."""
     jump_m: float = 0.02
-    """A reading this far from what is expected is another surface."""
+    """Minimum difference between reading and prediction that means another surface, m."""
     gate_sigmas: float = 4.0
     round_rad: float = math.radians(200.0)
     """Turned by this much round a corner without a wall: lost."""
     nudge_s: float = 0.5
-    """A bumper that the wall beside presses for longer is pressed by something ahead."""
+    """Maximum time for which the wall beside may press a bumper, s; later, an obstacle ahead
+    presses it."""
 
 
 _READING_S = 0.05
@@ -86,16 +90,16 @@ _READING_S = 0.05
 class WallFollower:
     """Drives along the wall on one side.
 
-    Call ``step`` with every observation and send what it returns through the smoothing. The
-    first reading of a wall begins the following; from then on the filter of ``wall_track``
-    tells distance and direction, and the heading aims at the line at the set distance:
-    ψ* is a PI of the distance's error (anti-windup as in ``pid``, and no integral far off the
-    line, nor one that presses to the wall: it would for seconds, and wheels do not tell that the
-    robot slides), ω = K·(ψ* - ψ), less while ψ is poorly known. Near the wall the heading is
-    limited so that the speed across stays below ``touch_m_s``.
+    Call ``step`` with every observation and send its result through the smoothing. The first
+    reading of a wall starts the following. From then on the filter of ``wall_track`` estimates
+    distance and direction, and the heading aims at the line at the set distance. The set heading ψ*
+    is a PI of the distance error, with anti-windup as in ``pid``. The integral is off far from the
+    line, and it never steers towards the wall: it would press for seconds, and wheels do not
+    measure lateral slip. The yaw rate is ω = K·(ψ* - ψ), less while ψ is uncertain. Near the wall
+    the heading is limited so that the lateral speed stays below ``touch_m_s``.
 
-    Where the wall ends, the robot drives on until the end is abeam of its axle and circles it
-    at the set distance until the infrared sees a wall again; the corner and the new hit give
+    Where the wall ends, the robot drives on until the end is abeam of its axle. It then circles the
+    end at the set distance until the infrared detects a wall again. The corner and the new hit give
     that wall's direction at once. A round column is simply followed.
     """
 
@@ -157,15 +161,15 @@ class WallFollower:
 
     @property
     def track(self) -> WallTrack:
-        """What is known of the wall."""
+        """Estimate of the wall."""
         return self._track
 
     def step(
         self, observation: Observation, dt_s: float, speed_limit_m_s: float = math.inf
     ) -> FollowStep:
-        """Velocity for this control step, and how it stands with the wall.
+        """Return the velocity for this control step, and the state of wall following.
 
-        ``speed_limit_m_s``: fastest forward speed allowed now.
+        ``speed_limit_m_s``: maximum forward speed allowed now.
         """
         ahead_m, into_rad = self._motion(observation.pose)
         self._track.move(ahead_m, into_rad, self._radius_m)
@@ -179,9 +183,9 @@ class WallFollower:
         return FollowStep(command, self._state, gap, self._track.yaw_rad)
 
     def go_round(self, ahead_m: float, aside_m: float) -> None:
-        """Begin round a point in the body's frame, ``aside_m`` counted towards the wall's side.
+        """Begin to circle a point in the body's frame, ``aside_m`` positive to the wall's side.
 
-        For what was felt and not seen: a bump, or a leg too thin for the beam.
+        This serves contacts without a range: a bump, or a leg too thin for the beam.
         """
         self._corner = (ahead_m, aside_m)
         self._turned_rad = self._straight_m = 0.0
@@ -231,7 +235,7 @@ class WallFollower:
         return True
 
     def _miss(self, range_m: float | None, v_m_s: float) -> None:
-        """Judge a reading that is not of the wall: nearer is another wall, farther an end."""
+        """Handle a reading of another surface: nearer means another wall, farther an end."""
         expected = self._track.expected_m()
         if range_m is not None and expected is not None and range_m < expected:
             self._track.begin(range_m)
@@ -264,7 +268,7 @@ class WallFollower:
         self._turned_rad += into_rad
 
     def _find(self, range_m: float | None) -> None:
-        """Look for the wall beyond the corner."""
+        """Search for the wall beyond the corner."""
         if self._turned_rad > self._tune.round_rad:
             self._state = FollowState.LOST
             return
@@ -380,12 +384,13 @@ class WallFollower:
 
 
 _SEEN_M = 0.002
-"""Gap to a wall beyond the least that the infrared measures, m: at that least it reads the same
-nearer to the wall, so that the robot would press against it."""
+"""Additional gap beyond the infrared's minimum range, m. Below that range the reading is constant,
+so the robot would press against the wall."""
 _TOUCH_WAY_M = 0.01
-"""Last path to a contact, driven at the contact speed whatever the ranges are, m."""
+"""Length of the last path to a contact, driven at the contact speed whatever the ranges are, m."""
 _THIN_M = 0.08
-"""What is found round a corner and followed for less may be a leg, which has no direction."""
+"""Maximum followed length of an object round a corner that may be a leg, which has no direction, m.
+"""
 _INTEGRAL_BAND_M = 0.025
 _NUDGE_M_S = 0.05
 """Speed while the wall presses a bumper switch, m/s: the robot slips, which its wheels do not
@@ -401,4 +406,4 @@ along the normal."""
 _CORNER_SIGMA_M = 0.01
 """Standard deviation of a corner's place, m: the path between two readings at low speed."""
 _YAW_MARGIN_RAD = math.radians(10.0)
-"""A wall found round a corner must be well within what the track can hold."""
+"""Margin of the direction of a wall found round a corner to the track's limit, rad."""

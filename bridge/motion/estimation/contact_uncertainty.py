@@ -74,7 +74,7 @@ class ContactUncertainty:
     def _see_release(self, *, pressed: bool) -> None:
         """End bridging after a released bumper switch.
 
-        Without a contact of the bumper its state does not count, since the shell may be stuck or
+        Without a contact of the bumper its state does not count, because the shell may be stuck or
         pass over a sill.
         """
         estimator = self._estimator
@@ -115,6 +115,7 @@ class ContactUncertainty:
             aside_m = SLIDE_ASIDE * way_m * (-1.0 if left else 1.0)
             estimator.ekf.shift(-SLIDE_AHEAD * way_m, aside_m)
         share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
-        # One error for the whole touch: its standard deviation grows with the way, not its root.
+        # One error for the whole contact: its standard deviation grows with the path, not with its
+        # root.
         grown_m = math.sqrt(self._pressed_m**2 - before_m**2)
         estimator.ekf.inflate(share * grown_m, 0.0)

@@ -40,8 +40,8 @@ AGREE_M_S = 0.025
 AGREE_S = 0.05
 """Time for which they must agree, s."""
 AWAY_M_S = 0.01
-"""Speed of wheels that turn away from the obstacle, m/s: then nothing holds the robot, and so
-gentle a start would be taken for standing."""
+"""Speed of wheels that turn away from the obstacle, m/s. Then nothing holds the robot, and such a
+gentle start would look like a standstill."""
 STANDS_M_S = 0.012
 """Inertial speed below which the robot stands after a bump, m/s: the offset's error would add
 up."""
@@ -150,7 +150,7 @@ class BumpDetector:
             self._ringing = _RINGS
             return True
         if self._ringing:
-            # the jerk's other flank, and what it stirred up: no vibration of the drive
+            # the other flank of the jerk and its ringing are no vibration of the drive
             self._ringing -= 1
             return False
         power = 0.25 * (by_x * by_x + by_y * by_y)
@@ -173,10 +173,10 @@ class SlipDetector:
         """Return the slipping wheel: -1 left, +1 right, 0 none.
 
         Args:
-            left_m: path of the left wheel by its encoder, m; so ``right_m``.
-            right_m: see ``left_m``.
-            turn_m: the rotation that the gyro tells, times the wheel base.
-            dt_s: over which all that was.
+            left_m: Path of the left wheel by its encoder, m.
+            right_m: Path of the right wheel by its encoder, m.
+            turn_m: Rotation by the gyro, times the wheel base, m.
+            dt_s: Duration of these motions, s.
 
         """
         if dt_s <= 0.0:
@@ -186,7 +186,7 @@ class SlipDetector:
             self._lasting_s = 0.0
             self._side = 0
             return 0
-        # The wheel whose count is too far in the direction in which it turns.
+        # The wheel whose count is too high in its direction of rotation.
         right_over = excess * right_m > 0.0
         left_over = -excess * left_m > 0.0
         if right_over and left_over:
@@ -245,7 +245,7 @@ class InertialBridge:
         self.vx_m_s += (ahead + yaw_rate * before_y) * dt_s
         self.vy_m_s += (aside - yaw_rate * before_x) * dt_s
         if self.cut and self.vx_m_s * before_x < before_x * before_x:
-            # harder than could be told: what is left of the way ahead is not known to be real
+            # harder than measurable: the remaining forward speed may not be real
             self.vx_m_s *= 0.5
         if self.stalled:
             self._gain_m_s += ahead * dt_s

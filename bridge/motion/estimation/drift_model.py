@@ -48,8 +48,8 @@ class DriftModel:
 class NoiseScale:
     """Factor by which this robot's noise exceeds the model, learned from innovations.
 
-    It multiplies a variance and is at least 1. Each normalised squared innovation, whose mean is 1
-    if the model is right, moves it a little (covariance matching).
+    It multiplies a variance and is at least 1. Each normalised squared innovation moves it a little
+    (covariance matching); their mean is 1 if the model is right.
     """
 
     __slots__ = ("_most", "value")

@@ -38,7 +38,7 @@ _VIBRATION_BIAS_POWER = 0.6
 """Power of the gyro's vibration share with which its bias in motion and its scale error grow: from
 ``typical`` to ``harsh`` (2.7 times the vibration) threefold."""
 _VIBRATION_WALK_POWER = 1.5
-"""Power of that share with which the angle random walk grows: likewise 19-fold."""
+"""Exponent of that share in the angle random walk: a growth by 19, too."""
 UPDATE_DELAY_S = 0.1
 """Maximum age of the covariance, s."""
 
@@ -67,7 +67,7 @@ class Ekf:
     """Mean and covariance of the pose, of the sensors' errors and of walls."""
 
     def __init__(self, start: Pose2, drift: DriftModel | None = None) -> None:
-        """Begin at an exact pose, in whose frame all poses are."""
+        """Begin at an exact pose, which is the frame of all poses."""
         self.drift = noise = drift or DriftModel()
         self.joint_covariance = JointCovariance(
             (
@@ -98,7 +98,7 @@ class Ekf:
         self._transition: Floats = np.eye(STATES)
         self._noise: Floats = np.zeros((STATES, STATES))
 
-    # -- what is known ---------------------------------------------------------------------
+    # -- present estimate -------------------------------------------------------------------
 
     @property
     def pose(self) -> Pose2:
@@ -213,7 +213,7 @@ class Ekf:
 
         Args:
             chord: length of the chord, m; negative backwards.
-            rotation: turn of the heading meanwhile, rad; the mean has it already.
+            rotation: turn of the heading during the chord, rad; the mean already contains it.
             time_s: duration, s.
             turning_s: part of it in which the gyro was integrated, s.
             by_wheels: whether the rotation comes from the wheels and not from the gyro.

@@ -50,7 +50,7 @@ _LARGEST_BIAS_RAD_S = 0.4
 _BRIDGE_M = 0.0015
 """Standard deviation of the position after a bump whose motion was measured whole, m."""
 _BRIDGE_CUT_M = 0.006
-"""The same after a bump whose measurement was cut off, m."""
+"""The same after a bump whose measurement was clipped."""
 _BRIDGE_RAD = math.radians(0.05)
 """Standard deviation that a bump adds to the heading, rad."""
 _BRIDGE_M_S = 0.012
@@ -60,8 +60,8 @@ _BRIDGE_M_S2 = 0.02
 _SLIP_SHARE = 0.5
 """Share of the path corrected for a slipping wheel that is its standard deviation."""
 _RELEASE_SHARE = 0.3
-"""Share of the path given back after a release that is its standard deviation: the release is known
-to one reading of the bumper."""
+"""Standard deviation of the path that is restored after a release, as a share of it: the time of
+the release is known to one reading of the bumper."""
 _ONSET_S = 1.0
 """Time in which repeated disturbances of one kind count as one, s."""
 _KEPT = 64
@@ -86,7 +86,7 @@ class PoseEstimator:
     """
 
     def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
-        """Begin at an exact pose, in whose frame all poses are."""
+        """Begin at an exact pose, which is the frame of all poses."""
         self.ekf = Ekf(start, drift)
         self._model = model
         self._left_m, self._right_m = model.left_metres_per_count, model.right_metres_per_count
@@ -107,7 +107,7 @@ class PoseEstimator:
         self._disturbances: list[Disturbance] = []
         self.reset(start)
 
-    # -- what is known ---------------------------------------------------------------------
+    # -- present estimate -------------------------------------------------------------------
 
     @property
     def pose(self) -> Pose2:
@@ -205,7 +205,7 @@ class PoseEstimator:
         self._end_bridge(bridge)
 
     def hold(self) -> None:
-        """Discard what the wheels turned since a bump: the contact lasts."""
+        """Discard the wheel counts since a bump: the contact lasts."""
         if self._bridge is not None:
             self._bridge.unmade_m = 0.0
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class JointCovariance:
-    """A covariance whose first states move and whose later ones, the landmarks, do not.
+    """A covariance of moving states, followed by static ones, the landmarks.
 
     The mean belongs to the caller; every update returns the step to add to it.
     """
@@ -68,12 +68,12 @@ class JointCovariance:
         """Update with a measurement and return the step of the mean.
 
         Args:
-            index: columns of H that are not zero.
-            rows: those columns, ``(measurements, len(index))``.
-            innovation: measured less predicted, ``(measurements,)``.
-            noise: covariance of the measurement, ``(measurements, measurements)``.
-            held: states that count with their variance and are not changed (Schmidt's filter),
-                for a measurement whose error could be taken for them.
+            index: Columns of H that are not zero.
+            rows: Those columns, ``(measurements, len(index))``.
+            innovation: Measured minus predicted, ``(measurements,)``.
+            noise: Covariance of the measurement, ``(measurements, measurements)``.
+            held: States whose variance counts but which do not change (Schmidt's filter). They
+                serve a measurement whose error could be mistaken for theirs.
 
         Raises:
             numpy.linalg.LinAlgError: the innovation's covariance is singular.

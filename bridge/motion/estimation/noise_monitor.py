@@ -5,8 +5,8 @@
 - Wheel slip shows as a difference between wheels and gyro. The part common to both wheels does not
   show: it is assumed to be as large as the visible part for little slip, and up to 2.2 times as
   large for much slip. More slip also means more lateral slip and a less certain wheel scale.
-- A noisy infrared presses the robot to the wall that it follows, where it slips. The innovations
-  of the wall's filter measure that noise, and thereby the gap to keep.
+- A noisy infrared makes the robot press against the followed wall, where it slips. The innovations
+  of the wall's filter measure that noise, and so the gap to keep.
 """
 
 from __future__ import annotations

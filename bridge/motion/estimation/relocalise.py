@@ -65,7 +65,7 @@ class Relocaliser:
         self.yaw_fixes = 0
         self.position_fixes = 0
 
-    def update(  # noqa: PLR0913 - what one message tells
+    def update(  # noqa: PLR0913 - the values of one message
         self,
         ultrasonic_m: float | None,
         left_m: float | None,

@@ -15,8 +15,8 @@ class Standstill:
     __slots__ = ("_last_count_s", "_last_sample_s", "_settling_s")
 
     RATE_VETO_RAD_S = 0.05
-    """Yaw rate beyond the bias that vetoes a rest, rad/s (3 °/s): a robot that is turned by hand
-    has still wheels."""
+    """Maximum yaw rate beyond the bias at rest, rad/s (3 °/s): a robot that a person turns has
+    standing wheels."""
     STALE_S = 0.2
     """Time without encoder samples after which rest is unknown, s."""
 

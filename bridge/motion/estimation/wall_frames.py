@@ -28,7 +28,7 @@ LONG_M = 0.5
 """Length from which the weaker limits below hold, m."""
 LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
 """Limits of the angle's standard deviation and of its difference from 90° for long walls, rad: a
-slightly oblique box is seldom so long."""
+slightly oblique box seldom has long walls."""
 _QUARTER = 0.5 * math.pi
 
 

@@ -88,7 +88,7 @@ class WallMap:
         self._found: Wall | None = None
         """Wall that was found again since the last call of :meth:`take_found`."""
 
-    # -- what is known ---------------------------------------------------------------------
+    # -- present estimate -------------------------------------------------------------------
 
     def normal_rad(self, wall: int) -> float:
         """Direction of a wall's normal, rad."""
@@ -116,8 +116,8 @@ class WallMap:
     def heading_sigma_rad(self) -> float:
         """Standard deviation of the heading against the orthogonal walls, rad; 0: there are none.
 
-        These walls are tied to each other, so one of the widest frame stands for all. At most 0.1
-        s old, as the covariance.
+        These walls are tied to each other, so one wall of the widest frame represents all. The
+        value is at most 0.1 s old, like the covariance.
         """
         i = self._frames.widest
         if i < 0 or 2 * len(self.walls) != len(self._ekf.walls):
@@ -241,7 +241,7 @@ class WallMap:
         return self._choose(found, SAME_CHI2)
 
     def _choose(self, found: list[_Match], same_chi2: float) -> _Match | None:
-        """Return the wall with the smallest squared innovation, and that of the next other wall."""
+        """Return the best match with the innovation of the next other wall; prefer a long wall."""
         if not found:
             return None
         best = min(found, key=lambda match: match.chi2)
@@ -258,7 +258,7 @@ class WallMap:
         return best._replace(second_chi2=min(others, default=math.inf))
 
     def _straight_on(self, direction_rad: float) -> bool:
-        """Whether a direction is normal to a known wall; true if none is known.
+        """Return whether a direction is normal to a known wall; true if none is known.
 
         An oblique echo may come from a corner, whose place changes with the pose.
         """

@@ -181,7 +181,7 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
     wander = WANDER_BOW * wander_m_sqrt_m * math.sqrt(high - low)
     if abs(bow) > max(MAX_BOW_M, 3.0 * math.hypot(noise, wander)):
         return None
-    # What lies along the wall, as a turn about the hits' mean moves the normal's foot.
+    # Distance along the wall: a turn about the hits' mean moves the normal's foot.
     ahead = to_x * c + to_y * s
     var_angle = max(chi2, 1.0) / moment + FLAT_RAD**2
     return LineMeasurement(

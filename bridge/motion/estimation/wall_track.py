@@ -1,12 +1,12 @@
-"""Where a wall runs beside the robot, from one infrared's successive readings.
+"""Distance and direction of a wall beside the robot, from one infrared's successive readings.
 
-One beam tells one distance; driving on tells the direction. A Kalman filter over two numbers,
+One beam gives one distance; driving on gives the direction. A Kalman filter over two numbers,
 
     d: distance from the axle's centre to the wall, along the wall's normal (m)
-    ψ: heading less the wall's direction, positive where the robot points into the wall (rad)
+    ψ: heading minus the wall's direction, positive if the robot points into the wall (rad)
 
-With u the side (+1 left, -1 right), a motion (ds ahead, dθ) gives ψ' = ψ + u·dθ and
-d' = d - ds·sin ψ. The beam leaves abeam from (mx, my); its hit lies on the wall where
+With u the side (+1 left, -1 right), a motion (ds ahead, dθ) gives ψ' = ψ + u·dθ and d' = d - ds·sin
+ψ. The beam leaves abeam from (mx, my); its hit lies on the wall where
 
     mx·sin ψ + (|my| + r)·cos ψ = d.
 """

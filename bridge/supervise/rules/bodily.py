@@ -22,9 +22,10 @@ _LIFTED = int(Fault.LIFTED)
 TILT_SMOOTH_S = 0.2
 """Time constant of the accelerometer's smoothing, s: longer than a bump, shorter than a tilt."""
 JOLT_M_S2 = 1.5
-"""Minimum vertical acceleration beside gravity that counts as a jolt, m/s²."""
+"""Minimum vertical acceleration, gravity subtracted, that counts as a jolt, m/s²."""
 JOLT_SMOOTH_S = 0.08
-"""Time constant of that acceleration, s: a hand lifts for 0.2 s; of vibration it leaves a third."""
+"""Time constant of that acceleration, s: a person lifts for 0.2 s; a third of a vibration remains.
+"""
 GRAVITY_SMOOTH_S = 2.0
 """Time constant of gravity, s: with it the sensor's bias (up to 0.5 m/s²) drops out."""
 JOLT_S = 1.0
@@ -106,8 +107,8 @@ class Lifted:
         return self._reported or self._up
 
     def _feel(self, up_m_s2: float, step_s: float) -> None:
-        """Smooth the vertical acceleration, shortly for what happens and slowly for gravity."""
-        if step_s == 0.0:  # after a gap nothing is known of what happens
+        """Smooth the vertical acceleration: briefly for jolts, slowly for gravity."""
+        if step_s == 0.0:  # nothing is known of the gap
             self._now_m_s2 = self._gravity_m_s2
             return
         self._now_m_s2 += min(step_s / JOLT_SMOOTH_S, 1.0) * (up_m_s2 - self._now_m_s2)

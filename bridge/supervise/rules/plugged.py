@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from bridge.supervise.settings import PluggedRule
 
 _PARTS = ("grave", "holds", "evidence", "restart")
-"""What a condition must have."""
+"""Methods that a condition must have."""
 
 
 class PluggedCondition:
-    """The condition of a plug-in's rule, whatever it does."""
+    """The condition of a plug-in's rule."""
 
     def __init__(self, name: str, rule: PluggedRule, model: RobotModel) -> None:
         """Ask the rule for its condition."""

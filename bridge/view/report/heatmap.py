@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bridge.view.report.run_track import RunTrack
 
 _RESOLUTION_M = 0.01
-"""Size of a cell, m: what the figures of coverage are defined for."""
+"""Size of a cell, m, for which the coverage figures are defined."""
 _OFTEN = 0.5
 """Share of the runs from which a piece of floor counts as often missed."""
 _MIN_PIECE_CM2 = 5.0
@@ -37,7 +37,7 @@ _MIN_PIECE_CM2 = 5.0
 _MAX_PIECES = 20
 """Number of pieces of a room that are listed."""
 _MAP_WIDTH, _MAX_HEIGHT, _REST = 8.0, 9.5, 1.3
-"""Inches: width and greatest height of a map, and what title and legend take."""
+"""Sizes in inches: width and maximum height of a map, and height of title and legend."""
 _ALWAYS = "#7b1020"
 
 
@@ -136,7 +136,7 @@ class Misses:
 def gather_misses(
     logs: Iterable[Path], progress: Callable[[int], None] = lambda _done: None
 ) -> Misses:
-    """Read where the robot of each log was, and count what it missed.
+    """Read where the robot of each log was, and count the missed cells.
 
     Args:
         logs: The logs.
@@ -205,7 +205,7 @@ def heatmap_page(misses: Misses, what: str) -> str:
     """Return the page with the maps, the pieces and the unused logs.
 
     Args:
-        misses: What was gathered.
+        misses: The collected misses.
         what: The selection in words.
 
     """

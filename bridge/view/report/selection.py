@@ -1,4 +1,4 @@
-"""Many runs beside each other: groups of a selection in one table, their spread in pictures."""
+"""Comparison of many runs: groups of a selection in one table, their spread in pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Starting Rerun on a recorded run, in a process of its own."""
+"""Starts Rerun for a recorded run, in a separate process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The viewer of a live run, started as a process of its own."""
+"""The viewer of a live run, in a separate process."""
 
 from __future__ import annotations
 

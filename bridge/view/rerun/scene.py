@@ -22,7 +22,7 @@ _PATH_STEP_M = 0.01
 _MAX_MAP_BYTES = 48 * 1024 * 1024
 """Memory limit of the maps, bytes; beyond it every second map is discarded."""
 
-# Heights keep what is drawn last on top; the camera looks down from far above.
+# Heights that keep the layers in their order; the camera looks down from far above.
 _Z_SWEPT, _Z_WHOLE, _Z_WALL, _Z_TRUTH, _Z_PATH, _Z_ROBOT = 0.002, 0.004, 0.006, 0.008, 0.010, 0.014
 
 _RGBA = 4
@@ -178,7 +178,7 @@ class Motion:
 
 
 class Ray:
-    """What one range sensor sees, in the robot's frame; nothing where there is no echo."""
+    """Ray of one range sensor, in the robot's frame; nothing without an echo."""
 
     def __init__(self, name: str, mount: RangerMount, colour: paths.Colour) -> None:
         self._entity = f"{paths.ROBOT}/range_{name}"
@@ -188,7 +188,7 @@ class Ray:
         self._counts: list[int] = []
 
     def add(self, time_ns: int, range_m: float | None) -> None:
-        """See as far as this."""
+        """Add a ray of this length."""
         self._times.append(time_ns)
         self._counts.append(0 if range_m is None else 1)
         if range_m is not None:

@@ -1,1 +1,1 @@
-"""Pictures of what a run starts from: the robot and the room."""
+"""Pictures of the initial conditions of a run: the robot and the room."""

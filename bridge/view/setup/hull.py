@@ -1,4 +1,4 @@
-"""What the range sensors measure of an object that touches the hull, by its bearing."""
+"""Ranges that the sensors measure for an object that touches the hull, by its bearing."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount, RobotModel
 
 _STEPS = 1440
-"""Number of bearings that are looked at: one each quarter of a degree."""
+"""Number of bearings: one each quarter of a degree."""
 _BEAM_RAD = math.radians(1.0)
-"""Half the opening that a beam is looked at with: the spot of an infrared sensor on the hull."""
+"""Half the opening angle of a beam, rad: the spot of an infrared sensor on the hull."""
 
 
 class Arc(NamedTuple):
@@ -35,7 +35,7 @@ class HullView(NamedTuple):
 
 
 def hull_view(model: RobotModel) -> HullView:
-    """Return what the robot's range sensors measure of objects that touch its hull."""
+    """Return the ranges that the robot's sensors measure for objects that touch its hull."""
     measured, too_near = [False] * _STEPS, [False] * _STEPS
     for step in range(_STEPS):
         bearing = 2.0 * math.pi * step / _STEPS

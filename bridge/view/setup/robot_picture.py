@@ -94,7 +94,7 @@ def _draw_body(axes: Axes, model: RobotModel) -> None:
 
 
 def _draw_ranger(axes: Axes, name: str, mount: RangerMount, model: RobotModel) -> None:
-    """Draw the sensor, its cone to its maximum range, and red what is nearer than its minimum."""
+    """Draw the sensor, its cone to its maximum range, and in red the part below its minimum."""
     far_m = min(mount.max_range_m, 2.0 * _VIEW * model.radius_m)
     _cone(axes, mount, mount.min_range_m, far_m, color=_CONE, alpha=0.16)
     _cone(axes, mount, 0.0, mount.min_range_m, color=_NEAR, alpha=0.35)
@@ -148,7 +148,7 @@ def _cone(axes: Axes, mount: RangerMount, near_m: float, far_m: float, **how: An
 
 
 def _draw_hull(axes: Axes, model: RobotModel) -> None:
-    """Draw the rim by what the range sensors measure of an object that touches it."""
+    """Draw the rim, coloured by the ranges of an object that touches it."""
 
     def rim(arc: Arc, colour: str, width: float, label: str) -> None:
         more_rad = 0.5 * max(_VISIBLE_RAD - arc.width_rad, 0.0)

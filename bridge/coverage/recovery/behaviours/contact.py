@@ -23,10 +23,10 @@ Part = Generator[Leg, Step, LegResult]
 
 
 def drive(context: RecoveryContext, leg: Drive) -> Part:
-    """Drive a leg; whatever stops it enters the map, and the robot backs off from a contact.
+    """Drive a leg; enter every obstacle into the map, and back off from a contact.
 
-    A lane also ends where a wall beside it appears whose perimeter is unswept, which is then
-    followed.
+    A lane also ends where a wall with an unswept perimeter appears beside it; the robot then
+    follows that wall.
     """
     lookout, is_lane = context.lookout, leg.purpose == "lane"
     lookout.on_lane, lookout.beside = is_lane, 0

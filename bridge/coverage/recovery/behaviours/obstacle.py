@@ -1,4 +1,4 @@
-"""What the robot does at an obstacle or a cliff: it enters the map, and the robot backs off."""
+"""Reaction to an obstacle or a cliff: it enters the map, and the robot backs off."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _RIM_M = 0.01
 _BACK_M_S = 0.05
 """Speed of backing off, m/s."""
 _MAX_BACKS = 5
-"""Times that the robot backs off from a cliff before it goes on anyway."""
+"""Maximum number of times that the robot backs off from a cliff before it continues."""
 _CLEAR_M = 0.05
 """Further path back once there is floor ahead, m, so that no wheel turns over the cliff: between
 two sensors a cliff may be as near as the outer ones look ahead, 9 cm."""

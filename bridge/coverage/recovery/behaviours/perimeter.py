@@ -24,8 +24,8 @@ _STUCK_M = 0.02
 _MAX_STUCK = 8
 """Stuck attempts in a row after which the pass ends."""
 _MIN_AWAY_RAD = math.radians(12.0)
-"""Least turn away from a contact, rad. The followed wall may be taken for the contact, but not
-again within ``_SAME_BUMP_M``: then the turn grows with each contact."""
+"""Minimum turn away from a contact, rad. The robot may mistake the followed wall for the contact
+once. A repeat within ``_SAME_BUMP_M`` makes the turn grow with each contact."""
 _SAME_BUMP_M = 0.06
 """Path between two contacts that are at one place, m."""
 _STOP_S = 0.5

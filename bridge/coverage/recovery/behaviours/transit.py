@@ -1,4 +1,4 @@
-"""Transit: drive along a path of several pieces to where a choice begins."""
+"""Transit: drive along a path of several pieces to the start of a choice."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 BEND_RAD = math.radians(15.0)
 """Bend of a path below which the robot steers instead of turning in place, rad."""
 _SLIGHT_RAD = math.radians(10.0)
-"""Planned bend that stays below ``BEND_RAD`` from where it is driven, rad."""
+"""Maximum planned bend that stays below ``BEND_RAD`` from the actual place, rad."""
 _BEND_M_S = 0.12
 """Speed through a slight bend, m/s."""
 _CORNER_M_S = 0.05
@@ -33,8 +33,8 @@ _BLOCKED_M = 0.03
 """Missing length from which a piece of a path was blocked, m."""
 _CONTACT = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 _PASSAGE_M = 0.4
-"""Least path along what blocked the robot twice, for the paper's robot, m: round a door's edge and
-through."""
+"""Minimum path along an obstacle that blocked the robot twice, for the paper's robot, m: round the
+edge of a door and through."""
 
 
 def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
@@ -56,7 +56,7 @@ def end_speed(choice: Choice, k: int, heading_rad: float) -> float:
 
 
 def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
-    """Drive to where a choice begins.
+    """Drive to the start of a choice.
 
     Returns:
         Whether the robot arrived. If it is blocked, it follows the obstacle or seeks a passage.
