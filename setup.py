@@ -1,4 +1,4 @@
-"""Compile the kernels; everything else about the package stands in ``pyproject.toml``."""
+"""Compile the kernels; ``pyproject.toml`` has everything else about the package."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from tools.dev import kernels
 
 BUILD = Path("build/kernels")
 FLAGS = ["/O2", "/fp:precise"] if sys.platform == "win32" else ["-O2", "-ffp-contract=off", "-g0"]
-"""Without fast-math and for any CPU of its kind: equal input gives equal floats on each."""
+"""Compiler flags: no fast-math, and no CPU-specific code, so equal input gives equal floats
+everywhere."""
 LOOPS = {
     "language_level": 3,
     "boundscheck": False,
@@ -22,13 +23,13 @@ LOOPS = {
     "initializedcheck": False,
     "wraparound": False,
 }
-"""How kernels are compiled."""
+"""Cython directives of kernels."""
 ORDINARY = {"language_level": 3, "annotation_typing": False}
-"""How modules are compiled whose types stand in a .pxd: as Python would run them."""
+"""Cython directives of modules with types in a .pxd: they behave as in Python."""
 
 
 def wanted() -> list[Path]:
-    """The sources that this command compiles: in place only what is stale, for a wheel all."""
+    """Return the sources to compile: for an in-place build the stale ones, for a wheel all."""
     commands = set(sys.argv[1:])
     if commands & {"--inplace", "editable_wheel"}:
         return kernels.stale(kernels.sources(tests="--inplace" in commands))
@@ -46,7 +47,7 @@ def stamped(source: Path) -> str:
 
 
 def extensions(sources: list[Path]) -> list[Extension]:
-    """One extension for each source; where all are compiled, also what they share."""
+    """Return one extension for each source, and for a full build the shared one."""
     if not sources:
         return []
     from Cython.Build import cythonize  # noqa: PLC0415 - a list of files needs no compiler

@@ -37,7 +37,7 @@ _METADATA = (".dist-info", ".egg-info")
 
 
 class PluginWarning(UserWarning):
-    """A plug-in that is not used; the text names its package and says why."""
+    """A plug-in that is not used; the text names its package and the reason."""
 
 
 class PluginError(Exception):
@@ -68,7 +68,7 @@ def found(kind: str) -> dict[str, Plugin]:
 
 
 def clashes(kind: str) -> dict[str, str]:
-    """Return the names that several packages offer, and what is wrong with each."""
+    """Return the names that several packages offer, each with the error."""
     return {
         name: f"{GROUPS[kind]} {name!r} is offered by {_listed(plugins)}; uninstall all but one"
         for name, plugins in _offered(kind).items()
@@ -76,7 +76,7 @@ def clashes(kind: str) -> dict[str, str]:
     }
 
 
-def load(plugin: Plugin) -> Any:  # noqa: ANN401 - whatever the package offers
+def load(plugin: Plugin) -> Any:  # noqa: ANN401 - any object of the package
     """Import a plug-in and return its object.
 
     Raises:
@@ -90,7 +90,7 @@ def load(plugin: Plugin) -> Any:  # noqa: ANN401 - whatever the package offers
 
 
 def usable(kind: str) -> Iterator[tuple[Plugin, Any]]:
-    """Import every plug-in of a kind; one that raises, or whose name clashes, is disabled.
+    """Import every plug-in of a kind; disable one that raises or whose name clashes.
 
     Yields:
         Each plug-in with its object.
@@ -116,12 +116,12 @@ _DISABLED: list[str] = []
 
 
 def disabled() -> tuple[str, ...]:
-    """Return what was reported so far."""
+    """Return the reports so far."""
     return tuple(_DISABLED)
 
 
 def forget() -> None:
-    """Look for plug-ins anew, such as after an installation; for tests."""
+    """Search for plug-ins again, for example after an installation; for tests."""
     _offered.cache_clear()
     _loaded.cache_clear()
     _DISABLED.clear()
@@ -134,7 +134,7 @@ def _shown(error: BaseException) -> str:
 
 
 @functools.cache
-def _loaded(entry: EntryPoint) -> Any:  # noqa: ANN401 - whatever the package offers
+def _loaded(entry: EntryPoint) -> Any:  # noqa: ANN401 - any object of the package
     return entry.load()
 
 

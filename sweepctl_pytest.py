@@ -1,8 +1,8 @@
 """Pytest fixtures for users of the virtual sweeper; see docs/ci.md.
 
-Loaded by every pytest where sweepctl is installed, so it imports nothing but pytest until a
-fixture is asked for. A module of its own, beside the packages: a project that has a package
-``tools`` must still be able to run its tests.
+Every pytest with sweepctl installed loads this module, so it imports only pytest until a fixture is
+used. It is a module beside the packages, so that a project with its own package ``tools`` can still
+run its tests.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 MARKER = "sweeper"
 LINKS = ("pty", "tcp", "slcan", "udpcan")
 READY_S = 60.0
-"""From starting the emulator's process to its ``ready``; a machine that is very busy takes long."""
+"""Maximum time from the start of the emulator's process to its ``ready``, s; a busy machine is
+slow."""
 END_S = 20.0
 _RECORD = "record"
 """Key of the marker that keeps the log of a failed test."""
@@ -51,7 +52,7 @@ _OURS = (
     "sim_device.rig",
     "tools.virtual.sweeper",
 )
-"""One module of each of our packages, to be told from a package of the same name."""
+"""One module of each of our packages, to distinguish it from a package of the same name."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -89,7 +90,7 @@ def sweeper(request: pytest.FixtureRequest) -> Iterator[SimulatedSweeper]:
 
 @pytest.fixture
 def sweeper_port(request: pytest.FixtureRequest) -> Iterator[str]:
-    """PORT of an emulator in a process of its own and in real time, for as long as the test."""
+    """Yield the PORT of an emulator in a separate process, in real time, during the test."""
     settings = _settings(request)
     from tools.virtual.emulator_process import EmulatorError, EmulatorProcess
 
@@ -112,7 +113,7 @@ def sweeper_port(request: pytest.FixtureRequest) -> Iterator[str]:
 # ---- logs of failed tests ---------------------------------------------------------------
 
 _kept_log = pytest.StashKey[Path]()
-"""Where the log of a test is kept if the test fails."""
+"""Key of the path where a test's log is kept if the test fails."""
 _failed = pytest.StashKey[bool]()
 
 
@@ -149,7 +150,7 @@ def pytest_runtest_makereport(
 
 
 def _check_names() -> None:
-    """Fail in one line where a package of the project's own hides one of ours."""
+    """Fail in one line if a package of the user's project hides one of ours."""
     for module in _OURS:
         package = module.partition(".")[0]
         try:
@@ -163,7 +164,7 @@ def _check_names() -> None:
 
 
 def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """Return what the markers of a test say; the nearest has the last word."""
+    """Return the values of a test's markers; the nearest marker has priority."""
     values: dict[str, Any] = {}
     for mark in reversed(list(request.node.iter_markers(MARKER))):
         if mark.args:
@@ -214,9 +215,10 @@ def pytest_load_initial_conftests(
 ) -> Generator[None, object, object]:
     """Let ``pytest --port /dev/ttyUSB0`` mean the same as ``--port=/dev/ttyUSB0``.
 
-    pytest takes an existing path after an option that it does not know yet for the tests to
-    run, and its folder for the project. Only in the project's own tree, whose tests have the
-    option; before the output is captured, as a new process does not inherit what was.
+    After an option that pytest does not know yet, it takes an existing path for the tests to run,
+    and the path's folder for the project. The hook acts only in the project's own tree, whose tests
+    have the option. It acts before the output is captured, because a new process does not inherit
+    earlier output.
     """
     suite = early_config.invocation_params.dir / "tests" / "conformance" / "floor.json"
     if "--port" in args[:-1] and suite.is_file():

@@ -52,7 +52,7 @@ def _source_links(app: Sphinx, docname: str, content: list[str]) -> None:
 
 
 def _more(docs: Path, index: str) -> str:
-    """A list of the pages that the index names nowhere: a new page is found without being told."""
+    """Return a list of the pages that the index does not name, so that a new page is never lost."""
     listed = {"index", *(line.strip() for line in index.splitlines())}
     pages = [p.relative_to(docs).with_suffix("").as_posix() for p in sorted(docs.rglob("*.md"))]
     left = [page for page in pages if page not in listed]

@@ -47,7 +47,7 @@ def test_a_wheel_that_jams_is_noticed(sweeper: SimulatedSweeper) -> None:
 
 @pytest.mark.sweeper(room="empty", noise="none")
 def test_a_program_of_mine_talks_to_it(sweeper_port: str) -> None:
-    """The same in real time, over a port: what a program of one's own would open."""
+    """The same in real time, over a port, as your own program would open it."""
     with bridge.open(sweeper_port) as robot:
         robot.enable()
         robot.drive(0.1, 0.0)

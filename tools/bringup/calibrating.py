@@ -81,7 +81,7 @@ def write_results(
 
     Args:
         desk: connection to the device.
-        person: who confirms.
+        person: the person who confirms.
         changes: parameters with old and new values.
         robot: robot file to write; None: only the device.
         robot_toml: present text of the robot file.

@@ -28,7 +28,7 @@ def measured(desk: Desk, person: Person, name: str, distances_m: Sequence[float]
 
     Args:
         desk: connection to the device.
-        person: who holds the wall.
+        person: the person who holds the wall.
         name: sensor, such as ``infrared_left``.
         distances_m: distances of the wall from the sensor's face, m.
 

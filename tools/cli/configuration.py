@@ -69,7 +69,7 @@ def _key(meaning: str, read: Any = _text, built_in: str = "") -> Any:  # noqa: A
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """Keys of ``[defaults]`` and of a robot alike."""
+    """Keys that ``[defaults]`` and robots have in common."""
 
     robot: str | None = _key("robot file", built_in="the paper's robot")
     key_file: str | None = _key("key file; the key itself never stands in a configuration file")
@@ -92,7 +92,7 @@ class Defaults(Shared):
 
 @dataclass(frozen=True, slots=True)
 class NamedRobot(Shared):
-    """Table ``[robots.NAME]``: what NAME stands for in place of PORT."""
+    """Table ``[robots.NAME]``: the settings that NAME represents in place of PORT."""
 
     port: str | None = _key("the port; required")
 
@@ -103,7 +103,7 @@ PATHS = frozenset({"robot", "key_file"})
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A value and where it comes from."""
+    """A value and its source."""
 
     value: str | int
     source: str
@@ -111,7 +111,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Everything that the files say."""
+    """Content of all configuration files."""
 
     files: tuple[tuple[Path, bool], ...] = ()
     """Files in the order in which they count, the weakest first, and whether each exists."""
@@ -120,7 +120,7 @@ class Configuration:
 
 
 def config_files() -> list[Path]:
-    """Return the files that are read if they exist, the one that counts least first."""
+    """Return the files that are read if they exist, the one with the lowest priority first."""
     named = os.environ.get(VARIABLE)
     if named is not None:
         return [Path(named)] if named else []
@@ -221,7 +221,7 @@ def _content(path: Path) -> str | None:
 
 
 def _values(path: Path, table: Defaults | NamedRobot) -> dict[str, Value]:
-    """Return the values that a file gives; relative paths begin at its folder."""
+    """Return the values in a file; relative paths begin at its folder."""
     found: dict[str, Value] = {}
     for each in fields(table):
         value = getattr(table, each.name)

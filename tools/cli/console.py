@@ -94,7 +94,7 @@ def write_json(value: object) -> None:
 
 
 def flush() -> None:
-    """Flush stdout, so that a program that reads it gets what was written."""
+    """Flush stdout, so that a program that reads it gets the output at once."""
     sys.stdout.flush()
 
 

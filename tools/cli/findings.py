@@ -18,7 +18,7 @@ INVALID = 2
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What is wrong in a file, and what will probably not work well."""
+    """Errors in a file, and values that will probably not work well."""
 
     file: str
     problems: Sequence[str]

@@ -64,7 +64,7 @@ def _complete_event(
 
 
 class EventCommands:
-    """Runs the commands of ``--on`` one after the other in a thread of its own.
+    """Runs the commands of ``--on`` one after the other in a separate thread.
 
     A context manager: leaving it waits for the commands, at most :data:`MAX_END_S`.
     """

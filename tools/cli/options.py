@@ -80,7 +80,7 @@ def _faults(
 
 
 def address(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[str, int] | None:
-    """Split ``HOST:PORT``; an IPv6 address stands in brackets."""
+    """Split ``HOST:PORT``; an IPv6 address must be in brackets."""
     if text is None:
         return None
     host, colon, port = text.rpartition(":")

@@ -24,8 +24,8 @@ _PIECE = 512
 """Bytes of one system call. Small, so that a slow reader still shows progress: at 9600 baud this
 takes 0.53 s."""
 IDLE_S = 0.6
-"""Time without progress after which the end of a command gives up its reader, s. Longer than
-``_PIECE`` takes at 9600 baud."""
+"""Time without progress after which the end of a command stops waiting for its reader, s. Longer
+than ``_PIECE`` takes at 9600 baud."""
 _END_S = 5.0
 """Maximum time that the end of a command waits for a slow reader, s."""
 
@@ -63,7 +63,7 @@ class QueuedStream(io.TextIOBase):
         self._dropped = 0
         self._thread: threading.Thread | None = None
         self.error: OSError | None = None
-        """Why nothing more can be written; None: no write has failed."""
+        """Error that prevents further output; None: no write has failed."""
 
     @property
     def encoding(self) -> str:  # type: ignore[override]  # typeshed declares an attribute
@@ -174,7 +174,7 @@ class QueuedOutput:
     def __init__(self) -> None:
         """Prepare; queueing begins with ``__enter__``."""
         self.error: OSError | None = None
-        """Why stdout could not be written; set at the end of the context."""
+        """Error that prevented output to stdout; set at the end of the context."""
 
     def __enter__(self) -> Self:
         """Replace stdout and stderr by queued streams."""

@@ -27,7 +27,7 @@ _MAX_DIGITS = 6
 _KEPT = "\n\t"
 """Characters that Rich lays out itself: line ends and tabs."""
 MAX_COLUMNS, MAX_ROWS = 500, 200
-"""Maximum size of what is drawn, characters. A screen of 3840 pixels has about 480 by 140. A
+"""Maximum size of the drawn area, characters. A screen of 3840 pixels has about 480 by 140. A
 terminal may report 65 535 by 65 535: one screen would then take 4 GB."""
 
 

@@ -1,4 +1,4 @@
-"""``sweepctl bringup``: check that everything is connected where it should be."""
+"""``sweepctl bringup``: check that everything is connected correctly."""
 
 from __future__ import annotations
 

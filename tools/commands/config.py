@@ -1,4 +1,4 @@
-"""``sweepctl config``: what the configuration files set."""
+"""``sweepctl config``: show the settings of the configuration files."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def _complete_target(ctx: click.Context, param: click.Parameter, incomplete: str
 )
 @options.port_options
 @options.json_option
-def command(  # noqa: PLR0913 - what a port can be asked for
+def command(  # noqa: PLR0913 - the options of a port
     *,
     target: str,
     duration_s: float,

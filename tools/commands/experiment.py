@@ -232,7 +232,7 @@ def _reject_grid(ctx: click.Context) -> None:
 
 
 def _close(outcome: Outcome, done: str, out: Path) -> int:
-    """Print what went wrong and return the exit status."""
+    """Print the failures and return the exit status."""
     from tools.experiment.runs import ERRORS
 
     if outcome.interrupted:

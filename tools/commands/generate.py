@@ -16,7 +16,7 @@ from tools.cli.outputs import check_outputs
 
 
 class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs only
-    """What the counts of an IMU are worth; what is left out is nominal."""
+    """Scale of an IMU's counts; an omitted part is nominal."""
 
     name = "scale"
     _KEYS: ClassVar = {

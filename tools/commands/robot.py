@@ -99,7 +99,7 @@ def show(*, file: Path, png: Path | None, force: bool, as_json: bool) -> int:
 
 
 def _facts(model: RobotModel) -> dict[str, Any]:
-    """Return the robot's keys, and beside each sensor what it measures at the hull."""
+    """Return the robot's keys, and for each sensor its range at the hull."""
     import dataclasses
 
     from bridge.view.setup.hull import blind_share, hull_view

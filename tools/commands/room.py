@@ -52,7 +52,7 @@ def check(*, room: str, robot: Path | None, start: Pose2 | None, as_json: bool) 
 
 
 def _warnings(plan: FloorPlan, model: RobotModel, facts: RoomFacts | None = None) -> list[str]:
-    """Return what is probably wrong in a room for a robot."""
+    """Return the probable mistakes in a room for a robot."""
     from bridge.evaluation.room_facts import room_facts
     from bridge.floor_plan.inspection import plan_cautions
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bridge.library.library import Run, Selection
 
 _DEFAULT = "list"
-"""Subcommand that is meant if none is named."""
+"""Subcommand used if none is named."""
 
 
 class RunsGroup(click.Group):

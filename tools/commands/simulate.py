@@ -223,7 +223,7 @@ def _runner(
 
 
 def check_faults(plan: FloorPlan, faults: tuple[FaultSpec, ...]) -> None:
-    """Check that the room has what the faults need, before a log is made.
+    """Check that the room has the objects that the faults need, before a log is made.
 
     Raises:
         click.BadParameter: a fault moves an obstacle that the room does not have.

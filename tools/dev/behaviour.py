@@ -1,7 +1,6 @@
-"""States and timing of host and device for PROTOCOL.md, read from the code.
+"""Behaviour of both ends of the protocol, collected from their code, for PROTOCOL.md.
 
-Session and modes come from their transition tables. The latch has no table: every stop and every
-clear is tried in each of its states.
+States are the transition tables of both ends; those of the device's latch come from trying it.
 """
 
 from __future__ import annotations

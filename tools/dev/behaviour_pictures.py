@@ -92,7 +92,7 @@ class Sample(NamedTuple):
 
 @dataclass(slots=True)
 class Run:
-    """A simulated run, as far as pictures need it; times in seconds since the robot booted."""
+    """A simulated run with the data that pictures need; times in seconds since the robot booted."""
 
     plan: FloorPlan
     planner: Planner
@@ -102,10 +102,10 @@ class Run:
     messages: list[DeviceMessage] = field(default_factory=list)
     map_span_s: tuple[float, float] = (0.0, math.inf)
     maps: list[MapView] = field(default_factory=list)
-    """Of ``recovery``: one at the beginning of each leg and each contact."""
+    """Maps of ``recovery``: one at the beginning of each leg and each contact."""
 
     def write(self, record: Record) -> None:
-        """Keep what is drawn: the run's sink."""
+        """Store the data to draw; this makes the object the run's sink."""
         if isinstance(record, TruthRecord):
             self.truth.append((_since_boot(record.log_ns), record.pose))
         elif isinstance(record, EventRecord):
@@ -139,11 +139,11 @@ class Run:
 
 
 class MapView(NamedTuple):
-    """The planner's map at a moment."""
+    """The planner's map at one time."""
 
     t_s: float
     forbidden: NDArray[np.uint8]
-    """Not 0: bumps or a cliff forbid the cell to the axle."""
+    """Cells that bumps or a cliff forbid to the axle: not 0."""
     occupied: NDArray[np.bool_]
     extent: tuple[float, float, float, float]
     """Left, right, bottom, top, metres."""
@@ -198,7 +198,7 @@ def _simulate(plan: FloorPlan, planner: Planner, noise: str, seed: int) -> Run:
 
 @cache
 def recovery_run(room: str, noise: str = "typical", seed: int = 1) -> Run:
-    """A whole run of ``recovery`` in a room that ships."""
+    """Return a complete run of ``recovery`` in a shipped room."""
     return _simulate(load_room(room, MODEL.radius_m), RecoveryPlanner(MODEL), noise, seed)
 
 
@@ -235,7 +235,7 @@ def _floor(axes: Axes, plan: FloorPlan, margin_m: float = 0.06) -> None:
 
 
 def _swept(axes: Axes, run: Run, end_s: float) -> None:
-    """The floor that the mouth had swept by a moment."""
+    """Draw the floor that the mouth had swept at a time."""
     from matplotlib.colors import ListedColormap
 
     from bridge.evaluation.metrics import CoverageMeter
@@ -270,7 +270,7 @@ def _robot(axes: Axes, pose: Pose2, *, colour: str = "#30343b", mouth: bool = Tr
 
 
 def _by_state(axes: Axes, samples: Sequence[Sample], *, states: Sequence[str] = ()) -> None:
-    """The estimated path, coloured by what the planner does."""
+    """Draw the estimated path, coloured by the planner's state."""
     shown: set[str] = set()
     begin = 0
     for k in range(1, len(samples) + 1):
@@ -358,7 +358,7 @@ def _map_legend() -> list[Artist]:
 
 
 class Estimates(NamedTuple):
-    """What the estimators made of a run's samples, at each encoder sample."""
+    """Estimates from a run's samples, at each encoder sample."""
 
     t_s: list[float]
     pose: list[Pose2]
@@ -368,7 +368,7 @@ class Estimates(NamedTuple):
     bias_sigma: list[float]
     still: list[bool]
     odometry: list[Pose2]
-    """Of an estimator that sees no walls."""
+    """Poses of an estimator that detects no walls."""
     walls: Relocaliser
 
 
@@ -692,7 +692,7 @@ def control_follow() -> Figure:
 
 
 def control_limits() -> Figure:
-    """Speed limits between table legs, and the braking curve."""
+    """Draw the speed limits for known obstacles, and for those that left the ultrasonic's cone."""
     run = recovery_run("table-and-chair")
     begin_s, end_s = run.first("start")[0], run.first("finish")[0]
     figure, (floor, curve) = _panels(8.2, 3.6, 2, width_ratios=[1.25, 1.0])
@@ -756,7 +756,7 @@ def recovery_phases() -> Figure:
 
 
 def recovery_occluded() -> Figure:
-    """A lane that an obstacle cut, and the return to what it hid."""
+    """Draw a lane that an obstacle cut, and the return to the occluded region."""
     from matplotlib.patches import Polygon
 
     run = recovery_run("case-2")
@@ -802,7 +802,7 @@ def recovery_occluded() -> Figure:
 
 
 def recovery_bump() -> Figure:
-    """What a closed bumper switch adds to the map."""
+    """Draw the evidence that a closed bumper switch adds to the map."""
     from matplotlib.patches import Arc, Patch
 
     run = recovery_run("columns")

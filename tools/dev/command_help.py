@@ -75,7 +75,7 @@ _KINDS = {"FLOAT RANGE": "NUMBER", "INTEGER RANGE": "NUMBER", "INTEGER": "NUMBER
 
 
 def reference() -> str:
-    """The whole page."""
+    """Return the whole page."""
     from tools.cli.main import cli
 
     # With its settings: a command keeps the help option that it was first asked for.

@@ -28,7 +28,7 @@ def main() -> int:
 
 
 def simulated() -> int:
-    """Case 1 with the default planner, whole stack in virtual time."""
+    """Run case 1 with the default planner, the whole stack in virtual time."""
     log = RUNS / "demo-simulated.mcap"
     _OUT.rule(Text("1  simulate: the paper's case 1, whole stack in virtual time", "bold"))
     done = _sweepctl(
@@ -77,7 +77,7 @@ def live() -> int:
 
 
 def _sweepctl(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command as a user would; what it says for people is shown as it comes."""
+    """Run the command as a user would, and print its messages to people as they come."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     command: list[Any] = [sys.executable, "-m", "tools.sweepctl", *arguments]
     return subprocess.run(  # noqa: S603 - our own command

@@ -60,7 +60,7 @@ def robot_page() -> str:
 
 
 def room_page(page: str) -> str:
-    """Return docs/rooms.md with its tables made anew."""
+    """Return docs/rooms.md with new tables."""
     for name, keys in _ROOM_TABLES.items():
         table = "\n".join([_HEAD, *(_room_row(key) for key in keys)])
         before, begin, rest = page.partition(f"<!-- {name} keys: begin -->\n")

@@ -1,4 +1,4 @@
-"""What the firmware takes of its chips: flash, RAM, stack. ``make firmware`` prints it.
+"""Flash, RAM and stack that the firmware uses on its chips. ``make firmware`` prints it.
 
     python -m tools.dev.firmware_report BUILD
 
@@ -65,17 +65,17 @@ class Taken(NamedTuple):
     stack: int
     """The most that it can use."""
     reserve: int
-    """What the linker sets aside for it."""
+    """Size that the linker reserves for the stack, bytes."""
     deepest: list[str]
 
 
 def taken(build: Path, name: str, cross: str = "arm-none-eabi-") -> Taken:
-    """Read it from a build.
+    """Read the sizes from a build.
 
     Raises:
         UnboundedStackError: the stack has no bound.
         OSError: no compiler, or no such build.
-        subprocess.CalledProcessError: what is there is no build.
+        subprocess.CalledProcessError: the folder contains no build.
 
     """
     elf = build / f"{name}.elf"
@@ -105,7 +105,7 @@ def _output(*command: str) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table; 1 where a stack may outgrow its reserve, 2 where there is no build."""
+    """Print the table; return 1 if a stack may exceed its reserve, 2 without a build."""
     if len(arguments) != 1:
         inform("usage: python -m tools.dev.firmware_report BUILD")
         return 2

@@ -1,10 +1,10 @@
-"""The most stack that the firmware can use, from what the compiler says of each function.
+"""Maximum stack use of the firmware, from the compiler's data on each function.
 
-GCC writes a call graph with each function's own frame (``-fcallgraph-info=su``). Functions of
-the C library are read from the program's disassembly: what their instructions push and reserve.
-An interrupt comes on top of whatever runs: one at a time on each priority level, each with the
-frame that the processor itself pushes (PM0214, section 2.3.7: 26 words with the floating point
-registers, and one to align).
+GCC writes a call graph with each function's own frame (``-fcallgraph-info=su``). Functions of the C
+library are read from the program's disassembly: the bytes that their instructions push and reserve.
+Interrupts come in addition: one at a time on each priority level, each with the frame that the
+processor itself pushes (PM0214, section 2.3.7: 26 words with the floating point registers, and one
+to align).
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ INDIRECT = "__indirect_call"
 
 
 class UnboundedStackError(Exception):
-    """No bound can be given; says which function is why."""
+    """The stack has no bound; the text names the function that causes this."""
 
 
 @dataclass(slots=True)
 class Calls:
-    """Who calls whom, and the bytes of each one's own frame."""
+    """The call graph, and the size of each function's own frame, bytes."""
 
     own: dict[str, int] = field(default_factory=dict)
     calls: dict[str, set[str]] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Calls:
                 self.calls.setdefault(edge[1], set()).add(edge[2])
 
     def read_disassembly(self, lines: Iterable[str]) -> None:
-        """Take what ``objdump -d`` shows of functions that no call graph knows."""
+        """Read the output of ``objdump -d`` for functions that no call graph contains."""
         name: str | None = None
         for line in lines:
             if symbol := _SYMBOL.match(line):
@@ -71,10 +71,10 @@ class Calls:
                     self.calls[name].add(call[1])
 
     def deepest(self, root: str) -> tuple[int, list[str]]:
-        """Bytes of the deepest chain of calls from a function, and the chain.
+        """Return the bytes of the deepest chain of calls from a function, and the chain.
 
         Raises:
-            UnboundedStackError: it calls itself, or through a pointer, or what nobody knows.
+            UnboundedStackError: it calls itself, an unknown function, or through a pointer.
 
         """
         return self._deepest(root, [], {})

@@ -1,9 +1,9 @@
-"""The modules that are compiled ahead of time, and whether what was built is of their source.
+"""The modules that are compiled ahead of time, and whether they match their source.
 
-    python -m tools.dev.kernels        exits with 1 where a module is not built or is stale
+    python -m tools.dev.kernels        exits with 1 if a module is not built or is stale
 
-Their list stands in ``pyproject.toml``. ``setup.py`` writes into each compiled module the digest
-of what it was made of, as text that ``is_stale`` finds there again.
+``pyproject.toml`` has their list. ``setup.py`` writes into each compiled module a digest of its
+inputs, as text that ``is_stale`` finds again.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = "bridge/motion/array_views.py"
-"""Where the source of the module would stand that has Cython's own code for arrays: it has none.
+"""Path of the source that the module with Cython's own array code would have; there is no such
+file.
 
-All kernels use it; without it each would contain that code, and take twice as long to compile.
+All kernels use that module; without it each would contain the code, and take twice as long to
+compile.
 """
 _MADE_WITH = ("setup.py", "requirements-build.lock")
-"""What else a compiled module depends on; the lock names the version of Cython."""
+"""Further inputs of every compiled module; the lock names the version of Cython."""
 
 _ARRAYS = "bridge/motion/arrays.pxd"
 """What a kernel that declares its types itself uses of other files."""
@@ -47,7 +49,7 @@ def types(source: Path) -> Path:
 
 
 def stamp(source: Path) -> str:
-    """The text in the module that is made of this source, as it is now."""
+    """Return the text that a module made of this source contains."""
     tools = [path for path in map(ROOT.joinpath, _MADE_WITH) if path.exists()]
     typed = _with_cimported(types(source)) if types(source).exists() else [ROOT / _ARRAYS]
     made_of = [source, *typed, *tools]
@@ -82,12 +84,12 @@ def is_stale(source: Path) -> bool:
 
 
 def stale(of: list[Path]) -> list[Path]:
-    """Those whose module is not built, or was built of another source."""
+    """Return the sources whose module is not built, or was built from another source."""
     return [source for source in of if is_stale(source)]
 
 
 def complaint(of: list[Path]) -> str | None:
-    """What is stale and what to do about it, in one line; None: all is as it should be."""
+    """Return the stale modules and the remedy in one line; None if all are current."""
     names = [module_name(source) for source in stale(of)]
     if not names:
         return None

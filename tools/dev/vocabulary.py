@@ -1,9 +1,9 @@
-"""Check that no identifier contains a word that the glossary has retired.
+"""Check that no identifier contains a retired word of the glossary.
 
-``python -m tools.dev.vocabulary`` reads the retired words from ``docs/glossary.md``, looks at every
-name that our Python files define, prints one line for each that contains such a word, and exits
-with 1 if there is any. Names that must keep a retired word stand in ``pyproject.toml`` under
-``[tool.sweepctl.vocabulary]``, each with its reason.
+``python -m tools.dev.vocabulary`` reads the retired words from ``docs/glossary.md`` and checks
+every name that our Python files define. It prints one line for each name with such a word, and
+exits with 1 if there is any. Names that must keep a retired word are listed in ``pyproject.toml``
+under ``[tool.sweepctl.vocabulary]``, each with its reason.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
 
 
 class Name(NamedTuple):
-    """An identifier where it is defined."""
+    """An identifier and the place of its definition."""
 
     line: int
     text: str
@@ -104,7 +104,7 @@ def python_files(root: Path) -> Iterator[Path]:
 
 
 def check(root: Path, words: dict[str, str], allowed: set[str]) -> tuple[list[Hit], set[str]]:
-    """Look at every file under ``root``.
+    """Check every file under ``root``.
 
     Returns:
         The hits that are not allowed, and the allowed names that no file defines any more.

@@ -39,12 +39,12 @@ class TruePose:
     """The host's estimator with the plant's true pose instead of the estimated one."""
 
     def __init__(self, inner: PoseEstimator, device: VirtualSweeper) -> None:
-        """Wrap ``inner``, which still gets all measurements and gives everything but the pose."""
+        """Wrap ``inner``, which gets all measurements and gives everything except the pose."""
         self._inner, self._device = inner, device
 
     @property
     def pose(self) -> Pose2:
-        """True pose at this moment."""
+        """True pose at this time."""
         return self._device.plant.pose
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - any attribute of the estimator

@@ -54,7 +54,7 @@ def limit_s(trial: Trial, meter: CoverageMeter) -> float:
 
 
 def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], bool]:
-    """Return a function that says whether to end a run.
+    """Return a function that tells whether to end a run.
 
     It takes the time of the drive, s, and the energy drawn since boot, Wh. Only ``random`` needs
     it, because that planner never ends by itself: its run ends after the last of the multiples of

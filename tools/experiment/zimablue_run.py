@@ -75,7 +75,7 @@ def limit_s(trial: Trial, reference_time_s: float) -> float:
 
 
 def run_zimablue(trial: Trial) -> dict[str, Any]:
-    """Run a trial and return the figures of our own runs, as far as zimablue has them.
+    """Run a trial and return the figures of our own runs that zimablue also has.
 
     Raises:
         CompareMissingError: zimablue is not installed.

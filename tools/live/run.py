@@ -101,7 +101,7 @@ class LiveOptions:
     supervise: SuperviseSettings | None
     """Rules for a run that moves; None: the host does not supervise it."""
     resume: Resume
-    """What to do when a lost device is back."""
+    """Reaction when a lost device is back."""
     duration_s: float | None
     """Time after which the run ends, s; None: no limit."""
     node: int | None

@@ -1,4 +1,4 @@
-"""A command: what a log's dust sensor counted."""
+"""A command: print the counts of a log's dust sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A message of a maker: what an optical dust sensor counts."""
+"""A manufacturer's message: the counts of an optical dust sensor."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from protocol.schema.message import Direction, Message, RateClass, message
 
 @message(0x50, Direction.DEVICE, RateClass.STREAM, default_hz=2)
 class Dust(Message):
-    """What the suction brings in."""
+    """Particles in the suction air."""
 
     particles: Annotated[int, number(U16, "count", "since boot; wraps")]
     rate: Annotated[int, number(U16, "Hz", "particles a second", scale="0.1")]
@@ -20,6 +20,6 @@ class Dust(Message):
 
     @staticmethod
     def simulated(now_us: int) -> Dust:
-        """What the virtual sweeper sends: a house that is evenly dirty, 20 particles a second."""
+        """Return the virtual sweeper's message: 20 particles a second, an evenly dirty house."""
         particles = now_us // 50_000
         return Dust(particles & 0xFFFF, 200, min(100, particles // 1000))

@@ -28,7 +28,7 @@ class Options:
     legs: int = 40
     """Number of legs after which the plan ends."""
     stop_range_m: float = 0.05
-    """Where a leg ends before a wall, by the ultrasonic."""
+    """Ultrasonic range at which a leg ends before a wall, m."""
 
 
 class FixedTurnPlanner(ScriptedPlanner):

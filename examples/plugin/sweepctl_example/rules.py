@@ -43,7 +43,7 @@ class Condition:
         return self._driven_m > self._limit_m
 
     def evidence(self) -> Evidence:
-        """What was found, for people and for the log."""
+        """Return the findings, for people and for the log."""
         text = f"driven {self._driven_m:.1f} m, more than {self._limit_m:g} m"
         return text, {"driven_m": self._driven_m}
 
