@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, settings
 from support import conformance, fairly, needs
 from tools.dev import kernels
 
-# The same examples on every run, so that a red CI is a change of the code; and no verdict by the
-# clock (deadline, too_slow), which judges the machine.
+# The same examples on every run, so that a red CI means a change of the code. No verdict depends on
+# the clock (deadline, too_slow), because it would judge the machine.
 settings.register_profile(
     "ci",
     derandomize=True,
@@ -39,11 +39,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    os.environ["SWEEPCTL_CONFIG"] = ""  # no configuration of this machine's user
+    os.environ["SWEEPCTL_CONFIG"] = ""  # ignore the configuration of this machine's user
     text = kernels.complaint(kernels.sources(tests=True))
     if text is not None:
         raise pytest.UsageError(text)
-    # Started in the background by a shell, or by nohup: what tests start would ignore them as well.
+    # A shell's background job or nohup ignores SIGINT, and every process that tests start would
+    # too.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:

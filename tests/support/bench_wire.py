@@ -1,4 +1,7 @@
-"""The bench's wire to an emulated device, in virtual time; and a person of its own."""
+"""A wire between the bring-up desk and an emulated device, in virtual time.
+
+And a scripted person.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ CALM_S = 1.0
 
 
 class RigWire:
-    """Host and device on one clock: what is sent arrives a millisecond later."""
+    """Host and device on one clock: sent bytes arrive a millisecond later."""
 
     def __init__(self, device: VirtualSweeper) -> None:
         self.device = device
@@ -32,7 +35,7 @@ class RigWire:
         self.now_us = 0
         self.closed = False
         self.latency_us = LATENCY_US
-        """Each way, of what is sent from now on."""
+        """Latency each way of the bytes sent from now on, µs."""
         self._down: deque[tuple[int, bytes]] = deque()
         self._up: deque[tuple[int, bytes]] = deque()
 
@@ -68,14 +71,14 @@ class RigWire:
 
 
 def desk_on(device: VirtualSweeper, key: bytes | None = None) -> tuple[Desk, RigWire]:
-    """A desk that has agreed with an emulated device."""
+    """Return a desk that has agreed with an emulated device."""
     wire = RigWire(device)
     ids = itertools.count(0x5EED_1000)
     return Desk(wire, lambda: next(ids), key=key), wire
 
 
 class Scripted:
-    """A person who does what the script says as he is spoken to."""
+    """A person who follows a script when asked."""
 
     def __init__(
         self,

@@ -1,9 +1,9 @@
-"""Emulated devices with a defect each, to see the conformance suite find it.
+"""Emulated devices with one defect each, which the conformance suite must find.
 
     python -m support.broken_device DEFECT…
 
-prints a line ``ready PORT`` for each, and serves until its stdin is closed. Every defect is one
-of the bytes between a sound device and its port: frames changed, held, repeated, kept back.
+prints a line ``ready PORT`` for each, and serves until its stdin is closed. Every defect acts on
+the bytes between a sound device and its port: frames are changed, held, repeated or dropped.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ FIRST_ID = 0xB000
 
 
 class Sound:
-    """Between device and port; changes nothing but the ids of commands.
+    """Between device and port; changes only the ids of commands.
 
-    A device carries out no id that is far behind the newest. So that commands of our own can stand
-    between the host's, the device sees both numbered in one row, and the host its own ids.
+    A device executes no command whose id is far behind the newest. Our own commands stand between
+    the host's, so the device sees all of them numbered in one sequence, and the host its own ids.
     """
 
     plan = load_room("empty")
@@ -61,28 +61,28 @@ class Sound:
         self._up, self._down = UartParser(), UartParser()
         self._newest_id = FIRST_ID
         self._ids: dict[int, int] = {}
-        """Ids that the device sees, by the host's, of this session."""
+        """Ids that the device sees, by the host's ids, of this session."""
         self._own_ids: set[int] = set()
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Like the device's own."""
+        """Step the device and pass its bytes through this object."""
         self.now_us = now_us
         out = self.device.step(self.to_device(data), now_us)
         return self.to_host(out)
 
     def to_device(self, data: bytes) -> bytes:
-        """What the device gets for what the host wrote, and of ourselves."""
+        """Return the bytes for the device: the host's, and our own."""
         frames = [f for f in self._down.feed(data) if isinstance(f, Frame)]
         going = (self._numbered(g) for f in frames for g in self.host_frame(f))
         return b"".join(map(_bytes, going)) + self.injected()
 
     def to_host(self, data: bytes) -> bytes:
-        """What the host gets for what the device wrote."""
+        """Return the bytes for the host."""
         frames = [self._renumbered(f) for f in self._up.feed(data) if isinstance(f, Frame)]
         return b"".join(_bytes(g) for f in frames for g in self.device_frame(f))
 
     def _numbered(self, frame: Frame) -> Frame:
-        """A frame of the host with the id that the device sees."""
+        """Return a frame of the host with the id that the device sees."""
         message = self.message(frame)
         if isinstance(message, HostHello):
             self._ids.clear()
@@ -94,7 +94,7 @@ class Sound:
         return self.saying(frame, message, command_id=self._ids[number])
 
     def _renumbered(self, frame: Frame) -> Frame:
-        """A frame of the device with the id that the host gave."""
+        """Return a frame of the device with the id that the host gave."""
         message = self.message(frame)
         if isinstance(message, Ack | Nack):
             for number, seen in self._ids.items():
@@ -103,29 +103,29 @@ class Sound:
         return frame
 
     def host_frame(self, frame: Frame) -> list[Frame]:
-        """What becomes of a frame of the host's."""
+        """Return the frames that replace a frame of the host."""
         return [frame]
 
     def device_frame(self, frame: Frame) -> list[Frame]:
-        """What becomes of a frame of the device's."""
+        """Return the frames that replace a frame of the device."""
         return [frame]
 
     def injected(self) -> bytes:
-        """What the device hears besides."""
+        """Return additional bytes for the device."""
         return b""
 
     def message(self, frame: Frame) -> Message:
         return self.codec.decode(CATALOGUE.by_type[frame.type_id], frame.payload)
 
     def saying(self, frame: Frame, message: Message, **changes: int) -> Frame:
-        """A frame with other content."""
+        """Return a frame with other content."""
         names = (field.name for field in CATALOGUE.by_class[type(message)].fields)
         values = dict(zip(names, message, strict=True)) | changes
         type_id, payload = self.codec.encode(type(message)(**values))
         return frame._replace(type_id=type_id, payload=payload)
 
     def own_id(self) -> int:
-        """The id of a command of our own, which no host sees answered."""
+        """Return an id for our own command; no host sees its answer."""
         number = self._next_id()
         self._own_ids.add(number)
         return number
@@ -139,7 +139,7 @@ class Sound:
 
 
 class Reciting(Sound):
-    """Its chains are wrong after the second field."""
+    """Sends wrong chain hashes after the second field."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
@@ -149,7 +149,7 @@ class Reciting(Sound):
 
 
 class Shy(Sound):
-    """It says hello every other second only."""
+    """Sends a hello only every other second."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -164,7 +164,7 @@ class Shy(Sound):
 
 
 class Eager(Sound):
-    """It carries out every repetition of a command."""
+    """Executes every repetition of a command."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -186,7 +186,7 @@ class Eager(Sound):
 
 
 class Forgetful(Sound):
-    """It says yes to a stop, stands, and forgets the latch a moment later."""
+    """Acknowledges a stop and stops, but drops the latch shortly afterwards."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -215,7 +215,7 @@ class Forgetful(Sound):
 
 
 class Batching(Sound):
-    """It stamps frames as they leave, every 25 ms, and not as their content was sampled."""
+    """Stamps frames when they leave, every 25 ms, not when their content was sampled."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -237,14 +237,14 @@ class Batching(Sound):
 
 
 class Lossy(Sound):
-    """It loses a frame of its own now and then."""
+    """Loses one of its own frames now and then."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         return [] if frame.seq % 64 == 17 else [frame]
 
 
 class Persistent(Sound):
-    """It drives on for seconds when setpoints cease."""
+    """Drives on for seconds after the last setpoint."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -273,7 +273,7 @@ class Persistent(Sound):
 
 
 class Trusting(Sound):
-    """It never looks at a frame's check."""
+    """Never checks a frame's CRC."""
 
     def to_device(self, data: bytes) -> bytes:
         out = b""
@@ -288,7 +288,7 @@ class Trusting(Sound):
 
 
 class TransmitOnly(Sound):
-    """A silent host is nothing to it."""
+    """Does not react to a silent host."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -303,21 +303,21 @@ class TransmitOnly(Sound):
 
 
 class Careless(Sound):
-    """It takes what is addressed to others for its own."""
+    """Accepts messages that are addressed to other devices."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         return [frame._replace(node=1)]
 
 
 class Obliging(Sound):
-    """It obeys whatever is addressed to all."""
+    """Obeys every message that is addressed to all."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         return [frame if frame.node else frame._replace(node=1)]
 
 
 class Newest(Sound):
-    """It latches the cause of the last stop, however grave the one before was."""
+    """Latches the cause of the last stop, even if the one before was graver."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -337,7 +337,7 @@ class Newest(Sound):
 
 
 class Fickle(Sound):
-    """It says that parameters were saved, and saves none."""
+    """Reports that parameters were saved, but saves none."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
@@ -353,14 +353,14 @@ class Fickle(Sound):
 
 
 class Selective(Sound):
-    """It obeys its owner's stop alone."""
+    """Obeys only its owner's stop."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         return [] if isinstance(self.message(frame), StopAll) else [frame]
 
 
 class Hospitable(Sound):
-    """It opens a session for a host that names another boot."""
+    """Opens a session for a host that names another boot."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
@@ -394,7 +394,7 @@ class Crashed(Sound):
 
 
 class Enabled(Sound):
-    """It never disables its motor drivers."""
+    """Never disables its motor drivers."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
@@ -404,7 +404,7 @@ class Enabled(Sound):
 
 
 class Suspicious(Sound):
-    """It takes a wheel that turns back for one with a reversed encoder."""
+    """Mistakes a wheel that turns back for one with a reversed encoder."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
@@ -415,7 +415,7 @@ class Suspicious(Sound):
 
 
 class Reckless(Edge):
-    """It drives over a cliff."""
+    """Drives over a cliff."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -423,7 +423,7 @@ class Reckless(Edge):
 
 
 class Pushing(Pressed):
-    """It pushes on with a bumper pressed."""
+    """Pushes on with a bumper pressed."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -431,7 +431,7 @@ class Pushing(Pressed):
 
 
 class Hasty(Sound):
-    """It acknowledges a save before it has begun."""
+    """Acknowledges a save before it has begun."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -450,7 +450,7 @@ class Hasty(Sound):
 
 
 class Wavering(Sound):
-    """It runs by an oscillator that is off by 0.9 %, and says nothing of it."""
+    """Runs from an oscillator that is off by 0.9 %, and does not report it."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
@@ -458,7 +458,7 @@ class Wavering(Sound):
 
 
 class Secretive(Crashed):
-    """It crashed, and keeps to itself where."""
+    """Has crashed, but does not report where."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
@@ -534,7 +534,7 @@ def serve(names: list[str]) -> None:
                 return
             for master, device in devices.items():
                 data = os.read(master, 4096) if master in ready else b""
-                if data:  # switched on by the first byte: what nobody asks costs nothing
+                if data:  # switched on by the first byte: an unused device costs nothing
                     boots_ns.setdefault(master, time.monotonic_ns())
                 if master not in boots_ns:
                     continue

@@ -1,4 +1,4 @@
-"""A browser without a window, led through its debugging pipe: open a page, look at it."""
+"""A browser without a window, controlled by its debugging pipe: opens pages, takes pictures."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 (_NAMES,) = tool_named("chromium").programs
 _FLAGS = (
     *("--headless=new", "--no-first-run", "--remote-debugging-pipe", "about:blank"),
-    # Tests may run as root and where there is no graphics card: WebGL is drawn in software.
+    # Tests may run as root and without a graphics card: WebGL is drawn in software.
     *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 
 
 def find_browser() -> str:
-    """The program; the test that asks has the mark ``needs("chromium")``."""
+    """Return the browser's path; the test must have the mark ``needs("chromium")``."""
     for name in _NAMES:
         path = shutil.which(name)
         if path is not None:
@@ -41,7 +41,7 @@ class Browser:
     def __init__(self, folder: Path, page: str, size: tuple[int, int]) -> None:
         to_read, self._to = os.pipe()
         self._from, from_write = os.pipe()
-        # It reads commands from file descriptor 3 and answers to 4, whatever ours are.
+        # The browser reads commands from file descriptor 3 and writes answers to 4.
         shell = f'exec "$@" 3<&{to_read} 4>&{from_write}'
         data = f"--user-data-dir={folder}"
         self._process = subprocess.Popen(
@@ -77,7 +77,7 @@ class Browser:
         os.close(self._from)
 
     def screenshot(self, png: Path) -> None:
-        """What the page shows now."""
+        """Write a picture of the page."""
         data = self._call("Page.captureScreenshot", format="png")["data"]
         png.write_bytes(base64.b64decode(data))
 

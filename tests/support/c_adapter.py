@@ -1,4 +1,4 @@
-"""What of the C adapter knows every message: its table, and the words it reads and prints."""
+"""The message-dependent parts of the C adapter: its table, and its input and output words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def table(specs: Iterable[MessageSpec]) -> str:
-    """C text that defines ``adapter_messages``."""
+    """Return C text that defines ``adapter_messages``."""
     specs = list(specs)
     rows = [f"    {{SP_TYPE_{s.name.upper()}, show_{s.name}, frame_{s.name}, again_{s.name}, "
             f"si_{s.name}}}," for s in specs]  # fmt: skip
@@ -88,7 +88,7 @@ _LETTERS = "abc xyz_09\0é☂𝄞"
 
 
 def random_message(rng: random.Random, spec: MessageSpec) -> Message:
-    """A message with any raw values, the ends of their ranges often."""
+    """Return a message with random raw values, often at the ends of their ranges."""
     return spec.cls(*(_random_value(rng, spec, field) for field in spec.fields))
 
 
@@ -105,7 +105,7 @@ def _random_value(rng: random.Random, spec: MessageSpec, field: Field) -> int | 
 
 
 def words(message: Message) -> list[str]:
-    """Values as the adapter reads and prints them."""
+    """Return the values as the adapter reads and prints them."""
     return [_word(value) for value in message]
 
 
@@ -116,6 +116,6 @@ def _word(value: int | str | bytes) -> str:
 
 
 def shown(spec: MessageSpec, message: Message) -> str:
-    """What the adapter prints of a decoded message."""
+    """Return what the adapter prints for a decoded message."""
     pairs = zip(spec.fields, words(message), strict=True)
     return "".join(f" {field.name}={word}" for field, word in pairs)

@@ -1,4 +1,4 @@
-"""Compilers for the generated C, and the adapter as a child that answers lines."""
+"""Compilers for the generated C, and the adapter as a child process that answers lines."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ UNIT = ("-DSP_CRC_UNIT", '-DSP_CONFIG_FILE="crc_unit.h"')
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler of this machine, or the one that the lock brings."""
+    """A C compiler of this machine, or of the locked packages."""
 
     command: tuple[str, ...]
     sanitized: tuple[str, ...] = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    """Options with which undefined behaviour, and memory's misuse if it can, ends the program."""
+    """Options that end the program on undefined behaviour, and on memory errors if possible."""
     tool: str = ""
-    """The tool that starts without a mark, because the lock's compiler could stand in for it."""
+    """Tool that may start without a mark, because the locked compiler could replace it."""
 
     def run(self, *arguments: str | Path) -> None:
-        """Compile; the test fails with what the compiler reported."""
+        """Compile; the test fails with the compiler's output."""
         with unmarked(self.tool):
             run([*self.command, *arguments])
 
@@ -49,7 +49,7 @@ ZIG = Compiler(
     # No AddressSanitizer; its report of undefined behaviour takes 20 s to build, a trap nothing.
     ("-fsanitize=undefined", "-fsanitize-trap=undefined"),
 )
-"""Clang from the `ziglang` wheel: there on every machine."""
+"""Clang from the `ziglang` wheel: available on every machine."""
 
 COMPILERS = [
     pytest.param("gcc", marks=pytest.mark.needs("gcc")),
@@ -60,12 +60,12 @@ COMPILERS = [
 
 
 def compiler(name: str) -> Compiler:
-    """The system's compiler of this name, or ``zig``."""
+    """Return the system's compiler of this name, or ``zig``."""
     return ZIG if name == "zig" else Compiler((tool(name),))
 
 
 def any_compiler(*preferred: str) -> Compiler:
-    """The first of the system's that is there, else the lock's."""
+    """Return the first available compiler of the system, else the locked one."""
     for name in preferred:
         if tool_named(name).present():
             return Compiler((tool(name),), tool=name)
@@ -73,7 +73,7 @@ def any_compiler(*preferred: str) -> Compiler:
 
 
 def tool(name: str) -> str:
-    """Path of a program of the system; the test fails where it is missing."""
+    """Return the path of a system program; the test fails if it is missing."""
     path = shutil.which(name)
     if path is None:
         pytest.fail(f"{name} is missing, and the test lacks its mark `needs`")
@@ -81,7 +81,7 @@ def tool(name: str) -> str:
 
 
 def locked(name: str) -> str:
-    """Path of a program that a locked package brings, in this environment."""
+    """Return the path of a program from a locked package, in this environment."""
     path = shutil.which(name, path=sysconfig.get_path("scripts"))
     if path is None:
         pytest.fail(f"{name} is not in {sysconfig.get_path('scripts')}: `make venv` installs it")
@@ -89,7 +89,7 @@ def locked(name: str) -> str:
 
 
 def run(command: Sequence[str | Path], *, data: bytes = b"", timeout_s: float = 100.0) -> bytes:
-    """Run to the end; the test fails with what it said where it failed."""
+    """Run a command to its end; on failure the test fails with its output."""
     done = subprocess.run(
         [str(c) for c in command], input=data, capture_output=True, timeout=timeout_s, check=False
     )
@@ -119,7 +119,7 @@ class Generated:
         flags: Sequence[str] = (),
         sanitized: bool = False,
     ) -> Path:
-        """Compile with every warning an error; the output's path."""
+        """Compile with every warning as an error; return the output's path."""
         chosen = compiler or any_compiler("clang", "gcc")
         out = self.directory / name
         includes = (f"-I{self.directory}", f"-I{C_TESTS}")
@@ -155,7 +155,7 @@ class Adapter:
     program: Path
 
     def ask(self, mode: str, lines: Iterable[str]) -> list[str]:
-        """Lines in, lines out, in one run."""
+        """Run the adapter once on these lines; return its output lines."""
         data = "".join(f"{line}\n" for line in lines).encode()
         return run([self.program, mode], data=data).decode().splitlines()
 
@@ -163,7 +163,7 @@ class Adapter:
 def generate(
     directory: Path, catalogue: Catalogue = CATALOGUE, *, built: Catalogue | None = None
 ) -> Generated:
-    """Write the generated C and the adapter's table (of ``built``, where messages are left out)."""
+    """Write the generated C and the adapter's table (of ``built``, if messages are left out)."""
     directory.mkdir(exist_ok=True)
     for name, text in render(catalogue).items():
         (directory / name).write_text(text, encoding="ascii")

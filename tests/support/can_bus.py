@@ -14,9 +14,9 @@ BITRATE = 500_000
 
 
 class Bus:
-    """Arbitration and bit times; every node hears all frames but its own.
+    """Arbitration and bit times; every node receives all frames except its own.
 
-    A node sends in the order of its requests, as a controller told to (bxCAN's TXFP) does.
+    A node sends in the order of its requests, like a controller in that mode (bxCAN's TXFP).
     """
 
     def __init__(self, bitrate: int = BITRATE) -> None:
@@ -26,9 +26,9 @@ class Bus:
         self._free_us = 0.0
         self.bits = 0
         self.log: list[tuple[int, str, CanFrame]] = []
-        """When each frame was complete, and whose it was."""
+        """Time of completion, sender and content of each frame."""
         self.spoil: Callable[[CanFrame], int] = lambda _frame: 1
-        """How often a frame arrives: 0 loses it, 2 doubles it."""
+        """Number of arrivals of a frame: 0 loses it, 2 duplicates it."""
 
     def join(self, node: str) -> None:
         self._waiting.setdefault(node, [])
@@ -44,7 +44,7 @@ class Bus:
             self._waiting[node].append(frame)
 
     def run(self, now_us: int) -> None:
-        """Send what is done by then."""
+        """Send all frames that are complete by ``now_us``."""
         while True:
             heads = [(queue[0].can_id, node) for node, queue in self._waiting.items() if queue]
             if not heads:
@@ -65,14 +65,14 @@ class Bus:
                     heard.extend([Piece(int(done_us), record)] * self.spoil(frame))
 
     def arrived(self, node: str, now_us: int) -> list[Piece]:
-        """What a node has heard since it was asked last."""
+        """Return the frames that a node has received since the last call."""
         self.run(now_us)
         heard, self._heard[node] = self._heard[node], []
         return heard
 
 
 class BusWire(Wire):
-    """One node's sending and another's hearing, as a wire between the two."""
+    """A wire that sends as one node and receives as another."""
 
     def __init__(self, bus: Bus, sender: str, hearer: str) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
-"""Packet captures written by hand, and what tshark reads in them.
+"""Handmade packet captures, and what tshark reads in them.
 
-The formats are those of the pcap and pcapng drafts (draft-ietf-opsawg-pcap, -pcapng); link
-types are LINKTYPE_USER0, _USER1 and _CAN_SOCKETCAN of tcpdump.org's registry.
+The formats are those of the pcap and pcapng drafts (draft-ietf-opsawg-pcap, -pcapng); link types
+are LINKTYPE_USER0, _USER1 and _CAN_SOCKETCAN of tcpdump.org's registry.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 USER0 = 147
-"""One frame a packet, without delimiters."""
+"""Link type with one frame a packet, without delimiters."""
 USER1 = 148
-"""Bytes as they were read from the line."""
+"""Link type with bytes as they were read from the line."""
 SOCKETCAN = 227
 _EXTENDED = 0x8000_0000
 
@@ -33,9 +33,9 @@ class Packet(NamedTuple):
     data: bytes
     t_us: int = 0
     direction: int = 0
-    """1: to the host, 2: from it; 0: not said. Only pcapng keeps it."""
+    """Direction: 1: to the host, 2: from the host, 0: unknown. Only pcapng stores it."""
     cut: int = 0
-    """Bytes at its end that the capture did not keep."""
+    """Number of bytes at its end that the capture has dropped."""
 
 
 def write_pcap(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
@@ -67,12 +67,12 @@ def _block(kind: int, body: bytes) -> bytes:
 
 
 def socketcan(can_id: int, data: bytes, *, extended: bool = False) -> bytes:
-    """A classic CAN frame as LINKTYPE_CAN_SOCKETCAN has it: the identifier in network order."""
+    """Return a classic CAN frame in LINKTYPE_CAN_SOCKETCAN: the identifier in network order."""
     return struct.pack(">IBxxx", can_id | (_EXTENDED if extended else 0), len(data)) + data
 
 
 def line_of_log(path: Path) -> list[Packet]:
-    """Reads (direction 1) and writes (2) of the serial line, as a run's log has them."""
+    """Return the reads (direction 1) and writes (2) of the serial line in a run's log."""
     topics = ("/raw/uart/rx", "/raw/uart/tx")
     return [
         Packet(m.decoded.data, m.log_ns // 1000, direction=topics.index(m.topic) + 1)
@@ -88,15 +88,15 @@ class Shown(NamedTuple):
     """One line of the packet's tree."""
 
     name: str
-    """For display filters."""
+    """Name for display filters."""
     show: str
-    """The value, as a filter takes it."""
+    """Value in the form for filters."""
     text: str
-    """The line that a person reads."""
+    """Text for people."""
 
 
 class Seen(NamedTuple):
-    """One frame of ours, as tshark dissected it."""
+    """One frame of ours as dissected by tshark."""
 
     packet: int
     """Number of the packet in the capture, from 1."""
@@ -104,25 +104,25 @@ class Seen(NamedTuple):
     lines: tuple[Shown, ...]
 
     def get(self, name: str) -> str | None:
-        """Value of ``sweepctl.<name>``; None where the frame does not show it."""
+        """Return the value of ``sweepctl.<name>``; None if the frame does not show it."""
         values = [line.show for line in self.lines if line.name == f"sweepctl.{name}"]
         assert len(values) <= 1, f"{name} is shown {len(values)} times"
         return values[0] if values else None
 
     def number(self, name: str) -> int:
-        """The same as an integer, decimal or hexadecimal."""
+        """Return the same as an integer, decimal or hexadecimal."""
         value = self.get(name)
         assert value is not None, f"{name} is not shown: {self.lines}"
         return int(value, 0)
 
     def text_of(self, name: str) -> str:
-        """The line that a person reads of ``sweepctl.<name>``."""
+        """Return the text for people of ``sweepctl.<name>``."""
         (text,) = (line.text for line in self.lines if line.name == f"sweepctl.{name}")
         return text
 
     @property
     def experts(self) -> set[str]:
-        """Names of the findings, without their prefix."""
+        """Return the names of the findings, without their prefix."""
         return {
             line.name.removeprefix("sweepctl.") for line in self.lines if line.name in _FINDINGS
         }
@@ -148,7 +148,7 @@ _HARMLESS = 'Running as user "root"'
 
 
 class Tshark:
-    """tshark with one Lua script and nobody's own settings, kept in a folder."""
+    """tshark with one Lua script and without user settings, in a folder of its own."""
 
     def __init__(self, script: str, folder: Path) -> None:
         path = folder / "script.lua"
@@ -157,7 +157,7 @@ class Tshark:
         self._environment = {**os.environ, "WIRESHARK_CONFIG_DIR": str(folder / "settings")}
 
     def run(self, capture: Path, *arguments: str) -> str:
-        """Standard output; whatever else tshark has to say is a failure."""
+        """Return standard output; output on stderr is a failure."""
         done = subprocess.run(
             [*self._command, "-r", str(capture), *arguments],
             env=self._environment,
@@ -173,7 +173,7 @@ class Tshark:
         return done.stdout
 
     def dissect(self, capture: Path, *arguments: str) -> list[Seen]:
-        """Every frame of ours, in order; of several in one packet each by itself."""
+        """Return every frame of ours in order; several frames in one packet are separate."""
         root = ET.fromstring(self.run(capture, "-T", "pdml", *arguments))  # noqa: S314 - tshark's own
         return [
             Seen(number, node.get("showname") or node.get("show") or "", tuple(_lines(node)))

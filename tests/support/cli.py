@@ -1,4 +1,4 @@
-"""``sweepctl`` as it is typed, and its logs as any other program reads them."""
+"""Runs ``sweepctl`` as users type it, and reads its logs as another program would."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Message
 
 PATIENCE_S = 110.0
-"""For what takes seconds; only a hang is longer."""
+"""Maximum time of a command that takes seconds, s; only a hang is longer."""
 
 
 def sweepctl(*arguments: str | Path) -> Done:
-    """Run the command in this process; what ``--json`` prints must be as its schema describes."""
+    """Run the command in this process; check the output of ``--json`` against its schema."""
     out, err = io.StringIO(), io.StringIO()
     words = [str(argument) for argument in arguments]
     with redirect_stdout(out), redirect_stderr(err):
@@ -50,7 +50,7 @@ def start(
     env: Mapping[str, str] | None = None,
     own_group: bool = False,
 ) -> subprocess.Popen[str]:
-    """Run the command as a process of its own; ``own_group``: as from a shell's prompt."""
+    """Run the command in a separate process; ``own_group``: as from a shell's prompt."""
     return subprocess.Popen(
         [*COMMAND, *map(str, arguments)],
         cwd=cwd,
@@ -84,7 +84,7 @@ class Recorded(NamedTuple):
 
 
 def case_1(factory: pytest.TempPathFactory) -> Recorded:
-    """The paper's case 1 from start to end, made once for all tests."""
+    """Return the paper's case 1 from start to end, made once for all tests."""
     return _case_1(factory.getbasetemp())
 
 
@@ -101,9 +101,9 @@ def _case_1(base: Path) -> Recorded:
 
 
 def short_runs(factory: pytest.TempPathFactory) -> tuple[Recorded, Recorded, Recorded]:
-    """Twelve seconds of a drive: seed 4, seed 4 again, seed 5; made once for all tests.
+    """Return twelve seconds of a drive: seed 4, seed 4 again, seed 5; made once for all tests.
 
-    Each in a process of its own, with another order of what Python hashes.
+    Each runs in a separate process, with another hash seed of Python.
     """
     return _short_runs(factory.getbasetemp())
 
@@ -140,14 +140,14 @@ def _short_runs(base: Path) -> tuple[Recorded, Recorded, Recorded]:
 
 
 def summary(room: str, planner: str, seed: int) -> dict[str, Any]:
-    """What a run without a log gives."""
+    """Return the result of a run without a log."""
     plan, model = load_room(room), RobotModel()
     finished = run_virtual(plan, model, planner, NullSink(), seed=seed)
     return summarise(finished, plan, planner, seed, None)
 
 
 class Plain(NamedTuple):
-    """A message as the MCAP library gives it."""
+    """A message as the MCAP library returns it."""
 
     topic: str
     log_ns: int
@@ -157,20 +157,20 @@ class Plain(NamedTuple):
 
     @classmethod
     def of(cls, channel: Channel, message: Message) -> Plain:
-        """From the library's own records."""
+        """Create the object from the library's own records."""
         times = (message.log_time, message.publish_time)
         return cls(channel.topic, *times, message.sequence, message.data)
 
 
 def plain_messages(log: Path, *topics: str) -> list[Plain]:
-    """Every message of these topics (none: of all), in the order of the file."""
+    """Return every message of these topics (none: of all), in the order of the file."""
     with log.open("rb") as file:
         found = make_reader(file).iter_messages(topics or None, log_time_order=False)
         return [Plain.of(channel, message) for _, channel, message in found]
 
 
 def decoded(log: Path, *topics: str) -> Iterator[tuple[Plain, Any]]:
-    """Messages of protobuf topics with what the library and the file's own schema make of them."""
+    """Yield messages of protobuf topics, decoded by the library with the file's own schema."""
     with log.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         found = reader.iter_decoded_messages(topics, log_time_order=False)
@@ -179,6 +179,6 @@ def decoded(log: Path, *topics: str) -> Iterator[tuple[Plain, Any]]:
 
 
 def attachments(log: Path) -> dict[str, bytes]:
-    """What is attached to a log, by name."""
+    """Return the attachments of a log, by name."""
     with log.open("rb") as file:
         return {item.name: item.data for item in make_reader(file).iter_attachments()}

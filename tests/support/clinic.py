@@ -1,7 +1,7 @@
-"""Patients for the doctor: a virtual sweeper with one trouble, and what the line carried.
+"""Test cases for the doctor: a virtual sweeper with one fault, and the bytes on its line.
 
-Two kinds of visit, both in virtual time. ``listen``: a host that agrees, asks the time and
-records, and moves nothing. ``drive``: a whole run with a planner, recorded.
+There are two kinds of visit, both in virtual time. ``listen``: a host that agrees, asks the time
+and records, but moves nothing. ``drive``: a whole run with a planner, recorded.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
 BOOT_US = 7_000_000
 READ_US = 200
-"""How soon a host that is not held up reads what has come."""
+"""Time after which an undelayed host reads the received bytes, µs."""
 
 
 @dataclass
 class Visit:
-    """What is wrong, and how the doctor sees it."""
+    """One fault, and how the doctor examines it."""
 
     name: str
     faults: tuple[str, ...] = ()
@@ -48,25 +48,25 @@ class Visit:
     seconds: float = 20.0
     moving: bool = False
     stalls: tuple[tuple[float, float], ...] = ()
-    """When the host reads nothing, and for how long (s)."""
+    """Intervals in which the host reads nothing: start and duration, s."""
     catalogue: Catalogue | None = None
-    """What the device declares; None: what we do."""
+    """Declarations of the device; None: ours."""
     room: str = "case-1"
     noise: str = "typical"
 
     @property
     def can(self) -> bool:
-        """Over a CAN bus."""
+        """Whether the visit uses a CAN bus."""
         return self.line.bitrate > 0
 
 
 def examine(visit: Visit, seed: int) -> Examination:
-    """One visit."""
+    """Run one visit and return its examination."""
     return _drive(visit, seed) if visit.moving else _listen(visit, seed)
 
 
 class _Recorder:
-    """A sink that shows raw bytes and port events to the doctor."""
+    """A sink that passes raw bytes and port events to the doctor."""
 
     def __init__(self, medium: Medium) -> None:
         self.examination = Examination(medium)
@@ -82,7 +82,7 @@ class _Recorder:
             self.examination.port_lost.append(record.text)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Nothing is open."""
+        """Do nothing: there is nothing to close."""
 
 
 def _drive(visit: Visit, seed: int) -> Examination:
@@ -103,7 +103,7 @@ def _drive(visit: Visit, seed: int) -> Examination:
 
 
 class _Desk:
-    """A host that examines a device, in virtual time, and may be held up."""
+    """A host that examines a device in virtual time, and that may stall."""
 
     def __init__(self, visit: Visit, seed: int) -> None:
         link = CanLink if visit.can else Link
@@ -122,18 +122,18 @@ class _Desk:
         self._now_us = 0
         self._waiting = b""
         self._read_us: int | None = None
-        """When what waits is read."""
+        """Time at which the waiting bytes are read, µs."""
 
     @property
     def _host_ns(self) -> HostNs:
         return HostNs((self._now_us + BOOT_US) * 1000)
 
     def _free_us(self, at_us: int) -> int:
-        """The first moment from then on in which the host is not held up."""
+        """Return the first time from ``at_us`` on at which the host does not stall."""
         return max([at_us, *(end for begin, end in self._stalls if begin <= at_us < end)])
 
     def run(self) -> None:
-        """Until the visit's end."""
+        """Run to the visit's end."""
         doctor, rig = self.doctor, self._rig
         doctor.open(self._host_ns)
         pending = b""

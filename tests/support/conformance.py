@@ -1,8 +1,8 @@
-"""How pytest runs the device conformance suite: on which device, in what order, with what report.
+"""The conformance suite in pytest: its devices, its order and its report.
 
-With ``--port`` every check runs on that one device, one after the other, and nothing else of
-the tests does. Without it they run on emulated devices, each a process of its own, several at a
-time: checks wait far more than they work.
+With ``--port`` every check runs on that one device, one after the other, and no other test runs.
+Without it the checks run on several emulated devices at a time, each in a separate process, because
+checks mostly wait.
 """
 
 from __future__ import annotations
@@ -37,13 +37,14 @@ ROOT = FOLDER.parents[1]
 FLOOR = FOLDER / "floor.json"
 LINKS = ("pty", "slcan")
 LANES = {"pty": 4, "slcan": 2}
-"""Emulated devices for each kind of link."""
+"""Number of emulated devices for each kind of link."""
 LISTEN_S = 3.5
-"""Three of a device's own hellos, and its session's end before them."""
+"""Time to listen for a device, s: three of its own hellos, after the end of its session."""
 HELD_UP_US = 500_000
-"""Half of what a device takes for the end of its host."""
+"""Minimum delay of one end that makes a failed check invalid, µs: half of the device's session
+timeout."""
 TRIES = 3
-"""Of a check on an emulated device during which one of both ends was held up for so long."""
+"""Maximum number of tries of a check on an emulated device while an end is delayed that long."""
 NOT_APPLICABLE = "not applicable: "
 
 
@@ -91,7 +92,7 @@ def in_suite(path: Path) -> bool:
 
 
 class Emulated:
-    """``sweepctl emulate`` as a process."""
+    """``sweepctl emulate`` in a separate process."""
 
     def __init__(self, link: str, seed: int) -> None:
         self._process = subprocess.Popen(
@@ -119,7 +120,7 @@ class Emulated:
 
 
 def open_probe(name: str, config: pytest.Config) -> Probe:
-    """Open a port as the options say.
+    """Open a port with these options.
 
     Raises:
         PortError: it cannot be opened.
@@ -130,7 +131,7 @@ def open_probe(name: str, config: pytest.Config) -> Probe:
 
 
 def identify(probe: Probe) -> HelloMessage | str:
-    """Find out who is there; a line for people where that is not one device."""
+    """Return the device's hello; a line for people if there is not exactly one device."""
     found: dict[int, HelloMessage] = {}
     end_us = now_us() + round(LISTEN_S * 1e6)
     wanted, probe.node = probe.node, None
@@ -154,7 +155,7 @@ def identify(probe: Probe) -> HelloMessage | str:
 
 
 def run_check(item: pytest.Function, probe: Probe) -> None:
-    """One check, in a session of its own."""
+    """Run one check in a session of its own."""
     probe.forget()
     probe.session_id = 0
     parameters = item.callspec.params if hasattr(item, "callspec") else {}
@@ -163,11 +164,11 @@ def run_check(item: pytest.Function, probe: Probe) -> None:
 
 
 def run_fairly(item: pytest.Function, probe: Probe) -> None:
-    """One check on an emulated device: again where the machine did not let it be one.
+    """Run one check on an emulated device; repeat it if the machine delayed it.
 
-    Device and host are processes that share cores with the rest of the tests. Where either was
-    held up for most of a second the device rightly ends the session, and the check that fails
-    for it says nothing; a device that is wrong fails again.
+    Device and host are processes that share cores with the rest of the tests. If one of them is
+    delayed for most of a second, the device rightly ends the session, and the failed check means
+    nothing. A wrong device fails again.
     """
     for left in range(TRIES - 1, -1, -1):
         busy = Busy()
@@ -192,7 +193,7 @@ class Lanes:
         for link in LINKS:
             waiting: queue.SimpleQueue[pytest.Function] = queue.SimpleQueue()
             mine = [i for i in items if i.callspec.params["device"] == link]
-            # The slowest first, or the last lane works on alone.
+            # The slowest first; otherwise one lane would finish long after the others.
             for item in sorted(mine, key=is_slow, reverse=True):
                 self._futures[item.nodeid] = Future()
                 waiting.put(item)
@@ -222,7 +223,7 @@ class Lanes:
             probe.port.close()
 
     def result(self, item: pytest.Function) -> None:
-        """Wait for a check; raises what it raised."""
+        """Wait for a check; raise its exception."""
         self._futures[item.nodeid].result()
 
     def close(self) -> None:
@@ -237,7 +238,7 @@ class Lanes:
 
 
 class ConformancePlugin:
-    """Joins it all to pytest."""
+    """Connects the suite with pytest."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
@@ -246,7 +247,7 @@ class ConformancePlugin:
         self._lanes: Lanes | None = None
         self.report = Report()
 
-    # ---- what is run
+    # ---- selection
 
     def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
         if self._port is None or collection_path.is_dir() or in_suite(collection_path):
@@ -274,7 +275,7 @@ class ConformancePlugin:
                 if self._port is not None:
                     self.report.note(item, "not_applicable", f"only over {min(kinds)}")
             elif self._port is None and kind_of_item(item) == "can" and is_slow(item):
-                left_out.append(item)  # seconds of waiting that show nothing of the link
+                left_out.append(item)  # seconds of waiting that do not depend on the link
             elif still and item.get_closest_marker("motion"):
                 left_out.append(item)
                 self.report.note(item, "not_run", "it turns the wheels: --allow-motion")
@@ -324,7 +325,7 @@ class ConformancePlugin:
         return True
 
     def _check(self, item: pytest.Function, probe: Probe) -> None:
-        """One check; where it fails because the device is gone, the others would only do so too."""
+        """Run one check; if it fails because the device is gone, skip the others."""
         try:
             run_check(item, probe)
         except PortError as error:
@@ -343,7 +344,7 @@ class ConformancePlugin:
         self.report.note(item, "failed", text)
         pytest.exit(text, returncode=4)
 
-    # ---- what came of it
+    # ---- results
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(

@@ -1,4 +1,4 @@
-"""What became of every check of a device, by chapter."""
+"""The outcome of every check of a device, by chapter."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def kind_of(device: str) -> str:
-    """What a port or an emulated link is: ``uart`` or ``can``."""
+    """Return the kind of a port or an emulated link: ``uart`` or ``can``."""
     return "can" if is_can(device) or device == "slcan" else "uart"
 
 
@@ -32,7 +32,7 @@ class Chapter:
 
 @dataclass
 class Report:
-    """What became of every check."""
+    """The outcome of every check."""
 
     chapters: dict[str, Chapter] = field(default_factory=dict)
     checks: list[dict[str, str]] = field(default_factory=list)

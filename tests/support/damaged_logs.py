@@ -1,4 +1,4 @@
-"""Logs of ours and of other writers, damaged, and what the mcap library reads of them."""
+"""Damaged logs, ours and those of other writers, and what the mcap library reads of them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CHUNK = 0x06
 
 
 class Message(NamedTuple):
-    """One message, with the names that belong to it."""
+    """One message, with its names."""
 
     topic: str
     schema: str
@@ -45,7 +45,7 @@ class Message(NamedTuple):
 
 
 class Log(NamedTuple):
-    """A log that is whole."""
+    """An intact log."""
 
     name: str
     data: bytes
@@ -57,7 +57,7 @@ class Log(NamedTuple):
 
 @functools.cache
 def logs() -> tuple[Log, ...]:
-    """One of ours, and one of each kind that other programs write."""
+    """Return one of our logs, and one of each kind that other programs write."""
     made = [_log("ours", _ours())]
     made += [_log(kind.name.lower(), foreign(kind)) for kind in CompressionType]
     made.append(_log("outside chunks", foreign(CompressionType.NONE, chunked=False)))
@@ -76,7 +76,7 @@ def _ours() -> bytes:
 
 
 def foreign(compression: CompressionType, *, chunked: bool = True, summary: bool = True) -> bytes:
-    """A log of the mcap library's own writer: three topics, small chunks."""
+    """Return a log of the mcap library's own writer: three topics, small chunks."""
     file = io.BytesIO()
     writer = Writer(
         file,
@@ -137,7 +137,7 @@ def _messages(reader: McapReader) -> Counter[Message]:
 
 
 def read_whole(data: bytes) -> Counter[Message]:
-    """Everything of a file, by the library's two readers with every check that they have."""
+    """Read a file with the library's two readers and all their checks."""
     messages = _messages(NonSeekingReader(io.BytesIO(data), validate_crcs=True))
     seeking = make_reader(io.BytesIO(data), validate_crcs=True)
     assert _messages(seeking) == messages
@@ -152,7 +152,7 @@ def read_whole(data: bytes) -> Counter[Message]:
 
 
 def recovered(data: bytes) -> tuple[Recovery, Counter[Message]]:
-    """What ``recover`` says of a file, and what the library reads of the one that it wrote."""
+    """Return the report of ``recover`` on a file, and what the library reads of the result."""
     with tempfile.TemporaryDirectory() as folder:
         broken, out = Path(folder) / "broken.mcap", Path(folder) / "out.mcap"
         broken.write_bytes(data)
@@ -163,7 +163,7 @@ def recovered(data: bytes) -> tuple[Recovery, Counter[Message]]:
 
 
 def flipped(data: bytes, bits: Iterable[int]) -> bytes:
-    """With single bits turned, counted from the file's first."""
+    """Invert single bits, counted from the file's first."""
     changed = bytearray(data)
     for bit in bits:
         changed[bit >> 3] ^= 1 << (bit & 7)
@@ -171,12 +171,12 @@ def flipped(data: bytes, bits: Iterable[int]) -> bytes:
 
 
 def contents(messages: Iterable[Message]) -> Counter[tuple[int, int, int, bytes]]:
-    """Without topics and schemas, whose names may be lost."""
+    """Return the messages without topics and schemas, whose names may be lost."""
     return Counter(m[2:] for m in messages)
 
 
 def check_flip(log: Log, bit: int) -> None:
-    """One bit turned costs at most the chunk that it is in, and the account says so."""
+    """Check that one inverted bit costs at most its chunk, and that the report says so."""
     result, got = recovered(flipped(log.data, [bit]))
     hit = next((held for begin, end, held in log.chunks if begin <= bit >> 3 < end), Counter())
     left = contents(log.messages.elements())

@@ -1,7 +1,7 @@
 """The paper's estimate as a reference: dead reckoning with a gyro heading.
 
-Encoders give the path (eq. 3, 4), the gyro less its mean at the first rest gives the heading, and
-the exact arc gives the position (eq. 5). The filter is compared with it.
+Encoders give the path (eq. 3, 4). The gyro minus its mean at the first rest gives the heading. The
+exact arc gives the position (eq. 5). Tests compare the filter with it.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _HELD = 5
 
 
 class DeadReckoning:
-    """Fed as ``PoseEstimator``: times in s of one clock, gyro in rad/s, absolute 16-bit counts."""
+    """Estimator like ``PoseEstimator``: times in s of one clock, gyro in rad/s, 16-bit counts."""
 
     def __init__(self, model: RobotModel, start: Pose2) -> None:
-        """``start``: where the robot stands, at rest."""
+        """``start``: the robot's pose, at rest."""
         self._model = model
         self._pose = start
         self._counts: tuple[int, int] | None = None
@@ -34,7 +34,7 @@ class DeadReckoning:
 
     @property
     def pose(self) -> Pose2:
-        """As of the newest encoder sample."""
+        """Pose at the newest encoder sample."""
         return self._pose
 
     @property
@@ -49,14 +49,14 @@ class DeadReckoning:
         if self._started:
             self._turned += (gyro_z_rad_s - self.gyro_bias_rad_s) * dt
             return
-        # The newest samples may be of the start, which the counts show a little late.
+        # The newest samples may belong to a start, which the counts show a little later.
         self._held.append((gyro_z_rad_s, dt))
         if len(self._held) > _HELD:
             self._bias_sum += self._held.pop(0)[0]
             self._samples += 1
 
     def on_encoders(self, t_s: float, left: int, right: int) -> None:  # noqa: ARG002 - as the filter
-        """Take one encoder sample, and move by what was turned and driven since the last."""
+        """Take one encoder sample, and move by the turn and the path since the last."""
         counts, self._counts = self._counts, (left, right)
         if counts is None:
             return

@@ -1,4 +1,4 @@
-"""A program that is a device on this computer: it says `ready PORT` and is a pseudo-terminal."""
+"""A program that emulates a device: it prints `ready PORT` and serves a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check_that_connect_accepts(program: Path, folder: Path) -> None:
-    """Start ``program`` and let `connect` talk to it for 2 s: they agree, no frame is damaged."""
+    """Start ``program`` and connect to it for 2 s: they must agree, and no frame be damaged."""
     with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as device:
         try:
             assert device.stdout is not None

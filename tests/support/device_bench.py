@@ -1,4 +1,4 @@
-"""A device with no host: frames in by hand, frames out decoded."""
+"""A device without a host: the test sends frames and decodes the answers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SESSION = 0xABCD
 
 
 class Bench:
-    """A device on the bench: frames in by hand, frames out decoded."""
+    """A device without a host: the test sends frames and decodes the answers."""
 
     def __init__(self, device: VirtualSweeper | None = None) -> None:
         self.device = device or sweeper()

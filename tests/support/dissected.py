@@ -1,4 +1,4 @@
-"""Random messages, and what a dissector should show of them."""
+"""Random messages, and the expected output of a dissector."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SENDER = {Direction.DEVICE: "device to host", Direction.HOST: "host to device"}
 
 
 def random_value(field: Field, rng: random.Random) -> object:
-    """Any raw value, its edges often."""
+    """Return a random raw value, often at the ends of its range."""
     wire = field.wire
     if wire.is_text:
         return "".join(rng.choice("aZ09 ,.±°é漢🤖") for _ in range(rng.randrange(20)))
@@ -31,12 +31,12 @@ def random_value(field: Field, rng: random.Random) -> object:
 
 
 def random_message(spec: MessageSpec, rng: random.Random) -> Message:
-    """A message of this kind."""
+    """Return a random message of this kind."""
     return spec.cls(*(random_value(f, rng) for f in spec.fields))
 
 
 def random_messages(seed: int) -> list[tuple[MessageSpec, Message]]:
-    """Every kind of message, several times, in any order."""
+    """Return every kind of message, several times, in random order."""
     rng = random.Random(seed)
     made = [(s, random_message(s, rng)) for s in CATALOGUE for _ in range(PER_MESSAGE)]
     rng.shuffle(made)
@@ -44,7 +44,7 @@ def random_messages(seed: int) -> list[tuple[MessageSpec, Message]]:
 
 
 def assert_field(seen: Seen, spec: MessageSpec, field: Field, value: object) -> None:
-    """One field of the payload, as a filter finds it and as a person reads it."""
+    """Check one field of the payload, both for filters and for people."""
     name = f"{spec.name}.{field.name}"
     if isinstance(value, str):
         assert (seen.get(name) or "") == value
@@ -81,7 +81,7 @@ def assert_number(seen: Seen, name: str, field: Field, value: int) -> None:
 
 
 def assert_message(seen: Seen, spec: MessageSpec, message: Message) -> None:
-    """All of an undamaged message."""
+    """Check all fields of an undamaged message."""
     assert seen.number("type") == spec.type_id
     assert seen.get("direction") == SENDER[spec.direction]
     assert seen.get("damage") is None

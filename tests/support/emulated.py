@@ -21,7 +21,7 @@ PLAN = parse_floorplan('{"walls": [[0,0],[6,0],[6,6],[0,6]], "start": [3,3,0]}')
 
 
 class Emulated:
-    """A virtual sweeper served by a thread of this process, so that its truth can be looked at."""
+    """A virtual sweeper served by a thread of this process, so that tests can read its truth."""
 
     def __init__(self, *faults: str) -> None:
         self.device = VirtualSweeper(PLAN, noise="none", seed=1)
@@ -39,11 +39,11 @@ class Emulated:
         return self.device.truth.pose
 
     def holds(self, cause: StopCause) -> bool:
-        """Whether the device itself has latched this."""
+        """Return whether the device itself has latched this cause."""
         return self.device.firmware.latch.cause is cause
 
     def receive_only(self) -> None:
-        """The device goes, its port stays: whoever writes to it gets no answer."""
+        """Stop the device but keep its port: writes get no answer."""
         self._stopper.stop()
         self._thread.join()
 

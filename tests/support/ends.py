@@ -1,4 +1,4 @@
-"""Both ends of a wire in virtual time: a host or session and a virtual sweeper, joined."""
+"""Both ends of a wire in virtual time: a host or session, and a virtual sweeper."""
 
 from __future__ import annotations
 
@@ -39,20 +39,21 @@ if TYPE_CHECKING:
 E = TypeVar("E")
 R = TypeVar("R")
 HOST_BOOT_US = 7_000_000
-"""The host's clock at the device's first boot."""
+"""The host's clock at the device's first boot, µs."""
 RAMP_US = 450_000
-"""From top speed to rest: 0.3 s at the device's 1 m/s², the motors' lag, one control tick."""
+"""Time from top speed to rest, µs: 0.3 s at the device's 1 m/s², the motors' lag, one control tick.
+"""
 TIME_TO_LIVE_US = 250_000
 REST_M_S = 0.005
 REST_RAD_S = 0.02
 MAX_STEP_US = 10_000
 _session_ids = itertools.count(1)
-"""Of every host that a test makes: no two may ever say the same."""
+"""Session ids of all hosts in the tests: each is unique."""
 OPEN_FLOOR = room((10.0, 10.0, 0.0))
 
 
 class Valve(Wire):
-    """A wire that can be cut (all is lost) or held (all comes later, at once)."""
+    """A wire that can be cut (everything is lost) or held (everything comes later, at once)."""
 
     def __init__(self, inner: Wire) -> None:
         super().__init__(inner)
@@ -61,7 +62,7 @@ class Valve(Wire):
         self._kept: list[Piece] = []
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Give what may pass, and what was held before."""
+        """Return what may pass, and what was held before."""
         pieces = self._inside.arrived(now_us)
         if self.cut:
             pieces = []
@@ -72,12 +73,12 @@ class Valve(Wire):
         return [Piece(now_us, data) for _, data in kept]
 
     def next_us(self) -> int | None:
-        """What is held arrives when it is let go, which is nobody's timer."""
+        """Return the next arrival; held bytes have none, because a call releases them."""
         return self._inside.next_us()
 
 
 class Weather(Wire):
-    """What other wires do to pieces, as long as it storms."""
+    """Applies other wires' faults to pieces while it is active."""
 
     def __init__(self, inner: Wire, *storms: Wire) -> None:
         super().__init__(inner)
@@ -85,7 +86,7 @@ class Weather(Wire):
         self._storms = storms
 
     def misbehave(self, piece: Piece) -> list[Piece]:
-        """Pass, or go through every storm."""
+        """Pass a piece, or apply every fault to it."""
         pieces = [piece]
         if self.storming:
             for storm in self._storms:
@@ -110,14 +111,14 @@ class Collector:
         self.records.append(record)
 
     def close(self, summary: object = None) -> None:
-        """Nothing to close."""
+        """Do nothing: there is nothing to close."""
 
     def of(self, kind: type[R]) -> list[R]:
         return [r for r in self.records if isinstance(r, kind)]
 
 
 class Spinning(ScriptedPlanner):
-    """Turns to and fro for ever: motion that never meets a wall."""
+    """Turns to and fro forever, a motion that never contacts a wall."""
 
     def script(self, obs: Observation) -> Script:
         self.record.change(state="spinning")
@@ -128,7 +129,7 @@ class Spinning(ScriptedPlanner):
 
 
 def spinning_host(sink: Collector | None = None, **mission: bool | float) -> Host:
-    """A host whose plan never ends."""
+    """Return a host whose plan never ends."""
     model = RobotModel()
     return Host(
         model,
@@ -140,7 +141,7 @@ def spinning_host(sink: Collector | None = None, **mission: bool | float) -> Hos
 
 
 class HostEnd:
-    """A host behind the interface that :class:`Ends` drives."""
+    """A host with the interface that :class:`Ends` drives."""
 
     def __init__(self, host: Host) -> None:
         self.host = host
@@ -160,7 +161,7 @@ class HostEnd:
 
 
 class SessionEnd:
-    """A bare session; ``each_turn`` plays the program that uses it."""
+    """A bare session; ``each_turn`` acts as the program that uses it."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -199,14 +200,14 @@ def sweeper(
     node: int = 1,
     link: type[LinkBase] = Link,
 ) -> VirtualSweeper:
-    """A device in the middle of an empty floor, with perfect sensors."""
+    """Return a device in the middle of an empty floor, with perfect sensors."""
     return VirtualSweeper(
         OPEN_FLOOR, seed=seed, noise="none", catalogue=catalogue, node=node, link=link
     )
 
 
 class Ends:
-    """Runs both ends and keeps watch: what the host sent, and whether the robot moves."""
+    """Runs both ends and observes what the host sent, and whether the robot moves."""
 
     def __init__(  # noqa: PLR0913 - two ends, two directions, two clocks
         self,
@@ -226,9 +227,9 @@ class Ends:
         self.host_alive = True
         self.sent: list[Sent] = []
         self.moving_us = -1
-        """When the robot was last seen to move."""
+        """Time at which the robot last moved, µs."""
         self.latched_us: int | None = None
-        """Since when the device holds a stop."""
+        """Time since which the device holds a stop, µs."""
         self.watch: Callable[[], None] = lambda: None
         """Called after every step."""
         self.host_first_us = host_first_us
@@ -253,7 +254,7 @@ class Ends:
         return abs(truth.v_m_s) > REST_M_S or abs(truth.yaw_rate_rad_s) > REST_RAD_S
 
     def restart_host(self, host: HostEnd | SessionEnd) -> None:
-        """Replace the host: the old one was killed, its bytes on the wire were not."""
+        """Replace the host as if it was killed; its bytes on the wire still arrive."""
         self.host = host
         self.host_alive = True
         host.open(self.host_ns)
@@ -262,7 +263,10 @@ class Ends:
         self.device.reset(ResetCause.SOFTWARE, boot_id=boot_id)
 
     def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Let both live; True once ``until`` holds, False where the time ran out before."""
+        """Let both ends run.
+
+        Return True once ``until`` is true, False if the time has run out before.
+        """
         end_us = self.now_us + round(duration_s * 1e6)
         while self.now_us < end_us:
             self._step(end_us)
@@ -295,7 +299,8 @@ class Ends:
         for event in self._tap.receive(out, self.host_ns // 1000):
             if isinstance(event, Rejected) and event.frame.type_id == CAN_AUTH_TYPE:
                 continue
-            if isinstance(event, Rejected) and event.reason == "key":  # signed: not for us to check
+            # signed frames are not checked here
+            if isinstance(event, Rejected) and event.reason == "key":
                 codec, frame = self._tap.codec, event.frame
                 message = codec.decode(codec.catalogue.by_type[frame.type_id], frame.payload)
                 self.sent.append(Sent(self.now_us, message))
@@ -312,7 +317,7 @@ class Ends:
             self.latched_us = self.now_us
 
     def setpoints_us(self) -> int:
-        """When the host last wrote a setpoint that asks for motion; -1: never."""
+        """Return when the host last wrote a setpoint with motion; -1: never."""
         for sent in reversed(self.sent):
             message = sent.message
             if isinstance(message, VelocitySetpoint) and (message.v or message.yaw_rate):
@@ -321,7 +326,7 @@ class Ends:
 
 
 def check_safe(ends: Ends) -> None:
-    """Motion needs a setpoint that is fresh and a latch that is open, the ramp aside."""
+    """Check that the robot moves only with a fresh setpoint and an open latch, ramps aside."""
     if not ends.moving:
         return
     latched_us = ends.latched_us

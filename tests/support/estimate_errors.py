@@ -1,8 +1,8 @@
-"""What the pose's covariance tells of its errors, over whole runs: host, wire and virtual sweeper.
+"""Consistency of the pose's covariance with its errors, over whole runs.
 
-The estimate is held against the truth of the very moment of its newest encoder sample. A run's
-samples hang together, for an error made once stays: a run counts as one, by its mean, and how far
-the runs lie apart says how sure the mean over them is.
+Host, wire and virtual sweeper run together. The estimate is compared with the truth at the time of
+its newest encoder sample. The samples of a run are correlated, because an error persists. So each
+run counts as one value, its mean, and the spread between runs gives the confidence interval.
 """
 
 from __future__ import annotations
@@ -31,33 +31,34 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 FIRST_S = 10.0
-"""The start is taken as exact: before this there is no doubt to speak of."""
+"""Time before which samples are ignored, s: the start pose is exact, so there is no uncertainty
+yet."""
 _KEPT = 32
 
 
 class Reported(NamedTuple):
-    """Estimate less truth and the covariance that was told of it: x, y (m), yaw (rad)."""
+    """Estimate minus truth, and the estimate's covariance: x, y (m), yaw (rad)."""
 
     time_s: float
-    """Since the drive began."""
+    """Time since the drive began, s."""
     error: Floats
     covariance: Floats
 
     @property
     def nees(self) -> float:
-        """3 in the mean where the covariance is right."""
+        """Normalised squared error; its mean is 3 for a consistent covariance."""
         return float(self.error @ np.linalg.solve(self.covariance, self.error))
 
     @property
     def yaw_nees(self) -> float:
-        """The same of the yaw alone: 1 in the mean."""
+        """The same of the yaw alone; its mean is 1."""
         return float(self.error[2] ** 2 / self.covariance[2, 2])
 
 
 def estimate_errors(
     plan: FloorPlan, noise: str, seed: int, *, every_s: float = 10.0, planner: str = "recovery"
 ) -> list[Reported]:
-    """Run a planner to its end; what was told at fixed moments of the drive."""
+    """Run a planner to its end; return the errors at fixed times of the drive."""
     truth: dict[int, Pose2] = {}
     reported: list[Reported] = []
 
@@ -84,7 +85,7 @@ def estimate_errors(
             error = np.array([pose.x_m - true.x_m, pose.y_m - true.y_m, turn])
             reported.append(Reported(since_s, error, np.array(host.estimator.covariance)))
 
-        device.step = stepped  # type: ignore[method-assign] # looks on, and changes nothing
+        device.step = stepped  # type: ignore[method-assign] # only observes
         host.on_drive_pose = stepping
 
     run_virtual(plan, RobotModel(), planner, NullSink(), seed=seed, noise=noise, prepare=prepare)
@@ -92,33 +93,33 @@ def estimate_errors(
 
 
 class Average(NamedTuple):
-    """A figure over runs."""
+    """Mean of a figure over runs."""
 
     mean: float
     half: float
-    """Of its 95 % interval, by the spread from run to run (Student's t)."""
+    """Half of its 95 % interval, by the spread between runs (Student's t)."""
 
     def __str__(self) -> str:
         return f"{self.mean:.2f} ± {self.half:.2f}"
 
 
 def average(runs: Sequence[float]) -> Average:
-    """Mean of one figure a run, two runs or more."""
+    """Return the mean of one figure per run, for two or more runs."""
     spread = statistics.stdev(runs) / math.sqrt(len(runs))
     return Average(statistics.fmean(runs), float(stats.t.ppf(0.975, len(runs) - 1)) * spread)
 
 
 def anees(runs: Sequence[Sequence[Reported]]) -> Average:
-    """Average NEES of x, y and yaw."""
+    """Return the average NEES of x, y and yaw."""
     return average([statistics.fmean(t.nees for t in run) for run in runs])
 
 
 def yaw_anees(runs: Sequence[Sequence[Reported]]) -> Average:
-    """Average NEES of the yaw alone."""
+    """Return the average NEES of the yaw alone."""
     return average([statistics.fmean(t.yaw_nees for t in run) for run in runs])
 
 
 def share_inside(runs: Sequence[Sequence[Reported]], share: float = 0.95) -> float:
-    """Share of all samples that lie within the ellipse in which ``share`` should lie."""
+    """Return the share of all samples inside the ellipse that should hold ``share``."""
     maximum = float(stats.chi2.ppf(share, 3))
     return statistics.fmean(t.nees < maximum for run in runs for t in run)

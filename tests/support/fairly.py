@@ -1,8 +1,8 @@
-"""How real-time tests run: some at a time first, and alone where that gave no verdict.
+"""Scheduling of real-time tests: first several at a time, then alone if there was no verdict.
 
-Beside other tests a program may be kept waiting until its test fails. Such a failure is put off:
-the test runs again in the next phase, one at a time, and that run is the verdict. There, a test
-that fails while the machine is busy runs again at once. A wrong program fails again.
+Beside other tests a program may be delayed until its test fails. Such a failure is deferred: the
+test runs again alone in the next phase, and that run is the verdict. There, a test that fails while
+the machine is busy runs again at once. A wrong program fails again.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 TRIES = 3
 AGAIN_S = 35.0
-"""A test that took longer than this, s, is not run again: the limit of a test covers all tries."""
+"""Maximum duration of a test that is run again, s: the time limit of a test covers all tries."""
 AGAIN, PUT_OFF = "ran-again", "put-off"
-"""Keys of a report's properties: a try that did not count, and a test that has no verdict yet."""
+"""Keys of a report's properties: a try that did not count, and a test without a verdict yet."""
 
 
 def add_options(parser: pytest.Parser) -> None:
@@ -51,7 +51,7 @@ def configure(config: pytest.Config, busy: Callable[[], Busy] = Busy) -> None:
 
 
 class Units(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
-    """Gives a worker all tests of a file where they share a fixture, else the next test.
+    """Gives a worker all tests of a file that share a fixture, else the next test.
 
     The conformance checks share their devices.
     """
@@ -66,19 +66,19 @@ class Units(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
 
 @cache
 def _shares(path: Path) -> bool:
-    """Whether a fixture is made for more than one test."""
+    """Return whether a fixture is made for more than one test."""
     return 'scope="' in path.read_text(encoding="utf-8")
 
 
 class Fairly:
-    """Runs real-time tests, and names those that ran again."""
+    """Runs real-time tests, and reports those that ran again."""
 
     def __init__(self, config: pytest.Config, busy: Callable[[], Busy] = Busy) -> None:
         self._busy = busy
         self._put_off: Path | None = config.getoption("--put-off")
         self._alone: Path | None = config.getoption("--alone")
 
-    # ---- which ----------------------------------------------------------------------------
+    # ---- selection ------------------------------------------------------------------------
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Producer) -> object | None:
@@ -88,7 +88,7 @@ class Fairly:
     def pytest_collection_modifyitems(
         self, config: pytest.Config, items: list[pytest.Item]
     ) -> None:
-        # What is left for the end must be short, or one worker works on when others are done.
+        # The last tests must be short; otherwise one worker runs on when the others are done.
         items.sort(key=lambda item: item.get_closest_marker("slow") is None)
         if self._alone is None:
             return
@@ -113,7 +113,7 @@ class Fairly:
     def _tries(
         self, item: pytest.Item, nextitem: pytest.Item | None
     ) -> Iterator[pytest.TestReport]:
-        """Reports of the try that counts, with those that do not in their properties."""
+        """Return the reports of the try that counts; its properties hold the others."""
         notes: list[tuple[str, object]] = []
         for left in range(TRIES - 1, -1, -1):
             busy = self._busy()
@@ -133,7 +133,7 @@ class Fairly:
         reports[-1].user_properties.extend(notes)
         yield from reports
 
-    # ---- what came of it ------------------------------------------------------------------
+    # ---- results --------------------------------------------------------------------------
 
     def pytest_report_teststatus(
         self, report: pytest.TestReport | pytest.CollectReport
@@ -162,7 +162,7 @@ def _is_realtime(item: pytest.Item) -> bool:
 
 
 def _cause(report: pytest.TestReport) -> str:
-    """A failure in one line."""
+    """Return a failure in one line."""
     lines = report.longreprtext.strip().splitlines() or [""]
     return next((line[1:].strip() for line in lines if line.startswith("E ")), lines[-1])
 

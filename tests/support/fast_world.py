@@ -1,8 +1,8 @@
-"""A quick kinematic world for runs by the hundred: one compiled call per control step.
+"""A fast kinematic world for runs by the hundred: one compiled call per control step.
 
-The rules of contact, ranging and lag are those of the virtual sweeper in short; the pose that
-the planner is given is the truth plus errors that wander (``PoseNoise``), in place of an
-estimator. It is for finding what a planner does, not for figures to be published.
+The rules of contact, ranging and lag are simplified from the virtual sweeper's. Instead of an
+estimator, the planner gets the true pose plus slowly varying errors (``PoseNoise``). It serves to
+explore a planner, not to publish figures.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ class PoseNoise:
     position_m: float = 0.0
     heading_rad: float = 0.0
     memory_s: float = 40.0
-    """Of the wandering error."""
+    """Correlation time of the pose error, s."""
     ultrasonic_m: float = 0.0
     dropout: float = 0.0
     infrared_m: float = 0.0
-    """At 10 cm; grows as the range squared."""
+    """Sigma of the infrared at 10 cm, m; it grows as the range squared."""
 
 
 LEVELS = {
@@ -179,7 +179,7 @@ class FastRun:
     step_us: float = 0.0
 
 
-def run_fast(  # noqa: PLR0913 - what a run can be asked for
+def run_fast(  # noqa: PLR0913 - the options of a run
     plan: FloorPlan,
     planner: Planner,
     model: RobotModel,

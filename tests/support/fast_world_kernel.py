@@ -1,4 +1,4 @@
-"""The kernels of ``fast_world``, compiled as those of the packages are."""
+"""The compiled kernels of ``fast_world``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PI = cython.declare(cython.double, math.pi)
 @cython.final
 @cython.cclass
 class _Touch:
-    """The nearest wall: how far, and the unit vector from it."""
+    """The nearest wall: its distance, and the unit vector away from it."""
 
     gap: cython.double
     ux: cython.double
@@ -71,7 +71,10 @@ def move(  # noqa: PLR0913, PLR0917 - a kernel
     radius: cython.double,
     span: cython.double,
 ) -> None:
-    """state: x y th v w travelled collisions free_s left right contact_s touching."""
+    """Move one step.
+
+    State: x y th v w travelled collisions free_s left right contact_s touching.
+    """
     sub = 8
     dt = 0.02 / sub
     follow = 1.0 - exp(-dt / 0.05)
@@ -130,7 +133,7 @@ def sense(  # noqa: PLR0913, PLR0917 - a kernel
     side_x_m: cython.double,
     side_y_m: cython.double,
 ) -> None:
-    """``out``: ranges of the ultrasonic, the left and the right infrared.
+    """Compute ``out``: ranges of the ultrasonic, the left and the right infrared.
 
     The ultrasonic is ``front_m`` ahead of the axle, the left infrared at ``side_x_m, side_y_m``.
     """

@@ -1,4 +1,4 @@
-"""How much the machine has kept programs from running: what real-time verdicts allow for."""
+"""Measures how long the machine delays programs, which real-time verdicts take into account."""
 
 from __future__ import annotations
 
@@ -6,25 +6,29 @@ import time
 from pathlib import Path
 
 PRESSURE = Path("/proc/pressure/cpu")
-"""The kernel's account of the time in which a task waited for a core (its document on PSI)."""
+"""Path of the kernel's statistics of the time in which a task waited for a core (its document on
+PSI)."""
 BUSY = 0.3
-"""Share of a test's time with a task that waits, above which a failure is no verdict: the
-real-time tests on two idle cores stay below it but for the start of many programs at once."""
+"""Share of a test's time with a waiting task above which a failure is no verdict. The real-time
+tests on two idle cores stay below it, except while many programs start at once."""
 
 
 def waited_ns() -> int:
-    """For how long threads of this process have waited for a core, ns in all; 0 where unknown."""
+    """Return the total time for which threads of this process have waited for a core, ns.
+
+    0 if unknown.
+    """
     total = 0
     for task in Path("/proc/self/task").glob("*/schedstat"):
         try:
             total += int(task.read_text(encoding="ascii").split()[1])
         except (OSError, IndexError):
-            continue  # the thread has ended, or the kernel keeps no account
+            continue  # the thread has ended, or the kernel has no statistics
     return total
 
 
 class Busy:
-    """How busy the machine is from now on."""
+    """Measures how busy the machine is from now on."""
 
     def __init__(self) -> None:
         self._began_s = time.monotonic()
@@ -36,12 +40,15 @@ class Busy:
 
     @property
     def share(self) -> float:
-        """Of the time since: how much of it some task waited for a core; 0 where unknown."""
+        """Return the share of the time since then in which a task waited for a core.
+
+        0 if unknown.
+        """
         return (_pressure_us() - self._before_us) / 1e6 / max(self.elapsed_s, 1e-6)
 
     @property
     def excuses(self) -> bool:
-        """Whether a real-time failure since says more about the machine than about the program."""
+        """Return whether a real-time failure may be due to the machine."""
         return self.share > BUSY
 
 

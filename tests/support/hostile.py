@@ -1,10 +1,10 @@
-"""Wires that misbehave, composable and seeded.
+"""Wires with faults, composable and seeded.
 
-Sans-I/O: bytes go in with :meth:`Wire.push`, what has arrived by a moment comes out of
-:meth:`Wire.pull`. A wrapper acts on the pieces that the wire inside it gives, so
-``Lossy(Chunked(Pipe(), 1), p=0.2, rng=rng)`` loses single bytes, while
-``Chunked(Lossy(Pipe(), p=0.2, rng=rng), 1)`` loses whole writes. One wire is one direction.
-Moments are integers of microseconds, of any clock that never goes back.
+Sans-I/O: bytes go in with :meth:`Wire.push`, and :meth:`Wire.pull` returns what has arrived by a
+time. A wrapper acts on the pieces of the wire inside it, so ``Lossy(Chunked(Pipe(), 1), p=0.2,
+rng=rng)`` loses single bytes, while ``Chunked(Lossy(Pipe(), p=0.2, rng=rng), 1)`` loses whole
+writes. One wire is one direction. Times are integers of microseconds, of any clock that never goes
+back.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class Piece(NamedTuple):
-    """Bytes that arrive together, and when."""
+    """Bytes that arrive together, and their time."""
 
     at_us: int
     data: bytes
 
 
 class Wire:
-    """Base of the wrappers: passes on what the wire inside gives."""
+    """Base of the wrappers: passes on the pieces of the wire inside."""
 
     def __init__(self, inner: Wire | None = None) -> None:
         self._inner = inner
@@ -34,19 +34,19 @@ class Wire:
         self._inside.push(data, now_us)
 
     def pull(self, now_us: int) -> list[bytes]:
-        """Fetch what has arrived at the far end, in order of arrival."""
+        """Return what has arrived at the far end, in order of arrival."""
         return [piece.data for piece in self.arrived(now_us)]
 
     def next_us(self) -> int | None:
-        """When something arrives next; None while nothing is on the way."""
+        """Return the time of the next arrival; None if nothing is on the way."""
         return self._inside.next_us()
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Like :meth:`pull`, with the moment of each arrival."""
+        """Return the same as :meth:`pull`, with the time of each arrival."""
         return [out for piece in self._inside.arrived(now_us) for out in self.misbehave(piece)]
 
     def misbehave(self, piece: Piece) -> list[Piece]:
-        """What becomes of one piece."""
+        """Return the pieces that replace one piece."""
         return [piece]
 
     @property
@@ -61,16 +61,16 @@ class Pipe(Wire):
     def __init__(self, latency_us: int = 0) -> None:
         super().__init__()
         self.latency_us = latency_us
-        """Of what is pushed from now on; nothing overtakes what was pushed before."""
+        """Latency of bytes pushed from now on, µs; they do not overtake earlier bytes."""
         self._way: list[Piece] = []
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Write bytes; none is no piece."""
+        """Write bytes; empty bytes are no piece."""
         if data:
             self._way.append(Piece(now_us + self.latency_us, data))
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Give what is old enough."""
+        """Return the pieces that are old enough."""
         count = 0
         while count < len(self._way) and self._way[count].at_us <= now_us:
             count += 1
@@ -78,65 +78,65 @@ class Pipe(Wire):
         return done
 
     def next_us(self) -> int | None:
-        """Arrival of the oldest piece."""
+        """Return the arrival time of the oldest piece."""
         return self._way[0].at_us if self._way else None
 
 
 class Chunked(Wire):
-    """Cuts pieces to at most ``size`` bytes, as a slow port's reads do."""
+    """Splits pieces to at most ``size`` bytes, like the reads of a slow port."""
 
     def __init__(self, inner: Wire, size: int) -> None:
         super().__init__(inner)
         self._size = size
 
     def misbehave(self, piece: Piece) -> list[Piece]:
-        """Cut one piece."""
+        """Split one piece."""
         at_us, data = piece
         return [Piece(at_us, data[i : i + self._size]) for i in range(0, len(data), self._size)]
 
 
 class _Chance(Wire):
-    """A wire on which something befalls each piece with probability ``p``."""
+    """A wire whose fault hits each piece with probability ``p``."""
 
     def __init__(self, inner: Wire, p: float, rng: random.Random) -> None:
         super().__init__(inner)
         self._p = p
         self._rng = rng
         self.befell = 0
-        """Pieces that were hit so far."""
+        """Number of pieces that were hit so far."""
 
     def misbehave(self, piece: Piece) -> list[Piece]:
-        """Hit, or leave alone."""
+        """Hit a piece, or pass it unchanged."""
         if self._rng.random() >= self._p:
             return [piece]
         self.befell += 1
         return self.hit(piece)
 
     def hit(self, piece: Piece) -> list[Piece]:
-        """What becomes of a piece that is hit."""
+        """Return the pieces that replace a hit piece."""
         raise NotImplementedError
 
 
 class Lossy(_Chance):
     """Loses pieces."""
 
-    def hit(self, piece: Piece) -> list[Piece]:  # noqa: ARG002 - gone, whatever it was
-        """Give nothing."""
+    def hit(self, piece: Piece) -> list[Piece]:  # noqa: ARG002 - it is lost in any case
+        """Return nothing."""
         return []
 
 
 class BitFlips(_Chance):
-    """Turns one bit of a piece over."""
+    """Inverts one bit of a piece."""
 
     def hit(self, piece: Piece) -> list[Piece]:
-        """Flip a bit anywhere in it."""
+        """Invert a random bit of the piece."""
         data = bytearray(piece.data)
         data[self._rng.randrange(len(data))] ^= 1 << self._rng.randrange(8)
         return [Piece(piece.at_us, bytes(data))]
 
 
 class Burst(_Chance):
-    """Replaces up to ``longest`` bytes of a piece by noise: a motor's spark, a loose plug."""
+    """Replaces up to ``longest`` bytes of a piece by noise, as a motor's spark does."""
 
     def __init__(self, inner: Wire, p: float, rng: random.Random, longest: int = 16) -> None:
         super().__init__(inner, p, rng)
@@ -152,19 +152,19 @@ class Burst(_Chance):
 
 
 class CutTail(_Chance):
-    """Loses the end of a piece: an overrun receive buffer."""
+    """Loses the end of a piece, like an overrun receive buffer."""
 
     def hit(self, piece: Piece) -> list[Piece]:
-        """Keep less than all of it."""
+        """Keep a part of the piece."""
         kept = piece.data[: self._rng.randrange(len(piece.data))]
         return [Piece(piece.at_us, kept)] if kept else []
 
 
 class Duplicating(_Chance):
-    """Gives a piece twice."""
+    """Duplicates a piece."""
 
     def hit(self, piece: Piece) -> list[Piece]:
-        """Give it, and again."""
+        """Return the piece twice."""
         return [piece, piece]
 
 
@@ -176,13 +176,13 @@ class Garbage(_Chance):
         self._longest = longest
 
     def hit(self, piece: Piece) -> list[Piece]:
-        """Give noise, then the piece."""
+        """Return noise, then the piece."""
         noise = self._rng.randbytes(self._rng.randint(1, self._longest))
         return [Piece(piece.at_us, noise), piece]
 
 
 class Delayed(Wire):
-    """Holds each piece for a random while; order is kept unless ``reorder``."""
+    """Delays each piece by a random time; order is kept unless ``reorder``."""
 
     def __init__(
         self, inner: Wire, rng: random.Random, *, low_us: int, high_us: int, reorder: bool = False
@@ -195,7 +195,7 @@ class Delayed(Wire):
         self._held: list[tuple[int, int, bytes]] = []
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Take in what came, give out what has waited long enough."""
+        """Take the new pieces and return those whose delay is over."""
         for at_us, data in self._inside.arrived(now_us):
             due_us = at_us + self._rng.randint(self._low_us, self._high_us)
             if not self._reorder:
@@ -209,18 +209,18 @@ class Delayed(Wire):
         return out
 
     def next_us(self) -> int | None:
-        """The earlier of what is held and what is still to be taken in."""
+        """Return the earlier time of a held piece and of the next arrival."""
         moments = [self._inside.next_us(), self._held[0][0] if self._held else None]
         return min((m for m in moments if m is not None), default=None)
 
 
 class Dead(Wire):
-    """Loses everything from ``from_us`` to ``to_us``: a plug pulled and put back."""
+    """Loses everything from ``from_us`` to ``to_us``, like a plug pulled and put back."""
 
     def __init__(self, inner: Wire, from_us: int, to_us: int) -> None:
         super().__init__(inner)
         self._from_us, self._to_us = from_us, to_us
 
     def misbehave(self, piece: Piece) -> list[Piece]:
-        """Lose what arrives meanwhile."""
+        """Lose the pieces that arrive meanwhile."""
         return [] if self._from_us <= piece.at_us < self._to_us else [piece]

@@ -1,4 +1,4 @@
-"""Log files that were made to harm who reads them."""
+"""Malicious log files, which try to harm their readers."""
 
 from __future__ import annotations
 
@@ -28,41 +28,41 @@ if TYPE_CHECKING:
 MAGIC = b"\x89MCAP0\r\n"
 MIB = 1 << 20
 HEAD_BYTES = 9
-"""Opcode and length of a record."""
+"""Size of a record's opcode and length, bytes."""
 _MESSAGE = struct.Struct("<BQHIQQ")
 _LAST_NS = (1 << 64) - 1
 GOOD = b'{"good": 1}'
-"""The message that is whole in every file."""
+"""The valid message in every file."""
 
 
 def record(made: McapRecord) -> bytes:
-    """A record's bytes."""
+    """Return a record's bytes."""
     builder = RecordBuilder()
     made.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
 
 
 def message(channel: int, data: bytes, log_ns: int = 5, length: int | None = None) -> bytes:
-    """A message's record; ``length`` is what it claims of itself."""
+    """Return a message record; ``length`` is its claimed length."""
     size = 22 + len(data) if length is None else length
     return _MESSAGE.pack(5, size, channel, 1, log_ns, log_ns) + data
 
 
 def chunk(content: bytes, packed: bytes, compression: bytes, claimed: int | None = None) -> bytes:
-    """A chunk's record, which claims what it is told to."""
+    """Return a chunk record with the given, possibly false, claims."""
     size = len(content) if claimed is None else claimed
     return packed_chunk(packed, compression, size, zlib.crc32(content))
 
 
 def packed_chunk(packed: bytes, compression: bytes, size: int, crc: int) -> bytes:
-    """A chunk's record of bytes that are packed already."""
+    """Return a chunk record of packed bytes."""
     body = struct.pack("<QQQI", 5, 5, size, crc)
     body += struct.pack("<I", len(compression)) + compression + struct.pack("<Q", len(packed))
     return struct.pack("<BQ", 6, len(body) + len(packed)) + body + packed
 
 
 def file_of(records: Iterable[bytes]) -> bytes:
-    """A file without a summary, with one message that is whole before all others."""
+    """Return a file without a summary, with one valid message before all others."""
     head = [
         record(Header("", "hostile")),
         record(Schema(id=1, data=b"{}", encoding="jsonschema", name="thing")),
@@ -74,7 +74,7 @@ def file_of(records: Iterable[bytes]) -> bytes:
 
 
 def zeros(size: int, *, sized: bool) -> bytes:
-    """So many zeros as one zstd frame, in a hundred-thousandth of their size."""
+    """Return ``size`` zeros as one zstd frame, of a hundred-thousandth of their size."""
     work = zstandard.ZstdCompressor(level=1, write_content_size=sized)
     out = io.BytesIO()
     with work.stream_writer(out, size=size if sized else -1, closefd=False) as stream:
@@ -84,14 +84,14 @@ def zeros(size: int, *, sized: bool) -> bytes:
 
 
 def lz4_zeros(size: int) -> bytes:
-    """The same as one lz4 frame, in a 255th."""
+    """Return the same as one lz4 frame, of a 255th."""
     work = lz4.frame.LZ4FrameCompressor()
     out = work.begin() + b"".join(work.compress(bytes(MIB)) for _ in range(size // MIB))
     return bytes(out + work.flush())
 
 
 def bombs() -> dict[str, bytes]:
-    """Chunks that unpack to much more than they have."""
+    """Return chunks that unpack to much more than their own size."""
     sized, unsized = zeros(3072 * MIB, sized=True), zeros(3072 * MIB, sized=False)
     truthful = bytes(120 * MIB)
     tiny = message(1, b"") * (18 * MIB // 31)
@@ -111,7 +111,7 @@ def bombs() -> dict[str, bytes]:
 
 
 def declarations() -> dict[str, bytes]:
-    """Too many or too large schemas, channels, attachments and metadata."""
+    """Return files with too many or too large schemas, channels, attachments and metadata."""
     schema = record(Schema(id=2, data=bytes(100 * MIB), encoding="protobuf", name="big"))
     many = b"".join(
         record(Schema(id=n, data=b"{}", encoding="jsonschema", name=f"s{n}"))
@@ -140,7 +140,7 @@ def declarations() -> dict[str, bytes]:
 
 
 def _ours(topic: str, data: Iterable[tuple[int, bytes]], *attachments: tuple[str, bytes]) -> bytes:
-    """Messages on one of our topics, with the schema that belongs to it."""
+    """Return messages on one of our topics, with its schema."""
     file = io.BytesIO()
     writer = Writer(file, compression=CompressionType.ZSTD)
     writer.start()
@@ -163,14 +163,14 @@ def _ours(topic: str, data: Iterable[tuple[int, bytes]], *attachments: tuple[str
 
 
 def _grid(columns: int, rows: int, cells: int, count: int) -> bytes:
-    """A grid that claims a size, and so many cells behind it."""
+    """Return a grid that claims a size, followed by another number of cells."""
     head = struct.pack("<4sIII", b"\0\1\0\0", 1, 0, 4) + b"map\0"
     info = struct.pack("<IIfII", 1, 0, 0.02, columns, rows) + struct.pack("<4x7d", *[0.0] * 7)
     return head + info + struct.pack("<I", cells) + bytes(count)
 
 
 def _event(text: bytes) -> bytes:
-    """An event whose text is what it is told to be."""
+    """Return an event with the given text."""
     out = b""
     for number, value in enumerate((b"warning", b"planner", b"occlusion", text, text), 1):
         out += bytes([number << 3 | 2]) + _varint(len(value)) + value
@@ -185,7 +185,7 @@ def _varint(value: int) -> bytes:
 
 
 def contents() -> dict[str, bytes]:
-    """Messages of ours whose values nobody meant."""
+    """Return our messages with absurd values."""
     nan = schemas.POSE_ESTIMATE.encode([float("nan")] * len(schemas.POSE_ESTIMATE.fields))
     huge = schemas.POSE_ESTIMATE.encode([1e308] * len(schemas.POSE_ESTIMATE.fields))
     numbers = {
@@ -228,7 +228,7 @@ def contents() -> dict[str, bytes]:
 
 
 def impostors() -> dict[str, bytes]:
-    """Our topics and schema names, with fields of other types, and frames at the end of time."""
+    """Return our topics and schemas with fields of other types, and frames at the end of time."""
     layouts = {
         "/pose/estimate": schemas.POSE_ESTIMATE,
         "/cmd": schemas.COMMAND,
@@ -272,12 +272,12 @@ _ROOM = (
 
 
 def _device_layouts() -> dict[str, FlatMessage]:
-    """Of each message of the device, as a log declares it."""
+    """Return the layout of each device message, as a log declares it."""
     return {name: encoder.layout for name, encoder in schemas.device_encoders().items()}
 
 
 def _poses() -> bytes:
-    """Poses of foxglove's own type, of which no room holds one."""
+    """Return poses of foxglove's own type far outside any room."""
     file = io.BytesIO()
     writer = Writer(file)
     writer.start()
@@ -298,7 +298,7 @@ def _poses() -> bytes:
 
 
 def definitions() -> dict[str, bytes]:
-    """Schemas that unfold."""
+    """Return schemas that expand."""
     deep = "".join(
         f"================\nMSG: a/T{n}\n" + "".join(f"a/T{n + 1} f{i}\n" for i in range(10))
         for n in range(11)
@@ -321,11 +321,11 @@ def definitions() -> dict[str, bytes]:
 
 
 def searches() -> dict[str, bytes]:
-    """Small files of which each record begins a search to the file's end, or is one to there."""
+    """Return small files in which each record starts a search up to the file's end."""
     unknown = struct.pack("<BQ", 0x20, 0) * 30_000 + b"\x21" * 30
     count, size = 120_000, 60
     within = bytearray()
-    for n in range(count):  # content that could be that of an attachment, to the file's end
+    for n in range(count):  # content that looks like an attachment up to the file's end
         rest = max(0, (count - n) * size - 80)
         content = struct.pack("<QQIIQ", 0, 0, 0, 0, rest).ljust(size - HEAD_BYTES, b"Z")
         within += struct.pack("<BQ", 0x90, len(content)) + content
@@ -337,7 +337,7 @@ def searches() -> dict[str, bytes]:
 
 
 def claims_to_be_empty() -> bytes:
-    """A chunk of which neither the claim nor the frame's head gives the size of its content."""
+    """Return a chunk in which neither the claim nor the frame's head gives the content's size."""
     work = zstandard.ZstdCompressor(write_content_size=False)
     return packed_chunk(work.compress(bytes(500)), b"zstd", 0, 0)
 
@@ -353,5 +353,5 @@ GROUPS: dict[str, Callable[[], dict[str, bytes]]] = {
 
 
 def attachment_of(size: int) -> bytes:
-    """An attachment that is too large to be held."""
+    """Return an attachment that is too large to be kept."""
     return file_of([record(Attachment(1, 1, "huge.bin", "x", bytes(size)))])

@@ -1,7 +1,8 @@
 """The JSON Schemas in docs/schemas, and the part of JSON Schema that they use.
 
-:func:`problems` is stricter than the standard in one thing: a key that an object's schema does not
-name is a problem, unless the schema has ``additionalProperties``. So a new key must be described.
+:func:`problems` is stricter than the standard in one point: a key that an object's schema does not
+name is an error, unless the schema has ``additionalProperties``. So every new key must be
+described.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ def command_of(arguments: Sequence[str]) -> str | None:
 
 
 def output_problems(command: str, value: object) -> list[str]:
-    """Return what is wrong with the output of a command, by its schema or that of failures."""
+    """Return the errors in a command's output, by its schema or that of failures."""
     schema, failure = schema_of(command), schemas()["error"]
     if not list(problems(value, failure, failure)):
         return []
@@ -87,10 +88,10 @@ def output_problems(command: str, value: object) -> list[str]:
 
 
 def check_output(arguments: Sequence[str], out: str) -> None:
-    """Check what a command printed on stdout with ``--json``.
+    """Check the output of a command with ``--json``.
 
     Raises:
-        AssertionError: it is not one object as the command's schema describes it.
+        AssertionError: it is not one object that matches the command's schema.
 
     """
     command = command_of(arguments)
@@ -102,7 +103,7 @@ def check_output(arguments: Sequence[str], out: str) -> None:
 def problems(
     value: object, schema: dict[str, Any], root: dict[str, Any], at: str = "$"
 ) -> Iterator[str]:
-    """Yield what is wrong with a value."""
+    """Yield the errors in a value."""
     unknown = schema.keys() - _KEYWORDS
     assert not unknown, f"{at}: the check does not know {sorted(unknown)}"
     if "$ref" in schema:
@@ -145,6 +146,6 @@ def _object_problems(
 
 def _is_of(value: object, kinds: str | list[str]) -> bool:
     names = [kinds] if isinstance(kinds, str) else kinds
-    if isinstance(value, bool):  # bool is an int of Python, not of JSON
+    if isinstance(value, bool):  # bool is an int in Python, but not in JSON
         return "boolean" in names
     return any(isinstance(value, _TYPES[name]) for name in names)

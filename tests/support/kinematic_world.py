@@ -1,7 +1,7 @@
-"""A small differential-drive world for running planners in tests, apart from the real emulator.
+"""A small differential-drive world for planner tests, independent of the emulator.
 
-A disc among polygons, stepped at 50 Hz. Contact takes away the normal part of the motion, so
-that the body slides. Encoders and gyro go through the host's own estimator.
+A disc among polygons, stepped at 50 Hz. Contact removes the normal part of the motion, so that the
+disc slides. Encoders and gyro go through the host's own estimator.
 """
 
 from __future__ import annotations
@@ -38,9 +38,10 @@ class WorldNoise:
     infrared_m: float = 0.0
     gyro_rad_s: float = 0.0
     gyro_bias_rad_s: float = 0.0
-    """Present from the start: standing still can measure it."""
+    """Gyro bias from the start, rad/s; it can be measured at rest."""
     gyro_drift_rad_s: float = 0.0
-    """Comes, with either sign, once the robot moves: what calibration leaves."""
+    """Additional gyro bias once the robot moves, rad/s, with random sign; calibration cannot remove
+    it."""
     wheel_scale: float = 0.0
 
 
@@ -56,7 +57,7 @@ TYPICAL = WorldNoise(
 
 
 class KinematicWorld:
-    """The truth, and what the sensors make of it."""
+    """The truth, and the sensor readings."""
 
     def __init__(
         self,
@@ -100,7 +101,7 @@ class KinematicWorld:
         return self.observe()
 
     def rest(self, seconds: float) -> None:
-        """Stand still: the estimator learns the gyro's bias."""
+        """Stand still, so that the estimator learns the gyro bias."""
         for _ in range(round(seconds / STEP_S)):
             self.step(HALT)
 
@@ -129,7 +130,7 @@ class KinematicWorld:
         self.truth = Pose2(x, y, wrap_angle(theta))
 
     def nearest(self, x: float, y: float) -> tuple[float, float, float]:
-        """Distance to the nearest edge and the unit vector away from it."""
+        """Return the distance to the nearest edge and the unit vector away from it."""
         best, bx, by = math.inf, 0.0, 0.0
         for ax, ay, ex, ey in self._edges:
             t = ((x - ax) * ex + (y - ay) * ey) / (ex * ex + ey * ey)
@@ -154,7 +155,7 @@ class KinematicWorld:
         self.estimator.on_encoders(self.time_s, left, right)
 
     def observe(self) -> Observation:
-        """What the robot knows now."""
+        """Return the present observation."""
         if self.time_s >= self._next_range_s - 1e-9:
             self._next_range_s += 0.05
             noise, model = self.noise, self.model
@@ -203,7 +204,7 @@ class KinematicWorld:
 
 @dataclass(slots=True)
 class Run:
-    """A finished run: what the tests look at."""
+    """A finished run: the data that tests read."""
 
     finish_reason: str | None
     duration_s: float

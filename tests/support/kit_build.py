@@ -28,7 +28,7 @@ CORE = sorted(p for p in (KIT / "core").glob("*.c") if p.name != "main.c")
 
 
 def wire(directory: Path) -> Path:
-    """The generated codec in ``directory``/wire."""
+    """Write the generated codec to ``directory``/wire."""
     folder = directory / "wire"
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in render("c").items():
@@ -44,7 +44,7 @@ def compile_kit(
     flags: Sequence[str] = (),
     sanitized: bool = False,
 ) -> Path:
-    """Compile the core with ``sources``, every warning an error; the output's path."""
+    """Compile the core with ``sources``, every warning as an error; return the output's path."""
     includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{wire_folder}")
     files = [*CORE, wire_folder / "sweepctl_protocol.c", *sources]
     compiler = any_compiler("gcc", "clang")
@@ -66,16 +66,16 @@ def compile_kit(
 
 @dataclass(frozen=True)
 class Kit:
-    """The built board on paper."""
+    """The built script board."""
 
     program: Path
 
     def run(self, acts: Iterable[Act]) -> list[Reported]:
-        """Live through a script; what was so after each step."""
+        """Run a script; return the state after each step."""
         return read(self.raw(script(acts)))
 
     def raw(self, data: bytes) -> bytes:
-        """Any bytes as a script; the test fails where the sanitizers object."""
+        """Run any bytes as a script; the test fails if the sanitizers report an error."""
         done = subprocess.run(
             [self.program], input=data, capture_output=True, timeout=60, check=False
         )
@@ -86,10 +86,10 @@ class Kit:
 
 @functools.cache
 def the_kit() -> Kit:
-    """The core under the compiler's sanitizers, once for all tests of a run."""
+    """Return the core with the compiler's sanitizers, once for all tests of a run."""
     directory = Path(tempfile.mkdtemp(prefix="kit-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
     sources = [KIT / "board_host" / name for name in ("script.c", "script_main.c")]
-    flags = ("-O0", "-g")  # built in half the time of -O1
+    flags = ("-O0", "-g")  # builds in half the time of -O1
     out = directory / "script_host"
     return Kit(compile_kit(out, wire(directory), sources, flags=flags, sanitized=True))

@@ -1,4 +1,4 @@
-"""Both firmwares on one script: equal, byte for byte."""
+"""Runs both firmwares on one script: they must be equal, byte for byte."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 def compare(acts: list[Act], *, can: bool = False) -> list[Reported]:
-    """Run both and hold them against each other after each step: what they were, what they wrote.
+    """Run both firmwares and compare their state and output after each step.
 
-    Gives what the C firmware told.
+    Returns the reports of the C firmware.
     """
     ours, twins = the_kit().run(acts), Twin().run(acts)
     assert len(ours) == len(twins)

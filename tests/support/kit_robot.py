@@ -31,7 +31,7 @@ _POWER_PERIODS, _POWER_PHASE = 20, 5
 
 
 class KitRobot:
-    """The program as a child, one control period at a time."""
+    """The program in a child process, one control period at a time."""
 
     def __init__(
         self, program: Path, plan: FloorPlan, *, seed: int = 0, noise: str = "typical"
@@ -55,12 +55,12 @@ class KitRobot:
         return self._ticks * PERIOD_US
 
     def inform(self, *messages: Message) -> None:
-        """Send at the end of the running period."""
+        """Send messages at the end of the running period."""
         for message in messages:
             self.link.send(message, self.now_us, node=1)
 
     def live(self, seconds: float) -> None:
-        """So many control periods of firmware and plant."""
+        """Run firmware and plant for a number of seconds."""
         for _ in range(round(seconds * 1e6 / PERIOD_US)):
             self._period()
 
@@ -77,7 +77,7 @@ class KitRobot:
         self._ticks += 1
 
     def _sense(self) -> None:
-        """What the board would read now, the slow sensors as often as they are looked at."""
+        """Set the board's readings, those of slow sensors as often as they are read."""
         sensors, before = self._sensors, self._readings
         pressed = sensors.bumpers()
         contacts = (
@@ -118,7 +118,7 @@ class KitRobot:
         return reported
 
     def close(self) -> None:
-        """End it; it must end well."""
+        """End the program, which must exit without an error."""
         _, err = self._process.communicate(timeout=20)
         assert self._process.returncode == 0, err.decode()
 

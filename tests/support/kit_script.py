@@ -1,7 +1,7 @@
-"""Scripts for the C firmware's board on paper, and what it tells of them.
+"""Scripts for the C firmware's script board, and its reports.
 
-The format is that of ``sim_device/firmware/board_host/script.c``: records in, one record out for
-each step.
+``sim_device/firmware/board_host/script.c`` defines the format: records in, one record out for each
+step.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ REPORTED = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2h?I")
 _STATUS, _TIME_REPLY = 0x11, 0x18
 _LOAD = 5
 _T16 = 2
-"""The stamp before the payload of a periodic frame on CAN."""
+"""Size of the stamp before the payload of a periodic frame on CAN, bytes."""
 _STAMP, _HEADER, _CRC = 4, 8, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """Boot anew."""
+    """Boot again."""
 
     boot_id: int = 1
     reset_cause: int = 0
@@ -47,7 +47,7 @@ class Boot:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What the sensors read from now on, in the units of ``board.h``."""
+    """Sensor readings from now on, in the units of ``board.h``."""
 
     encoders: tuple[int, int] = (0, 0)
     imu: tuple[int, int, int, int, int, int, int] = (0, 0, 16384, 0, 0, 0, 0)
@@ -74,7 +74,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Live for so long, then take what has come."""
+    """Run for a time, then receive data."""
 
     for_us: int
     data: bytes = b""
@@ -85,7 +85,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class LoseSupply:
-    """Lose the supply so many control periods after the next save has begun."""
+    """Lose the supply a number of control periods after the start of the next save."""
 
     periods: int
 
@@ -97,12 +97,12 @@ Act = Boot | Readings | Step | LoseSupply
 
 
 def script(acts: Iterable[Act]) -> bytes:
-    """The whole script."""
+    """Return the whole script."""
     return b"".join(act.record() for act in acts)
 
 
 class Held(NamedTuple):
-    """What a watchdog holds, in wire steps; ``counter`` 256: none yet."""
+    """Content of a watchdog, in wire steps; ``counter`` 256: none yet."""
 
     first: int
     second: int
@@ -111,13 +111,13 @@ class Held(NamedTuple):
 
 
 class Reported(NamedTuple):
-    """What the firmware was and did as a step had ended."""
+    """State and output of the firmware at the end of a step."""
 
     now_us: int
     session_id: int
     negotiated: bool
     state: int
-    """Of ``modes.h``: stopped, idle, velocity, bring-up, onboard, running, paused."""
+    """State of ``modes.h``: stopped, idle, velocity, bring-up, onboard, running, paused."""
     stop_cause: int
     faults: int
     stale: int
@@ -131,7 +131,7 @@ class Reported(NamedTuple):
 
 
 def read(data: bytes) -> list[Reported]:
-    """Take apart what the program wrote."""
+    """Parse the program's output."""
     reported: list[Reported] = []
     at = 0
     while at < len(data):
@@ -162,10 +162,11 @@ def read(data: bytes) -> list[Reported]:
 
 
 def frames(wrote: bytes, *, can: bool = False) -> Sequence[bytes]:
-    """What was written, frame by frame, byte for byte, but for two things.
+    """Return the output frame by frame, with two values removed.
 
-    The load that ``status`` tells is measured by one and assumed by the other. The moment at which
-    a time reply leaves is that of the line in C: on paper a microsecond later where a frame waits.
+    The load in ``status`` is measured by one firmware and assumed by the other. The sending time in
+    a time reply is that of the line in C; on the script board it is a microsecond later if a frame
+    waits.
     """
     if can:
         return [_can_frame(wrote[i : i + RECORD.size]) for i in range(0, len(wrote), RECORD.size)]

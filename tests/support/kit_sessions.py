@@ -1,4 +1,4 @@
-"""What a host may do to a device, well-behaved and hostile, as a strategy of scripts."""
+"""Actions of a host on a device, well-behaved and hostile, as a strategy of scripts."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ F32 = struct.Struct("<f")
 
 
 def f32(value: float) -> int:
-    """Bits of a parameter's value."""
+    """Return the bits of a parameter's value."""
     return int.from_bytes(F32.pack(value), "little")
 
 
 class Writer:
-    """Writes a script: what a host says, with its sequence numbers and its clock."""
+    """Writes a script: a host's messages, with its sequence numbers and its clock."""
 
     def __init__(self, *, can: bool = False) -> None:
         self.acts: list[Act] = [Readings()]
@@ -61,27 +61,27 @@ class Writer:
         self._printed: list[bytes] = []
         self.counter = 0
         self.reboots = 0
-        """Since then, by a command or a lost supply."""
+        """Number of reboots since then, by a command or a lost supply."""
 
     @property
     def boot_id(self) -> int:
-        """Of the boot that the script is in."""
+        """Boot id of the present boot in the script."""
         boots = [act for act in self.acts if isinstance(act, Boot)]
         return (boots or [Boot()])[-1].boot_id + self.reboots
 
     def wait(self, for_us: int) -> None:
-        """Say nothing for so long."""
+        """Send nothing for a time."""
         self.now_us += for_us
         self.acts.append(Step(for_us))
 
     def read(self, readings: Readings) -> None:
-        """Let the sensors read this from now on."""
+        """Set the sensor readings from now on."""
         self.acts.append(readings)
 
     def inform(
         self, *messages: Message, after_us: int = 1000, age_us: int = 0, node: int = 1
     ) -> None:
-        """Send messages together, stamped as the host's clock stood ``age_us`` ago."""
+        """Send messages together, with the stamp of ``age_us`` ago."""
         for message in messages:
             self._link.send(message, self.now_us + after_us + HOST_AHEAD_US - age_us, node=node)
         data = self._link.data_to_send()
@@ -89,44 +89,44 @@ class Writer:
         self.raw(data, after_us=after_us)
 
     def raw(self, data: bytes, after_us: int = 1000) -> None:
-        """Send bytes as they are."""
+        """Send bytes unchanged."""
         self.now_us += after_us
         self.acts.append(Step(after_us, data))
 
     def replay(self, back: int) -> None:
-        """Send again what was sent so many sayings ago."""
+        """Repeat the ``back``-th last sending."""
         if self._printed:
             self.raw(self._printed[-1 - back % len(self._printed)])
 
     def damage(self, bit: int) -> None:
-        """Send the last saying again with a bit flipped."""
+        """Repeat the last sending with an inverted bit."""
         if self._printed and self._printed[-1]:
             data = bytearray(self._printed[-1])
             data[bit // 8 % len(data)] ^= 1 << bit % 8
             self.raw(bytes(data))
 
     def cut(self, kept: int) -> None:
-        """Send the last saying again without its tail."""
+        """Repeat the last sending without its tail."""
         if self._printed and self._printed[-1]:
             self.raw(self._printed[-1][: kept % len(self._printed[-1])])
 
     def frame(self, node: int, type_id: int, payload: bytes, flags: int = 0) -> None:
-        """Send any payload in a whole frame."""
+        """Send any payload in a complete frame."""
         stamp_us = self.now_us + HOST_AHEAD_US
         self.raw(b"\0" + encode_frame(node, type_id, 0, stamp_us, payload, flags))
 
     def hello(self, name: bytes) -> None:
-        """A hello whose name may be no UTF-8."""
+        """Send a hello whose name may be invalid UTF-8."""
         self.frame(1, HELLO, struct.pack("<IIIB", 1, 9, self.boot_id, 1) + name)
 
     def begin(self, session_id: int = 7) -> None:
-        """From nothing to driving."""
+        """Go from boot to driving."""
         self.inform(HostHello(0, session_id, self.boot_id, 0, "first"))
         self.inform(HostHello(0, session_id, self.boot_id, 1, "first"))
         self.inform(ClearStop(0xFFF0, StopCause.SESSION_END), SetMode(0xFFF1, Mode.VELOCITY))
 
     def drive(self, v: int, yaw_rate: int, times: int) -> None:
-        """Setpoints as a host sends them."""
+        """Send setpoints as a host does."""
         for _ in range(times):
             self.counter = (self.counter + 1) & 0xFF
             self.inform(VelocitySetpoint(v, yaw_rate, 200, self.counter), after_us=20_000)
@@ -154,7 +154,7 @@ _commands: st.SearchStrategy[Message] = st.one_of(
     st.builds(ClearStop, _ids, _causes),
     st.builds(SetMode, _ids, st.integers(0, 5)),
     st.builds(SetMode, _ids, st.just(Mode.VELOCITY)),
-    # Only the paper's planner, which C has; where it leads is compared apart.
+    # Only the paper's planner, which C has; another test compares its path.
     st.builds(PlannerCommand, _ids, st.integers(1, 4), st.integers(0, 5)),
     st.builds(GetParameter, _ids, st.integers(0, PARAMETERS + 1)),
     st.builds(SetParameter, _ids, st.integers(0, PARAMETERS + 1), st.integers(0, 4), _values),
@@ -191,7 +191,7 @@ _readings = st.builds(
         st.just(0),
         *[st.sampled_from([0, 5, -3000, 32767])] * 3,
     ),
-    # Differences that are no threshold: what is exactly at one is a matter of rounding.
+    # Differences that do not hit a threshold: a value exactly at one is a matter of rounding.
     st.sampled_from([97, 104, 300, 307, 342, 3999, NO_RANGE]),
     st.tuples(*[st.sampled_from([400, 411, 530, 2999, NO_RANGE])] * 2),
     st.integers(0, 7),
@@ -229,7 +229,7 @@ SENSED = st.tuples(st.just("read"), _readings)
 
 
 def write(deeds: list[Any], *, can: bool = False, begun: bool = True) -> list[Act]:
-    """The script of what was drawn."""
+    """Return the script of the drawn actions."""
     writer = Writer(can=can)
     if begun:
         writer.begin()
@@ -239,7 +239,7 @@ def write(deeds: list[Any], *, can: bool = False, begun: bool = True) -> list[Ac
     return writer.acts
 
 
-def _do_setpoint(  # noqa: PLR0913, PLR0917 - a setpoint's fields
+def _do_setpoint(  # noqa: PLR0913, PLR0917 - the fields of a setpoint
     writer: Writer,
     kind: Callable[..., Message],
     first: int,
@@ -253,7 +253,7 @@ def _do_setpoint(  # noqa: PLR0913, PLR0917 - a setpoint's fields
 
 
 def _do_version(writer: Writer, version: int) -> None:
-    """A stop of another version of the protocol."""
+    """Send a stop of another protocol version."""
     writer.raw(b"\0" + _sealed(bytes((version << 4, 1, 0, 0)) + bytes(4) + b"\1\0\4"))
 
 

@@ -1,4 +1,4 @@
-"""The Python firmware on the same script as the C firmware's board on paper."""
+"""Runs the Python firmware on the same script as the C firmware's script board."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _STATES = (
 
 
 class PaperSensors:
-    """Readings as they are given."""
+    """The given readings as sensors."""
 
     def __init__(self) -> None:
         self.now = Readings()
@@ -80,7 +80,7 @@ def _seen(reading: int, per_m: float) -> float | None:
 
 
 class Twin:
-    """Lives through a script."""
+    """Runs a script."""
 
     def __init__(self) -> None:
         self.sensors = PaperSensors()
@@ -92,7 +92,7 @@ class Twin:
         self._boot()
 
     def run(self, acts: Iterable[Act]) -> list[Reported]:
-        """All of it; what was so after each step."""
+        """Run the whole script; return the state after each step."""
         reported: list[Reported] = []
         for act in acts:
             match act:
@@ -128,7 +128,7 @@ class Twin:
         while self._due_us <= until_us:
             self._duties = self.firmware.tick(self._due_us - self._booted_us)
             self._due_us += TICK_US
-            if self._can:  # frames leave by rank among those that wait in one period
+            if self._can:  # frames of one period leave by rank
                 wrote += self.firmware.data_to_send()
         self._now_us = until_us
         for piece in self._pieces(step.data):
@@ -144,7 +144,7 @@ class Twin:
         return reported
 
     def _pieces(self, data: bytes) -> list[bytes]:
-        """One frame at a time: what a describe changes holds for the frames behind it."""
+        """Return one frame at a time: a describe message affects the frames behind it."""
         if self._can:
             size = RECORD.size
             whole = len(data) - len(data) % size

@@ -1,4 +1,4 @@
-"""A device whose planner tells what is not so, for those who are to find it out."""
+"""A device whose planner reports false values, which tests must detect."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def let_lie(device: VirtualSweeper, what: str, at_s: float) -> None:
-    """Let the device's planner tell a lie of this kind from a moment on."""
+    """Let the device's planner report a false value of this kind from a time on."""
     control, lie = device.firmware.control, LIES[what]
     true_state = control.planner_state
     reported: dict[str, int] = {}
@@ -26,11 +26,11 @@ def let_lie(device: VirtualSweeper, what: str, at_s: float) -> None:
         true = true_state()
         return true if device.plant.tick_ms < 1000.0 * at_s else lie(true, reported)
 
-    control.planner_state = planner_state  # type: ignore[method-assign]  # a liar
+    control.planner_state = planner_state  # type: ignore[method-assign]  # false values
 
 
 def changed(true: PlannerState, **values: int) -> PlannerState:
-    """The state with some fields changed."""
+    """Return the state with some fields changed."""
     fields = CATALOGUE.by_class[PlannerState].fields
     return PlannerState(*(values.get(f.name, getattr(true, f.name)) for f in fields))
 
@@ -68,5 +68,5 @@ LIES: dict[str, Lie] = {
     "paused": lambda true, _: changed(true, phase=PlannerPhase.PAUSED),
     "turn": lambda true, _: changed(true, phase=PlannerPhase.TURN),
 }
-"""D 5 cm too long, another case, another Length, another Prev-D, a T that jumps; and a phase
-that the robot is not in."""
+"""False values by name: D 5 cm too long, another case, another Length, another Prev-D, a T that
+jumps, and a phase that the robot is not in."""

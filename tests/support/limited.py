@@ -1,4 +1,4 @@
-"""Run log commands with bounded memory, on some of a group's files.
+"""Runs log commands with bounded memory, on some of a group's files.
 
 ``python -m support.limited GROUP FOLDER FILES`` prints JSON.
 """
@@ -18,7 +18,8 @@ from support.hostile_logs import GROUPS
 MEMORY = 5 << 29
 """Address space of a command, bytes: 2.5 GiB, of which the libraries take some 1.2 GiB."""
 CPU_S = 100
-"""Processor time of a command, s: many times what it takes. Unbounded, the files take hours."""
+"""Maximum processor time of a command, s: many times its usual time. Without it the files take
+hours."""
 COMMANDS = {
     "info": ("info", "FILE", "--json"),
     "recover": ("recover", "FILE", "--out", "OUT.mcap"),
@@ -32,13 +33,13 @@ COMMANDS = {
     "rerun": ("view", "FILE", "--save", "OUT.rrd"),
 }
 DRAWING = {"report", "picture", "rerun"}
-"""They read as ``diff`` does, and take seconds to draw: of a group whose harm is not in what is
-drawn they get the first of several files only."""
+"""Commands that read like ``diff`` and take seconds to draw. If a group's harm is not in the drawn
+values, they get only its first file."""
 DRAWN = {"contents", "impostors"}
 
 
 def main() -> None:
-    """Each command on each of the files, in a process of its own; how each of them ended."""
+    """Run each command on each file in a separate process; print how each ended."""
     from tools.cli.main import run  # noqa: F401, PLC0415 - as above
 
     group, folder, files = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
@@ -66,7 +67,7 @@ def main() -> None:
 
 
 def _run(arguments: list[str], printed: Path) -> None:
-    """In the child: the command, its words into a file."""
+    """Run a command in the child process, its output into a file."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
     number = os.open(printed, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
@@ -77,7 +78,7 @@ def _run(arguments: list[str], printed: Path) -> None:
         from tools.cli.main import run  # noqa: PLC0415 - loaded by the parent
 
         status = run(arguments)
-    except BaseException:  # noqa: BLE001 - what the test is about
+    except BaseException:  # noqa: BLE001 - any exception is the subject of the test
         traceback.print_exc()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""An emulated device on a stand, wired wrongly on purpose, with a person's hands beside it."""
+"""An emulated device on a stand with wiring faults, and a scripted person beside it."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ PLAN = parse_floorplan('{"walls": [[0,0],[8,0],[8,8],[0,8]], "start": [4,4,0]}')
 _TURN_RATE, _TURN_MS = 90.0, 1000
 _TILT = 0.4
 _SOON_MS = 600
-"""Hands need a moment after they were asked."""
+"""Time that the person needs after a request, ms."""
 _HELD_MS = 2000
 _LSB_G, _LSB_DEG = 16384, 131.0
 
 
 class Stand:
-    """Wraps a device's sensors and motors; ``wrong`` names what is connected wrongly."""
+    """Wraps a device's sensors and motors; ``wrong`` names the wiring faults."""
 
     def __init__(self, *wrong: str, seed: int = 3, noise: str = "typical") -> None:
         self.device = VirtualSweeper(PLAN, noise=noise, seed=seed)
         self.wrong = frozenset(wrong)
-        self.device.plant.faults.lifted = True  # the floor sensor is covered: it sees paper
+        self.device.plant.faults.lifted = True  # the cliff sensor is covered: it detects paper
         self._hand: tuple[str, int] = ("", 0)
         plant, sensors = self.device.plant, self.device.sensors
         self._set_duty = plant.set_duty
@@ -48,13 +48,13 @@ class Stand:
     # ---- the person -----------------------------------------------------------------------
 
     def confirm(self, text: str) -> bool:
-        """Do with the hands what the text asks for."""
+        """Do what the text asks for."""
         self._hand = (text, self.device.plant.tick_ms + _SOON_MS)
         self._angles = self.device.plant.wheel_angles_rad
         return True
 
     def choose(self, _text: str) -> str:
-        """Say which wheel was seen to turn, and which way."""
+        """Return which wheel turned, and in which direction."""
         left, right = (
             now - before
             for now, before in zip(self.device.plant.wheel_angles_rad, self._angles, strict=True)
@@ -103,9 +103,9 @@ class Stand:
         if self._asked("Raise", "LEFT side"):
             ay += round(math.sin(_TILT) * _LSB_G)
             az -= round((1.0 - math.cos(_TILT)) * _LSB_G)
-        if "imu upside down" in self.wrong:  # turned over about x
+        if "imu upside down" in self.wrong:  # rotated by 180° about x
             ay, az, gy, gz = -ay, -az, -gy, -gz
-        if "imu turned" in self.wrong:  # a quarter about z: its x to the robot's left
+        if "imu turned" in self.wrong:  # rotated by 90° about z: its x to the robot's left
             ax, ay, gx, gy = ay, -ax, gy, -gx
         if "gyro inverted" in self.wrong:
             gz = -gz
@@ -135,7 +135,7 @@ class Stand:
         if "cliff dead" in self.wrong:
             return False
         text, at_ms = self._hand
-        # Paper is pulled away a moment after the robot was shown it, unless it is to stay there.
+        # The person removes the paper shortly after showing it to the robot, unless it must stay.
         return (
             "cliff sensor" in text
             and "COVER" not in text

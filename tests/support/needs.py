@@ -1,7 +1,7 @@
-"""``@pytest.mark.needs("tshark")``: skipped where the tool is missing, and reported at the end.
+"""``@pytest.mark.needs("tshark")``: skip a test whose tool is missing, and report it at the end.
 
-With ``--require-tools`` each such test fails with one line instead. A test that starts a program
-of the system without its mark fails, whatever is installed: see ``check_start``.
+With ``--require-tools`` each such test fails with one line instead. A test that starts a system
+program without its mark fails, whether the program is installed or not: see ``check_start``.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Mapping
 
 MISSING = "missing-tool"
-"""Key of a report's property that names a tool for want of which the test did not run."""
+"""Key of a report's property that names the missing tool of a skipped test."""
 _STARTS = {"subprocess.Popen", "os.posix_spawn", "os.exec"}
 """Audit events of a program's start; the program is the first argument."""
 
@@ -61,7 +61,7 @@ def configure(config: pytest.Config) -> None:
 
 
 def needed(item: pytest.Item) -> list[Tool]:
-    """The tools that an item's marks name, each once."""
+    """Return the tools that an item's marks name, each once."""
     names = (name for mark in item.iter_markers("needs") for name in mark.args)
     return [tool_named(name) for name in dict.fromkeys(names)]
 
@@ -74,7 +74,7 @@ class _Needs:
         self._started_by: dict[object, set[str]] = {}
         """Tools whose programs a fixture's setup has started, by its FixtureDef."""
         self._seconds: defaultdict[str, float] = defaultdict(float)
-        """What each file has taken."""
+        """Duration of each file, s."""
         sys.addaudithook(self._audit)
 
     # ---- marks ----------------------------------------------------------------------------
@@ -123,7 +123,7 @@ class _Needs:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_call(self, item: pytest.Item) -> None:
-        """A fixture that is shared starts a program once, for every test that has it."""
+        """Check the programs that shared fixtures have started, for every test that uses them."""
         if not isinstance(item, pytest.Function):
             return
         marked = {tool.name for tool in needed(item)}
@@ -168,10 +168,10 @@ class _Needs:
 
 
 def check_start(program: str, marked: Iterable[str]) -> Tool | None:
-    """The tool of which a program is one that a test starts; None for what needs no mark.
+    """Return the tool of a started program; None if it needs no mark.
 
-    Python, what is installed beside it, what stands in the checkout, and what a test has built
-    itself need none; nor has a program that is not there.
+    Python, programs beside it, in the checkout or built by a test need no mark. A missing program
+    needs none either.
     """
     path = shutil.which(program)
     if path is None or Path(path).name in BASE:
@@ -196,7 +196,7 @@ def _reject(what: str, names: set[str]) -> None:
 
 
 def block(not_run: Mapping[tuple[str, ...], int]) -> list[str]:
-    """Lines for the end of a run: tests that were not run, by tool, and what installs them."""
+    """Return lines for the end of a run: skipped tests by tool, and the install command."""
     by_tool: Counter[str] = Counter()
     for names, count in not_run.items():
         for name in names:

@@ -1,4 +1,4 @@
-"""An observation for tests to change: a robot that stands still, and nothing in reach."""
+"""An observation for tests to modify: a robot at rest without obstacles."""
 
 from __future__ import annotations
 
@@ -17,4 +17,4 @@ AT_REST = Observation(
     bumper_right=False,
     cliff=False,
 )
-"""Standing at the origin, nothing in reach: ``AT_REST._replace(v_m_s=0.2)``."""
+"""Robot at rest at the origin, without obstacles: ``AT_REST._replace(v_m_s=0.2)``."""

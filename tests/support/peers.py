@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 EXTRA = Annotated[int, number(U16, "count", "something new")]
-"""A field that somebody appended."""
+"""A field that another version has appended."""
 
 
 def hints_of(original: type[Message]) -> dict[str, Any]:
-    """The fields of a message, to be changed and declared again."""
+    """Return the fields of a message, to be changed and declared again."""
     return {f.name: Annotated[int, f] for f in specify(original).fields}
 
 
 def variant(original: type[Message], hints: dict[str, Any]) -> type[Message]:
-    """A message of the same type and name with other fields."""
+    """Return a message of the same type and name with other fields."""
     spec = specify(original)
     cls: type[Message] = type(original.__name__, (Message,), {"__annotations__": hints})
     cls.__doc__ = original.__doc__
@@ -39,19 +39,19 @@ def variant(original: type[Message], hints: dict[str, Any]) -> type[Message]:
 
 
 def longer(original: type[Message], name: str = "extra") -> type[Message]:
-    """The message with one more field."""
+    """Return the message with one more field."""
     return variant(original, {**hints_of(original), name: EXTRA})
 
 
 def shorter(original: type[Message], fields: int) -> type[Message]:
-    """The message's first fields."""
+    """Return the message with its first fields only."""
     return variant(original, dict(list(hints_of(original).items())[:fields]))
 
 
 def catalogue(
     *, less: Iterable[type[Message]] = (), more: Iterable[type[Message]] = ()
 ) -> Catalogue:
-    """Ours without ``less``, and with ``more`` in the place of what has the same name."""
+    """Return our catalogue without ``less``; ``more`` replaces messages of the same name."""
     less, more = list(less), list(more)
     replaced = {m.__name__ for m in (*less, *more)}
     return Catalogue([*(m for m in ALL_MESSAGES if m.__name__ not in replaced), *more])

@@ -1,10 +1,10 @@
-"""Runs the tests in phases and adds their results up: exit 1 where one has failed.
+"""Runs the tests in phases and adds their results up; exits with 1 if one failed.
 
     PYTHONPATH=tests python -m support.phases test|check|nightly [pytest's options]
 
-First what lives in virtual time, on all cores; then what is marked ``realtime``, a few at a time;
-then, one by one, what is marked ``alone`` and what had no verdict beside others. Each phase runs
-even if one before it failed. `make check` has only the first.
+First the tests in virtual time, on all cores; then those marked ``realtime``, a few at a time;
+then, one by one, those marked ``alone`` and those without a verdict beside others. Each phase runs
+even if an earlier one failed. `make check` has only the first.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ OK, FAILED, INTERRUPTED, NO_TESTS = 0, 1, 2, 5
 
 
 SLOW_S = 3.0
-"""Time of one core, s, beyond which a file has the mark ``slow``; below it `make check` has room
-for two hundred files in a minute and a half."""
+"""Minimum time of a file, s of one core, that requires the mark ``slow``. Below it `make check` can
+run two hundred files in a minute and a half."""
 WORKERS = 4
-"""Real-time tests at a time: most of them wait, and on two cores four leave none idle."""
+"""Number of real-time tests at a time: most of them wait, and on two cores four leave none idle."""
 
 
 class Phase(NamedTuple):
@@ -40,11 +40,11 @@ class Phase(NamedTuple):
     marks: str
     options: tuple[str, ...]
     files: Callable[[], list[str]] = list
-    """Where its tests are; none: everywhere."""
+    """Files with its tests; none: all files."""
 
 
 def realtime_files() -> list[str]:
-    """Files with real-time tests: to load all others as well takes each worker seconds."""
+    """Return the files with real-time tests: loading all other files takes each worker seconds."""
     return [
         str(path)
         for path in sorted(Path("tests").rglob("test_*.py"))
@@ -53,7 +53,7 @@ def realtime_files() -> list[str]:
 
 
 PUT_OFF = "{folder}/put-off"
-"""Where the second phase names the tests that the third runs again."""
+"""File in which the second phase lists the tests that the third runs again."""
 VIRTUAL = Phase(
     "tests in virtual time, on all cores",
     "not realtime",
@@ -75,13 +75,13 @@ SELECTIONS = {
 
 
 class Totals:
-    """What the phases have counted."""
+    """Sums of all phases."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self.not_run: Counter[tuple[str, ...]] = Counter()
         self.broken: list[str] = []
-        """Phases that ended without a count of their own, each with its exit status."""
+        """Phases that ended without a count, each with its exit status."""
         self.seconds: dict[str, float] = {}
         self.failed = False
 
@@ -100,20 +100,20 @@ class Totals:
             self.counts += Counter(counted)
 
     def lines(self) -> list[str]:
-        """The closing lines."""
+        """Return the closing lines."""
         counts = (f"{self.counts[name]} {name}" for name in ("passed", "failed", "skipped"))
         return [*block(self.not_run), "", *self.broken, ", ".join(counts)]
 
 
 def unmarked(seconds: dict[str, float]) -> list[str]:
-    """Advice on files of `make check` that take long; no verdict, for the machine may be busy."""
+    """Return advice on slow files of `make check`; no verdict, because the machine may be busy."""
     by_time = sorted(seconds.items(), key=lambda item: -item[1])
     found = [f"  {took:5.1f} s  {name}" for name, took in by_time if took > SLOW_S]
     return [f"above {SLOW_S:g} s, and without the mark slow:", *found] if found else []
 
 
 def main(arguments: list[str]) -> int:
-    """Run the phases; 1 where one failed."""
+    """Run the phases; return 1 if one failed."""
     name, *options = arguments
     selection, phases = SELECTIONS[name]
     totals = Totals()

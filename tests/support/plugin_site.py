@@ -1,4 +1,4 @@
-"""Packages with plug-ins, as an installation leaves them, in a folder for another process."""
+"""Installs packages with plug-ins in a folder for another process."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A host of few words, for checks: it says what it is told to, and keeps all that it hears.
+"""A minimal host for checks: it sends what a check requests, and keeps everything it receives.
 
-It knows a device by the bytes on its port and by nothing else, so the same checks judge the
-emulator, a firmware in another emulator, and a robot on the desk.
+It knows a device only by the bytes on its port, so the same checks apply to the emulator, a
+firmware in another emulator, and a robot on the desk.
 """
 
 from __future__ import annotations
@@ -46,28 +46,29 @@ __all__ = ["Heard", "Ping", "Probe", "now_us", "since"]
 TRY_S = 0.4
 SETPOINT_S = 0.02
 QUICK_STATUS = 500
-"""Tenths of a hertz: so that a change of state is seen within one control period of a host."""
+"""Rate of the status, tenths of a hertz: a change of state is visible within one control period of
+a host."""
 
 
 class Probe(WireProbe):
-    """One port with one device behind it, and the words of a host."""
+    """One port with one device behind it, and the messages of a host."""
 
     # ---- session --------------------------------------------------------------------------
 
     @property
     def boot_id(self) -> int:
-        """What a hello must name to open a session; 0: the device has not said it yet."""
+        """Boot id that a hello must name to open a session; 0: the device has not sent it yet."""
         return 0 if self.hello is None else self.hello.boot_id
 
     def send_hello(self, *, negotiated: int = 0, session_id: int | None = None) -> int:
-        """Say hello in our session, or in another."""
+        """Send a hello in our session, or in another."""
         session = self.session_id if session_id is None else session_id
         return self.send(
             HostHello(CATALOGUE.hash, session, self.boot_id, negotiated, "conformance")
         )
 
     def greet(self) -> Hello:
-        """Open a session of our own and hear the device's answer; nothing is agreed yet."""
+        """Open a session and return the device's answer; nothing is agreed yet."""
         self.session_id = secrets.randbelow(0xFFFF_FFFE) + 1
         mark = len(self.heard)
         for _ in range(5):
@@ -127,11 +128,11 @@ class Probe(WireProbe):
                 codec.limit(type_id, outcome.shared_fields)
 
     def has(self, kind: type[Message]) -> bool:
-        """Whether the device shares this message."""
+        """Return whether the device shares this message."""
         return CATALOGUE.by_class[kind].type_id not in self.link.disabled
 
     def needs(self, what: Capability | type[Message] | bool, name: str = "") -> None:  # noqa: FBT001 - what is needed
-        """End the check as not applicable where the device lacks something."""
+        """End the check as not applicable if the device lacks something."""
         if isinstance(what, Capability):
             assert self.hello is not None
             present, name = bool(self.hello.capabilities & what), f"no {what.name} in its hello"
@@ -145,7 +146,7 @@ class Probe(WireProbe):
     # ---- questions and commands -----------------------------------------------------------
 
     def ping(self) -> Ping | None:
-        """Ask for the device's time; None where no reply comes."""
+        """Ask for the device's time; return None without a reply."""
         number = self._next_ping()
         mark = len(self.heard)
         sent_us = self.send(TimeRequest(number))
@@ -158,16 +159,16 @@ class Probe(WireProbe):
         return Ping(sent_us, found.message.received_us, found.frame.t_us, found.at_us)
 
     def alive(self) -> None:
-        """The device still answers."""
+        """Check that the device still answers."""
         assert any(self.ping() is not None for _ in range(5)), "the device no longer answers"
 
     def next_id(self) -> int:
-        """A command id of our own that was not used lately."""
+        """Return a command id that was not used recently."""
         self._command_id = (self._command_id + 1) & 0xFFFF
         return self._command_id
 
     def reply_to(self, message: Message, *, flags: int = 0, node: int | None = None) -> Ack | Nack:
-        """Say a command, again if need be, and give the answer to it."""
+        """Send a command, repeatedly if necessary, and return the answer."""
         command_id = cast("Command", message).command_id
         type_id = CATALOGUE.by_class[type(message)].type_id
         mark = len(self.heard)
@@ -178,7 +179,7 @@ class Probe(WireProbe):
         raise AssertionError(f"no answer to {message}")
 
     def replies(self, command_id: int, type_id: int, mark: int = 0) -> list[Ack | Nack]:
-        """Answers to one command."""
+        """Return the answers to one command."""
         return [
             h.message
             for h in self.heard[mark:]
@@ -187,7 +188,7 @@ class Probe(WireProbe):
         ]
 
     def refusal(self, make: Callable[[int], Message]) -> NackReason | None:
-        """Give a command; the reason of its refusal, or None."""
+        """Send a command; return the reason of its rejection, or None."""
         reply = self.reply_to(make(self.next_id()))
         return NackReason(reply.reason) if isinstance(reply, Nack) else None
 
@@ -196,7 +197,7 @@ class Probe(WireProbe):
         assert self.refusal(lambda i: Stop(i, cause)) is None
 
     def status(self) -> Status:
-        """What the device says of itself, sampled after this was called."""
+        """Return a status that was sampled after this call."""
         for _ in range(5):
             ping = self.ping()
             if ping is None:
@@ -215,7 +216,7 @@ class Probe(WireProbe):
         return None
 
     def counters(self) -> LinkCounters:
-        """What the device counts of the link, as of now."""
+        """Return the device's present link counters."""
         self.needs(LinkCounters)
         if self.refusal(lambda i: SetStreamRate(i, 0x28, 200)) is None:
             ping = self.ping()
@@ -230,7 +231,7 @@ class Probe(WireProbe):
         return found.message
 
     def free(self) -> None:
-        """Release whatever stop is latched."""
+        """Clear the latched stop, if any."""
         for _ in range(3):
             cause = self.status().stop_cause
             if cause == StopCause.NONE:
@@ -240,7 +241,7 @@ class Probe(WireProbe):
         raise AssertionError("the device cannot be freed")
 
     def enter(self, mode: Mode) -> None:
-        """Free the device and let something move its wheels."""
+        """Clear the stop and enter a mode with motion."""
         self.free()
         reason = self.refusal(lambda i: SetMode(i, mode))
         assert reason is None, f"mode {mode.name.lower()} refused: {reason}"
@@ -256,14 +257,14 @@ class Probe(WireProbe):
         counter: int | None = None,
         late_us: int = 0,
     ) -> int:
-        """Say a velocity once; ``late_us`` makes it look as old as that."""
+        """Send a velocity once; ``late_us`` makes it look that old."""
         message = VelocitySetpoint(
             round(v_m_s / 0.0001), round(yaw_rate_rad_s / 0.0002), ttl_ms, self._count(counter)
         )
         return self.send(message, stamp_us=now_us() - late_us)
 
     def duty(self, left: float, right: float, *, ttl_ms: int = 200) -> int:
-        """Say wheel duties once."""
+        """Send wheel duties once."""
         return self.send(
             WheelDuty(round(left * 10_000), round(right * 10_000), ttl_ms, self._count(None))
         )
@@ -275,7 +276,10 @@ class Probe(WireProbe):
         return self._counter
 
     def keep_saying(self, inform: Callable[[], int], duration_s: float) -> int:
-        """Repeat at the rate of a host's control loop; our clock as it was said last."""
+        """Repeat a message at the rate of a host's control loop.
+
+        Return our clock at the last one.
+        """
         end_us = now_us() + round(duration_s * 1e6)
         reply_us = inform()
         while now_us() < end_us:
@@ -284,7 +288,7 @@ class Probe(WireProbe):
         return reply_us
 
     def counts(self) -> list[tuple[int, int, int]]:
-        """Stamps and both wheels' travel since the first that is kept, in counts, unwrapped."""
+        """Return stamps and both wheels' counts since the first kept sample, unwrapped."""
         out: list[tuple[int, int, int]] = []
         left = right = 0
         before: Encoders | None = None

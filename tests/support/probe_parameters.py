@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def get(device: Probe, number: int) -> ParameterValue:
-    """One parameter; its value comes before the acknowledgement."""
+    """Read one parameter; its value comes before the acknowledgement."""
     mark = len(device.heard)
     reason = device.refusal(lambda i: GetParameter(i, number))
     assert reason is None, f"parameter {number}: {reason}"
@@ -24,7 +24,7 @@ def get(device: Probe, number: int) -> ParameterValue:
 
 
 def every(device: Probe) -> list[ParameterValue]:
-    """All of them, in order; ends the check where the device has none."""
+    """Read all parameters in order; end the check if the device has none."""
     device.needs(GetParameter)
     first = device.refusal(lambda i: GetParameter(i, 0))
     without = first in {NackReason.UNKNOWN_COMMAND, NackReason.UNSUPPORTED}
@@ -34,12 +34,12 @@ def every(device: Probe) -> list[ParameterValue]:
 
 
 def put(device: Probe, parameter: ParameterValue, raw: int) -> NackReason | None:
-    """Set one; a refusal's reason, or None."""
+    """Set one parameter; return a rejection's reason, or None."""
     return device.refusal(lambda i: SetParameter(i, parameter.parameter, parameter.kind, raw))
 
 
 def value_of(kind: int, raw: int) -> float:
-    """What 32 bits say."""
+    """Return the value of 32 bits."""
     match kind:
         case ParameterKind.F32:
             number: float = struct.unpack("<f", struct.pack("<I", raw))[0]
@@ -49,7 +49,7 @@ def value_of(kind: int, raw: int) -> float:
 
 
 def raw_of(kind: int, value: float) -> int:
-    """The 32 bits that say it."""
+    """Return the 32 bits of a value."""
     if kind == ParameterKind.F32:
         raw: int = struct.unpack("<I", struct.pack("<f", value))[0]
         return raw
@@ -57,12 +57,12 @@ def raw_of(kind: int, value: float) -> int:
 
 
 def writable(parameters: list[ParameterValue]) -> list[ParameterValue]:
-    """Those that can be set."""
+    """Return the parameters that can be set."""
     return [p for p in parameters if not p.flags & ParameterFlag.READ_ONLY]
 
 
 def other_value(parameter: ParameterValue) -> int:
-    """A value within its range that it has neither now nor by default."""
+    """Return a value within its range that differs from the present one and the default."""
     low = value_of(parameter.kind, parameter.low)
     high = value_of(parameter.kind, parameter.high)
     for share in (0.25, 0.3, 0.35):

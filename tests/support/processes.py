@@ -1,4 +1,4 @@
-"""``sweepctl`` as another process: the command, its environment, and what came of it."""
+"""``sweepctl`` in another process: the command, its environment, and its result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ COMMAND = (sys.executable, "-m", "tools.sweepctl")
 
 
 def environment(**more: str) -> dict[str, str]:
-    """Ours, in which another process finds our modules."""
+    """Return our environment, in which another process finds our modules."""
     return {**os.environ, "PYTHONPATH": str(ROOT), **more}
 
 
@@ -26,7 +26,7 @@ class Done(NamedTuple):
 
     @property
     def json(self) -> dict[str, Any]:
-        """The one object on stdout, which holds nothing else."""
+        """Return the only object on stdout."""
         assert self.out.endswith("}\n"), self.out
         value = json.loads(self.out, parse_constant=_not_json)
         assert isinstance(value, dict)
@@ -34,7 +34,7 @@ class Done(NamedTuple):
 
     @property
     def line(self) -> str:
-        """The one line that a person is told."""
+        """Return the only line for people."""
         assert "Traceback" not in self.err, self.err
         lines = self.err.strip().splitlines()
         assert len(lines) == 1, self.err
@@ -42,7 +42,7 @@ class Done(NamedTuple):
 
     @property
     def complaint(self) -> str:
-        """The last line that a person is told."""
+        """Return the last line for people."""
         return self.err.strip().splitlines()[-1]
 
 

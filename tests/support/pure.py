@@ -1,4 +1,4 @@
-"""A kernel as its source says it, run by Python: what the compiled module must agree with."""
+"""Kernels run from their source by Python, as the reference for the compiled modules."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 def load_pure(source: Path) -> ModuleType:
-    """Load a module from its source, whether it is compiled or not; under a name of its own."""
+    """Load a module from its source under its own name, whether it is compiled or not."""
     spec = importlib.util.spec_from_file_location(
         f"{source.parent.name}_{source.stem}_pure", source
     )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look there
+    sys.modules[spec.name] = module  # where dataclasses searches
     spec.loader.exec_module(module)
     return module

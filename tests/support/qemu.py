@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 FIRMWARE = ROOT / "sim_device" / "firmware"
 READY_S = 60.0
-"""A busy machine starts QEMU and Python slowly."""
+"""Maximum time to start QEMU and Python on a busy machine, s."""
 
 
 def build(folder: Path) -> Path:
-    """Both boards' programs, with every warning an error; the test fails without its tools."""
+    """Build both boards' programs, with every warning as an error; fail without the tools."""
     tool("arm-none-eabi-gcc")
     command: list[str | Path] = [
         locked("cmake"),
@@ -49,25 +49,25 @@ def build(folder: Path) -> Path:
 
 
 class Emulated(NamedTuple):
-    """An emulator that has said ``ready``."""
+    """An emulator that has printed ``ready``."""
 
     process: subprocess.Popen[str]
     port: str
     control: Path
 
     def ask(self, line: str) -> dict[str, Any]:
-        """Ask on the control socket; the answer is a yes."""
+        """Send a request to the control socket; the answer must be positive."""
         answer = ask_control(self.control, line)
         assert answer["ok"], answer
         return answer
 
     def truth(self) -> dict[str, float]:
-        """Where the robot really is, and how it moves."""
+        """Return the robot's true pose and motion."""
         truth: dict[str, float] = self.ask("truth")["truth"]
         return truth
 
     def qemu_pid(self) -> int:
-        """Of the emulator's only child."""
+        """Process id of the emulator's only child."""
         pid = self.process.pid
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
         assert len(children) == 1, children
@@ -76,7 +76,7 @@ class Emulated(NamedTuple):
 
 @contextmanager
 def emulated(firmware: Path, cwd: Path, *arguments: str | Path) -> Iterator[Emulated]:
-    """``sweepctl emulate --target qemu`` for as long as the block; it must end in order."""
+    """Run ``sweepctl emulate --target qemu`` during the block; it must end cleanly."""
     tool("qemu-system-arm")
     control = cwd / "control"
     process = start(
@@ -96,12 +96,12 @@ def emulated(firmware: Path, cwd: Path, *arguments: str | Path) -> Iterator[Emul
 
 
 def finish(process: subprocess.Popen[str]) -> Done:
-    """End it as a user does."""
+    """End the emulator as a user does."""
     return end(process, signal.SIGTERM)
 
 
 def true_coverage(log: Path, room: str) -> float:
-    """Share of the sweepable floor that the mouth has passed over, from the truth's log."""
+    """Return the swept share of the sweepable floor, from the truth's log."""
     poses = []
     for plain, value in decoded(log, "/truth/pose"):
         turn = value.pose.orientation
@@ -111,7 +111,7 @@ def true_coverage(log: Path, room: str) -> float:
 
 
 def until(so: Callable[[], bool], within_s: float, what: str) -> None:
-    """Wait for something that another process does."""
+    """Wait for a condition that another process fulfils."""
     limit = time.monotonic() + within_s
     while not so():
         assert time.monotonic() < limit, f"not within {within_s:g} s: {what}"

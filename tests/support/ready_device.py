@@ -1,4 +1,4 @@
-"""A device, and a session that has agreed with it and asks it for things."""
+"""A device, and a session that has agreed with it and sends commands."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def f32(value: float) -> int:
 
 
 class Desk:
-    """A session that has agreed with a device, asking for things and waiting for the answer."""
+    """A session that has agreed with a device; it sends commands and waits for the answers."""
 
     def __init__(self, seed: int = 1) -> None:
         self.host = session_end()
@@ -55,7 +55,7 @@ class Desk:
         assert self.ends.run(4.0, lambda: self.host.session.state is State.READY)
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:
-        """Send a command until it is answered; the refusal's reason, or None."""
+        """Send a command until it is answered; return the rejection's reason, or None."""
         session = self.host.session
         type_id = CATALOGUE.by_class[type(make(0))].type_id
         before = len(self.host.of(CommandEnded))
@@ -66,7 +66,7 @@ class Desk:
         return None if outcome.reason is None else NackReason(outcome.reason)
 
     def spare_id(self) -> int:
-        """An id of the session's for a command of another type that is sent by hand."""
+        """Return an id of the session for a command of another type that a test sends itself."""
         given: list[int] = []
 
         def make(command_id: int) -> Message:
@@ -121,7 +121,7 @@ class Desk:
             self.ends.run(0.02)
 
     def send(self, message: Message, *, stamp_ns: int | None = None) -> None:
-        """Outside of what a session offers: any message, of any age."""
+        """Send any message of any age, without the session's checks."""
         at_ns = self.ends.host_ns if stamp_ns is None else stamp_ns
         self.host.session.link.send(message, at_ns // 1000, node=1)
         self.ends.to_device.push(self.host.session.data_to_send(), self.ends.now_us)

@@ -1,4 +1,4 @@
-"""The recovery planner's context without a run: a robot that stands somewhere with an empty map."""
+"""The recovery planner's context without a run: a robot at rest with an empty map."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def context_at(
 
 
 def kinds(context: RecoveryContext) -> list[str]:
-    """Kinds of the events since the last call."""
+    """Return the kinds of the events since the last call."""
     return [event.kind for event in context.record.drain()]
 
 
 def returned(part: Generator[object, object, Returned]) -> Returned:
-    """What a part that drives no leg returns."""
+    """Return the result of a part that drives no leg."""
     try:
         next(part)
     except StopIteration as stop:

@@ -1,7 +1,7 @@
-"""A second codec, naive and slow, that shares no code with ``protocol``.
+"""A second, simple and slow codec that shares no code with ``protocol``.
 
-Everything is typed in by hand from the description of the wire: byte offsets, scales, the
-bitwise CRC, COBS one byte at a time. Where it and ``protocol`` differ, one of them is wrong.
+Everything is typed in by hand from the description of the wire format: byte offsets, scales, the
+bitwise CRC, COBS one byte at a time. If it and ``protocol`` differ, one of them is wrong.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class CobsError(ValueError):
 
 
 def crc32(data: bytes) -> int:
-    """Give CRC-32 as zlib has it: reflected 0x04C11DB7, all ones in, complemented out."""
+    """Return the CRC-32 of zlib: reflected 0x04C11DB7, all ones in, complemented out."""
     register = 0xFFFFFFFF
     for byte in data:
         register ^= byte
@@ -52,7 +52,7 @@ def cobs_encode(data: bytes) -> bytes:
 
 
 def cobs_decode(data: bytes) -> bytes:
-    """Undo :func:`cobs_encode`.
+    """Invert :func:`cobs_encode`.
 
     Raises:
         CobsError: a zero byte, or a distance that leads past the end.
@@ -77,7 +77,7 @@ def cobs_decode(data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class RefFrame:
-    """An intact frame: its header as numbers, its payload, where its first byte stood."""
+    """An intact frame: its header as numbers, its payload, the place of its first byte."""
 
     offset: int
     version: int
@@ -124,7 +124,7 @@ def frame_bytes(  # noqa: PLR0913 - the header's fields
 
 
 def parse_stream(data: bytes) -> list[RefFrame | RefDamage]:
-    """Scan a whole stream; what follows the last zero is not complete and gives nothing."""
+    """Parse a whole stream; bytes after the last zero are incomplete and ignored."""
     found: list[RefFrame | RefDamage] = []
     first = 0
     for position, byte in enumerate(data):
@@ -163,9 +163,9 @@ def _stretch(piece: bytes, offset: int) -> RefFrame | RefDamage:
 # ---- messages ---------------------------------------------------------------------------
 
 G = 9.80665 / 16384
-"""m/s² of one accelerometer count at ±2 g."""
+"""Scale of an accelerometer count at ±2 g, m/s²."""
 DPS = math.pi / 180 / 131
-"""rad/s of one gyroscope count at ±250 °/s."""
+"""Scale of a gyroscope count at ±250 °/s, rad/s."""
 
 Row = tuple[str, str] | tuple[str, str, str, float] | tuple[str, str, str, float, int]
 """Name and wire type; then the SI property and the value of one count; then the sentinel."""
@@ -423,7 +423,7 @@ def decode_payload(type_id: int, payload: bytes) -> dict[str, object]:
 
 
 def si_values(type_id: int, values: dict[str, object]) -> dict[str, float | None]:
-    """Give every physical value of a message in SI units by its property's name."""
+    """Return every physical value of a message in SI units by its property's name."""
     out: dict[str, float | None] = {}
     for row in LAYOUTS[type_id][2]:
         if len(row) == 2:

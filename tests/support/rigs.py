@@ -34,9 +34,9 @@ class Heard(NamedTuple):
     """A message of the device."""
 
     at_us: int
-    """When it came: the device's own true time."""
+    """Arrival: the device's true time, µs."""
     t_us: int
-    """Its stamp."""
+    """Stamp of the message, µs."""
     message: Message
 
 
@@ -47,13 +47,13 @@ def rig(
     seed: int = 1,
     link: type[LinkBase] = Link,
 ) -> Rig:
-    """Noise-free, in the middle of an open floor unless told otherwise."""
+    """Return a noise-free device, by default in the middle of an open floor."""
     device = VirtualSweeper(plan, seed=seed, noise="none", link=link)
     return Rig(device, settings, [parse_fault(text) for text in faults], seed=seed)
 
 
 class Drive:
-    """A session that asks for one velocity as long as it is ready."""
+    """A session that requests one velocity whenever it is ready."""
 
     def __init__(self, made: Rig, v_m_s: float = 0.0, yaw_rate_rad_s: float = 0.0) -> None:
         self.rig = made
@@ -63,7 +63,7 @@ class Drive:
         self.heard: list[Heard] = []
         self.events: list[tuple[int, SessionEvent]] = []
         self.bytes: list[tuple[int, bytes]] = []
-        """What came, and when."""
+        """Arrival time and content of received bytes."""
         self.now_us = 0
         self._setpoint_us = 0
         self.session.open(self._host_ns)
@@ -73,7 +73,7 @@ class Drive:
         return HostNs((self.now_us + HOST_BOOT_US) * 1000)
 
     def run(self, until_s: float) -> None:
-        """Let both live until this time of the device's."""
+        """Run both ends until this time of the device."""
         end_us = round(until_s * 1e6)
         pending = b""
         while self.now_us < end_us:
@@ -103,7 +103,7 @@ class Drive:
                 self.session.set_mode(Mode.VELOCITY, self._host_ns)
 
     def of(self, kind: type[M], since_s: float = 0.0, until_s: float = 1e9) -> list[M]:
-        """Messages of one kind that came in this time."""
+        """Return the messages of one kind that arrived in this interval."""
         return [
             h.message
             for h in self.heard
@@ -111,7 +111,7 @@ class Drive:
         ]
 
     def round_trips_us(self, since_s: float, until_s: float) -> list[int]:
-        """Of the pings that were answered in this time."""
+        """Return the round trips of the pings that were answered in this interval."""
         return [
             (e.arrived_ns - e.sent_ns) // 1000
             for at_us, e in self.events
@@ -124,5 +124,5 @@ class Drive:
 
 
 def lost_frames(drive: Drive, since_s: float, until_s: float) -> float:
-    """Share of the inertial samples, 100 a second, that did not come."""
+    """Return the share of the inertial samples, 100 a second, that did not arrive."""
     return 1.0 - len(drive.of(Imu, since_s, until_s)) / (100 * (until_s - since_s))

@@ -1,4 +1,4 @@
-"""Stand-ins for the plant whose motion is a formula, so that a sensor's answer is one too."""
+"""Replacements of the plant whose motion is a formula, and so the sensors' output too."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def _still(_t_s: float) -> float:
 
 
 class Scripted:
-    """A body as the inertial sensor knows it: heading and impulses as functions of time."""
+    """A body for the inertial sensor: heading and impulses as functions of time."""
 
-    def __init__(  # noqa: PLR0913, PLR0917 - all that a sensor feels, each with a default
+    def __init__(  # noqa: PLR0913, PLR0917 - all inputs of a sensor, each with a default
         self,
         heading_deg: Callable[[float], float] = _still,
         impulse_x_m_s: Callable[[float], float] = _still,
@@ -38,7 +38,7 @@ class Scripted:
 
     @property
     def plant(self) -> Plant:
-        """Itself, as a sensor wants to have it."""
+        """The object itself, in the type that a sensor expects."""
         return cast("Plant", self)
 
     @property
@@ -59,7 +59,7 @@ class Scripted:
 
 
 class Placed:
-    """A body as bumper and cliff sensor know it: put somewhere by hand."""
+    """A body for bumper and cliff sensor, at a place that the test sets."""
 
     def __init__(self, world: World, pose: Pose2 | None = None) -> None:
         self.world = world
@@ -68,7 +68,7 @@ class Placed:
 
     @property
     def plant(self) -> Plant:
-        """Itself, as a sensor wants to have it."""
+        """The object itself, in the type that a sensor expects."""
         return cast("Plant", self)
 
     def put(self, x_m: float, y_m: float, theta_rad: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""Which tests a run leaves out: ``nightly`` on what `make test` has a smaller version of."""
+"""Selection of tests: ``nightly`` for those that `make test` has a smaller version of."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ if TYPE_CHECKING:
 
 
 def seeds(always: int, nightly: int, *, first: int = 0) -> list[ParameterSet]:
-    """Seeds from ``first`` on: so many in every run, so many more in `make nightly`."""
+    """Return seeds from ``first`` on: ``always`` for every run, the rest for `make nightly`."""
     marks = [()] * always + [(pytest.mark.nightly,)] * nightly
     return [pytest.param(first + number, marks=mark) for number, mark in enumerate(marks)]

@@ -1,4 +1,4 @@
-"""A virtual sweeper served on a pty by a thread of this process, so that it can be looked at."""
+"""A virtual sweeper served on a pty by a thread of this process, so that tests can inspect it."""
 
 from __future__ import annotations
 

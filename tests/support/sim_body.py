@@ -1,4 +1,4 @@
-"""The virtual sweeper's body in rooms made on the spot."""
+"""The virtual sweeper's plant in rooms made for a test."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World
 
 IDEAL_BATTERY = BatteryParameters(resistance_ohm=0.0, capacity_ah=1e9)
-"""Stays at its voltage, so that motion has a closed form."""
+"""Battery with constant voltage, so that motion has a closed form."""
 IDEAL_CHASSIS = Chassis(caster_drag_n=0.0, mass_kg=0.0)
-"""Without drag, and its wheels never spin: what the wheels roll, the body goes."""
+"""Chassis without drag and wheel spin: the robot moves as the wheels roll."""
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
-    """A rectangle, counter-clockwise."""
+    """Return a rectangle, counter-clockwise."""
     return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
 
 
@@ -32,7 +32,7 @@ def room(
     walls: Polygon | None = None,
     obstacles: tuple[Polygon, ...] = (),
 ) -> FloorPlan:
-    """A room of 20 m by 20 m unless told otherwise."""
+    """Return a room, 20 m by 20 m by default."""
     return FloorPlan("test", walls or box(0.0, 0.0, 20.0, 20.0), obstacles, Pose2(*start))
 
 
@@ -63,7 +63,7 @@ def sensors(body: Plant, *, level: str = "none", seed: int = 2) -> SensorSuite:
 
 
 def duty(v_m_s: float) -> float:
-    """Duty of a noise-free wheel that rolls at this speed on a full ideal battery."""
+    """Return the duty of a noise-free wheel that rolls at this speed on a full ideal battery."""
     model = RobotModel()
     return MotorParameters().duty_for(
         v_m_s / (0.5 * model.wheel_diameter_m), model.battery_v, model.driver_drop_v

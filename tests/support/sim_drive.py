@@ -1,7 +1,7 @@
-"""The virtual sweeper's body and sensors, driven by hand, with the host's estimator listening.
+"""The virtual sweeper's plant and sensors, driven by a test, with the host's estimator.
 
-Steered by the estimate, as a planner would; the truth is only looked at. What the wire rounds
-is rounded here.
+The test steers by the estimate, as a planner would, and only reads the truth. Values are rounded as
+on the wire.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Errors:
     position_m: list[float] = field(default_factory=list)
     yaw_rad: list[float] = field(default_factory=list)
     nees: list[float] = field(default_factory=list)
-    """Every two seconds: of (x, y, θ), 3 in the mean where the covariance is right."""
+    """NEES of (x, y, θ) every two seconds; its mean is 3 for a consistent covariance."""
 
 
 class SimDrive:
-    """A robot in a room, its estimator, and the errors made."""
+    """A robot in a room, its estimator, and its errors."""
 
     def __init__(
         self, plan: FloorPlan, level: str, seed: int, *, walls: bool = True, accel: bool = True
@@ -51,7 +51,7 @@ class SimDrive:
         self.bumped = False
         self.tick = 0
         self.encoder_gain = (1.0, 1.0)
-        """What the left and right counters make of the wheels' turning: a slip is a gain."""
+        """Gains of the left and right counters; a gain simulates slip."""
         self._accel = accel
         self._raw = (0, 0)
         self._counts = [0.0, 0.0]
@@ -59,7 +59,7 @@ class SimDrive:
     # -- driving ---------------------------------------------------------------------------
 
     def step(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
-        """10 ms at a commanded velocity."""
+        """Drive 10 ms at a commanded velocity."""
         raw = self.suite.encoders()
         supply_v = self.body.supply_v
         self.body.set_duty(*self.control.step(v_m_s, yaw_rate_rad_s, raw, supply_v))
@@ -80,7 +80,7 @@ class SimDrive:
             self.step(0.0, 0.0)
 
     def straight(self, distance_m: float, *, speed_m_s: float = 0.2) -> None:
-        """Along the present heading of the estimate, rounded to a quarter turn."""
+        """Drive along the estimate's present heading, rounded to a quarter turn."""
         start = self.estimator.pose
         heading = round(start.theta_rad / (0.5 * math.pi)) * 0.5 * math.pi
         c, s = math.cos(heading), math.sin(heading)
@@ -105,7 +105,7 @@ class SimDrive:
     # -- inside ----------------------------------------------------------------------------
 
     def _counters(self) -> tuple[int, int]:
-        """The counters as the wire tells them, with a slip played by a gain."""
+        """Return the counters as on the wire, with simulated slip."""
         raw = self.suite.encoders()
         for side in (0, 1):
             delta = (raw[side] - self._raw[side] + 0x8000) % 0x10000 - 0x8000

@@ -16,7 +16,7 @@ RECORDS = 30
 COVERAGES = ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
 
 
-def write_log(  # noqa: PLR0913 - what a list of runs shows
+def write_log(  # noqa: PLR0913 - the columns of a list of runs
     path: Path,
     *,
     seed: int = 0,

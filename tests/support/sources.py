@@ -1,8 +1,8 @@
-"""Ordinary modules that are compiled run from their sources: for coverage and for fuzzing.
+"""Runs ordinary compiled modules from their sources, for coverage and for fuzzing.
 
     python -m pytest -p support.sources --cov
 
-To import this module is enough. Kernels stay compiled, since they are too slow otherwise.
+Importing this module is enough. Kernels stay compiled, because they are too slow otherwise.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class SourceFinder(MetaPathFinder):
-    """Finds the source of each module whose types stand in a .pxd."""
+    """Finds the source of each module that has its types in a .pxd."""
 
     def __init__(self) -> None:
         typed = (source for source in kernels.sources() if kernels.types(source).exists())
@@ -30,7 +30,7 @@ class SourceFinder(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """As :meth:`importlib.abc.MetaPathFinder.find_spec`."""
+        """Find a module as :meth:`importlib.abc.MetaPathFinder.find_spec` does."""
         del path, target
         source = self._paths.get(fullname)
         return spec_from_file_location(fullname, source) if source else None

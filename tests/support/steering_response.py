@@ -1,7 +1,7 @@
 """Step responses of the steering gains: bearing and wall distance while driving.
 
-As in ``step_response``, on the same plant, but with both velocities, each with its dead time and
-lag, so that steering acts on a moving robot.
+The plant is that of ``step_response``, but with both velocities, each with its dead time and lag,
+so that steering acts on a moving robot.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 BEARING_BAND_RAD = math.radians(1.0)
 WALL_BAND_M = 0.002
-"""An infrared's noise beside a wall, and a step and a half of the wire."""
+"""Tolerance beside a wall, m: an infrared's noise, and a step and a half of the wire."""
 _NEAR_M = 0.10
-"""A bearing is judged no nearer to its point: on the last centimetres it means nothing."""
+"""Minimum distance at which a bearing is evaluated, m: on the last centimetres it means nothing."""
 _WIRE_M = 0.00125
-"""Step of an infrared's reading on the wire."""
+"""Step of an infrared's reading on the wire, m."""
 _LONG_S, _FOLLOW_S = 20.0, 15.0
 
 
@@ -54,7 +54,7 @@ class _Body:
         self.sent_rad_s = 0.0
 
     def step(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
-        """One control step; the command passes the smoothing first."""
+        """Run one control step; the command passes the smoothing first."""
         self.sent_rad_s = self._smooth_w.update(yaw_rate_rad_s, STEP_S)
         self._pending.append((self._smooth_v.update(v_m_s, STEP_S), self.sent_rad_s))
         v, w = self._pending.popleft()
@@ -78,10 +78,10 @@ def bearing_step(
     distance_m: float = 1.0,
     dead_s: float = DEAD_S,
 ) -> StepResponse:
-    """Take up the bearing of a point until it is 10 cm away (section 3.3, part 4).
+    """Turn to the bearing of a point until it is 10 cm away (section 3.3, part 4).
 
-    The value is how much of the bearing has been taken up: the angle less what is left of it.
-    From rest; beyond 45° the robot turns in place first.
+    The value is the corrected part of the bearing. The robot starts at rest; beyond 45° it turns in
+    place first.
     """
     tune = MotionTuning()
     rate = tune.turn_rate_share * model.max_yaw_rate_rad_s
@@ -101,7 +101,7 @@ def bearing_step(
     return response
 
 
-def wall_step(  # noqa: PLR0913 - a robot, a step, and how it is followed
+def wall_step(  # noqa: PLR0913 - a robot, a step, and the following
     model: RobotModel,
     step_m: float,
     tuning: FollowTuning = FOLLOW_TUNING,
@@ -141,7 +141,7 @@ def column_stand_off_m(
     return sum(last) / len(last)
 
 
-def _follow(  # noqa: PLR0913, PLR0917 - a robot, what it follows, and how
+def _follow(  # noqa: PLR0913, PLR0917 - a robot, its wall, and the following
     model: RobotModel,
     reads: Callable[[Pose2], float],
     tuning: FollowTuning,
@@ -149,7 +149,10 @@ def _follow(  # noqa: PLR0913, PLR0917 - a robot, what it follows, and how
     speed_m_s: float | None = None,
     dead_s: float = DEAD_S,
 ) -> Iterator[tuple[float, _Body]]:
-    """Time and robot after each control step of 15 s; readings at 20 Hz, in the wire's steps."""
+    """Yield time and robot after each control step of 15 s.
+
+    Readings at 20 Hz, in the wire's steps.
+    """
     speed = model.cruise_speed_m_s if speed_m_s is None else speed_m_s
     follower = WallFollower(model, Side.LEFT, gap_m, speed_m_s=speed, tuning=tuning)
     body = _Body(model, speed, dead_s)
@@ -162,14 +165,14 @@ def _follow(  # noqa: PLR0913, PLR0917 - a robot, what it follows, and how
 
 
 def _to_wall(model: RobotModel, pose: Pose2, wall_m: float) -> float:
-    """Range of the left infrared to a wall along y = ``wall_m``."""
+    """Return the range of the left infrared to a wall along y = ``wall_m``."""
     mount = model.infrared_left
     c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
     return (wall_m - pose.y_m - mount.x_m * s) / c - mount.y_m
 
 
 def _to_column(model: RobotModel, pose: Pose2, centre_m: float, radius_m: float) -> float:
-    """Range of the left infrared to a column about (0, ``centre_m``)."""
+    """Return the range of the left infrared to a column about (0, ``centre_m``)."""
     mount = model.infrared_left
     c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
     x, y = pose.transform(mount.x_m, mount.y_m)

@@ -1,7 +1,7 @@
 """Hypothesis strategies for messages, frames and streams.
 
-They draw raw values from the reference codec's table, so that a field which the catalogue
-lays out otherwise shows as a difference, not as other test data.
+They draw raw values from the reference codec's table. If the catalogue lays out a field
+differently, this shows as a difference, not as other test data.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ flags = st.integers(0, 15)
 
 
 def field_values(kind: str) -> SearchStrategy[object]:
-    """Any raw value that a wire type holds, its ends often."""
+    """Draw any raw value of a wire type, often at the ends of its range."""
     if kind == "text":
         return st.text(max_size=50)
     if kind == "uid96":
@@ -38,24 +38,24 @@ def field_values(kind: str) -> SearchStrategy[object]:
 
 
 def values_of(type_id: int) -> SearchStrategy[dict[str, object]]:
-    """Field values of one message type, by name, in wire order."""
+    """Draw field values of one message type, by name, in wire order."""
     rows = ref.LAYOUTS[type_id][2]
     drawn = st.tuples(*(field_values(row[1]) for row in rows))
     return drawn.map(lambda values: {row[0]: v for row, v in zip(rows, values, strict=True)})
 
 
 def message_of(type_id: int, values: dict[str, object]) -> Message:
-    """Build the project's message of these values."""
+    """Return the project's message with these values."""
     return CATALOGUE.by_type[type_id].cls(**values)
 
 
 typed_values = type_ids.flatmap(lambda t: st.tuples(st.just(t), values_of(t)))
-"""A type and values for all its fields."""
+"""A type, and values for all its fields."""
 
 
 @st.composite
 def reference_frames(draw: st.DrawFn) -> bytes:
-    """A well-formed delimited frame of any message, written by the reference codec."""
+    """Draw a valid delimited frame of any message, written by the reference codec."""
     type_id, values = draw(typed_values)
     return ref.frame_bytes(
         flags=draw(flags),
@@ -69,7 +69,7 @@ def reference_frames(draw: st.DrawFn) -> bytes:
 
 @st.composite
 def damaged(draw: st.DrawFn, frame: bytes) -> bytes:
-    """``frame`` with one thing wrong: a bit, a stretch, an end, something put in."""
+    """Damage ``frame`` in one way: a bit, a stretch, an end, or additional bytes."""
     at = draw(st.integers(0, len(frame) - 1))
     match draw(st.sampled_from(["flip", "noise", "cut tail", "cut head", "insert", "drop"])):
         case "flip":
@@ -98,10 +98,10 @@ streams = st.lists(
     ),
     max_size=8,
 ).map(b"".join)
-"""What a line may carry: intact and damaged frames, garbage, overlong stretches, zeros."""
+"""Possible content of a line: intact and damaged frames, garbage, overlong stretches, zeros."""
 
 
 def cut(data: bytes, places: list[int]) -> list[bytes]:
-    """Cut ``data`` at these places, taken modulo its length."""
+    """Split ``data`` at these places, taken modulo its length."""
     ends = sorted(p % (len(data) + 1) for p in places)
     return [data[a:b] for a, b in zip([0, *ends], [*ends, len(data)], strict=True)]

@@ -1,9 +1,9 @@
-"""What a chip's SVD file says about the registers that the firmware uses, kept as data.
+"""Facts from a chip's SVD file about the registers that the firmware uses, stored as data.
 
     PYTHONPATH=tests python -m support.svd STM32F429x.svd
 
-writes ``tests/vectors/stm32f429.json``: of each peripheral its base address and its registers
-(offset and, of each field, first bit and width), and the number of each interrupt. ST publishes
+writes ``tests/vectors/stm32f429.json``: for each peripheral its base address and its registers
+(offset and, for each field, first bit and width), and the number of each interrupt. ST publishes
 the file; version 0.4 of the Python package ``cmsis-svd`` contains it.
 """
 
@@ -52,7 +52,7 @@ def _registers(peripheral: Element) -> dict[str, Any]:
 
 
 def facts(svd: Path) -> dict[str, Any]:
-    """The peripherals that the firmware uses, and every interrupt."""
+    """Return the peripherals that the firmware uses, and every interrupt."""
     root = ET.parse(svd).getroot()  # noqa: S314 - a file that the caller chose
     found = {_text(p, "name"): p for p in root.iter("peripheral")}
     return {

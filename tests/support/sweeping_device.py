@@ -1,4 +1,4 @@
-"""A device that sweeps lanes and tells of them, before the shadow of its planner."""
+"""A device that sweeps lanes and reports them, for the check of its planner."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ IDLE, LANE, TURN, STEP = (
 )
 BACK = PlannerPhase.RECOVERY_BACK
 PERIOD = 10
-"""Control steps from one planner state to the next: 5 Hz."""
+"""Number of control steps between two planner states: 5 Hz."""
 CRUISE_M = 0.2 * STEP_S
 
 
 class Device:
-    """A device that sweeps lanes and tells of them; what it tells can be made wrong."""
+    """A device that sweeps lanes and reports them; a test can falsify its reports."""
 
     def __init__(self, onboard: str = "paper", rule: DisagreementRule | None = None) -> None:
         self.planner_check = PlannerCheck(rule or DisagreementRule(motion_s=1.0), MODEL)
@@ -40,7 +40,7 @@ class Device:
     def go(
         self, steps: int, speed_m: float = 0.0, *, rate: float = 0.0, lead_m: float = 0.0
     ) -> None:
-        """So many control steps; a new planner state, equal or not, every tenth."""
+        """Run a number of control steps; a planner state, equal or not, follows every tenth."""
         for index in range(steps):
             if index % PERIOD == 0:
                 self.state = PlannerState(*tuple(self.state))
@@ -65,10 +65,10 @@ class Device:
     def lane(
         self, way_m: float, after: PlannerState, *, before: PlannerState | None = None
     ) -> None:
-        """A lane of this way, which the state after it tells of."""
+        """Sweep a lane of this length; the state after it reports the lane."""
         self.emit_state(before or planner(LANE, turns=self.state.turn_count, **_kept(self.state)))
         self.go(round(way_m / CRUISE_M), CRUISE_M)
-        self.go(30)  # the rest at its end
+        self.go(30)  # the rest at the lane's end
         self.emit_state(after)
         self.go(20, rate=0.8)
 
@@ -93,7 +93,7 @@ def started(onboard: str = "paper", rule: DisagreementRule | None = None) -> Dev
 
 
 def swept(way_m: float = 1.0, *, turns: int = 1, case: int = 1) -> Device:
-    """After a first lane, told as it was, and a side step."""
+    """Return a device after a first lane, correctly reported, and a side step."""
     device = started()
     mm = round(way_m * 1000)
     device.lane(way_m, planner(TURN, distance=mm, previous=mm, case=case))

@@ -1,4 +1,4 @@
-"""A made-up run: one pass of lanes over a small room, told as a real one would be."""
+"""A made-up run: one pass of lanes over a small room, in the form of a real log."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ PLAN = FloorPlan(
 
 
 def run_info(*, plan: FloorPlan | None = PLAN) -> RunInfo:
-    """What the made-up run says of itself."""
+    """Return the description of the made-up run."""
     return RunInfo(
         port="memory",
         planner="u-shape",
@@ -70,7 +70,7 @@ def run_info(*, plan: FloorPlan | None = PLAN) -> RunInfo:
 
 
 def _path() -> Iterator[tuple[Pose2, float, float, str]]:
-    """Pose, speed, yaw rate and state of every step: three lanes, short of the box."""
+    """Yield pose, speed, yaw rate and state of every step: three lanes, up to the box."""
     dt_s = STEP_NS * 1e-9
     pose, side = PLAN.start, 1.0
     for _ in range(4):
@@ -94,7 +94,7 @@ def _path() -> Iterator[tuple[Pose2, float, float, str]]:
 
 
 def synthetic_run(seed: int = 1) -> Iterator[Record]:
-    """Every kind of record, in time order, at the rates of a real run."""
+    """Yield every kind of record, in time order, at the rates of a real run."""
     model, rng = RobotModel(), np.random.default_rng(seed)
     columns, rows = round(2.06 / _GRID_M), round(2.06 / _GRID_M)
     swept = np.full((rows, columns), -1, dtype=np.int8)
@@ -164,5 +164,5 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
 
 
 def summary() -> dict[str, object]:
-    """The made-up run's end."""
+    """Return the made-up run's end."""
     return {"outcome": "complete", "room": "synthetic", "coverage": {"body_free": 0.5}}

@@ -1,4 +1,4 @@
-"""A command on a terminal of its own: keys go in, what is drawn comes out."""
+"""A command on a terminal of its own: the test sends keys and reads the screen."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ KITTY_REPLY, XTERM_REPLY = b"\x1b[?0u\x1b[?62;c", b"\x1b[?64;1;2c"
 
 
 class OnTerminal:
-    """``sweepctl`` with its three streams on a pty of 120 × 40; ``kitty`` tells of releases."""
+    """``sweepctl`` with its three streams on a pty of 120 × 40.
+
+    ``kitty``: it reports key releases.
+    """
 
     def __init__(
         self,
@@ -70,13 +73,13 @@ class OnTerminal:
                 os.write(self._master, KITTY_REPLY if self._kitty else XTERM_REPLY)
 
     def shows(self, text: str) -> None:
-        """Wait until this was drawn."""
+        """Wait until this text was drawn."""
         with self._news:
             found = self._news.wait_for(lambda: text.encode() in self.drawn, PATIENCE_S)
         assert found, self.drawn[-3000:].decode("utf-8", "replace")
 
     def stand_still(self) -> None:
-        """Read no more, as a terminal whose window hangs."""
+        """Stop reading, like a terminal whose window hangs."""
         self._reads.clear()
 
     def hold(self) -> None:
@@ -84,14 +87,14 @@ class OnTerminal:
         os.write(self._master, b"\x13")
 
     def go_on(self) -> None:
-        """Read again."""
+        """Continue reading."""
         self._reads.set()
 
     def press(self, data: bytes) -> None:
         os.write(self._master, data)
 
     def end(self) -> int:
-        """Wait for its end; its exit status."""
+        """Wait for its end; return its exit status."""
         status = self.process.wait(PATIENCE_S)
         self._thread.join(PATIENCE_S)
         return status

@@ -1,9 +1,9 @@
-"""The registry of what the tests start and Python does not bring: one place, and all follow it.
+"""The registry of programs that tests start and that Python does not provide.
 
-From it come the marker ``needs`` (``support.needs``), ``.ci/packages*.txt`` and the table in
-CONTRIBUTING.md:
+It is the source of the marker ``needs`` (``support.needs``), of ``.ci/packages*.txt`` and of the
+table in CONTRIBUTING.md:
 
-    PYTHONPATH=tests python -m support.tools    writes the files anew
+    PYTHONPATH=tests python -m support.tools    writes these files
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _UNMARKED: ContextVar[frozenset[str]] = ContextVar("_UNMARKED", default=frozense
 
 @contextlib.contextmanager
 def unmarked(*names: str) -> Iterator[None]:
-    """In the block programs of these tools start without a mark: the caller can do without."""
+    """In the block, let programs of these tools start without a mark, as they are optional."""
     before = _UNMARKED.set(startable() | set(names))
     try:
         yield
@@ -46,43 +46,43 @@ def unmarked(*names: str) -> Iterator[None]:
 
 
 def startable() -> frozenset[str]:
-    """Tools whose programs may start here without a mark."""
+    """Return the tools whose programs may start here without a mark."""
     return _UNMARKED.get()
 
 
 class UnknownToolError(LookupError):
-    """A test names a tool that the registry does not have."""
+    """A test names a tool that is not in the registry."""
 
 
 @dataclass(frozen=True)
 class Package:
-    """A system package with the reason why the tests want it."""
+    """A system package, and why the tests need it."""
 
     debian: str
     reason: str
     ubuntu: str = ""
-    """Name on Ubuntu 24.04, where it differs."""
+    """Name on Ubuntu 24.04, if it differs."""
 
     def name(self, distribution: str) -> str:
-        """The package's name on a distribution, by the ``ID`` of its os-release."""
+        """Return the package's name on a distribution, by the ``ID`` of its os-release."""
         return self.ubuntu if distribution == "ubuntu" and self.ubuntu else self.debian
 
 
 @dataclass(frozen=True)
 class Tool:
-    """A program or a capability of the system, by the name that tests give to ``needs``."""
+    """A program or a capability of the system, by the name that tests pass to ``needs``."""
 
     name: str
     use: str
-    """What the tests do with it."""
+    """What the tests use it for."""
     programs: tuple[tuple[str, ...], ...]
-    """All of these are started; each may have several names, of which the first found is taken."""
+    """Programs that the tests start; each may have several names, and the first found is used."""
     packages: tuple[Package, ...]
     probe: Callable[[], bool] = lambda: True
-    """What must hold beside the programs; asked once."""
+    """Condition in addition to the programs; evaluated once."""
 
     def present(self) -> bool:
-        """Whether it is all there."""
+        """Return whether all of it is present."""
         with unmarked(self.name):
             return _present(self)
 
@@ -96,7 +96,7 @@ def _present(tool: Tool) -> bool:
 
 
 def _clang_has_runtimes() -> bool:
-    """The sanitizers and the fuzzer link: Debian packs them apart from the compiler."""
+    """Return whether sanitizers and fuzzer link: Debian packages them separately."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder, "empty.c")
         source.write_text("int LLVMFuzzerTestOneInput(void) { return 0; }\n", encoding="ascii")
@@ -105,14 +105,14 @@ def _clang_has_runtimes() -> bool:
 
 
 def _arm_has_libc() -> bool:
-    """The linker's specification of newlib-nano, which gcc names by its path where it exists."""
+    """Return whether newlib-nano's specification exists; gcc prints its path if so."""
     command = ("arm-none-eabi-gcc", "-print-file-name=nano.specs")
     done = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_S, check=False)
     return os.sep in done.stdout
 
 
 def _has_vulkan() -> bool:
-    """The loader, and a driver's manifest where the loader looks."""
+    """Return whether the loader exists, and a driver's manifest where the loader searches."""
     try:
         ctypes.CDLL("libvulkan.so.1")
     except OSError:
@@ -189,7 +189,7 @@ TOOLS = (
         (("chromium", "chromium-browser", "google-chrome"),),
         (
             Package(
-                # Ubuntu's chromium is a snap, which sees neither /tmp nor a debugging pipe.
+                # Ubuntu's chromium is a snap, which can access neither /tmp nor a debugging pipe.
                 "chromium",
                 "browser for the web viewer",
                 "google-chrome-stable",
@@ -218,14 +218,14 @@ TOOLS = (
 )
 BY_NAME = {tool.name: tool for tool in TOOLS}
 PROGRAMS = {name: tool for tool in TOOLS for names in tool.programs for name in names}
-"""Which tool a program belongs to."""
+"""Tool of each program."""
 BASE = frozenset({"bash", "make", "sh", "fc-list"})
-"""Programs that need no mark: those of every machine on which `make test` can be typed, and
-``fc-list``, which matplotlib starts once for each user if the system has it."""
+"""Programs that need no mark: those of every machine that can run `make test`, and ``fc-list``,
+which matplotlib starts once for each user if the system has it."""
 
 
 def tool_named(name: str) -> Tool:
-    """The tool.
+    """Return the tool.
 
     Raises:
         UnknownToolError: there is none of this name.
@@ -239,7 +239,7 @@ def tool_named(name: str) -> Tool:
 
 
 def distribution() -> str:
-    """``ID`` of this system's os-release; empty where there is none."""
+    """Return ``ID`` of this system's os-release; empty if there is none."""
     try:
         text = Path("/etc/os-release").read_text(encoding="utf-8")
     except OSError:
@@ -249,24 +249,24 @@ def distribution() -> str:
 
 
 def packages(tools: Iterable[Tool], system: str) -> list[str]:
-    """Package names of these tools on a distribution, each once."""
+    """Return the package names of these tools on a distribution, each once."""
     return list(dict.fromkeys(p.name(system) for tool in tools for p in tool.packages))
 
 
 def install_command(tools: Iterable[Tool], system: str) -> str:
-    """What installs these tools, as one line for a shell."""
+    """Return the shell command that installs these tools, in one line."""
     names = packages(tools, system)
     return shlex.join(["sudo", "apt-get", "install", "--no-install-recommends", *names])
 
 
-# ---- what is written from it ----------------------------------------------------------------
+# ---- generated files -------------------------------------------------------------------------
 
 
 HEADERS = Package("python3-dev", "headers of the system's Python, to compile the kernels")
 
 
 def packages_text(system: str) -> str:
-    """``.ci/packages*.txt`` for one distribution."""
+    """Return the text of ``.ci/packages*.txt`` for one distribution."""
     every = (HEADERS, *(p for tool in TOOLS for p in tool.packages))
     rows = {p.name(system): p.reason for p in every}
     width = max(map(len, rows))
@@ -283,7 +283,7 @@ BEGIN, END = "<!-- tools: begin -->\n", "<!-- tools: end -->\n"
 
 
 def contributing_text(page: str) -> str:
-    """The page with its table of tools written anew."""
+    """Return the page with a new table of tools."""
     before, _, rest = page.partition(BEGIN)
     _, _, after = rest.partition(END)
     rows = [

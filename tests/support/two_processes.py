@@ -25,11 +25,12 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 PATIENCE_S = 60.0
-"""For what takes seconds; only a hang is longer."""
+"""Maximum time of a step that takes seconds, s; only a hang is longer."""
 
 
 TURN_S = 0.05
-"""A gap in the emulator's poses, s, that its own turns do not leave: 20 ms and a control period."""
+"""Minimum gap in the emulator's poses, s, that its own turns never leave: 20 ms and a control
+period."""
 
 
 class Command:
@@ -58,7 +59,7 @@ class Command:
                 self._printed.notify_all()
 
     def prints(self, text: str) -> None:
-        """Wait until a line on stderr holds ``text``."""
+        """Wait until a line on stderr contains ``text``."""
         with self._printed:
             found = self._printed.wait_for(
                 lambda: (
@@ -117,7 +118,7 @@ class Command:
 
 
 def _state(task: Path) -> str:
-    """Letter of a thread's state; X where it has gone."""
+    """Return the letter of a thread's state; X if it has ended."""
     try:
         return (task / "stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
     except OSError:
@@ -146,7 +147,7 @@ def connect(cwd: Path, port: str, *arguments: str | Path) -> Done:
 
 
 class Pose(NamedTuple):
-    """Where the robot really was, Unix time in seconds."""
+    """True pose of the robot; Unix time in seconds."""
 
     at_s: float
     x_m: float
@@ -156,7 +157,7 @@ class Pose(NamedTuple):
 
 
 def truth(path: Path) -> list[Pose]:
-    """The emulator's own account."""
+    """Return the poses in the emulator's own log."""
     poses = []
     for message in LogReader(path).messages(["/truth/pose"]):
         pose = message.decoded.pose
@@ -167,7 +168,7 @@ def truth(path: Path) -> list[Pose]:
 
 
 def last_motion_s(poses: list[Pose]) -> float:
-    """When the robot was last seen to move."""
+    """Return when the robot last moved."""
     last = -1.0
     for before, after in itertools.pairwise(poses):
         moved = abs(after.x_m - before.x_m) + abs(after.y_m - before.y_m)
@@ -177,9 +178,10 @@ def last_motion_s(poses: list[Pose]) -> float:
 
 
 def held_up_s(poses: list[Pose], from_s: float, to_s: float) -> float:
-    """For how long in all the emulator was not let run between two moments.
+    """Return the total time for which the machine did not run the emulator in an interval.
 
-    It notes its pose in every turn, 20 ms apart or a little more: a longer gap is the machine's.
+    The emulator logs its pose in every turn, 20 ms apart or a little more. A longer gap is due to
+    the machine.
     """
     inside = [p.at_s for p in poses if from_s - 1.0 < p.at_s < to_s + 1.0]
     gaps = (
@@ -191,10 +193,10 @@ def held_up_s(poses: list[Pose], from_s: float, to_s: float) -> float:
 
 
 class PtyPeer:
-    """A pty that something else than a sweeper answers on."""
+    """A pty with a peer other than a sweeper."""
 
     def __init__(self, answer: Callable[[], bytes]) -> None:
-        """``answer`` is asked about ten times a second what to write."""
+        """``answer`` returns the bytes to write, about ten times a second."""
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -212,7 +214,7 @@ class PtyPeer:
             if data:
                 try:
                     os.write(self._master, data)
-                except BlockingIOError:  # nobody listens
+                except BlockingIOError:  # there is no reader
                     continue
 
     def __enter__(self) -> Self:
@@ -231,7 +233,7 @@ class PtyPeer:
 
 
 def _fairly(scenario: Callable[[Path], None], folder: Path) -> None:
-    """Run a scenario, and once more in a folder of its own where the machine was too busy."""
+    """Run a scenario, and once more in a new folder if the machine was too busy."""
     busy = Busy()
     try:
         scenario(folder)
@@ -244,7 +246,7 @@ def _fairly(scenario: Callable[[Path], None], folder: Path) -> None:
 
 
 class Together:
-    """Runs scenarios at the same time: they wait more than they work."""
+    """Runs scenarios at the same time, because they mostly wait."""
 
     def __init__(self, scenarios: Sequence[Callable[[Path], None]], folder: Path) -> None:
         self._pool = ThreadPoolExecutor(len(scenarios))
@@ -255,7 +257,7 @@ class Together:
             self._futures[scenario.__name__] = self._pool.submit(_fairly, scenario, own)
 
     def result(self, name: str) -> None:
-        """Wait for one; raises what it raised."""
+        """Wait for one scenario; raise its exception."""
         self._futures[name].result()
 
     def __enter__(self) -> Self:

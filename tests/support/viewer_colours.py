@@ -1,4 +1,4 @@
-"""What the viewer draws, by its colours; red, green and blue from 0 to 1."""
+"""Detects what the viewer has drawn, by colour; red, green and blue from 0 to 1."""
 
 from __future__ import annotations
 

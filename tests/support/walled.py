@@ -1,4 +1,4 @@
-"""A pose filter with a wall map, and sights to feed it with."""
+"""A pose filter with a wall map, and measurements for it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def line(normal_rad: float, distance_m: float, span_m: float = 0.3) -> LineMeasu
 
 
 class Room:
-    """A filter, its walls, and a hand that makes it doubt."""
+    """A filter and its walls; tests can inflate its covariance."""
 
     def __init__(self) -> None:
         self.filter = Ekf(ORIGIN)

@@ -1,4 +1,4 @@
-"""Control steps for the supervisor, made by hand: what is not named is a robot at rest."""
+"""Handmade control steps for the supervisor; by default a robot at rest."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ MODEL = RobotModel()
 STEP_S = 0.02
 G_LSB = 16384
 PER_COUNT_M = 3.141592653589793 * 0.065 / 1560
-"""Of the default robot, by eq. 3."""
+"""Travel per encoder count of the default robot, m, by eq. 3."""
 
 
 def imu(x: int = 0, y: int = 0, z: int = G_LSB, *, yaw: int = 0, mark: int = 0) -> Imu:
-    """A sample; ``mark`` makes it differ from others, in a register that no rule reads."""
+    """Return a sample; ``mark`` makes it differ from others, in a register that no rule reads."""
     return Imu(x, y, z, mark, 0, 0, yaw)
 
 
 def reading(front_m: float | None = None, contacts: int = 0) -> Range:
-    """The rangers: only the front one sees anything."""
+    """Return a reading of the rangers: only the front one has a range."""
     front = 0xFFFF if front_m is None else round(front_m * 1000)
     return Range(front, 0xFF, 0xFF, contacts)
 
 
 def power(volts: float = 16.0, left_a: float = 0.1, right_a: float = 0.1) -> Power:
-    """The supply."""
+    """Return a reading of the supply."""
     return Power(round(volts * 1000), 200, round(left_a / 0.02), round(right_a / 0.02))
 
 
 def status(faults: int = 0) -> Status:
-    """What the device says of itself."""
+    """Return a status of the device."""
     return Status(3, 0, faults, 0, 5)
 
 
@@ -50,12 +50,12 @@ def planner(  # noqa: PLR0913 - the paper's variables
     length: int = 0,
     case: int = 0,
 ) -> PlannerState:
-    """The device's planner, in the wire's units."""
+    """Return a state of the device's planner, in the wire's units."""
     return PlannerState(phase, turns, 0, 0, distance, previous, length, case)
 
 
 class Walk:
-    """Steps of 20 ms in a row, with wheels that turn as told."""
+    """Consecutive steps of 20 ms, with the given wheel travel."""
 
     def __init__(self, *conditions: Condition) -> None:
         self.conditions = conditions
@@ -63,14 +63,14 @@ class Walk:
         self.time_s = 100.0
         self.left_m = self.right_m = 0.0
         self.held = False
-        """Whether the first condition held at the last step."""
+        """Whether the first condition was true at the last step."""
         self.changes: list[tuple[float, bool]] = []
-        """When the first condition began or ceased to hold, seconds since the first step."""
+        """Times at which the first condition became true or false, s since the first step."""
 
     def step(
         self, count: int = 1, *, left_m: float = 0.0, right_m: float = 0.0, **values: object
     ) -> bool:
-        """So many steps in which each wheel makes this way per step."""
+        """Run a number of steps with this wheel travel per step."""
         for _ in range(count):
             self.left_m += left_m
             self.right_m += right_m
@@ -79,7 +79,7 @@ class Walk:
         return self.held
 
     def look(self, **values: object) -> bool:
-        """One step now."""
+        """Run one step without wheel travel."""
         counts = Encoders(
             round(self.left_m / PER_COUNT_M) & 0xFFFF, round(self.right_m / PER_COUNT_M) & 0xFFFF
         )

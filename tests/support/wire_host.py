@@ -31,7 +31,7 @@ class WireHost:
         self.link = Link(Direction.HOST)
         self.now_us = 0
         self.heard: list[tuple[int, int, Message]] = []
-        """When (true), stamped when (device's), what."""
+        """Received messages: true time, device's stamp, message."""
         self.newest: dict[type, Message] = {}
         self.alive = True
         self.each_step: Callable[[], None] = lambda: None
@@ -40,13 +40,13 @@ class WireHost:
         self._take(device.step(b"", 0))
 
     def send(self, *messages: Message) -> list[Message]:
-        """Write messages now; what the device answers at once."""
+        """Send messages now; return the device's immediate answers."""
         for message in messages:
             self.link.send(message, self.now_us, node=1)
         return self._take(self.device.step(self.link.data_to_send(), self.now_us))
 
     def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Let time pass; True once ``until`` holds."""
+        """Let time pass; return True once ``until`` is true."""
         end_us = self.now_us + round(duration_s * 1e6)
         while self.now_us < end_us:
             self.now_us = min(end_us, max(self.now_us + 1, self.device.next_deadline_us()))
@@ -77,7 +77,7 @@ class WireHost:
             self.send(HostHello(CATALOGUE.hash, session, hello.boot_id, negotiated, "frames"))
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:
-        """A command and its answer, which must come at once."""
+        """Send a command; return its answer, which must come at once."""
         self._id += 1
         (reply,) = [m for m in self.send(make(self._id)) if isinstance(m, Ack | Nack)]
         assert reply.command_id == self._id
@@ -96,13 +96,13 @@ class WireHost:
         return self.ask(lambda i: PlannerCommand(i, action, planner))
 
     def start_plan(self, planner: int = OnboardPlanner.PAPER) -> None:
-        """From a boot to a plan under way."""
+        """Go from a boot to a running plan."""
         self.join()
         assert self.clear() is None
         self.start_plan_again(planner)
 
     def start_plan_again(self, planner: int = OnboardPlanner.PAPER) -> None:
-        """From being free to a plan under way."""
+        """Go from a cleared stop to a running plan."""
         assert self.choose(Mode.ONBOARD) is None
         assert self.plan(PlannerAction.START, planner) is None
 

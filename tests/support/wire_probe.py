@@ -1,7 +1,7 @@
-"""The wire of a probe: it says what it is told to, and keeps all that it hears.
+"""The wire of a probe: it sends what a check requests, and keeps everything it receives.
 
-It knows a device by the bytes on its port and by nothing else, so the same checks judge the
-emulator, a firmware in another emulator, and a robot on the desk.
+It knows a device only by the bytes on its port, so the same checks apply to the emulator, a
+firmware in another emulator, and a robot on the desk.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 M = TypeVar("M", bound="Message")
 PATIENCE_S = 2.0
-"""For an answer; a device that takes this long does not answer."""
+"""Maximum time for an answer, s; a slower device counts as silent."""
 ALIVE_S = 0.2
 _WRAP, _HALF = 1 << 32, 1 << 31
 
 
 class Heard(NamedTuple):
-    """A message, and our clock as it came."""
+    """A message, and our clock at its arrival."""
 
     at_us: int
     message: Message
@@ -59,7 +59,7 @@ def now_us() -> int:
 
 
 def since(earlier_us: int, later_us: int) -> int:
-    """Microseconds from one 32-bit stamp to another; negative where the second is older."""
+    """Return the microseconds from one 32-bit stamp to another; negative if the second is older."""
     return (later_us - earlier_us + _HALF) % _WRAP - _HALF
 
 
@@ -70,12 +70,12 @@ class WireProbe:
         self.port = port
         self.link = link_of(port.name)(Direction.HOST, codec=Codec())
         self.node = node
-        """Whom we talk to; None: everybody who answers."""
+        """Node of the device; None: any that answers."""
         self.session_id = 0
         self.hello: Hello | None = None
         self.heard: list[Heard] = []
         self.events: list[LinkEvent] = []
-        """What was heard and is no message."""
+        """Received events that are no message."""
         self.raw = bytearray()
         self._command_id = secrets.randbelow(0x10000)
         self._ping = secrets.randbelow(0x40)
@@ -83,7 +83,7 @@ class WireProbe:
         self._sent_us = 0
         self._turned_us = self._heard_us = now_us()
         self.held_up_us = 0
-        """The longest pause of this check in which either end may not have been let run."""
+        """Longest pause of this check in which the machine may not have run either end, µs."""
 
     # ---- the wire -------------------------------------------------------------------------
 
@@ -92,7 +92,7 @@ class WireProbe:
         return self.link.medium is Medium.CAN
 
     def write(self, data: bytes) -> None:
-        """Write all of it, however little the port takes at once."""
+        """Write all data, however little the port takes at once."""
         end_s = time.monotonic() + PATIENCE_S
         while data:
             data = data[self.port.write(data) :]
@@ -112,7 +112,7 @@ class WireProbe:
         stamp_us: int | None = None,
         flags: int = 0,
     ) -> int:
-        """Say something now; gives our clock as it went out."""
+        """Send a message now; return our clock at its sending."""
         at_us = now_us()
         if node is None:
             node = NODE_ALL if self.node is None else self.node
@@ -143,9 +143,9 @@ class WireProbe:
         self.held_up_us = max(self.held_up_us, now_us() - since_us)
 
     def until(self, true: Callable[[], bool], timeout_s: float, *, alive: bool = True) -> bool:
-        """Listen until something holds; False where the time ran out before.
+        """Receive until a condition is true; return False if the time has run out before.
 
-        With ``alive`` a session that is open is kept open by time requests.
+        With ``alive`` time requests keep an open session alive.
         """
         end_us = now_us() + round(timeout_s * 1e6)
         while not true():
@@ -158,13 +158,13 @@ class WireProbe:
         return True
 
     def listen(self, duration_s: float, *, alive: bool = True) -> list[Heard]:
-        """Keep listening; what came meanwhile."""
+        """Receive for a time; return the messages."""
         mark = len(self.heard)
         self.until(lambda: False, duration_s, alive=alive)
         return self.heard[mark:]
 
     def forget(self) -> None:
-        """Throw away what was heard so far."""
+        """Discard the messages so far."""
         self._turned_us = self._heard_us = now_us()
         self.held_up_us = 0
         self.heard.clear()
@@ -172,7 +172,7 @@ class WireProbe:
         self.raw.clear()
 
     def of(self, kind: type[M], mark: int = 0) -> list[M]:
-        """Messages of one kind, from the ``mark``-th heard on."""
+        """Return the messages of one kind, from the ``mark``-th received one on."""
         return [h.message for h in self.heard[mark:] if isinstance(h.message, kind)]
 
     def wait_for(
@@ -184,7 +184,7 @@ class WireProbe:
         such: Callable[[M], bool] = lambda _: True,
         alive: bool = True,
     ) -> Heard | None:
-        """The first message of a kind from now (or from ``mark``) on; None where none comes."""
+        """Return the first message of a kind from now (or from ``mark``) on, or None."""
         position = len(self.heard) if mark is None else mark
 
         def found() -> bool:
@@ -199,6 +199,6 @@ class WireProbe:
         return self.heard[position] if self.until(found, timeout_s, alive=alive) else None
 
     def _next_ping(self) -> int:
-        # Numbers of our own: the checks that write whole frames use others.
+        # Ping numbers of our own: the checks that write whole frames use others.
         self._ping = (self._ping + 1) % 0x40
         return 0x80 + self._ping
