@@ -1,10 +1,10 @@
-"""Whether the pose's covariance is right: NEES of whole runs, by room and noise.
+"""Consistency of the pose's covariance: NEES of whole runs, by room and noise.
 
     PYTHONPATH=tests python -m bench.consistency
 
-3 is right for x, y and yaw together, 1 for the yaw alone; below it the filter is more careful than
-it need be, above it is surer than it may be. A run counts as one; ± is the 95 % interval by the
-spread from run to run. The same seeds give the same table.
+The ideal value is 3 for x, y and yaw together, and 1 for the yaw alone. Below it the filter is
+conservative, above it over-confident. A run counts as one value; ± is the 95 % interval by the
+spread between runs. The same seeds give the same table.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LEVELS = ("typical", "harsh")
 
 
 def row(room: str, noise: str, runs: Sequence[Sequence[Reported]]) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     reported = [sample for run in runs for sample in run]
     error = np.sqrt(np.mean([t.error**2 for t in reported], axis=0))
     sigma = np.sqrt(np.mean([np.diag(t.covariance) for t in reported], axis=0))

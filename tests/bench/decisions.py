@@ -2,21 +2,21 @@
 
     PYTHONPATH=tests python -m bench.decisions
 
-It runs in the quick toy world of ``support.fast_world``, where the pose that the planner is given
-is the truth plus an error drawn from a seed: no estimator, no wire, no device. The planner, its
-controllers and the work they do are the real ones; the session's share of a control step is not
-in it. Times are of this thread's CPU, the reading of its clock (about half a microsecond) included.
+It runs in the simple world of ``support.fast_world``, where the planner gets the true pose plus a
+seeded error: there is no estimator, no wire and no device. The planner and its controllers are the
+real ones; the session's share of a control step is missing. Times are of this thread's CPU,
+including the reading of its clock (about half a microsecond).
 
-Four things are told apart:
+The table has four rows:
 
-- *whole step*: ``PlanRunner.step``, all that is done with one observation: the map, the
-  controllers, and the planner where a leg ended. A loop in real time must have room for its
-  longest. Told with and without the steps in which the planner was asked.
-- *watch*: of it, the map's share, in steps in which the planner was not asked.
-- *call*: one ``start`` or ``next``: a leg handed over, or one slice of a search.
-- *decision*: from the end of a leg to the next leg that is given, its slices summed. While a
-  search is under way the robot stands: *stood* counts those control steps of 20 ms. Most
-  decisions only hand over the next leg of a choice already made; the others *search*.
+- *whole step*: ``PlanRunner.step``, all work on one observation: the map, the controllers, and the
+  planner when a leg has ended. A real-time loop must have room for the longest one. Shown with and
+  without the steps that call the planner.
+- *watch*: the map's share of it, in steps without a call of the planner.
+- *call*: one ``start`` or ``next``: a leg returned, or one slice of a search.
+- *decision*: from the end of a leg to the next leg, the sum of its slices. During a search the
+  robot stands still: *stood* counts those control steps of 20 ms. Most decisions only return the
+  next leg of an earlier choice; the others *search*.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 def flat() -> FloorPlan:
-    """A flat of 10 m by 6 m: a hall, five rooms with doors, furniture of every kind."""
+    """Return a flat of 10 m by 6 m: a hall, five rooms with doors, furniture of every kind."""
     wall = 0.1
     hall = (2.6, 3.8)
     obstacles = []
@@ -80,17 +80,17 @@ def flat() -> FloorPlan:
 
 @dataclass(slots=True)
 class Decision:
-    """From the end of a leg, or the start, to the next leg given."""
+    """One decision: from the end of a leg, or the start, to the next leg."""
 
     begun_s: float
     cpu_ns: int = 0
     stood: int = 0
-    """Control steps from the one in which the leg ended to the one in which the next is given."""
+    """Number of control steps from the end of the leg to the next leg."""
     searched: bool = False
 
 
 class Timed(RecoveryPlanner):
-    """Keeps the CPU time of each call."""
+    """Records the CPU time of each call."""
 
     def __init__(self, model: RobotModel, options: RecoveryOptions | None = None) -> None:
         super().__init__(model, options)
@@ -135,14 +135,14 @@ class Timed(RecoveryPlanner):
 
 @dataclass(slots=True)
 class Run:
-    """What one run took; a list of nanoseconds has one entry for each control step."""
+    """Times of one run; a list of nanoseconds has one entry for each control step."""
 
     planner: Timed
     asked_ns: list[int]
-    """Whole steps in which the planner was asked."""
+    """Times of whole steps in which the planner was called, ns."""
     unasked_ns: list[int]
     watch_ns: list[int]
-    """Of the steps before."""
+    """Times of the previous steps, ns."""
     duration_s: float
     finish_reason: str | None
 
@@ -170,7 +170,7 @@ def run(plan: FloorPlan, planner: Timed, seed: int, noise: PoseNoise) -> Run:
 
 
 def row(name: str, values: Sequence[float], unit: str) -> str:
-    """How many, median, p99 and most."""
+    """Return count, median, p99 and maximum."""
     data = np.array(values)
     median, p99 = np.percentile(data, (50, 99))
     return f"{name:42} {len(data):7d} {median:8.2f} {p99:8.2f} {data.max():8.2f}  {unit}"

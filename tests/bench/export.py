@@ -1,7 +1,7 @@
-"""How many messages a second ``sweepctl export`` writes, beside Rerun's own reader.
+"""Messages per second that ``sweepctl export`` writes, compared with Rerun's own reader.
 
-``python -m bench.export [FILE]``: a log, or ten minutes of a made-up run. CPU time, so that a
-busy machine changes little.
+``python -m bench.export [FILE]``: a log, or ten minutes of a made-up run. CPU time, so that a busy
+machine changes little.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from support.synthetic_run import EPOCH_NS, run_info, synthetic_run
 
 ROUNDS = 3
 TIMES = 10
-"""The made-up run takes a minute: so often in a row."""
+"""Number of repetitions of the made-up run, which takes a minute."""
 
 
 def made(path: Path) -> Path:
-    """A longer log."""
+    """Write a longer log."""
     records = list(synthetic_run())
     span_ns = records[-1].log_ns - EPOCH_NS + 20_000_000
     writer = RunWriter(path, run_info())
@@ -33,7 +33,7 @@ def made(path: Path) -> Path:
 
 
 def rerun_rate(path: Path, messages: int) -> float:
-    """Messages a second of CPU that Rerun's reader takes to read all of it."""
+    """Return the messages per second of CPU with which Rerun's reader reads a log."""
     from rerun.chunk import McapReader  # noqa: PLC0415 - loaded for this line of the table
 
     best = 0.0
@@ -46,7 +46,7 @@ def rerun_rate(path: Path, messages: int) -> float:
 
 
 def rate(path: Path, folder: Path, file_format: str) -> tuple[float, float, int]:
-    """Messages a second of CPU and of wall-clock time, the best of some rounds."""
+    """Return the messages per second of CPU and of wall-clock time, the best of some rounds."""
     best = wall = 0.0
     messages = 0
     for _ in range(ROUNDS):

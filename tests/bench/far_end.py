@@ -1,6 +1,6 @@
-"""The far end of a pseudo-terminal for the round-trip bench: an echo, or a small device.
+"""The other end of a pseudo-terminal for the round-trip benchmark: an echo, or a small device.
 
-Run as a process of its own: ``far_end.py echo:SIZE:ANSWER`` or ``far_end.py device``.
+Run in a separate process: ``far_end.py echo:SIZE:ANSWER`` or ``far_end.py device``.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 
 TIOCSPTLCK, TIOCGPTN = 0x4004_5431, 0x8004_5430
-"""Of Linux: unlock a pseudo-terminal's slave; its number."""
+"""Linux ioctl numbers: unlock a pseudo-terminal's slave; read its number."""
 
 
 def pty_master() -> serial.Serial:
-    """A new pseudo-terminal's master, opened by pyserial; its slave is told on stdout."""
+    """Open a new pseudo-terminal's master with pyserial; print its slave on stdout."""
     master = serial.Serial("/dev/ptmx", 921_600)
     fcntl.ioctl(master.fileno(), TIOCSPTLCK, struct.pack("i", 0))
     (number,) = struct.unpack("i", fcntl.ioctl(master.fileno(), TIOCGPTN, bytes(4)))
@@ -37,7 +37,7 @@ def pty_master() -> serial.Serial:
 
 
 def echo(size: int, answer: int) -> None:
-    """Answer each ``size`` bytes with ``answer`` bytes, as plainly as pyserial can."""
+    """Answer each ``size`` bytes with ``answer`` bytes, in the simplest way with pyserial."""
     port = pty_master()
     reply = bytes(answer)
     while port.read(size):
@@ -45,7 +45,7 @@ def echo(size: int, answer: int) -> None:
 
 
 def device() -> None:
-    """Say yes to every command."""
+    """Acknowledge every command."""
     port = pty_master()
     fd = port.fileno()
     os.set_blocking(fd, True)
@@ -71,7 +71,7 @@ def device() -> None:
 
 if __name__ == "__main__":
     kind, _, sizes = sys.argv[1].partition(":")
-    with suppress(OSError):  # the near end has hung up
+    with suppress(OSError):  # the near end has closed
         if kind == "echo":
             echo(*map(int, sizes.split(":")))
         else:

@@ -1,8 +1,8 @@
-"""How fast ``sweepctl runs`` lists a library of 10 000 logs, and how fast its index is made.
+"""Time in which ``sweepctl runs`` lists a library of 10 000 logs, and makes its index.
 
-``python -m bench.library [COUNT]``: small made-up logs in a temporary folder. The index is held
-against reading the same bytes; the listing is the whole command, with the start of Python. CPU
-time stands beside the time by the clock, because a busy machine changes it little.
+``python -m bench.library [COUNT]``: small made-up logs in a temporary folder. The index is compared
+with reading the same bytes; the listing is the whole command, with the start of Python. CPU time is
+shown beside wall-clock time, because a busy machine changes it little.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 COUNT, ROUNDS = 10_000, 5
 RECORDS = 40
-"""Records of a log: with the attachments 60 kB."""
+"""Number of records in a log: with the attachments 60 kB."""
 PLANNERS = ("recovery", "paper", "u-shape", "random")
 
 
 def make_logs(folder: Path, count: int) -> int:
-    """Write so many logs; return their size, bytes."""
+    """Write ``count`` logs; return their size, bytes."""
     records = list(itertools.islice(synthetic_run(), RECORDS))
     size = 0
     for number in range(count):
@@ -51,7 +51,7 @@ def make_logs(folder: Path, count: int) -> int:
 
 
 class Took(NamedTuple):
-    """Time of a piece of work, s."""
+    """Duration of a piece of work, s."""
 
     cpu: float
     wall: float
@@ -62,7 +62,7 @@ class Took(NamedTuple):
 
 
 def took(work: Callable[[], object], rounds: int = 1) -> Took:
-    """Do something several times; return the medians, with the time of child processes."""
+    """Repeat a piece of work; return the medians, including the time of child processes."""
     spent = []
     for _ in range(rounds):
         before, begun = os.times(), time.perf_counter()

@@ -1,4 +1,4 @@
-"""Memory of a simulated run that lasts an hour, recording on: it must not grow with the run.
+"""Memory of a simulated run of one hour with recording: it must not grow with the run.
 
 PYTHONPATH=tests python -m bench.memory
 """
@@ -27,14 +27,14 @@ _EVERY_S = 600.0
 
 
 def resident_mb() -> float:
-    """Memory of this process that is in use now, shared libraries included (Linux)."""
+    """Return the memory that this process uses now, shared libraries included, MB (Linux)."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     line = next(line for line in status.splitlines() if line.startswith("VmRSS:"))
     return int(line.split()[1]) / 1024.0
 
 
 def main() -> None:
-    """Drive at random for the time and print what is in use after each ten minutes."""
+    """Drive at random for the time and print the memory after each ten minutes."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("--seconds", type=float, default=3600.0, help="simulated")
     seconds = options.parse_args().seconds
@@ -45,14 +45,14 @@ def main() -> None:
     used: list[tuple[float, float]] = []
 
     def watch(time_s: float, _host: Host) -> None:
-        # The first minute still imports, compiles and fills what is bounded.
+        # The first minute still imports, compiles and fills bounded buffers.
         if time_s >= 60.0 and (not used or time_s - used[-1][0] >= _EVERY_S):
             used.append((time_s, resident_mb()))
             print(f"after {time_s:5.0f} simulated seconds: {used[-1][1]:6.1f} MB")
 
     with tempfile.TemporaryDirectory() as folder:
         writer = RunWriter(Path(folder) / "run.mcap", info)
-        # By itself it ends after half an hour.
+        # By default it ends after half an hour.
         planner = RandomPlanner(model, random.Random(0), RandomOptions(max_time_s=seconds))
         runner, max_s = PlanRunner(planner, model), 2.0 * seconds
         run = run_virtual(

@@ -1,20 +1,20 @@
-"""What the two bits of the packed map cost a run: it is packed and unpacked as the robot goes.
+"""Cost of the packed map's two bits: the map is packed and unpacked during the run.
 
     PYTHONPATH=tests python -m bench.packed
 
-The same planner in the same rooms with the same errors, in the quick toy world of
-``support.fast_world`` (the pose is the truth plus an error drawn from a seed): once as it is, and
-with its map replaced by what two bits a cell keep of it whenever a leg has ended (``--every N``:
-at every Nth). Between two legs nothing more is kept of the map. While a leg is driven, evidence is
-counted in bytes as ever, which a microcontroller would do for the surroundings of the robot only;
-the search works in arrays of its own, as ever.
+The same planner drives in the same rooms with the same errors, in the simple world of
+``support.fast_world`` (the pose is the truth plus a seeded error). It drives once unchanged, and
+once with its map replaced by what two bits a cell keep whenever a leg has ended (``--every N``: at
+every Nth). Between two legs no more of the map is kept. During a leg, evidence is still counted in
+bytes, which a microcontroller would do only around the robot. The search still works in arrays of
+its own.
 
-Beside it, what a third kind of knowledge would give. KB are those of 60 m², its rim left out:
+The table also shows the value of a third bit of knowledge. KB are those of 60 m², without its rim:
 
 - *bumps*: a bit for the places that bumps forbid.
 - *bumps, 8 cm*: the same bit for each block of four by four cells, half of them or more.
-- *tries*: a bit for places that were gone for once in vain.
-- *hints*: a bit for cells in which one lone reading tells of a thing.
+- *tries*: a bit for places with one fruitless attempt.
+- *hints*: a bit for cells in which a single reading shows an obstacle.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _CELLS = round(60.0 / 0.02**2)
 
 
 def two_bits(memory: EvidenceMap) -> None:
-    """Keep what is packed."""
+    """Keep the packed map."""
     memory.unpack(memory.packed())
 
 
@@ -78,7 +78,7 @@ def and_hints(memory: EvidenceMap) -> None:
 
 
 def blocks(layer: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A layer as blocks of cells remember it: set where half of a block or more is."""
+    """Return a layer in blocks of cells: a block is set if at least half of it is."""
     rows, columns = layer.shape
     pads = ((0, -rows % _BLOCK), (0, -columns % _BLOCK))
     padded = np.pad(layer, pads)
@@ -91,11 +91,11 @@ def blocks(layer: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What is kept of a map at the end of a leg."""
+    """The knowledge that is kept of a map at the end of a leg."""
 
     name: str
     bits: float
-    """A cell."""
+    """Number of bits per cell."""
     keep: Callable[[EvidenceMap], None] | None
 
 
@@ -110,14 +110,14 @@ KEEPINGS = (
 
 
 class Forgetful(RecoveryPlanner):
-    """Keeps of its map what it is told to, at the end of every so many legs."""
+    """Keeps the given knowledge of its map at the end of every Nth leg."""
 
     def __init__(self, model: RobotModel, keeping: Keeping, every: int) -> None:
         super().__init__(model)
         self._keep, self._every, self._ended = keeping.keep, every, 0
 
     def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
-        # not between two slices of a search, which is one decision
+        # a search is one decision: not between two of its slices
         searching = isinstance(result.leg, Rest) and result.leg.purpose == "think"
         if self._keep is not None and not searching:
             self._ended += 1
@@ -128,7 +128,7 @@ class Forgetful(RecoveryPlanner):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One run."""
+    """Result of one run."""
 
     swept: float
     time: float
@@ -141,7 +141,7 @@ class Outcome:
 def drive(
     plan: FloorPlan, meter: CoverageMeter, keeping: Keeping, given: argparse.Namespace, seed: int
 ) -> Outcome:
-    """Run a planner that keeps so much."""
+    """Run a planner that keeps this knowledge."""
     planner = Forgetful(meter.model, keeping, given.every)
     done = run_fast(plan, planner, meter.model, seed=seed, noise=LEVELS[given.noise])
     report = meter.measure(done.poses)
@@ -156,7 +156,7 @@ def drive(
 
 
 def line(keeping: Keeping, runs: list[Outcome]) -> str:
-    """Mean and worst over some runs."""
+    """Return mean and worst over some runs."""
     swept = [run.swept for run in runs]
     times = [run.time for run in runs]
     return (
@@ -169,7 +169,7 @@ def line(keeping: Keeping, runs: list[Outcome]) -> str:
 
 
 def main() -> None:
-    """Run each room with each seed, and print what became of it."""
+    """Run each room with each seed, and print the results."""
     options = argparse.ArgumentParser(
         description=(__doc__ or "").partition("\n")[0],
         epilog="In the quick toy world, the pose with a drawn error; not the virtual sweeper.",

@@ -1,10 +1,10 @@
-"""A whole clean by the firmware's binary in QEMU, in real time, measured by the plant's truth.
+"""A complete clean by the firmware's binary in QEMU, in real time, measured by the plant's truth.
 
 PYTHONPATH=tests python -m bench.qemu_clean [ROOM] [--planner recovery] [--seed 0]
 
-Two processes as a user starts them: ``emulate --target qemu`` and ``connect --plan``. Case 1 takes
-about four minutes. The two need a core to themselves: where the computer is busy with other things
-the host stops the robot for silence, as it should.
+It starts two processes as a user does: ``emulate --target qemu`` and ``connect --plan``. Case 1
+takes about four minutes. The two need a core to themselves; on a busy computer the host rightly
+stops the robot for silence.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def clean(folder: Path, chosen: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Run both processes; the host's summary and the plant's counts at the end."""
+    """Run both processes; return the host's summary and the plant's final counts."""
     control, truth = folder / "control", folder / "truth.mcap"
     emulate = [*COMMAND, "emulate", chosen.room, "--target", "qemu", "--seed", str(chosen.seed)]
     emulate += ["--noise", chosen.noise, "--truth", str(truth), "--control", str(control)]

@@ -1,7 +1,7 @@
-"""What recording a full line costs: 10 000 messages a second, as a share of one core.
+"""Cost of recording a full line: 10 000 messages a second, as a share of one core.
 
-``python -m bench.record``: IMU frames as a 3 Mbaud line has them go through the link, the clock
-and the recorder's thread into a file. CPU time of the whole process over the line's own time.
+``python -m bench.record``: IMU frames, as on a 3 Mbaud line, go through the link, the clock and the
+recorder's thread into a file. The cost is CPU time of the whole process over the line's own time.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from support.synthetic_run import run_info
 RATE_HZ = 10_000
 SECONDS = 10
 _READ_HZ = 500
-"""Reads of the port."""
+"""Rate of reads from the port, Hz."""
 
 
 def reads() -> list[bytes]:
-    """The line's bytes, a read at a time."""
+    """Return the line's bytes, one read at a time."""
     link = Link(Direction.DEVICE)
     made = []
     per_read = RATE_HZ // _READ_HZ
@@ -43,7 +43,7 @@ def reads() -> list[bytes]:
 
 
 def record(path: Path, pieces: list[bytes], options: RecordOptions) -> tuple[float, int]:
-    """Share of a core, and what was dropped."""
+    """Return the share of a core, and the number of dropped records."""
     recorder = ThreadedRecorder(open_log(path, run_info(), options))
     records, link = HostRecords(recorder, 0, ""), Link(Direction.HOST)
     ingest = Ingest(TimeSync(), 0)

@@ -72,7 +72,7 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """The table: every room and planner, noises, seeds, faults, UART and CAN."""
+    """Return the table: every room and planner, noises, seeds, faults, UART and CAN."""
     rooms = shipped_rooms()
     table = [Case(room) for room in rooms]
     table += [Case(room, planner=p) for room in rooms[:3] for p in ("paper", "u-shape", "random")]
@@ -115,7 +115,7 @@ class Fingerprint:
         """Do nothing: the fingerprint is read from the object."""
 
     def result(self) -> dict[str, Any]:
-        """Everything as JSON takes it."""
+        """Return everything as JSON values."""
         return {
             **{name: digest.hexdigest()[:16] for name, digest in self.digests.items()},
             "events": dict(sorted(self.severities.items())),
@@ -133,7 +133,7 @@ class Fingerprint:
 
 
 def fingerprint(case: Case) -> tuple[str, dict[str, Any]]:
-    """Run one case; its name and its fingerprint."""
+    """Run one case; return its name and its fingerprint."""
     sink = Fingerprint()
     run = run_virtual(
         load_room(case.room),
@@ -166,7 +166,7 @@ def record(processes: int) -> dict[str, dict[str, Any]]:
 
 
 def difference(before: dict[str, Any], now: dict[str, Any]) -> str | None:
-    """What differs between two fingerprints of one run, in words; None where nothing does."""
+    """Return the difference between two fingerprints of one run in words, or None."""
     keys = [key for key in before if key != "checkpoints" and before[key] != now.get(key)]
     if not keys:
         return None

@@ -66,7 +66,7 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """Both runs of every pair, side by side."""
+    """Return both runs of every pair, side by side."""
     return [
         Case(room, seed, noise, reflexes)
         for seed in SEEDS
@@ -77,7 +77,7 @@ def cases() -> list[Case]:
 
 
 def floor_plan(room: str) -> FloorPlan:
-    """A shipped room, or one with a pit."""
+    """Return a shipped room, or one with a pit."""
     if room not in PITS:
         return load_room(room)
     content = {"name": room, "walls": PIT_WALLS, "obstacles": [], "start": [0.3, 0.3, 0.2]}
@@ -127,7 +127,7 @@ def measure(case: Case) -> dict[str, Any]:
 
 
 def table(results: list[dict[str, Any]]) -> str:
-    """The pairs, and what they say together."""
+    """Return a table of the pairs, and their mean."""
     by_case = {Case(r["room"], r["seed"], r["noise"], r["reflexes"]): r for r in results}
     lines = [
         f"| {' | '.join(_COLUMNS)} |",
@@ -165,7 +165,7 @@ def _how(result: dict[str, Any]) -> str:
 
 
 def interval(differences: np.ndarray) -> tuple[float, float]:
-    """95 % interval of the mean, by resampling the pairs."""
+    """Return the 95 % interval of the mean, by resampling the pairs."""
     rng = np.random.default_rng(0)
     drawn = rng.choice(differences, (DRAWS, len(differences))).mean(axis=1)
     low, high = np.percentile(drawn, (2.5, 97.5))
@@ -173,7 +173,7 @@ def interval(differences: np.ndarray) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Run what is missing, and print the table."""
+    """Run the missing cases, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, help="file of the runs; an earlier one is continued")
     parser.add_argument("--table", type=Path, help="only print the table of this file")

@@ -1,13 +1,13 @@
-"""Round trip of a command over a pty through the whole bridge, against a bare pyserial echo.
+"""Round trip of a command over a pty through the whole bridge, compared with a bare pyserial echo.
 
     PYTHONPATH=tests python -m bench.round_trip
 
-Two Python processes and a pseudo-terminal between them, both times. Bare: pyserial writes as
-many bytes as a command has and reads as many as its answer has, from a process that echoes.
-Ours: an acknowledged command, from the program that asks to the program's own function that is
-told the outcome, through session, link, pump and recorder; the far end decodes, checks and
-acknowledges it with the same wire library. Both ask once in a control period of 20 ms. Rounds
-are interleaved, percentiles are of each round, and the ratio is the median of the rounds' own.
+Both cases use two Python processes with a pseudo-terminal between them. Bare: pyserial writes as
+many bytes as a command has and reads as many as its answer has, from a process that echoes. Ours:
+an acknowledged command, from the program's request to the program's callback with the result,
+through session, link, pump and recorder. The other end decodes, checks and acknowledges it with the
+same protocol library. Both send once in a control period of 20 ms. Rounds are interleaved,
+percentiles are of each round, and the ratio is the median of the rounds' own ratios.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 FAR_END = Path(__file__).with_name("far_end.py")
 WARM = 20
 PERIOD_S = 0.02
-"""The control loop's: what a program on a robot asks for, it asks for once in a period."""
+"""Period of the control loop, s; a program on a robot sends at most one command per period."""
 LINK = 0x28
-"""Whose rate the commands set: any will do."""
+"""Stream whose rate the commands set; any stream serves."""
 
 
 class FarEnd:
@@ -72,7 +72,7 @@ class FarEnd:
 
 
 def frame_sizes() -> tuple[int, int]:
-    """Bytes of the command and of its answer, as they go over the line."""
+    """Return the length of the command and of its answer on the line, bytes."""
     host, device = Link(Direction.HOST), Link(Direction.DEVICE)
     host.send(SetStreamRate(1, LINK, 10), 0, node=1)
     device.send(Ack(1, 0x0D), 0, node=1)
@@ -80,7 +80,7 @@ def frame_sizes() -> tuple[int, int]:
 
 
 def bare(count: int) -> list[int]:
-    """Round trips in nanoseconds, of as many bytes as ours."""
+    """Return round trips of the same number of bytes, ns."""
     size, answer = frame_sizes()
     data, took = bytes(range(1, size + 1)), []
     with FarEnd(f"echo:{size}:{answer}") as far, serial.Serial(far.port, 921_600) as port:
@@ -96,7 +96,7 @@ def bare(count: int) -> list[int]:
 
 
 class Asking:
-    """A program on the bridge that asks once in a period, in the loop's own thread."""
+    """A program on the bridge that sends once per period, in the loop's own thread."""
 
     def __init__(self, host: Host, pump: Pump, count: int) -> None:
         self._host, self._pump, self._count = host, pump, count
@@ -105,7 +105,7 @@ class Asking:
         self.took: list[int] = []
 
     def run(self) -> None:
-        """Ask until it is enough; from a thread of its own."""
+        """Send until there are enough round trips; runs in a separate thread."""
         while self._host.session.state is not State.READY:
             time.sleep(PERIOD_S)
         for _ in range(WARM + self._count):
@@ -127,7 +127,7 @@ class Asking:
 
 
 def ours(count: int, folder: Path) -> list[int]:
-    """Round trips in nanoseconds, of commands through the whole bridge, recorded."""
+    """Return round trips of commands through the whole recorded bridge, ns."""
     offset_ns = clock.unix_offset_ns()
     opened_ns = clock.now() + offset_ns
     info = RunInfo("bench", "", None, "bench", opened_ns, offset_ns, RobotModel(), "")
@@ -148,7 +148,7 @@ def ours(count: int, folder: Path) -> list[int]:
 
 
 def percentile(values: list[int], percent: float) -> float:
-    """In microseconds."""
+    """Return a percentile, µs."""
     return sorted(values)[min(len(values) - 1, int(len(values) * percent / 100.0))] / 1000.0
 
 

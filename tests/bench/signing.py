@@ -1,9 +1,9 @@
-"""What authentication costs: bytes and frames on the line, CPU time of a tag and of its check.
+"""Cost of authentication: bytes and frames on the line, CPU time of a tag and of its check.
 
     PYTHONPATH=tests python -m bench.signing
 
-`velocity_setpoint`, the message that a driven robot gets 50 times a second. With and without
-a key in turn, CPU time, medians; a cost is the median of the rounds' own differences.
+It uses `velocity_setpoint`, which a driven robot gets 50 times a second, alternately with and
+without a key. CPU time, medians; a cost is the median of the rounds' own differences.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SESSION = (1, 2, 3)
 
 
 def link(kind: type[LinkBase], end: Direction, *, key: bool) -> LinkBase:
-    """One end, with the key and the session, or without."""
+    """Return one end, with the key and the session, or without."""
     made = kind(end)
     if key:
         made.key = Authenticator(bytes(range(16)))
@@ -36,9 +36,9 @@ def link(kind: type[LinkBase], end: Direction, *, key: bool) -> LinkBase:
 
 
 def one_round(kind: type[LinkBase], *, key: bool) -> tuple[float, float, int]:
-    """CPU microseconds to send and to receive one, and bytes of one (on a bus: of records)."""
+    """Return the CPU time to send and to receive one message, µs, and its length on the line."""
     host, device = (link(kind, end, key=key) for end in (Direction.HOST, Direction.DEVICE))
-    host.send(TimeRequest(1), 0, node=1)  # a bus's short stamps are understood after a whole one
+    host.send(TimeRequest(1), 0, node=1)  # a bus's short stamps need a full one before them
     device.receive(host.data_to_send(), 0)
     begun_ns = time.process_time_ns()
     parts = []

@@ -1,4 +1,4 @@
-"""Speed of a simulated run against the clock on the wall: the whole process, recording on.
+"""Speed of a simulated run relative to real time: the whole process, with recording.
 
 PYTHONPATH=tests python -m bench.simulate
 """

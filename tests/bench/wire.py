@@ -1,9 +1,11 @@
-"""Speed of the wire against pymavlink: decoding, encoding, captures, bytes; what a key costs.
+"""Speed of the protocol compared with pymavlink: decoding, encoding, captures, bytes.
+
+Cost of a key.
 
     PYTHONPATH=tests python -m bench.wire
 
-All in one process, rounds interleaved, CPU time, medians; a ratio is the median of the
-rounds' own ratios, since the clock of a shared machine changes between rounds.
+All in one process, rounds interleaved, CPU time, medians. A ratio is the median of the rounds' own
+ratios, because the clock of a shared machine changes between rounds.
 """
 
 from __future__ import annotations
@@ -28,12 +30,12 @@ if TYPE_CHECKING:
 COUNT = 2000
 CAPTURE_COUNT = 100_000
 READS = (64, 92, 1024)
-"""Bytes of one read at a full line: what a full-speed USB adapter passes on at once (62-64);
-a millisecond at 921 600 baud; a reader that fell behind."""
+"""Number of bytes of one read at a full line: a full-speed USB adapter's transfer (62-64); a
+millisecond at 921 600 baud; a late reader."""
 
 
 class Sink:
-    """Where encoded bytes go: kept apart, as a port would take them."""
+    """Receiver of encoded bytes: kept separate, as a port would take them."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -41,7 +43,7 @@ class Sink:
 
 
 def registers(rng: Random, count: int) -> list[tuple[int, ...]]:
-    """Seven registers with the noise of a real sensor, all their bits in use."""
+    """Return seven registers with the noise of a real sensor, all their bits in use."""
     return [tuple(rng.randint(-32768, 32767) for _ in range(7)) for _ in range(count)]
 
 
@@ -55,7 +57,7 @@ def ours(values: list[tuple[int, ...]]) -> list[bytes]:
 
 
 def reads(parts: list[bytes], size: int) -> list[bytes]:
-    """The same stream in reads of one size."""
+    """Return the same stream in reads of one size."""
     data = b"".join(parts)
     return [data[start : start + size] for start in range(0, len(data), size)]
 
@@ -63,7 +65,7 @@ def reads(parts: list[bytes], size: int) -> list[bytes]:
 def interleaved(
     jobs: dict[str, Callable[[], int]], counts: dict[str, int], rounds: int
 ) -> dict[str, list[float]]:
-    """Run every job once a round; CPU nanoseconds for each message."""
+    """Run every job once per round; return the CPU time of each message, ns."""
     spent: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, job in jobs.items():
@@ -77,7 +79,7 @@ def interleaved(
 
 
 def show(title: str, spent: dict[str, list[float]], own: str, peers: list[str]) -> None:
-    """One line of the table: medians and ratios."""
+    """Print one line of the table: medians and ratios."""
     cells = [f"{statistics.median(spent[own]):6.0f} ns"]
     for peer in peers:
         ratio = statistics.median(p / o for p, o in zip(spent[peer], spent[own], strict=True))

@@ -103,7 +103,7 @@ static void decode(char **words, size_t count)
     char *cuts = count > 1 ? words[0] : NULL;
     char *const data = words[count - 1];
     const size_t length = adapter_unhex(data);
-    static sp_parser_t blocks, bytes; /* nothing is left of the line before: see the end */
+    static sp_parser_t blocks, bytes; /* no state of the previous line: see the end */
     sp_frame_t frame;
     sp_event_t event;
     size_t at = 0, counted = 0;
@@ -278,7 +278,7 @@ static double seconds(clock_t from)
     return (double)(clock() - from) / CLOCKS_PER_SEC;
 }
 
-/* The frame's check as its definition reads: the yardstick of this machine. */
+/* The frame's check as defined: the reference. */
 static uint32_t crc_bit_by_bit(const uint8_t *data, size_t length)
 {
     uint32_t crc = 0xFFFFFFFFu;
@@ -326,12 +326,12 @@ static void bench(long long count)
     from = clock();
     for (long long i = 0; i < count; i += 64) {
         for (size_t at = 0; at < length; at += length / 64) {
-            stream[at] ^= (uint8_t)i; /* or it would be taken once */
+            stream[at] ^= (uint8_t)i; /* otherwise the compiler would hoist it */
             sum += crc_bit_by_bit(stream + at, length / 64);
         }
     }
     printf("bits %.0f\n", (double)count / seconds(from));
-    fprintf(stderr, "%lu\n", (unsigned long)sum); /* or the loops would be for nothing */
+    fprintf(stderr, "%lu\n", (unsigned long)sum); /* otherwise the loops would have no effect */
 }
 
 static char *read_line(void)

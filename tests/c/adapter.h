@@ -1,4 +1,5 @@
-/* What the adapter of the tests needs of each message; the table is made from the catalogue. */
+/* The functions that the tests' adapter needs of each message; the table is made from the
+ * catalogue. */
 #ifndef ADAPTER_H
 #define ADAPTER_H
 
@@ -6,9 +7,9 @@
 
 typedef struct {
     uint8_t type;
-    /* Decode and print " field=value ..."; false where the length is wrong. */
+    /* Decode and print " field=value ..."; false if the length is wrong. */
     bool (*show)(const uint8_t *payload, size_t length);
-    /* Encode values given as words into a frame; 0 where they do not fit. */
+    /* Encode values given as words into a frame; 0 if they do not fit. */
     size_t (*frame)(uint8_t *frame, sp_sender_t *sender, uint32_t t_us, char **words);
     /* Decode and encode again; the length, or -1. */
     int (*again)(const uint8_t *payload, size_t length, uint8_t *out, size_t capacity);
@@ -21,7 +22,7 @@ extern const size_t adapter_message_count;
 
 const adapter_message_t *adapter_find(uint8_t type);
 long long adapter_number(const char *word);
-/* Read hexadecimal digits ("-": none) over the word itself; their number. */
+/* Replace hexadecimal digits ("-": none) by bytes in place; return their number. */
 size_t adapter_unhex(char *word);
 void adapter_hex(const void *data, size_t length);
 

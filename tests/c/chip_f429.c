@@ -1,5 +1,5 @@
 /* The STM32F429's drivers on this computer: registers are plain memory at the chip's addresses, and
- * each check plays the hardware. Silent where all holds. */
+ * each check plays the hardware. No output if all checks pass. */
 #define _GNU_SOURCE
 #include <stdio.h>
 #include <stdlib.h>
@@ -33,8 +33,8 @@ void systick_handler(void);
 
 static uint32_t clock_us;
 static unsigned masked;
-static void (*before_masking)(void); /* an interrupt that comes just before it is held off */
-static void (*as_unmasked)(void);    /* one that was held off */
+static void (*before_masking)(void); /* an interrupt just before masking */
+static void (*as_unmasked)(void);    /* an interrupt that was masked */
 static uint8_t received[64];
 static size_t received_length;
 static uint32_t received_us;
@@ -96,7 +96,7 @@ static void chip_begins(uint16_t flash_kib)
 
 /* ---- start ---------------------------------------------------------------------------------- */
 
-/* Without a clock from outside there is no CAN, whatever the pin says, and the core is told. */
+/* Without an external clock there is no CAN, whatever the pin reads, and the core is informed. */
 static void no_crystal_no_bus(void)
 {
     chip_begins(2048);
@@ -145,7 +145,7 @@ static void parameters_lie_in_the_second_bank(void)
     CHECK(!board_flash_busy(NULL) && memcmp((void *)0x08080008u, words, sizeof words) == 0);
 }
 
-/* One bank: nothing is erased under the program's feet, and the core is told. */
+/* With one bank, nothing is erased while the program runs from it, and the core is informed. */
 static void one_bank_saves_nothing(void)
 {
     chip_begins(1024);
@@ -172,7 +172,7 @@ static bool started(void)
     return so;
 }
 
-/* The register that a transfer asks for; the transfer is under way. */
+/* Return the register that a transfer requests; the transfer is in progress. */
 static uint8_t asked_for(void)
 {
     CHECK(started());
@@ -183,7 +183,7 @@ static uint8_t asked_for(void)
     return (uint8_t)I2C1->dr;
 }
 
-/* The rest of a read: these bytes come. */
+/* Finish a read with these bytes. */
 static void answers(const uint8_t *bytes, size_t length)
 {
     event(I2C_SR1_BTF);
@@ -202,7 +202,7 @@ static void millisecond(void)
     imu_millisecond();
 }
 
-/* A sensor of another kind is never read: its scales are others. */
+/* A sensor of another kind is never read, because its scales differ. */
 static void another_sensor_is_not_taken(void)
 {
     static const uint8_t other[2] = {0x70, 0};
@@ -212,7 +212,7 @@ static void another_sensor_is_not_taken(void)
         answers(other, 2);
         for (unsigned passed = 0; passed < 98; passed++) {
             millisecond();
-            CHECK((I2C1->cr1 & I2C_CR1_START) == 0); /* nor is it asked for readings */
+            CHECK((I2C1->cr1 & I2C_CR1_START) == 0); /* nor are readings requested */
         }
         for (unsigned passed = 0; passed < 5 && (I2C1->cr1 & I2C_CR1_START) == 0; passed++) {
             millisecond();
@@ -247,7 +247,7 @@ static void a_sample_is_stamped_by_its_pin(void)
     CHECK(imu.sampled_us == 500000 && imu.accel_z == 16384 && imu.gyro_z == 6);
 }
 
-/* The pin's interrupt comes between the tick and what the tick does with interrupts off: its
+/* The pin's interrupt comes between the tick and the part of the tick with interrupts off: its
  * transfer has just begun and is not late. */
 static void a_sample_that_begins_under_the_tick_goes_on(void)
 {
@@ -285,10 +285,10 @@ static void only_a_bus_error_is_spurious(void)
         millisecond();
     }
     I2C1->cr1 |= I2C_CR1_START;
-    CHECK(asked_for() == 0x75); /* it is set up anew */
+    CHECK(asked_for() == 0x75); /* it is set up again */
 }
 
-/* A bus that hangs is given up after two milliseconds. */
+/* A bus that hangs is reset after two milliseconds. */
 static void a_bus_that_hangs_is_freed(void)
 {
     clock_us += 3000;
@@ -390,7 +390,8 @@ static void bus_off_is_counted_and_drops_what_is_old(void)
 
 /* ---- encoders, serial link, sleep ------------------------------------------------------------ */
 
-/* Longer than the bridges' edges ring, a tenth of a level's time at top speed at most. */
+/* The filter is longer than the ringing of the bridges' edges, and at most a tenth of a level's
+ * time at top speed. */
 static void encoders_are_filtered(void)
 {
     chip_begins(2048);
@@ -427,7 +428,7 @@ static void bytes_of_the_ring_come_in_order(void)
 
 static void an_interrupt(void) { clock_us += 400; }
 
-/* What an interrupt takes is load, also where it ended a sleep. */
+/* Interrupt time counts as load, also if the interrupt ended a sleep. */
 static void interrupts_count_as_load(void)
 {
     const uint32_t before_us = board_busy_us(NULL);

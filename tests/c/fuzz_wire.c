@@ -94,7 +94,7 @@ static void can(const uint8_t *data, size_t size)
     memset(&receiver, 0, sizeof receiver);
     uint32_t now_us = 0;
     for (size_t at = 0; at + 4 <= size;) {
-        /* What is drawn leans to transfers that go on: same id, next toggle. */
+        /* The draw favours transfers that continue: same id, next toggle. */
         sp_can_frame_t in = {
             (uint16_t)((data[at] & 0x1Fu) << 4 | (data[at] >> 5 & 1u)), data[at + 1] % 9u, {0}};
         const size_t left = size - at - 2;

@@ -1,5 +1,6 @@
-/* The inbox between two threads, which no compiler or processor keeps in order by itself: under
- * ThreadSanitizer each unordered access is an error. Silent where all arrives in order. */
+/* The inbox between two threads, which neither compiler nor processor keeps in order by itself:
+ * under ThreadSanitizer each unordered access is an error. No output if all data arrives in order.
+ */
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>

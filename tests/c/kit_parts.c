@@ -1,5 +1,5 @@
-/* What the two firmwares cannot be compared in: interrupt rings, the line's queue, the moment of
- * sending. A board of its own, of which each check sets what it needs. Silent where all holds. */
+/* Parts in which the two firmwares cannot be compared: interrupt rings, the line's queue, the time
+ * of sending. Each check sets up a board of its own. No output if all checks pass. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,7 +49,7 @@ bool board_can_write(board_t *board, const sp_can_frame_t *frame)
     return true;
 }
 
-/* A zero keeps the moment at which the interrupt saw it, however late the main loop comes. */
+/* A zero keeps the time of its interrupt, however late the main loop reads it. */
 static void zeros_keep_their_moment(void)
 {
     static inbox_t inbox;
@@ -68,7 +68,7 @@ static void zeros_keep_their_moment(void)
     CHECK(inbox.dropped == 0);
 }
 
-/* What finds no room is dropped and counted; what is there stays in order, over many wraps. */
+/* Data without room is dropped and counted; the rest stays in order, over many wraps. */
 static void a_full_inbox_drops(void)
 {
     static inbox_t inbox;
@@ -127,8 +127,8 @@ static int encode(line_t *line, uint16_t id)
     return sp_ack_encode(&ack, line_payload(line), SP_PAYLOAD_MAX);
 }
 
-/* The leading zero is for an idle line; a stream leaves room for replies; what was dropped is missed
- * by its number. */
+/* The leading zero is for an idle line; a stream leaves room for replies; a gap in the numbers
+ * shows dropped frames. */
 static void the_uart_is_shared_out(void)
 {
     static line_t line;
@@ -151,7 +151,7 @@ static void the_uart_is_shared_out(void)
     CHECK(line_sent(&line) == 4);
 }
 
-/* A reply that tells when it leaves tells it of the line, not of the program. */
+/* A reply that reports its sending time uses the line's time, not the program's. */
 static void departure_is_the_line_s(void)
 {
     static line_t line;
@@ -162,7 +162,7 @@ static void departure_is_the_line_s(void)
     CHECK(line_departure_us(&line) == 1000 && line_idle(&line));
 }
 
-/* Frames wait for a mailbox and keep their order; a message goes whole or not at all. */
+/* Frames wait for a mailbox and keep their order; a message is sent completely or not at all. */
 static void the_bus_is_shared_out(void)
 {
     static line_t line;
@@ -186,8 +186,8 @@ static void the_bus_is_shared_out(void)
     CHECK((parts.can_last.data[parts.can_last.length - 1u] & 0x40u) != 0); /* a transfer's end */
 }
 
-/* The lowest type leaves first, of one type the first that was queued: parts of a message stay
- * together. A sync counts the frames that have left by then, or were dropped. */
+/* The lowest type leaves first; of equal types the first queued: parts of a message stay together.
+ * A sync counts the frames that have left by then, or were dropped. */
 static void the_bus_serves_the_most_urgent_first(void)
 {
     static line_t line;
@@ -201,7 +201,7 @@ static void the_bus_serves_the_most_urgent_first(void)
     memset(line_payload(&line), 'x', 120);
     line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120);
     memset(line_payload(&line), 'x', 120);
-    line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120); /* finds no room: 19 frames are missing */
+    line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120); /* has no room: 19 frames are missing */
     line_send_after(&line, SP_TYPE_ACK, SP_TYPE_LOG_TEXT, 0, encode(&line, 1));
     for (uint32_t t_us = 0; t_us < 20000; t_us += 10000) {
         line_stream(&line, SP_TYPE_IMU, t_us,
@@ -240,7 +240,7 @@ static void a_full_text_takes_nothing_more(void)
     CHECK(text.length == 119 && text.full);
 }
 
-/* What was due in a period that was missed is due in the next one that is not; and only once. */
+/* Work that was due in a missed period is done in the next one, and only once. */
 static void missed_periods_lose_nothing(void)
 {
     unsigned told = 0;

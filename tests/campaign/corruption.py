@@ -1,11 +1,11 @@
-"""Damage to frames on an idle-separated line, by the million: what gets through, what is lost.
+"""Damage to frames on an idle line, by the million: undetected errors and lost neighbours.
 
     PYTHONPATH=tests python -m campaign.corruption --damaged 10000000
 
-Every second frame is hit once. A frame counts as damaged where a coded byte of it, or what
-parts it from the next, was changed; its leading zero belongs to the gap. Of the others each
-that is not found again is a neighbour lost. A message is wrong where no such frame was sent,
-whatever it says: the stamp of each frame names it.
+Every second frame is hit once. A frame counts as damaged if one of its coded bytes, or the
+delimiter to the next frame, was changed; its leading zero belongs to the gap. Each other frame that
+is not found is a lost neighbour. A message is wrong if no such frame was sent, whatever its
+content; the stamp identifies each frame.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BLOCK = 20_000
-"""Frames that are encoded together; they are damaged anew :data:`ROUNDS` times."""
+"""Number of frames that are encoded together; they are damaged again :data:`ROUNDS` times."""
 ROUNDS = 10
 STREAMED_OF = 20
-"""One round in so many is read by the streaming link too."""
+"""One round in this number is also read by the streaming link."""
 _OFFSET_SIZE = 8
 
 
 class Hit(IntEnum):
-    """What befalls a frame."""
+    """Kind of damage to a frame."""
 
     FLIP = 0
     FLIPS = 1
@@ -53,22 +53,23 @@ class Hit(IntEnum):
 
 @dataclass
 class Tally:
-    """What a campaign counted."""
+    """Counts of a campaign."""
 
     damaged: int = 0
     lost: int = 0
-    """Intact neighbours that were not found again."""
+    """Number of intact neighbours that were not found."""
     wrong: int = 0
-    """Frames taken as intact that nobody sent, unknown types and versions included."""
+    """Number of frames accepted as intact that were never sent, unknown types and versions
+    included."""
     streamed: int = 0
-    """Damaged frames that the streaming link read too."""
+    """Number of damaged frames that the streaming link read too."""
     differences: int = 0
-    """Messages that only one of batch decoder and streaming link gave."""
+    """Number of messages that only one of batch decoder and streaming link found."""
     by_hit: list[int] = field(default_factory=lambda: [0] * len(Hit))
-    """Hits of each kind."""
+    """Number of hits of each kind."""
 
     def __add__(self, other: Tally) -> Tally:
-        """Sum of both."""
+        """Return the sum of both."""
         return Tally(
             self.damaged + other.damaged,
             self.lost + other.lost,
@@ -81,20 +82,20 @@ class Tally:
 
 @dataclass
 class Line:
-    """Frames as an idle-separated line carries them, a zero on either side of each."""
+    """Frames on an idle-separated line, a zero on either side of each."""
 
     frames: list[bytes]
     contents: list[bytes]
-    """Header and payload of each; the stamp is its index."""
+    """Header and payload of each frame; the stamp is its index."""
     data: NDArray[np.uint8]
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
     owner: NDArray[np.int64]
-    """Which frame each byte belongs to."""
+    """Index of the frame that each byte belongs to."""
 
 
 def make_line(rng: np.random.Generator, count: int) -> Line:
-    """Frames of every message that a device sends: random, small or zero payloads."""
+    """Return frames of every device message: random, small or zero payloads."""
     specs = [s for s in CATALOGUE if s.direction is Direction.DEVICE]
     frames: list[bytes] = []
     contents: list[bytes] = []
@@ -125,7 +126,7 @@ def make_line(rng: np.random.Generator, count: int) -> Line:
 def damage(
     rng: np.random.Generator, line: Line, by_hit: list[int]
 ) -> tuple[bytes, NDArray[np.bool_]]:
-    """Hit every second frame; the line then, and which frames are damaged."""
+    """Hit every second frame; return the line, and which frames are damaged."""
     data = line.data.copy()
     last = len(data) - 1
     touched = np.zeros(len(line.frames), np.bool_)
@@ -148,7 +149,7 @@ def damage(
 
     flip(at[kinds == Hit.FLIP])
     few, few_ends = at[kinds == Hit.FLIPS], ends[kinds == Hit.FLIPS]
-    wanted = rng.integers(2, 6, size=len(few))  # the CRC's own ground
+    wanted = rng.integers(2, 6, size=len(few))  # the number of bits for which the CRC is made
     for number in range(5):
         places = np.minimum(few + rng.integers(8, size=len(few)), few_ends - 1)
         flip(places[wanted > number])
@@ -175,7 +176,7 @@ def damage(
 
 
 def read(line: Line, wire: bytes) -> tuple[NDArray[np.bool_], int]:
-    """Decode with numpy: which frames were found, and how many that nobody sent."""
+    """Decode with numpy; return which frames were found, and the number never sent."""
     result = decode_capture(wire)
     found = np.zeros(len(line.frames), np.bool_)
     wrong = len(result.rejected)
@@ -191,9 +192,9 @@ def read(line: Line, wire: bytes) -> tuple[NDArray[np.bool_], int]:
 
 
 def _contents(type_id: int, rows: NDArray[np.void]) -> list[bytes]:
-    """Header and payload again, as they were sent."""
+    """Return header and payload, as they were sent."""
     spec = CATALOGUE.by_type[type_id]
-    if spec.text_field is None:  # rows lie as in the frame, the version taken out
+    if spec.text_field is None:  # rows are like the frame, without the version
         raw = rows.view(np.uint8).reshape(len(rows), rows.dtype.itemsize)
         raw = raw[:, _OFFSET_SIZE:].copy()
         raw[:, 0] |= PROTOCOL_VERSION << 4
@@ -208,11 +209,11 @@ def _contents(type_id: int, rows: NDArray[np.void]) -> list[bytes]:
 
 
 def differences(line: Line, wire: bytes, found: NDArray[np.bool_]) -> int:
-    """Read with the streaming link; how many frames only one of the two found."""
+    """Read with the streaming link; return the number of frames that only one of the two found."""
     link = Link(Direction.HOST)
     seen = np.zeros(len(found), np.bool_)
     strange = 0
-    for start in range(0, len(wire), 92):  # a millisecond's worth at 921 600 baud
+    for start in range(0, len(wire), 92):  # a millisecond at 921 600 baud
         for event in link.receive(wire[start : start + 92]):
             if isinstance(event, Received):
                 frame = event.frame
@@ -225,7 +226,7 @@ def differences(line: Line, wire: bytes, found: NDArray[np.bool_]) -> int:
 
 
 def campaign(seed: int, damaged: int, *, block: int = BLOCK) -> Tally:
-    """Damage at least so many frames and count what came of it."""
+    """Damage at least ``damaged`` frames and return the counts."""
     rng = np.random.default_rng(seed)
     tally = Tally()
     rounds = 0
@@ -247,7 +248,7 @@ def campaign(seed: int, damaged: int, *, block: int = BLOCK) -> Tally:
 
 
 def main() -> int:
-    """Share the work between processes and print what they counted."""
+    """Split the work between processes and print the counts."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--damaged", type=int, default=10_000_000, help="frames to damage")
     parser.add_argument("--seed", type=int, default=1)

@@ -44,7 +44,7 @@ class Patient:
         return self.visit.name
 
 
-def _patient(  # noqa: PLR0913 - what is wrong, and how it is looked at
+def _patient(  # noqa: PLR0913 - the fault, and the visit
     name: str,
     right: str,
     *faults: str,

@@ -1,4 +1,4 @@
-"""What can befall a robot that moves, and which rules of supervision are to speak."""
+"""Hazards for a moving robot, and the supervision rules that must detect them."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ STAIRS = "stairs"
 
 @dataclass(frozen=True)
 class Hazard:
-    """One kind of trouble and the rules that are to speak."""
+    """One kind of hazard and the rules that must detect it."""
 
     name: str
     rules: frozenset[str]
     faults: tuple[str, ...] = ()
-    """With ``{t}`` where the moment stands."""
+    """Faults, with ``{t}`` in place of the time."""
     lasts_s: float = 10.0
     lie: str = ""
     settings: dict[str, object] = field(default_factory=dict)
@@ -32,11 +32,14 @@ class Hazard:
 
     @property
     def there(self) -> bool:
-        """It is there from the beginning: a room or a rule, nothing that befalls the robot."""
+        """Return whether the hazard is there from the beginning: a room or a rule."""
         return bool(self.settings) or STAIRS in self.rooms
 
     def ends_s(self, at_s: float) -> float:
-        """When it is over that began at ``at_s``: a stairwell, a fence and a liar stay."""
+        """Return the end of a hazard that began at ``at_s``.
+
+        A stairwell, a fence and false reports stay.
+        """
         return math.inf if self.there or self.lie else at_s + self.lasts_s
 
 
@@ -47,10 +50,10 @@ def _hazard(name: str, rules: str, lasts_s: float, *faults: str, **more: object)
 LANES = ("paper",)
 IN_LANES = ("paper", "u-shape")
 SHORT = ("studio-flat",)
-"""Where planners in lanes have finished after half a minute: too soon for a
-hazard to begin and to show."""
+"""Rooms that lane planners finish after half a minute: too soon for a hazard to begin and to show.
+"""
 OPEN = ("case-1", "case-2", "empty")
-"""Little stands about: lanes are long, and one follows the other."""
+"""Rooms with few obstacles: lanes are long, and one follows the other."""
 HAZARDS: tuple[Hazard, ...] = (
     _hazard("wheel stuck, one", "stall", 4, "wheel-stuck@{t}:4:side=left"),
     _hazard("wheel stuck, both", "stall", 4, "wheel-stuck@{t}:4:side=both"),

@@ -1,4 +1,4 @@
-"""Results of a campaign that may be broken off: each is added to a file at once."""
+"""Results of a campaign that may be interrupted: each is appended to a file at once."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 class Kept:
-    """What is known of each named run, as long as the sources that it hangs on are the same."""
+    """Result of each named run, valid while the sources that it depends on are the same."""
 
     def __init__(self, path: Path | None, sources: Iterable[Path]) -> None:
-        """Read what is there; without a path nothing is kept."""
+        """Read the file; without a path nothing is kept."""
         self._path = path
         text = b"".join(source.read_bytes() for source in sorted(sources))
         self._digest = hashlib.sha256(text).hexdigest()[:16]
@@ -26,12 +26,12 @@ class Kept:
                 if digest == self._digest:
                     self._known[name] = reported
 
-    def of(self, name: str) -> Any:  # noqa: ANN401 - whatever was kept
-        """What came of a run; None: it has not been run."""
+    def of(self, name: str) -> Any:  # noqa: ANN401 - any kept value
+        """Return the result of a run; None: it has not been run."""
         return self._known.get(name)
 
     def add(self, name: str, reported: object) -> None:
-        """Note one."""
+        """Store one result."""
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps([self._digest, name, reported]) + "\n")

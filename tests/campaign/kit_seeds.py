@@ -1,8 +1,8 @@
-"""Scripts from which a fuzzer of the C firmware begins: sessions, hostile ones, plans.
+"""Initial scripts for a fuzzer of the C firmware: normal and hostile sessions, plans.
 
     PYTHONPATH=tests python -m campaign.kit_seeds FOLDER
 
-Each file is what ``board_host/fuzz.c`` takes: a byte that says where it begins, then a script.
+Each file is an input of ``board_host/fuzz.c``: a byte that selects the start, then a script.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PLANS = 24
 
 
 def frames() -> bytes:
-    """One frame of every message of a host, sealed by the board, with 50 ms after each."""
+    """Return one frame of every host message, completed by the board, with 50 ms after each."""
     pieces: list[bytes] = []
     for spec in CATALOGUE:
         if spec.direction is Direction.HOST:
@@ -32,7 +32,7 @@ def frames() -> bytes:
 
 
 def plan(rng: random.Random) -> bytes:
-    """Readings as a plan meets them: walls near and far, touches, wheels that go on."""
+    """Return readings during a plan: walls near and far, contacts, turning wheels."""
     writer = Writer()
     left = right = 0
     for _ in range(40):

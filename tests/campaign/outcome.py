@@ -1,4 +1,4 @@
-"""What came of a run of the campaign over supervision, and what the truth says of its alarms."""
+"""Outcome of a run of the supervision campaign, and a check of its alarms against the truth."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Told apart from every other."""
+        """Unique name of the run."""
         where = (
             f"{self.room} {self.planner} seed {self.seed} {'device' if self.onboard else 'host'}"
         )
@@ -41,32 +41,32 @@ class Job:
 
 @dataclass(frozen=True)
 class Alarm:
-    """What a rule said."""
+    """Alarm of a rule."""
 
     at_s: float
-    """Since boot."""
+    """Time since boot, s."""
     rule: str
     text: str
     true: bool = False
-    """The truth bears it out, though nobody has injected anything."""
+    """The truth confirms it, although no fault was injected."""
 
 
 @dataclass
 class Outcome:
-    """What came of it."""
+    """Outcome of a run."""
 
     job: Job
     supervised_s: float = 0.0
     at_s: float = 0.0
-    """When the hazard began."""
+    """Start of the hazard, s."""
     alarms: list[Alarm] = field(default_factory=list)
     ending: str = ""
     by_device: bool = False
-    """It had stopped by itself, cause ``hardware``."""
+    """The device had stopped by itself, cause ``hardware``."""
 
     @property
     def caught_s(self) -> float | None:
-        """How long after its beginning the hazard was found; None: it was not."""
+        """Return the time from the start of the hazard to its detection, s; None: not detected."""
         hazard = self.job.hazard
         assert hazard is not None
         end_s = hazard.ends_s(self.at_s) + GRACE_S
@@ -79,22 +79,22 @@ class Outcome:
 
     @property
     def ended_it(self) -> bool:
-        """Whether device or session stopped the run because of it, before any rule spoke."""
+        """Return whether device or session stopped the run because of it before any alarm."""
         lost = self.ending.startswith("the device was lost and is back")
         hazard = self.job.hazard
         return self.by_device or (lost and hazard is not None and "reset" in hazard.rules)
 
 
 class Alarms:
-    """A sink that keeps what the rules said, and where the robot truly was."""
+    """A sink that keeps the alarms and the robot's true poses."""
 
     def __init__(self) -> None:
-        """Nothing has been said."""
+        """Start without alarms."""
         self.found: list[Alarm] = []
         self._poses: list[tuple[float, Pose2]] = []
 
     def write(self, record: Record) -> None:
-        """Keep what matters."""
+        """Keep the relevant records."""
         if isinstance(record, TruthRecord):
             self._poses.append(((record.log_ns - EPOCH_NS) * 1e-9, record.pose))
         elif isinstance(record, EventRecord) and record.source == "supervise":
@@ -103,10 +103,10 @@ class Alarms:
             self.found.append(Alarm(at_s, record.kind, record.text, true))
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Nothing is open."""
+        """Do nothing: there is nothing to close."""
 
     def _borne_out(self, at_s: float, data: Mapping[str, Any]) -> bool:
-        """Of a disagreement over D: whether the device's D is off the true lane too."""
+        """For a disagreement over D: return whether the device's D differs from the true lane too."""
         if "D_m" not in data or "for_s" not in data:
             return False
         way_m = lane_way_m(self._poses, at_s - float(data["for_s"]), at_s)
@@ -115,7 +115,7 @@ class Alarms:
 
 
 def lane_way_m(poses: list[tuple[float, Pose2]], begun_s: float, end_s: float) -> float:
-    """How far a straight lane got from where it truly began; nan where nothing is known of it."""
+    """Return the true length of a straight lane, m; nan if unknown."""
     within = [pose for at_s, pose in poses if begun_s <= at_s <= end_s]
     if not within:
         return math.nan

@@ -1,7 +1,7 @@
-"""Every single bit of small logs, turned and recovered: ``python -m campaign.recovery``.
+"""Inverts every single bit of small logs and recovers them: ``python -m campaign.recovery``.
 
-Of a log of ours, most of which is the catalogue, every seventh bit. Some 400 000 files, an hour on
-one core. What fails is printed, and the status is 1.
+In one of our logs, which is mostly the catalogue, it inverts every seventh bit. Some 400 000 files,
+an hour on one core. Failures are printed, and the status is 1.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import sys
 from support.damaged_logs import MAGIC, check_flip, logs
 
 _SMALL_BYTES = 20_000
-"""Size below which every bit of a log is turned, bytes."""
+"""Size below which every bit of a log is inverted, bytes."""
 
 
 def main() -> int:
-    """Turn every bit; how many times a check failed, as the exit status says."""
+    """Invert every bit; return 1 if a check failed."""
     failed = 0
     for log in logs():
         step = 1 if len(log.data) < _SMALL_BYTES else 7

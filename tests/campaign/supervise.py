@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def planner_events(more: dict[str, object] | None = None) -> SuperviseSettings:
-    """The default rules, every reaction lowered to reporting."""
+    """Return the default rules with every reaction lowered to reporting."""
     rules = SuperviseSettings()
     table: dict[str, object] = {n: {"reaction": "report", "then": "report"} for n in rules.rules}
     for name, values in (more or {}).items():
@@ -53,7 +53,7 @@ def planner_events(more: dict[str, object] | None = None) -> SuperviseSettings:
 
 
 def stairs() -> FloorPlan:
-    """A room with a stairwell along the way."""
+    """Return a room with a stairwell on the robot's path."""
     walls = ((0.0, 0.0), (2.6, 0.0), (2.6, 2.0), (0.0, 2.0))
     well = ((1.7, 0.0), (2.2, 0.0), (2.2, 2.0), (1.7, 2.0))
     return FloorPlan(STAIRS, walls, (), Pose2(0.3, 0.3, 0.0), cliffs=(well,))
@@ -105,7 +105,7 @@ def _timed(text: str, at_s: float) -> str:
 
 
 def hazard_jobs(seeds: Iterable[int], hazards: Iterable[Hazard] = HAZARDS) -> list[Job]:
-    """Every hazard with every seed, in a room and with a planner that the seed chooses."""
+    """Return every hazard with every seed, in a room and with a planner that the seed chooses."""
     jobs = []
     for seed in seeds:
         for hazard in hazards:
@@ -118,7 +118,7 @@ def hazard_jobs(seeds: Iterable[int], hazards: Iterable[Hazard] = HAZARDS) -> li
 
 
 def clean_jobs(seeds: Iterable[int], max_s: float) -> list[Job]:
-    """Every room with every planner, on the device and on the host, without any hazard."""
+    """Return every room with every planner, on the device and on the host, without any hazard."""
     return [
         Job(room, planner, seed, onboard, None, max_s)
         for seed in seeds
@@ -135,7 +135,7 @@ def kept_at(path: Path | None) -> Kept:
 
 
 def recalled(job: Job, kept: Kept) -> Outcome | None:
-    """The outcome of a job, if it is kept."""
+    """Return the outcome of a job, if it is kept."""
     reported = kept.of(job.name)
     if reported is None:
         return None
@@ -164,7 +164,7 @@ def outcomes_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[Outcome
 
 
 def reported(outcome: Outcome) -> str:
-    """An outcome in one line."""
+    """Return an outcome in one line."""
     job = outcome.job
     alarms = "; ".join(
         f"{a.at_s:.1f} s {a.rule}{' (true)' if a.true else ''}: {a.text}"

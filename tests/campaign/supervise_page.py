@@ -1,4 +1,4 @@
-"""The page about the campaign over supervision."""
+"""The page about the supervision campaign."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ Alarms of all runs:
 
 
 def page(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
-    """The tables, and whether what is demanded holds."""
+    """Return the tables, and whether the requirements are met."""
     clean = [o for o in outcomes if o.job.hazard is None]
     hours = sum(o.supervised_s for o in clean) / 3600.0
     false = Counter(a.rule for o in clean for a in o.alarms if not a.true)

@@ -1,4 +1,4 @@
-"""The device that a check is about."""
+"""The device that is checked."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ import pytest
 
 @pytest.fixture
 def device(request: pytest.FixtureRequest) -> str:
-    """Name of the port or of the emulated link; the check itself is given a probe on it."""
+    """Return the name of the port or of the emulated link; the check gets a probe on it."""
     name: str = request.param
     return name

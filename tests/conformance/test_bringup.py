@@ -1,4 +1,4 @@
-"""Bring-up: wheel duties by hand, capped and short-lived."""
+"""Bring-up: wheel duties set directly, limited and short-lived."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def travel(device: Probe, since_us: int) -> tuple[int, int]:
 
 
 def spin(device: Probe, left: float, right: float, seconds: float) -> tuple[int, int]:
-    """Hold duties; counts of both wheels meanwhile."""
+    """Hold duties; return the counts of both wheels meanwhile."""
     mark = device.counts()[-1][0]
     device.keep_saying(lambda: device.duty(left, right), seconds)
     return travel(device, mark)

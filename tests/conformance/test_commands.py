@@ -1,4 +1,4 @@
-"""Commands: answered, refused with a reason, carried out once."""
+"""Commands: answered, rejected with a reason, executed once."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def type_of(message: Message) -> int:
 
 
 def again(device: Probe, message: Message, command_id: int) -> list[Ack | Nack]:
-    """Repeat a command to the letter; every answer to it."""
+    """Repeat a command exactly; return every answer to it."""
     mark = len(device.heard)
     device.send(message)
     device.until(lambda: bool(device.replies(command_id, type_of(message), mark)), 0.5)
-    device.ping()  # whatever it says twice is here by now
+    device.ping()  # any second answer has arrived by now
     return device.replies(command_id, type_of(message), mark)
 
 

@@ -1,4 +1,4 @@
-"""Handshake: who the device is, and what it declares."""
+"""Hello and agreement: identity of the device, and its declarations."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from support.probe import Probe
 
 AT_ONCE_S = 0.25
-"""A reply that is waited for by the measured round trip, and our own machine's pauses."""
+"""Maximum time of an immediate reply, s: the measured round trip and our own machine's pauses."""
 
 
 def described(device: Probe, questions: list[Describe]) -> dict[int, DescribeReply]:
-    """Answers by type, a few questions at a time; one that is lost is asked again."""
+    """Return answers by type, a few questions at a time; a lost one is asked again."""
     answers: dict[int, DescribeReply] = {}
     for _ in range(4):
         for start in range(0, len(questions), 4):
@@ -42,7 +42,7 @@ def described(device: Probe, questions: list[Describe]) -> dict[int, DescribeRep
 
 
 def enumerated(device: Probe, questions: list[DescribeEnum]) -> dict[int, DescribeEnumReply]:
-    """Answers by key, one question at a time; one that is lost is asked again."""
+    """Return answers by key, one question at a time; a lost one is asked again."""
     answers: dict[int, DescribeEnumReply] = {}
     for question in questions:
         for _ in range(4):
@@ -103,7 +103,7 @@ def test_hello_is_answered_at_once_and_names_the_session(device: Probe) -> None:
 
 def test_nothing_is_streamed_before_the_handshake(device: Probe) -> None:
     device.greet()
-    device.ping()  # what was still under way is here by now
+    device.ping()  # delayed replies have arrived by now
     heard = device.listen(0.5)
     reported = {type(h.message).__name__ for h in heard} - {"Hello", "TimeReply"}
     assert not reported, f"sent without agreement: {sorted(reported)}"
@@ -174,7 +174,7 @@ def test_enumerations_are_those_of_the_catalogue(device: Probe) -> None:
         asked = [DescribeEnum(key, count) for key in CATALOGUE.enums]
         for key, reply in enumerated(device, asked).items():
             if reply.member_count == UNKNOWN:
-                continue  # none of its messages uses it
+                continue  # no message of the device uses it
             enum = CATALOGUE.enums[key]
             shared = min(count, reply.member_count, len(enum.members))
             assert reply.chain == enum.chain[shared], f"{enum.name} after {shared} members"

@@ -1,4 +1,4 @@
-"""Hostile bytes: nothing but intact frames is obeyed, and nothing upsets the device."""
+"""Hostile bytes: the device obeys only intact frames, and nothing disturbs it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SEED = 20_240
 TIME_REQUEST, STOP, SET_MODE, STATUS = 0x07, 0x01, 0x06, 0x11
 UNKNOWN_TYPES = (0x03, 0x0F, 0x3F, 0x7E)
 FUZZ_BYTES = 12_000
-"""A second at what the slowest line that we know of carries."""
+"""Number of random bytes: a second at the slowest known line."""
 
 
 def frame(  # noqa: PLR0913 - the header's fields
@@ -53,7 +53,7 @@ def frame(  # noqa: PLR0913 - the header's fields
     flags: int = 0,
     node: int | None = None,
 ) -> bytes:
-    """A whole frame, by another codec than ours."""
+    """Return a complete frame, made by another codec than ours."""
     return frame_bytes(
         version=version,
         flags=flags,
@@ -105,7 +105,7 @@ def test_a_damaged_frame_is_counted_and_not_obeyed(device: Probe) -> None:
     for bit in range(8 * 2, 8 * (len(whole) - 1), 3):
         broken = bytearray(whole)
         broken[bit // 8] ^= 1 << bit % 8
-        if 0 not in broken[1:-1]:  # else it is two stretches
+        if 0 not in broken[1:-1]:  # otherwise they are two stretches
             damaged.append(bytes(broken))
     for broken_frame in damaged:
         device.write(broken_frame)
@@ -190,7 +190,7 @@ def test_garbage_leaves_it_alive(device: Probe) -> None:
 
 @pytest.mark.link("uart")
 def test_mutated_frames_leave_it_alive(device: Probe) -> None:
-    """Frames as hosts send them, cut, joined, with bytes changed, inserted and left out."""
+    """Frames of a host, cut, joined, with bytes changed, inserted and removed."""
     quiet(device)
     rng = random.Random(SEED)
     sent = 0
@@ -219,7 +219,7 @@ def test_mutated_frames_leave_it_alive(device: Probe) -> None:
 
 
 def bus_frames(device: Probe, message: Message, transfer_id: int) -> Iterable[tuple[int, bytes]]:
-    """The segments of a message that is none of the periodic ones."""
+    """Return the segments of a message that is not periodic."""
     spec = CATALOGUE.by_class[type(message)]
     _, payload = device.link.codec.encode(message)
     whole = content(PROTOCOL_VERSION << 4, now_us(), payload)
@@ -274,7 +274,7 @@ def test_a_duplicate_frame_counts_once(device: Probe) -> None:
 
 @pytest.mark.link("can")
 def test_random_frames_leave_it_alive(device: Probe) -> None:
-    """Of any length on any identifier but those of commands that could do harm."""
+    """Frames of any length and identifier, except those of harmful commands."""
     quiet(device)
     rng = random.Random(SEED)
     types = [
@@ -292,7 +292,7 @@ def test_random_frames_leave_it_alive(device: Probe) -> None:
 
 
 def random_harmless(rng: random.Random) -> tuple[int, bytes]:
-    """Type and payload of something that a host may say, without lasting consequences."""
+    """Return type and payload of a host message without lasting effects."""
     messages: tuple[Message, ...] = (
         TimeRequest(rng.randrange(256)),
         Describe(rng.randrange(127), rng.randrange(256)),
@@ -307,7 +307,7 @@ def random_harmless(rng: random.Random) -> tuple[int, bytes]:
 
 
 def still_itself(device: Probe) -> None:
-    """The same boot, still latched, idle, and agreeing as ever."""
+    """Check that the device has the same boot, is latched and idle, and agrees as before."""
     before = device.hello
     hello = device.handshake()
     assert before is not None
@@ -377,7 +377,7 @@ def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
     answers: list[Ack | Nack] = [*device.of(Ack, mark), *device.of(Nack, mark)]
     assert not [m for m in answers if m.command_id in ids], "it answered a message for all"
     device.stop()
-    device.reply_to(ClearStop(ids[1], StopCause.OPERATOR))  # was not carried out nor remembered
+    device.reply_to(ClearStop(ids[1], StopCause.OPERATOR))  # was neither executed nor stored
     assert device.status().stop_cause == StopCause.NONE
 
 

@@ -1,6 +1,7 @@
 """Motion: setpoints, their time to live, and everything that ends them.
 
-The wheels turn, the robot on the spot where the floor is under it: they are to be off the floor.
+The wheels turn, and the robot turns on the spot if it stands on the floor: lift the wheels off the
+floor.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.motion
 
 TURN_RAD_S = 0.8
-"""With a wheel base of 0.23 m each wheel runs at 0.09 m/s."""
+"""Yaw rate of the checks, rad/s: with a wheel base of 0.23 m each wheel runs at 0.09 m/s."""
 STILL = 4
-"""Counts that a wheel may settle by."""
+"""Number of counts by which a resting wheel may still move."""
 MOVED = 25
 EXPIRY_S = 0.25
 RAMP_S = 0.5
-"""From this speed to rest, with the motors' lag and our own pauses: 0.1 s of it at 1 m/s²."""
+"""Maximum time from this speed to rest, s, with the motors' lag and our own pauses; 0.1 s of it at
+1 m/s²."""
 
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
@@ -48,12 +50,12 @@ def at_rest(device: Probe, for_us: int = 200_000) -> bool:
 
 
 def turning(device: Probe, seconds: float, yaw_rate_rad_s: float = TURN_RAD_S) -> int:
-    """Turn on the spot; our clock at the last setpoint."""
+    """Turn on the spot; return our clock at the last setpoint."""
     return device.keep_saying(lambda: device.setpoint(0.0, yaw_rate_rad_s), seconds)
 
 
 def travel(device: Probe, mark_us: int) -> tuple[int, int]:
-    """Counts of both wheels since a device stamp."""
+    """Return the counts of both wheels since a device stamp."""
     after = [c for c in device.counts() if since(mark_us, c[0]) >= 0]
     return after[-1][1] - after[0][1], after[-1][2] - after[0][2]
 
@@ -63,7 +65,7 @@ def newest_us(device: Probe) -> int:
 
 
 def rested_us(device: Probe) -> int:
-    """Stamp of the last sample at which a wheel still moved."""
+    """Return the stamp of the last sample with a moving wheel."""
     counts = device.counts()
     end = counts[-1]
     moving = [c for c in counts if abs(c[1] - end[1]) + abs(c[2] - end[2]) > STILL]
@@ -71,7 +73,7 @@ def rested_us(device: Probe) -> int:
 
 
 def host_us(device: Probe, stamp_us: int) -> int:
-    """The latest that a device stamp can be on our clock."""
+    """Return the latest time on our clock that a device stamp can mean."""
     pings = [p for p in (device.ping() for _ in range(5)) if p is not None]
     best = min(pings, key=lambda p: p.round_trip_us)
     return best.back_us + since(best.replied_us, stamp_us)
@@ -102,7 +104,7 @@ def test_it_follows_a_setpoint(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_an_expired_setpoint_ramps_to_rest_and_does_not_latch(device: Probe) -> None:
-    """Time requests and telemetry go on meanwhile: they do not feed it."""
+    """Time requests and telemetry continue meanwhile: they do not feed the watchdog."""
     ready(device)
     last_us = turning(device, 0.5)
     check_rested(device, last_us, EXPIRY_S + RAMP_S)
@@ -158,7 +160,7 @@ def test_the_counter_may_skip_and_wrap(device: Probe) -> None:
 
 
 def test_stale_setpoints_are_dropped(device: Probe) -> None:
-    """A backlog that comes at once moves nothing: what is older than its life is refused."""
+    """A backlog that arrives at once moves nothing: expired setpoints are rejected."""
     ready(device)
     before = device.counters().stale
     mark = newest_us(device)
@@ -171,7 +173,7 @@ def test_stale_setpoints_are_dropped(device: Probe) -> None:
 def test_a_late_setpoint_lives_as_much_shorter(device: Probe) -> None:
     ready(device)
     for _ in range(5):
-        device.ping()  # the session's quickest frame is known
+        device.ping()  # the session's fastest frame is known
     device.setpoint(0.0, 0.0, ttl_ms=200, late_us=150_000)
     device.listen(0.1)
     assert device.status().setpoint_remaining == 0, "it lives on as if it had come in time"
@@ -193,7 +195,7 @@ def test_a_stop_ends_it(device: Probe) -> None:
     stop_us = now_us()
     device.stop()
     mark = len(device.heard)
-    turning(device, 0.2)  # they are no longer obeyed
+    turning(device, 0.2)  # they are not obeyed any more
     assert mark
     check_rested(device, stop_us, RAMP_S)
     assert device.status().stop_cause == StopCause.OPERATOR
@@ -224,7 +226,7 @@ def test_a_silent_host_ends_it_and_latches(device: Probe) -> None:
 
 
 def host_of_rest(device: Probe) -> int:
-    """When it came to rest, on our clock, without asking: by the quickest frame heard."""
+    """Return when it came to rest, on our clock, by the fastest received frame."""
     lowest = min(since(h.frame.t_us, h.at_us & 0xFFFF_FFFF) for h in device.heard)
     return rested_us(device) + lowest
 
@@ -268,7 +270,7 @@ def test_it_keeps_to_its_top_speed(device: Probe) -> None:
 
 
 def speeds(device: Probe, over_us: int = 200_000) -> list[float]:
-    """The right wheel's, in counts a second, over each stretch of that length."""
+    """Return the right wheel's speeds, counts/s, over each stretch of that length."""
     counts = device.counts()
     found = []
     for first in counts:

@@ -1,4 +1,4 @@
-"""Parameters: read, set within their ranges, saved, and back where they were."""
+"""Parameters: read, set within their ranges, saved, and restored."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from support.probe import Probe
 
 REBOOT_S = 15.0
-"""From the acknowledgement to the first hello."""
+"""Maximum time from the acknowledgement to the first hello, s."""
 
 
 def one_to_set(device: Probe) -> ParameterValue:
@@ -33,13 +33,13 @@ def one_to_set(device: Probe) -> ParameterValue:
 
 
 def reboot(device: Probe, kind: int) -> Hello:
-    """Boot the device and agree anew; the first hello that names no session."""
+    """Reboot the device and agree again; return the first hello without a session."""
     before = device.hello
     assert before is not None
     reason: NackReason | None = None
     for _ in range(30):
         reason = device.refusal(lambda i: Reboot(i, kind))
-        if reason is not NackReason.FAULT:  # it comes to rest from the check before
+        if reason is not NackReason.FAULT:  # it is still stopping after the previous check
             break
         device.listen(0.1)
     device.needs(reason is not NackReason.UNSUPPORTED, f"no {RebootKind(kind).name.lower()}")

@@ -1,7 +1,7 @@
 """The device protects itself, whatever the host does: drivers, encoders, reflexes, clock, record.
 
-Some checks need a state that a person or an emulator brings about: a bumper held, no floor under
-the cliff sensor, a crash before. Without it they say what is missing.
+Some checks need a state that a person or an emulator causes: a bumper held, no floor under the
+cliff sensor, an earlier crash. Without it they report what is missing.
 """
 
 from __future__ import annotations
@@ -35,10 +35,11 @@ SIGNS = Fault.ENCODER_LEFT_REVERSED | Fault.ENCODER_RIGHT_REVERSED | Fault.ENCOD
 BUMPERS = Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT
 BRAKE_S = 0.5
 REST_S = 1.0
-"""From a slow turn to rest, with a status period and our own pauses."""
+"""Maximum time from a slow turn to rest, s, with a status period and our own pauses."""
 CLOCK_S = 4.0
 CLOCK_PPM = 3000.0
-"""Above any crystal with what pings add in that time; an internal oscillator is off by 1 %."""
+"""Maximum clock error, ppm: above any crystal plus the error of pings; an internal oscillator is
+off by 1 %."""
 
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
@@ -54,7 +55,7 @@ def faults(device: Probe) -> Fault:
 
 
 def speed(device: Probe, seconds: float = 0.4) -> float:
-    """Counts a second of both wheels' mean over the last stretch, forward positive."""
+    """Return the mean speed of both wheels over the last stretch, counts/s, forward positive."""
     counts = device.counts()
     last = counts[-1]
     first = next(c for c in counts if since(c[0], last[0]) <= seconds * 1e6)
@@ -78,7 +79,7 @@ def parameter(device: Probe, name: str) -> ParameterValue:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_the_drivers_are_disabled_at_rest(device: Probe) -> None:
-    """In idle, and half a second after a latched stop has come to rest."""
+    """Disabled in idle, and half a second after a latched stop has come to rest."""
     ready(device)
     assert not faults(device) & Fault.DRIVERS_OFF, "they are disabled in a driving mode"
     device.keep_saying(lambda: device.setpoint(0.0, 0.8), 0.4)
@@ -98,7 +99,7 @@ def test_the_drivers_are_disabled_at_rest(device: Probe) -> None:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_encoders_that_agree_with_their_motors_are_no_fault(device: Probe) -> None:
-    """Reversals on the spot, as hard as setpoints can be; the device looks at each sign."""
+    """Reversals on the spot, as hard as setpoints allow; the device checks each sign."""
     ready(device)
     for yaw_rad_s in (1.0, -1.0, 1.0, -1.0):
         mark = device.counts()[-1]

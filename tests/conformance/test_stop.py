@@ -1,4 +1,4 @@
-"""Stop: latched, acknowledged, released by its name only."""
+"""Stop: latched, acknowledged, cleared only by its name."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_every_repetition_is_acknowledged(device: Probe) -> None:
 
 
 def reported(device: Probe, cause: StopCause, mark: int) -> bool:
-    """Whether a status with this cause has come."""
+    """Return whether a status with this cause has arrived."""
     return any(status.stop_cause == cause for status in device.of(Status, mark))
 
 
@@ -70,7 +70,7 @@ def test_a_stop_of_every_device_is_answered_outside_a_session(device: Probe) -> 
     device.handshake()
     device.session_id = 0
     device.listen(1.3, alive=False)  # the session is over
-    for _ in range(2):  # equal bytes, a moment later
+    for _ in range(2):  # equal bytes, a little later
         mark = len(device.heard)
         device.send(StopAll(), node=0)
         answered = device.until(

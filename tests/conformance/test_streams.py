@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from support.probe import Heard, Probe
 
 TOLERANCE = 0.05
-"""Of a rate; crystals are a thousand times better, a loop that drifts is not."""
+"""Relative tolerance of a rate; crystals are a thousand times better, a drifting loop is not."""
 NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
 
 
@@ -35,7 +35,7 @@ def stamps(heard: list[Heard], kind: type[Message]) -> list[int]:
 
 
 def rate_hz(heard: list[Heard], kind: type[Message]) -> float:
-    """By the device's own stamps; 0 where fewer than two came."""
+    """Return the rate by the device's own stamps, Hz; 0 for fewer than two messages."""
     times = stamps(heard, kind)
     if len(times) < 2:
         return 0.0
@@ -48,7 +48,7 @@ def set_rate(device: Probe, kind: type[Message], tenths: int) -> None:
 
 
 def streams_of(device: Probe) -> list[MessageSpec]:
-    """What the device should send by itself once agreed."""
+    """Return the streams that the device should send by itself after the agreement."""
     assert device.hello is not None
     return [
         spec
@@ -114,10 +114,10 @@ def test_a_rate_that_cannot_be_is_rejected(
 
 
 def test_stamps_advance_and_are_of_the_sampling(device: Probe) -> None:
-    """What waits behind other bytes keeps the stamp of its sampling.
+    """A message that waits behind other bytes keeps the stamp of its sampling.
 
-    Under a storm of questions the line is busy; a device that stamps as it sends would then show
-    it in the spacing of its stamps. Some jitter of the sampling itself is honest.
+    Many questions make the line busy. A device that stamps at sending would show it in the spacing
+    of its stamps. Some jitter of the sampling itself is normal.
     """
     device.handshake()
     mark = len(device.heard)
@@ -144,8 +144,8 @@ def test_stamps_are_of_the_devices_clock_and_not_of_the_future(device: Probe) ->
     mark = len(device.heard)
     device.listen(0.5)
     for heard in device.heard[mark:]:
-        # The reply left the device at the earliest as we asked: this is the most that its clock
-        # can be ahead of what the ping says.
+        # The reply left the device at the earliest when we asked: its clock can be ahead of the
+        # ping's estimate by this at most.
         age_us = since(heard.frame.t_us, best.replied_us + heard.at_us - best.sent_us)
         assert age_us > -1_000, f"{type(heard.message).__name__} is stamped {-age_us} us too late"
         assert age_us < 500_000, f"{type(heard.message).__name__} is stamped {age_us} us too early"

@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     from support.probe import Ping, Probe
 
 WORST_US = 20_000
-"""From a request's arrival to its answer's sending; the host waits for at least that."""
+"""Maximum time from a request's arrival to its answer's sending, µs; the host waits for at least
+that."""
 PPM = 1_000
-"""A ceramic resonator is within 5000 ppm, a crystal within 100; freshness allows for 250."""
+"""Maximum clock error, ppm. A ceramic resonator is within 5000 ppm, a crystal within 100; freshness
+allows for 250."""
 
 
 def pings(device: Probe, count: int) -> list[Ping]:

@@ -1,8 +1,8 @@
-"""Keep what searches have found: the smallest set of inputs that reaches as much as all of them.
+"""Keeps the results of fuzzing: the smallest set of inputs that reaches as much as all of them.
 
     PYTHONPATH=tests python -m fuzz.keep [TARGET]...
 
-It reads ``corpus/TARGET.txt`` and build/fuzz/TARGET, and writes ``corpus/TARGET.txt`` anew.
+It reads ``corpus/TARGET.txt`` and build/fuzz/TARGET, and rewrites ``corpus/TARGET.txt``.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from fuzz.targets import TARGETS
 from support.root import ROOT
 
 SIZE_MAX = 600
-"""Bytes of an input that is kept: long ones reach little more, and the corpus stays small."""
+"""Maximum length of a kept input, bytes: long ones reach little more, and the corpus stays small.
+"""
 
 
 def smallest(target: str, found: Path) -> list[bytes]:
-    """A set of inputs that reaches what those of a folder and the kept ones reach, short first."""
+    """Return a set of inputs that reaches what the folder's and the kept inputs reach."""
     with tempfile.TemporaryDirectory() as into, tempfile.TemporaryDirectory() as everything:
         write_corpus(Path(everything), target)
         for number, path in enumerate(sorted(found.glob("*"))):
@@ -39,7 +40,7 @@ def smallest(target: str, found: Path) -> list[bytes]:
 
 
 def main() -> None:
-    """Write the corpora of the targets named, or of all."""
+    """Write the corpora of the named targets, or of all."""
     for target in sys.argv[1:] or TARGETS:
         lines = [data.hex() + "\n" for data in smallest(target, ROOT / "build" / "fuzz" / target)]
         (CORPUS / f"{target}.txt").write_text("".join(lines), encoding="ascii")

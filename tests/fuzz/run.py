@@ -2,13 +2,12 @@
 
     PYTHONPATH=tests python -m fuzz.run parser -runs=20000 -seed=1
 
-What follows the target are libFuzzer's options; ``-max_total_time=60`` searches for a minute.
-An input that breaks something is written to the working directory, and the exit status is
-not 0.
+libFuzzer's options follow the target; ``-max_total_time=60`` searches for a minute. An input that
+fails is written to the working directory, and the exit status is not 0.
 
-A search begins with what earlier ones found: ``corpus/TARGET.txt``, an input a line in
-hexadecimal. New inputs that reach new code are added to build/fuzz/TARGET (``--into FOLDER``
-names another); ``python -m fuzz.keep`` then writes the smallest set that reaches all of it into
+A search begins with the results of earlier ones: ``corpus/TARGET.txt``, an input a line in
+hexadecimal. New inputs that reach new code are added to build/fuzz/TARGET (``--into FOLDER`` names
+another). ``python -m fuzz.keep`` then writes the smallest set that reaches all of it into
 ``corpus``.
 """
 
@@ -20,7 +19,7 @@ from pathlib import Path
 
 import atheris
 
-import support.sources  # noqa: F401 - what is instrumented is bytecode
+import support.sources  # noqa: F401 - only bytecode can be instrumented
 from support.root import ROOT
 
 with atheris.instrument_imports(include=["protocol"]):
@@ -34,9 +33,9 @@ CORPUS = Path(__file__).parent / "corpus"
 
 
 def write_corpus(folder: Path, target: str) -> None:
-    """Inputs to begin with: those kept of earlier searches, and what the catalogue gives now.
+    """Write initial inputs: those kept of earlier searches, and those from the present catalogue.
 
-    The latter is one intact frame of every message, for UART and for CAN, each after a cutting
+    The latter are one intact frame of every message, for UART and for CAN, each after a cutting
     byte.
     """
     for number, data in enumerate(kept(target)):
@@ -56,13 +55,13 @@ def write_corpus(folder: Path, target: str) -> None:
 
 
 def kept(target: str) -> list[bytes]:
-    """The inputs of ``corpus/TARGET.txt``."""
+    """Return the inputs of ``corpus/TARGET.txt``."""
     path = CORPUS / f"{target}.txt"
     return [bytes.fromhex(line) for line in path.read_text(encoding="ascii").splitlines()]
 
 
 def main() -> None:
-    """Fuzz the target named first with libFuzzer's options after it."""
+    """Fuzz the first named target with libFuzzer's options after it."""
     name, *options = sys.argv[1:] or [""]
     if name not in TARGETS:
         targets = "|".join(TARGETS)
@@ -73,7 +72,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if not any(option.startswith("-merge") for option in options):
         write_corpus(folder, name)
-    # libFuzzer starts itself anew, through a shell, by the words before its options.
+    # libFuzzer restarts itself, through a shell, by the words before its options.
     again = shlex.join([sys.executable, "-m", "fuzz.run", name, "--into", str(folder)])
     atheris.Setup([again, str(folder), "-max_len=2048", *options], TARGETS[name])
     atheris.Fuzz()

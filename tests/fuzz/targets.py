@@ -1,7 +1,7 @@
-"""What must hold for any bytes at all: one function for each reader of bytes.
+"""Properties for any bytes: one function for each reader of bytes.
 
-Each takes the fuzzer's bytes and raises where something is wrong. The first byte of an input
-says how the rest is cut into reads.
+Each takes the fuzzer's bytes and raises an exception on an error. The first byte of an input
+determines how the rest is split into reads.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 _FRAMED = b"\0" + encode_frame(1, 0x16, 7, 5, b"\1\2\3\4")
 _HELD_MAX = 200_000
-"""Bytes that a reader may keep, its tables of the catalogue included; a frame has 254."""
+"""Maximum memory of a reader, bytes, its tables of the catalogue included; a frame has 254."""
 _LONG = 600
 _SPAN_US = 1 << 36
 
 
 def parser(data: bytes) -> None:
-    """The same events in any pieces, and the next frame found."""
+    """Check that the events do not depend on the split, and that the next frame is found."""
     whole, cut = UartParser(), UartParser()
     events = whole.feed(data)
     assert [e for piece in _pieces(data) for e in cut.feed(piece)] == events
@@ -48,7 +48,7 @@ def parser(data: bytes) -> None:
 
 
 def link(data: bytes) -> None:
-    """Both ends take anything, account for all of it and hear what comes next."""
+    """Check that both ends accept any bytes, count all of them and receive the next frame."""
     for sends, message in _NEXT:
         end = Link(sends)
         events = [e for piece in _pieces(data) for e in end.receive(piece)]
@@ -68,7 +68,7 @@ def link(data: bytes) -> None:
 
 
 def codec(data: bytes) -> None:
-    """A payload is refused, or read as a message that is written as it was read."""
+    """Check that a payload is rejected, or read as a message that encodes to the same bytes."""
     if not data:
         return
     spec = CATALOGUE.specs[data[0] % len(CATALOGUE.specs)]
@@ -80,14 +80,14 @@ def codec(data: bytes) -> None:
     except ProtocolError:
         return
     if None in tuple(message):
-        return  # fields that the peer lacks: not ours to send
+        return  # fields that the peer lacks are not ours to send
     type_id, payload = Codec().encode(message)
     assert type_id == spec.type_id
     assert Codec().decode(spec, payload) == message
 
 
 def batch(data: bytes) -> None:
-    """The arrays hold what the streaming parser gives."""
+    """Check that the arrays equal the streaming parser's events."""
     result = decode_capture(data, chunk_bytes=32 + (data[0] if data else 0) * 8)
     events = UartParser().feed(data)
     rows = [
@@ -103,7 +103,7 @@ def batch(data: bytes) -> None:
 
 
 def can(data: bytes) -> None:
-    """Frames of a bus in any order and form, at any time."""
+    """Check frames of a bus in any order and form, at any time."""
     for sends in Direction:
         end = CanLink(sends)
         now_us = 0
@@ -124,7 +124,7 @@ def _bounded(reader: object, data: bytes) -> None:
 
 
 def held_bytes(root: object) -> int:
-    """Size of what an object keeps alive by itself: not code, not the shared catalogue."""
+    """Return the memory that an object alone keeps alive: no code, no shared catalogue."""
     seen: set[int] = set()
     waiting = [root]
     total = 0

@@ -1,9 +1,9 @@
-"""Branch coverage of the code that keeps the robot safe, by its own fast tests; 1 below the gate.
+"""Branch coverage of the safety code by its own fast tests; exits with 1 below the gate.
 
     PYTHONPATH=tests python -m mutation.covered
 
-The modules, their tests and the gate of each are those of ``mutation.targets``. A line or a branch
-that no test reaches cannot be held by any, so that this comes before the mutants.
+``mutation.targets`` defines the modules, their tests and the gate of each. No test can hold a line
+or branch that no test reaches, so this check comes before the mutants.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ class Covered(NamedTuple):
 
     target: Target
     percent: float
-    """Of its lines and branches."""
+    """Coverage of its lines and branches, percent."""
     missing: list[int]
-    """Lines that no test runs, and those that branches lead from which no test takes."""
+    """Lines that no test runs, and lines from which an untaken branch starts."""
 
     @property
     def holds(self) -> bool:
-        """Whether it reaches the gate, to a hundredth."""
+        """Return whether it reaches the gate, to a hundredth."""
         return round(self.percent, 2) >= self.target.covered
 
 
@@ -64,7 +64,7 @@ def measure(targets: tuple[Target, ...], root: Path = ROOT) -> list[Covered]:
 
 
 def main() -> int:
-    """Measure, print a line for each module, and judge."""
+    """Measure, print a line for each module, and compare with the gate."""
     found = measure(TARGETS)
     for one in found:
         verdict = "" if one.holds else f"  BELOW THE GATE of {one.target.covered:g} %"

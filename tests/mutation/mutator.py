@@ -1,9 +1,9 @@
-"""Mutants of a module: each with one small change that a test should notice.
+"""Mutants of a module: each with one small change that a test should detect.
 
-Changed are comparisons, arithmetic, conditions, constants, the choice of a larger or smaller,
-and whole statements; left alone are texts, annotations, docstrings, and what a target's
-exclusions name. A mutant is named by where it is and what it changes, not by its line, so that
-the list of equivalent ones outlives edits elsewhere in the file.
+Changes affect comparisons, arithmetic, conditions, constants, min and max, and whole statements.
+Texts, annotations, docstrings and a target's exclusions stay unchanged. A mutant's name consists of
+its place and its change, not its line. So the list of equivalent mutants stays valid when other
+parts of the file change.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _SWAPPED = {"min": "max", "max": "min"}
 
 Step = tuple[str, int | None]
 Path = tuple[Step, ...]
-"""From the module to one of its nodes."""
+"""Path from the module to one of its nodes."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,16 @@ class Mutant:
     before: str
     after: str
     number: int
-    """Among equal changes of one place, from 0."""
+    """Number among equal changes in one place, from 0."""
     line: int
     tree: ast.Module = field(compare=False, repr=False)
-    """Of the module as it is."""
+    """Tree of the unchanged module."""
     path: Path = field(compare=False, repr=False)
     replacement: ast.AST = field(compare=False, repr=False)
 
     @property
     def changed(self) -> ast.Module:
-        """The whole module with the change, every line where it was."""
+        """Return the whole module with the change, on unchanged lines."""
         changed = copy.deepcopy(self.tree)
         holder, original = _locate(changed, self.path)
         replacement = ast.copy_location(copy.deepcopy(self.replacement), original)
@@ -78,12 +78,12 @@ class Mutant:
 
     @property
     def source(self) -> str:
-        """The whole module with the change, as text."""
+        """Return the whole module with the change, as text."""
         return ast.unparse(self.changed)
 
     @property
     def lines(self) -> range:
-        """Of the statement that is changed, or of its head: what runs it runs one of these."""
+        """Lines of the changed statement, or of its head: running it runs one of these."""
         node: ast.AST = self.tree
         first = last = 0
         for step in self.path:
@@ -97,13 +97,16 @@ class Mutant:
 
     @property
     def name(self) -> str:
-        """What the list of equivalents knows it by."""
+        """Name in the list of equivalents."""
         nth = f" #{self.number}" if self.number else ""
         return f"{self.where or 'module'}: {self.before} -> {self.after}{nth}"
 
 
 def mutants(source: str, exclude: frozenset[str] = frozenset()) -> list[Mutant]:
-    """Every mutant of a module; ``exclude`` are functions and classes, dotted or by last name."""
+    """Return every mutant of a module.
+
+    ``exclude`` are functions and classes, dotted or by last name.
+    """
     tree = ast.parse(source)
     seen: Counter[tuple[str, str, str]] = Counter()
     found = []
@@ -138,7 +141,7 @@ def _walk(
 
 
 def _children(node: ast.AST) -> Iterator[tuple[str, int | None, ast.AST]]:
-    """What stands within and is run, with its place."""
+    """Yield the child nodes that are run, with their places."""
     for name, value in ast.iter_fields(node):
         if name in _DECLARING or (name == "args" and not isinstance(node, ast.Call)):
             continue
@@ -151,7 +154,7 @@ def _children(node: ast.AST) -> Iterator[tuple[str, int | None, ast.AST]]:
 
 
 def _left_alone(node: ast.AST) -> bool:
-    """Texts, imports, docstrings, and what only a type checker sees."""
+    """Return whether a node stays unchanged: texts, imports, docstrings, type checking."""
     if isinstance(node, ast.JoinedStr | ast.Import | ast.ImportFrom | ast.Assert):
         return True
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):

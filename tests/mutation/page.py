@@ -36,7 +36,7 @@ each:
 
 
 def page(tallies: Sequence[Tally]) -> str:
-    """The whole page."""
+    """Return the whole page."""
     rows, proofs = [], []
     for tally in tallies:
         target, same, alive = tally.target, len(tally.equivalent), len(tally.survived)
@@ -55,7 +55,7 @@ def page(tallies: Sequence[Tally]) -> str:
 
 
 def _proofs(module: str, proofs: Sequence[tuple[str, str]]) -> list[str]:
-    """A module's equivalent mutants as a list, those of one proof together."""
+    """Return a module's equivalent mutants as a list, grouped by proof."""
     if not proofs:
         return []
     by_proof: dict[str, list[str]] = {}

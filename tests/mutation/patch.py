@@ -1,4 +1,4 @@
-"""Puts a mutant into a process: the code of one function, or a whole module anew."""
+"""Puts a mutant into a process: the code of one function, or a whole new module."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def function_of(module: ModuleType, mutant: Mutant) -> FunctionType | None:
-    """The function whose code a mutant changes; None: what it changes is no plain function's."""
+    """Return the function whose code a mutant changes; None: it changes no plain function."""
     owner: Any = module
     node: ast.AST = mutant.tree
     for name, index in mutant.path:
@@ -62,7 +62,7 @@ def _codes(code: CodeType) -> list[CodeType]:
 
 
 class Instead(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Gives one module from a mutant's code."""
+    """Loads one module from a mutant's code."""
 
     def __init__(self, module: str, path: Path, mutant: Mutant) -> None:
         self._module, self._path, self._mutant = module, path, mutant
@@ -81,7 +81,7 @@ class Instead(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def forget(names: set[str]) -> None:
-    """Drop modules, so that they are imported anew."""
+    """Drop modules, so that they are imported again."""
     for name in names:
         loaded = sys.modules.pop(name, None)
         holder, _, last = name.rpartition(".")
@@ -91,7 +91,7 @@ def forget(names: set[str]) -> None:
 
 
 def importers(module: str) -> set[str]:
-    """A module, and whatever of ours that is loaded has imported it, directly or not."""
+    """Return a module, and all our loaded modules that import it, directly or not."""
     by: defaultdict[str, set[str]] = defaultdict(set)
     for name, loaded in list(sys.modules.items()):
         file = getattr(loaded, "__file__", None)

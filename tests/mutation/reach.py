@@ -1,4 +1,4 @@
-"""Which lines of a module run: as it is imported, and in each test."""
+"""Finds the lines of a module that run during its import, and in each test."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Tally:
     equivalent: list[Mutant] = field(default_factory=list)
     survived: list[Mutant] = field(default_factory=list)
     stale: list[str] = field(default_factory=list)
-    """Listed as equivalent, but killed or no longer a mutant."""
+    """Mutants listed as equivalent that are killed or no longer exist."""
 
     def passes(self, *, whole: bool) -> bool:
         """Whether no mutant survived, apart from those allowed in a module not examined yet."""

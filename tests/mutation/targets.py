@@ -1,4 +1,4 @@
-"""What the mutation run changes, and which fast tests are to notice."""
+"""Targets of the mutation run, and the fast tests that must detect the mutants."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ _UNIT = "tests/unit"
 
 @dataclass(frozen=True)
 class Target:
-    """A module, what of it is left alone, and the tests that are to notice."""
+    """A module, its excluded parts, and the tests that must detect its mutants."""
 
     name: str
     module: str
     tests: tuple[str, ...]
     exclude: frozenset[str] = frozenset()
     covered: float = 100.0
-    """Branch coverage by its tests, percent, below which ``mutation.covered`` fails."""
+    """Minimum branch coverage by its tests, percent; below it ``mutation.covered`` fails."""
     unexamined: int = 0
-    """Survivors of the whole run that nobody has looked at yet; more of them fail it."""
+    """Number of survivors of the whole run that were not examined yet; more of them fail it."""
 
     @property
     def relative(self) -> Path:
-        """Its source, from the root."""
+        """Path of its source, from the root."""
         return Path(f"{self.module.replace('.', '/')}.py")
 
     @property
     def path(self) -> Path:
-        """Of its source."""
+        """Path of its source."""
         return ROOT / self.relative
 
     @property
     def digest(self) -> str:
-        """Of its source and its tests: a result found with another one is found anew."""
+        """Digest of its source and its tests; a result with another digest is invalid."""
         sources = [self.path, *(ROOT / test for test in self.tests), Path(__file__)]
         text = b"".join(path.read_bytes() for path in sources)
         return hashlib.sha256(text).hexdigest()[:16]
@@ -106,12 +106,12 @@ TARGETS = (
             "tests/scenario/test_supervise_onboard.py",
         ),
         covered=95.0,
-        unexamined=190,  # of 416, by a share of 48 of which 22 survived
+        unexamined=190,  # of 416, estimated by a share of 48 of which 22 survived
     ),
 )
 
 
 def equivalents() -> dict[str, dict[str, str]]:
-    """By target: the names of mutants that change nothing, and why."""
+    """Return, by target, the names of mutants that change nothing, with the proof."""
     with (Path(__file__).parent / "equivalent.toml").open("rb") as file:
         return tomllib.load(file)

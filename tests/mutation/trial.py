@@ -1,10 +1,10 @@
-"""Tries a target's mutants, each in a forked process of its own.
+"""Tries a target's mutants, each in a forked process.
 
-The tests are collected once. One forked process runs them all and tells which lines of the
-target each of them reaches, so that a mutant meets only the tests that could notice it, the
-quickest first. A change within a function is put into that function's code. What runs while the
-module is imported or its tests are collected (constants, tables) needs both anew: such a mutant
-takes the place of the module as it is imported again, with whatever had imported it.
+The tests are collected once. One forked process runs them all and reports which lines of the target
+each of them reaches. A mutant then runs only against the tests that could detect it, the fastest
+first. A change within a function is put into that function's code. Code that runs during the import
+of the module or the collection of its tests (constants, tables) needs both again. For such a
+mutant, the module and all its importers are imported again with the mutant's code.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from mutation.targets import Target
 
 HANGS_S = 120
-"""Of the clock; what hangs in a loop is ended long before, by its share of the CPU."""
+"""Time limit, s of the clock; the CPU limit ends an endless loop much earlier."""
 _OPTIONS = (
     *("-q", "-s", "--no-header", "--tb=no", "--assert=plain"),
     *("-p", "no:cacheprovider", "-o", "timeout=0"),
@@ -49,21 +49,21 @@ class UnfitError(Exception):
 
 @dataclass
 class _Reached:
-    """What the tests do to an unchanged target."""
+    """Effects of the tests on an unchanged target."""
 
     cpu_s: dict[str, float] = field(default_factory=dict)
-    """Of each test, by its id."""
+    """CPU time of each test by its id, s."""
     lines: dict[str, set[int]] = field(default_factory=dict)
-    """Of the target, by test."""
+    """Lines of the target that each test reaches."""
     failed: list[str] = field(default_factory=list)
 
 
 def try_all(
     target: Target, tried: Sequence[Mutant], on_result: Callable[[Mutant, bool], None]
 ) -> None:
-    """Try mutants of a target, and tell of each whether it was killed.
+    """Try mutants of a target, and report for each whether it was killed.
 
-    To be called in a process that ends after it: the tests and what they import stay behind.
+    Call it in a process that ends afterwards: the tests and their imports stay loaded.
 
     Raises:
         UnfitError: the tests fail without any change.
@@ -85,7 +85,7 @@ def try_all(
 
 
 class _Loop:
-    """Takes pytest's loop over: not the tests are run one by one, but the mutants."""
+    """Replaces pytest's loop: it runs the mutants instead of the tests."""
 
     def __init__(
         self,
@@ -97,13 +97,13 @@ class _Loop:
     ) -> None:
         self._target, self._module, self._tried, self._report = target, module, tried, on_result
         self._early = early
-        """Lines that have run before any test does."""
+        """Lines that run before any test."""
         self.collected: Callable[[], None]
         """Called once the tests have been collected."""
         self.anew: list[Mutant] = []
-        """What needs the module imported anew."""
+        """Mutants that need the module imported again."""
         self.whole_s = 0.0
-        """Of the CPU, that all tests take."""
+        """CPU time of all tests, s."""
         self.unfit = ""
         self._failed = False
 
@@ -137,7 +137,7 @@ class _Loop:
         return True
 
     def _notice(self, function: FunctionType, mutant: Mutant, items: list[pytest.Item]) -> bool:
-        """Whether any of these tests fails with a mutant put in."""
+        """Return whether any of these tests fails with a mutant."""
         put_code(function, mutant, self._target.path)
         return not all(self._passes(item) for item in items)
 
@@ -180,7 +180,7 @@ def _import_anew(target: Target, mutant: Mutant, stale: set[str]) -> bool:
 
 
 def _killed(trial: Callable[[], bool], cpu_s: float) -> bool:
-    """Whether a trial in a forked process says so, fails in any other way, or hangs."""
+    """Return whether a trial in a forked process reports a failure, crashes, or hangs."""
     pid = os.fork()
     if pid == 0:
         _child(trial, cpu_s)
@@ -201,7 +201,7 @@ def _child(trial: Callable[[], bool], cpu_s: float) -> NoReturn:
         status = _KILLED if trial() else _SURVIVED
     except LookupError:
         status = _BROKEN
-    except BaseException:  # noqa: BLE001, S110 - a mutant may raise anything while it is imported
+    except BaseException:  # noqa: BLE001, S110 - a mutant may raise any exception during its import
         pass
     finally:
         os._exit(status)

@@ -1,4 +1,4 @@
-"""A CAN link under loss, doubling and reordering: what it gives was sent, or nothing is given."""
+"""A CAN link with loss, duplicates and reordering: every delivered message was sent."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.slow
 HOST, DEVICE = Direction.HOST, Direction.DEVICE
 SPECS = list(CATALOGUE)
 STEP_US = 2_000
-"""Between two messages of a conversation."""
+"""Time between two messages of a conversation, µs."""
 OTHER_END = {HOST: DEVICE, DEVICE: HOST}
 
 
@@ -42,14 +42,14 @@ def records_of(data: bytes) -> list[bytes]:
 
 
 def synced(sends: Direction, now_us: int, node: int = 1) -> bytes:
-    """Frames that tell the other end the sender's clock."""
+    """Return frames that give the other end the sender's clock."""
     link = CanLink(sends)
     link.send(Sync(0) if sends is DEVICE else TimeRequest(0), now_us, node=node)
     return link.data_to_send()
 
 
 def same(ours: Message, theirs: Message) -> bool:
-    """Equal, the IMU's temperature aside: that one is told once a second."""
+    """Return whether both are equal, except the IMU's temperature, which is sent once a second."""
     if isinstance(ours, Imu) and isinstance(theirs, Imu):
         return tuple(ours)[:3] + tuple(ours)[4:] == tuple(theirs)[:3] + tuple(theirs)[4:]
     if isinstance(ours, Sync):
@@ -88,7 +88,7 @@ def test_the_flag_that_can_needs_is_rejected() -> None:
 
 
 class Conversation:
-    """Random messages of one side, and the frames that they became."""
+    """Random messages of one side, and their frames."""
 
     def __init__(self, sends: Direction, rng: random.Random, count: int) -> None:
         link = CanLink(sends)
@@ -104,9 +104,9 @@ class Conversation:
             self.frames += [(now_us, r) for r in records_of(link.data_to_send())]
 
     def hold(self, events: Iterable[LinkEvent]) -> int:
-        """Every message given is one that was sent with that stamp; how many there were.
+        """Check that every delivered message was sent with that stamp; return their number.
 
-        The stop of every device has no stamp: it is taken each time, and not counted.
+        The stop of every device has no stamp: it is accepted each time, and not counted.
         """
         count = 0
         for event in events:
@@ -167,7 +167,7 @@ def test_no_wrong_message_whatever_happens_to_frames(
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32))
 def test_lost_runs_of_segments_never_pass(seed: int) -> None:
-    """An even number of lost segments leaves the toggle as it should be; the CRC sees it."""
+    """An even number of lost segments leaves the toggle bit correct; the CRC detects it."""
     rng = random.Random(seed)
     hello = next(s for s in SPECS if s.name == "hello")
     sender, receiver = CanLink(DEVICE), CanLink(HOST)
@@ -235,9 +235,9 @@ def test_the_same_events_however_the_bytes_are_cut(seed: int, sizes: list[int]) 
     ahead=st.integers(-(1 << 33), 1 << 33),
     steps=st.lists(
         st.tuples(
-            st.integers(0, 200_000),  # since the last frame
-            st.integers(0, 1_400_000),  # how long it was on its way
-            st.booleans(),  # whether its stamp is whole
+            st.integers(0, 200_000),  # time since the last frame
+            st.integers(0, 1_400_000),  # time on the way
+            st.booleans(),  # whether its stamp is full
         ),
         min_size=1,
         max_size=60,
@@ -285,7 +285,7 @@ def test_halves_without_their_partner_are_dropped_and_counted() -> None:
         sender.send(Imu(i, 0, 0, 5, 0, 0, i), t_us, node=1)
         records = records_of(sender.data_to_send())
         if i in {3, 4}:
-            del records[i - 3]  # the accelerometer's, then the gyroscope's
+            del records[i - 3]  # the accelerometer's part, then the gyroscope's
         events = receiver.receive(b"".join(records), t_us)
         assert all(isinstance(e, Received) and e.message.gyro_z == i for e in events)  # type: ignore[attr-defined]
         given_out += len(events)
@@ -320,7 +320,7 @@ def test_losses_are_shown_by_sync() -> None:
 
 
 def older(cls: type[Message], kept: int) -> Catalogue:
-    """A catalogue whose ``cls`` lacks its last fields."""
+    """Return a catalogue whose ``cls`` lacks its last fields."""
     catalogue = Catalogue(ALL_MESSAGES)
     spec = catalogue.spec(cls)
     fields = spec.fields[:kept]
@@ -347,7 +347,7 @@ def test_an_older_peer_sends_the_parts_that_it_has(kept: int) -> None:
     (event,) = receiver.receive(data, 1_000)
     assert isinstance(event, Received)
     assert tuple(event.message) == values[:kept] + (None,) * (8 - kept)
-    # A newer peer is heard by one who declares less.
+    # A receiver that declares less than its newer peer.
     receiver = CanLink(HOST, codec=Codec(older(PlannerState, kept)))
     receiver.codec.limit(CATALOGUE.spec(PlannerState).type_id, kept)
     receiver.receive(synced(DEVICE, 0), 0)

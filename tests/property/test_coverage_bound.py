@@ -52,7 +52,7 @@ def test_no_run_is_ever_left_of_the_bound(plan: FloorPlan, planner: str) -> None
 
 
 def test_a_run_may_beat_the_reference_time() -> None:
-    """So the report must not call that a bound."""
+    """So the report must not call it a bound."""
     made = make_planner("recovery", MODEL, random.Random(1))
     plan = corridor(12.0, 0.7)
     run = run_fast(plan, made, MODEL, seed=1, noise=LEVELS["typical"], max_time_s=300.0)
@@ -108,7 +108,7 @@ def test_no_motion_within_the_limits_sweeps_faster(
 
 
 def test_the_rate_is_reached_straight_on_and_on_the_spot() -> None:
-    """A narrow mouth sweeps most straight on, a wide one on a slow robot when it turns."""
+    """A narrow mouth sweeps most straight ahead, a wide one on a slow robot in a turn."""
     assert max_sweep_rate_m2_s(MODEL) == pytest.approx(0.30 * 0.16)
     slow = replace(MODEL, max_speed_m_s=0.02, cruise_speed_m_s=0.02, cleaning_width_m=0.4)
     spin = [(_STEP_S * k, 0.0, 0.0, 0.04 * k) for k in range(80)]  # half a turn, at 2 rad/s

@@ -1,4 +1,4 @@
-"""Every run ends by itself, in whatever room it is set down."""
+"""Every run ends by itself, in any room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever comes over the wire, neither end raises, and no byte moves the robot by accident."""
+"""Arbitrary bytes raise no exception at either end, and no byte moves the robot by accident."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ deliveries = st.lists(
 @given(deliveries)
 @settings(max_examples=60)
 def test_random_bytes_neither_break_nor_move_the_device(pieces: list[tuple[bytes, int]]) -> None:
-    """Even valid frames of every kind: motion takes clear, mode and setpoints in this order."""
+    """Even valid frames of every kind: motion needs clear, mode and setpoints in this order."""
     device = sweeper()
     now_us = 0
     for data, wait_us in pieces:

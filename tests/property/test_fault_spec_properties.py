@@ -1,4 +1,4 @@
-"""A fault's text: read and written alike, and refused in one line that names what is wrong."""
+"""A fault's text: reading inverts writing, and an invalid text is rejected in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What cantools reads in a frame is what our codec says of the message."""
+"""The values that cantools reads in a frame equal those of our codec."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message, MessageSpec
 
 PERIODIC = [s.type_id for s in CATALOGUE if s.rate is RateClass.STREAM]
-# What turns the wire's unit into the one that the property's name ends with.
+# Factor from the wire's unit to the unit in the property's name.
 TO_SI = {"deg/s": math.pi / 180}
 
 
@@ -81,7 +81,7 @@ def test_every_signal_has_the_message_s_value(
         signals: dict[str, Any] = dict(described.decode(frame.data))  # type: ignore[arg-type]  # no multiplexing
         if "t_us" in signals:
             assert signals.pop("t_us") == t_us
-            assert signals.pop("frame_count") == 1  # the link's own count, whatever was asked
+            assert signals.pop("frame_count") == 1  # the link's own count, whatever was sent
             seen.add("frame_count")
         else:
             stamp = signals.pop("t16")

@@ -1,4 +1,4 @@
-"""The line in time: bytes kept, in order, no faster than the baud rate, handed over as stated."""
+"""The line in time: bytes kept, in order, no faster than the baud rate, delivered as stated."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Arrival(NamedTuple):
 
 
 def run(channel: Channel, writes: list[tuple[int, bytes]]) -> list[Arrival]:
-    """Write after each pause, and fetch at every deadline; everything that arrives."""
+    """Write after each pause, and read at every deadline; return all arrivals."""
     arrivals: list[Arrival] = []
     now_us = 0
 
@@ -55,7 +55,7 @@ def run(channel: Channel, writes: list[tuple[int, bytes]]) -> list[Arrival]:
 
 
 def sent_at(baud: int, writes: list[tuple[int, bytes]]) -> list[int]:
-    """When each byte has left an unlimited UART, microseconds rounded up: 10 bits each."""
+    """Return when each byte has left an unlimited UART, µs rounded up: 10 bits each."""
     times, free = [], 0.0
     now_us = 0
     for pause_us, data in writes:
@@ -84,10 +84,10 @@ def test_the_uart_keeps_every_byte_in_order_and_its_pace(
     place = 0
     for arrival in arrivals:
         place += len(arrival.data)
-        # No byte arrives before it can have left the wire...
+        # No byte arrives before it can have left the wire.
         assert left[place - 1] <= arrival.at_us
         first_us = left[place - len(arrival.data)]
-        # ... and none waits in the adapter for longer than its timer.
+        # No byte waits in the adapter for longer than its timer.
         if latency_us:
             assert arrival.at_us <= first_us + latency_us
 
@@ -102,7 +102,8 @@ def test_ftdi_16_ms_and_62_bytes_by_hand() -> None:
     channel = UartUp(1_000_000, 16_000, unharmed)  # 10 µs a byte, timer at 16, 32, 48 ms...
     assert run(channel, [(100, bytes(10))]) == [(16_000, bytes(10))]
     channel = UartUp(1_000_000, 16_000, unharmed)
-    # 62 bytes are full at 620 µs, which restarts the timer; the other 8 wait until 16.62 ms.
+    # A packet of 62 bytes is full at 620 µs, which restarts the timer; the other 8 wait until 16.62
+    # ms.
     assert run(channel, [(0, bytes(70))]) == [(620, bytes(62)), (16_620, bytes(8))]
     channel = UartUp(1_000_000, 0, unharmed)
     assert run(channel, [(5, bytes(10))]) == [(105, bytes(10))]

@@ -1,4 +1,4 @@
-"""What must hold for every motion, gain and input."""
+"""Properties for every motion, gain and input."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ def test_pid_output_and_integral_stay_within_the_limit(
     pid = Pid(PidGains(kp, ti, td), limit)
     for error in errors:
         assert abs(pid.update(error, 0.02)) <= limit
-        # a step of the integral may be taken while the other parts pull back, never beyond
-        # the worst error for the time that it lasted
+        # One step of the integral may be taken while the other parts pull back, but never more than
+        # the worst error for its duration.
         assert abs(pid.integral) <= kp / ti * 10 * 0.02 * len(errors) + 1e-9
 
 

@@ -1,4 +1,4 @@
-"""The codec against the reference codec: every message there and back, nothing else let in."""
+"""The codec against the reference codec: every message round-trips, everything else is rejected."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_a_header_carries_what_fits_and_rejects_the_rest(
 
 @st.composite
 def cut_messages(draw: st.DrawFn) -> tuple[MessageSpec, dict[str, object], int]:
-    """A message without text, its values, and how many leading fields are shared."""
+    """Draw a message without text, its values, and the number of shared leading fields."""
     spec = draw(st.sampled_from([s for s in SPECS if s.text_field is None]))
     return spec, draw(wire.values_of(spec.type_id)), draw(st.integers(0, len(spec.fields)))
 

@@ -1,7 +1,7 @@
-"""Commands over a wire that loses, doubles, delays and reorders: every one ends, truthfully.
+"""Commands over a wire with loss, duplicates, delay and reordering: every one ends correctly.
 
-Whole frames go through two hostile wires between two links, so framing, sequence accounts,
-sender and log work as they do in a session.
+Whole frames go through two hostile wires between two links, so framing, sequence numbers, sender
+and log work as they do in a session.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from support.hostile import BitFlips, Delayed, Duplicating, Lossy, Pipe, Wire
 
 TYPES = {Stop: 0x01, ClearStop: 0x05, SetMode: 0x06}
 LONGEST_US = MAX_TRIES * MAX_TIMEOUT_US
-"""No command that may end without an answer takes longer."""
+"""Maximum duration of a command that may end without an answer, µs."""
 
 
 @dataclass
 class Device:
-    """The obeying end: odd ids are refused with their remainder as the reason."""
+    """The executing end: odd ids are rejected with their remainder as the reason."""
 
     link: Link = field(default_factory=lambda: Link(Direction.DEVICE))
     log: CommandLog = field(default_factory=CommandLog)
     done: list[tuple[int, int]] = field(default_factory=list)
-    """(session, command id) of everything carried out or judged, in order, but for stops."""
+    """(session, command id) of every executed or rejected command in order, except stops."""
     stopped: set[int] = field(default_factory=set)
-    """Ids of the stops that were obeyed."""
+    """Ids of the obeyed stops."""
 
     def take(self, data: bytes, session_id: int, now_us: int) -> list[bytes]:
         replies: list[bytes] = []
@@ -58,7 +58,7 @@ class Device:
             self.done.append((session_id, command_id))
             return reason
 
-        if isinstance(message, Stop):  # obeyed each time that it comes
+        if isinstance(message, Stop):  # obeyed each time it arrives
             self.stopped.add(command_id)
             stop = TYPES[Stop]
             return Ack(command_id, stop) if reason is None else Nack(command_id, stop, reason)
@@ -88,13 +88,13 @@ class CommandsOverAHostileWire(RuleBasedStateMachine):
         self.device = Device()
         self.now_us = 0
         self.waiting: dict[int, tuple[type[Message], int]] = {}
-        """Command id → what it is and when it was issued."""
+        """Kind and issue time of each waiting command, by its id."""
         self.ended: dict[int, str] = {}
 
     @rule(kind=st.sampled_from([Stop, ClearStop, SetMode]))
     def issue(self, kind: type[Stop | ClearStop | SetMode]) -> None:
         if len(self.waiting) >= REMEMBERED:
-            return  # more at once than the device remembers is the sender's own fault
+            return  # more at once than the device stores is the sender's own fault
         command_id = self.sender.issue(
             lambda i: kind(i, 1), TYPES[kind], self.now_us, forever=kind is Stop
         )
@@ -142,7 +142,7 @@ class CommandsOverAHostileWire(RuleBasedStateMachine):
         device = self.device
         carried_out = command_id in device.stopped or (7, command_id) in device.done
         if verdict == "silence":
-            assert not isinstance(message, Stop)  # what happened to it is honestly not known
+            assert not isinstance(message, Stop)  # its result is genuinely unknown
         else:
             assert carried_out
             expected = f"no {command_id % 3}" if command_id % 2 else "accepted"
@@ -159,7 +159,7 @@ class CommandsOverAHostileWire(RuleBasedStateMachine):
             assert kind is Stop or self.now_us - at_us <= LONGEST_US, command_id
 
     def teardown(self) -> None:
-        """Mend the line: then everything ends, stop included."""
+        """Repair the line: then everything ends, stop included."""
         if not hasattr(self, "sender"):
             return
         self.there, self.back = Pipe(500), Pipe(500)

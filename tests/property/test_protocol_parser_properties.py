@@ -1,4 +1,4 @@
-"""The stream parser and the link, whatever arrives and however it is cut."""
+"""The stream parser and the link, with any bytes in any split."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LONGEST_KEPT = 254
 
 
 def as_reference(events: list[Frame | DamagedFrame]) -> list[object]:
-    """Events without a frame's offset, which the parser does not tell."""
+    """Return events without a frame's offset, which the parser does not report."""
     return [
         (e.version, e.flags, e.node, e.type_id, e.seq, e.t_us, e.payload)
         if isinstance(e, Frame)
@@ -141,7 +141,7 @@ def test_a_link_keeps_bounded_accounts_of_unknown_senders_and_types() -> None:
 
 
 def frames_of(rng: Random, count: int, *, leading: bool) -> list[bytes]:
-    """Frames as an idle line carries them, each unlike the others."""
+    """Return different frames as an idle line carries them."""
     made: list[bytes] = []
     types = sorted(
         t for t, (_, _, rows) in ref.LAYOUTS.items() if all(row[1] != "text" for row in rows)
@@ -154,7 +154,7 @@ def frames_of(rng: Random, count: int, *, leading: bool) -> list[bytes]:
             node=1,
             type_id=type_id,
             seq=index & 255,
-            t_us=index,  # tells the frames apart
+            t_us=index,  # identifies the frame
             payload=rng.choice([rng.randbytes(size), bytes(size)]),
         )
         made.append(framed if leading else framed[1:])
@@ -162,13 +162,13 @@ def frames_of(rng: Random, count: int, *, leading: bool) -> list[bytes]:
 
 
 def spoil(rng: Random, stream: bytearray, first: int, last: int) -> tuple[int, int]:
-    """Damage a stretch that begins in ``first:last``; which old bytes it touched."""
+    """Damage a stretch that begins in ``first:last``; return the touched bytes."""
     at = rng.randrange(first, last)
     match rng.randrange(5):
         case 0:
             stream[at] ^= 1 << rng.randrange(8)
             return at, at + 1
-        case 1:  # two to five single bits, the CRC's own ground
+        case 1:  # two to five single bits, for which the CRC is made
             end = min(last, at + 8)
             for _ in range(rng.randint(2, 5)):
                 stream[rng.randrange(at, end)] ^= 1 << rng.randrange(8)
@@ -188,7 +188,7 @@ def spoil(rng: Random, stream: bytearray, first: int, last: int) -> tuple[int, i
 def campaign(
     seed: int, count: int, *, leading: bool, tails_only: bool = False
 ) -> tuple[int, int, int]:
-    """Damage every second frame; damaged frames, intact ones lost, wrong ones accepted."""
+    """Damage every second frame; return damaged frames, intact ones lost, wrong ones accepted."""
     rng = Random(seed)
     damaged = lost = wrong = 0
     for _ in range(count // 20):
@@ -200,7 +200,7 @@ def campaign(
             starts.append(len(stream))
             stream += framed
         touched: set[int] = set()
-        for index in range(18, -1, -2):  # from the back: earlier places stay where they are
+        for index in range(18, -1, -2):  # from the back, so that earlier places do not move
             first, last = starts[index], starts[index] + len(frames[index])
             if tails_only:
                 del stream[rng.randrange(first + 2, last - 1) : last]
@@ -208,7 +208,7 @@ def campaign(
                 continue
             low, high = spoil(rng, stream, first, last)
             touched.add(index)
-            # The leading zero belongs to the gap; from its first coded byte on a frame is hit.
+            # The leading zero belongs to the gap; a frame is hit from its first coded byte on.
             if high > low and index + 1 < 20 and high > starts[index + 1] + 1:
                 touched.add(index + 1)
         got = [f for f in UartParser().feed(bytes(stream)) if isinstance(f, Frame)]
@@ -241,7 +241,7 @@ def test_a_cut_tail_costs_nothing_with_the_leading_zero_and_a_neighbour_without(
     assert (damaged, lost, wrong) == (2_000, 0, 0)
     damaged, lost, wrong = campaign(12, 4_000, leading=False, tails_only=True)
     assert wrong == 0
-    assert lost / damaged > 0.9  # what the rule is for: else this test shows nothing
+    assert lost / damaged > 0.9  # otherwise this test shows nothing
 
 
 @given(st.integers(0, 2**32), st.integers(1, 40))

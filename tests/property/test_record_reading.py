@@ -1,4 +1,4 @@
-"""Whatever stands in a file, reading it ends in messages or in our own error."""
+"""Whatever a file contains, reading it gives messages or our own error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 @functools.cache
 def small_log() -> bytes:
-    """A second of a run."""
+    """Return a second of a run."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
         writer = RunWriter(path, run_info())
@@ -36,7 +36,7 @@ def small_log() -> bytes:
 
 
 def read_all(data: bytes) -> int:
-    """Read and decode everything; gives the number of messages that decoded."""
+    """Read and decode everything; return the number of decoded messages."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.mcap"
         path.write_bytes(data)
@@ -97,7 +97,7 @@ def test_the_log_that_these_damage_decodes_whole() -> None:
 def test_whatever_is_recovered_is_a_whole_file(
     edits: list[tuple[float, bytes]], share: float
 ) -> None:
-    """By the mcap library, which checks every CRC; and nothing in it was not in the log."""
+    """The mcap library checks every CRC; and every content was in the log."""
     data = bytearray(small_log())
     for where, what in edits:
         at = int(where * len(data))
@@ -118,6 +118,6 @@ def test_whatever_is_recovered_is_a_whole_file(
 
 @functools.cache
 def whole_log() -> frozenset[bytes]:
-    """Every message of the log."""
+    """Return every message of the log."""
     reader = make_reader(BytesIO(small_log()))
     return frozenset(message.data for _, _, message in reader.iter_messages())

@@ -1,4 +1,4 @@
-"""Whatever happened to a log, ``recover`` makes a file of it that the mcap library reads whole."""
+"""Whatever the damage, ``recover`` makes a file that the mcap library reads completely."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_one_bit_costs_at_most_its_chunk(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_one_bit_of_any_record_s_head_costs_at_most_its_chunk(name: str) -> None:
-    """Opcodes and lengths decide what all that follows is taken for."""
+    """Opcodes and lengths determine how everything after them is read."""
     log = named(name)
     places = [begin for begin, _, _ in log.chunks] + [end for _, end, _ in log.chunks]
     places += [log.data.find(b"notes") - 29, log.data.rfind(b"made") - 13]
@@ -61,7 +61,8 @@ def test_several_damages_together(name: str, wanted: list[tuple[str, float, int]
     log = named(name)
     data, touched = bytearray(log.data), list[tuple[int, int]]()
     limit = len(data)
-    for kind, share, maximum in sorted(wanted, key=lambda item: -item[1]):  # places before stay
+    # earlier places do not move
+    for kind, share, maximum in sorted(wanted, key=lambda item: -item[1]):
         at = len(MAGIC) + int(share * (len(log.data) - len(MAGIC)))
         size, limit = min(maximum, limit - at), min(limit, at)
         if not size:
@@ -145,7 +146,7 @@ def test_a_schema_that_is_lost_has_a_stub(name: str) -> None:
 
 
 def test_a_channel_whose_schema_is_lost_keeps_its_name() -> None:
-    """Outside chunks a schema is a record of its own."""
+    """Outside chunks a schema is a separate record."""
     log = named("outside chunks")
     data = bytearray(log.data)
     place = data.find(b'{"a": 1}')

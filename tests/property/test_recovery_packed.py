@@ -1,4 +1,4 @@
-"""Two bits a cell, whatever was driven, seen and bumped into: what is left of the map."""
+"""The map packed into two bits a cell, after any drive, measurements and bumps."""
 
 from __future__ import annotations
 
@@ -79,14 +79,14 @@ def box_of(memory: EvidenceMap) -> tuple[slice, slice]:
 
 
 def seen_by_the_planner(memory: EvidenceMap) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Where the axle can be, and what is done with, over the box that is packed."""
+    """Return where the axle can be, and what needs no sweeping, over the packed box."""
     window = Window(memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.tries, Buffers())
-    # the window's rim is shut
+    # the window's rim is closed
     return window.open[1:-1, 1:-1] > 0, window.done[1:-1, 1:-1] > 0
 
 
 def around(there: NDArray[Any]) -> NDArray[Any]:
-    """Where things forbid the axle."""
+    """Return where obstacles forbid the axle."""
     reach = GEOMETRY.inflation_cells
     rows, columns = np.indices(there.shape)
     blocked = np.zeros(there.shape, dtype=bool)
@@ -130,11 +130,11 @@ def test_observations_survive_as_documented(
 
     assert (done_after | ~done_before).all()
     assert not (done_after & ~done_before & ~visited[1:-1, 1:-1]).any()
-    # nothing that was open is shut; what bars the axle now is what is still known to stand there
+    # no passable cell was closed; only known obstacles block the axle now
     assert (open_after | ~open_before).all()
     blocked = around(there & ~visited)
     assert (open_after == (visited | ~blocked)[1:-1, 1:-1]).all()
-    # and no more was lost than by a bump, by a thing outside the box or by one where the axle was
+    # No more was lost than by a bump, an obstacle outside the box, or one where the axle was.
     if not (before["blocked"] > 0).any() and ((before["inflated"] > 0) == blocked).all():
         assert (open_after == open_before).all()
 
@@ -152,7 +152,7 @@ def test_any_kinds_of_any_shape_come_back(rows: int, columns: int, data: st.Data
 
 
 def test_a_wall_that_the_robot_touched_is_in_the_box() -> None:
-    """Where the axle was outermost, the thing stands beyond the body's disc."""
+    """At the outermost place of the axle, the obstacle stands outside the disc."""
     memory = EvidenceMap(MODEL, OPTIONS, Pose2(0.0, 0.0, 0.0))
     start, end = Pose2(0.0, 0.0, 0.0), Pose2(0.5, 0.0, 0.0)
     driven(memory, start, end, 0.067, seen=True)

@@ -23,13 +23,13 @@ pytestmark = pytest.mark.slow
 PAPER = RobotModel()
 KINDS = ("box", "turned", "pockets", "columns", "legs", "ell", "corridor", "flat")
 HOLE_WIDTHS = 0.25
-"""Inradius of the largest tolerated hole, in widths of the mouth."""
+"""Maximum inradius of a tolerated hole, in widths of the mouth."""
 FINE_SHARE = 0.9
-"""Share of the runs without a larger hole."""
+"""Minimum share of runs without a larger hole."""
 
 
 def robot(seed: int) -> RobotModel:
-    """Draw a robot whose mouth is inside its footprint and whose infrared measures at the hull."""
+    """Return a random robot with the mouth inside its footprint and infrared range at the hull."""
     rng = np.random.default_rng([0xB07, seed])
     diameter_m = float(rng.uniform(0.20, 0.50))
     radius_m = 0.5 * diameter_m

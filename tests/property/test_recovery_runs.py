@@ -1,4 +1,4 @@
-"""The recovery planner in rooms drawn at random: it ends, sweeps, repeats itself to the digit."""
+"""The recovery planner in random rooms: it ends, sweeps, and is deterministic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Losses, noise, stalls, reboots and restarts in any order: nothing moves that should not."""
+"""Losses, noise, stalls, reboots and restarts in any order: the robot moves only when allowed."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def weather(seed: int) -> Weather:
 
 
 class Storm:
-    """Both ends in bad weather. Each action lasts a while, then all is calm for a second."""
+    """Both ends during faults. Each action lasts a while, then a second without faults follows."""
 
     def __init__(self, host: HostEnd | SessionEnd, seed: int) -> None:
         self.to_device, self.to_host = weather(seed), weather(seed + 1)
@@ -102,10 +102,9 @@ class Storm:
 
 
 class Operator:
-    """A reckless program: sends setpoints whenever it can, and starts only when told to.
+    """A reckless program: it sends setpoints whenever it can, and starts only on request.
 
-    It knows what it may expect: after a loss, a reboot or a restart the robot stands until the
-    next start.
+    It has one guarantee: after a loss, a reboot or a restart the robot stands until the next start.
     """
 
     def __init__(self, storm: Storm, host: SessionEnd) -> None:
@@ -177,7 +176,7 @@ def test_nothing_moves_that_should_not(plan: list[tuple[str, float]], seed: int)
     session = operator.host.session
     assert ends.run(8.0, lambda: session.state is State.READY), session.state
     assert ends.device.firmware.session_id == session.session_id
-    # And what it is there for still works.
+    # The normal function must still work.
     ends.run(0.5)
     operator.start()
     assert ends.run(3.0, lambda: ends.moving)

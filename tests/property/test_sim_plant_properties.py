@@ -1,4 +1,4 @@
-"""What the plant keeps to in any room, whatever the duties."""
+"""Properties of the plant in any room, for any duties."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ OBSTACLE = st.builds(
 
 @st.composite
 def plans(draw: st.DrawFn) -> FloorPlan:
-    """A room of about 2 m, sometimes with sharp corners, and up to four obstacles."""
+    """Draw a room of about 2 m, sometimes with sharp corners, and up to four obstacles."""
     skew = draw(st.floats(-0.8, 0.8))
     walls = ((-1.0, -1.0), (1.0, -1.0), (1.0 + skew, 1.0), (-1.0 + skew, 1.0))
     # The start (0, 0) is kept free.

@@ -1,4 +1,4 @@
-"""The bound is honest: the truth lies within it, whatever clocks and adapters do."""
+"""The bound is valid: it contains the truth, whatever clocks and adapters do."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WRAP = 1 << 32
 
 
 class Adapter:
-    """Delays of one direction: a floor, a fast tail, and a latency timer that may be late."""
+    """Delays of one direction: a minimum, a fast tail, and a latency timer that may be late."""
 
     def __init__(self, rng: random.Random, floor_us: float, timer_us: float) -> None:
         self._rng, self._floor_us, self._timer_us = rng, floor_us, timer_us
@@ -26,10 +26,10 @@ class Adapter:
 
 
 UP_FLOOR_US, DOWN_FLOOR_US = 150.0, 250.0
-"""No frame is quicker: what a program that knows its wire may declare."""
+"""Minimum delays, µs, which a program that knows its wire may declare."""
 
 
-def run(  # noqa: PLR0913, PLR0917 - what a link and a clock may be like
+def run(  # noqa: PLR0913, PLR0917 - properties of a link and a clock
     seed: int,
     drift_ppm: float,
     timer_us: float,
@@ -37,7 +37,10 @@ def run(  # noqa: PLR0913, PLR0917 - what a link and a clock may be like
     step_at: int | None = None,
     sync: TimeSync | None = None,
 ) -> tuple[list[float], list[float], TimeSync]:
-    """A minute of pings and telemetry; |error| / bound and bounds (µs) of every sample."""
+    """Run a minute of pings and telemetry.
+
+    Return |error| / bound and bounds (µs) of every sample.
+    """
     rng = random.Random(seed)
     sync = TimeSync() if sync is None else sync
     up, down = Adapter(rng, UP_FLOOR_US, 200.0), Adapter(rng, DOWN_FLOOR_US, timer_us)
@@ -52,7 +55,7 @@ def run(  # noqa: PLR0913, PLR0917 - what a link and a clock may be like
 
     ratios, bounds = [], []
     pings = 0.0
-    for k in range(3_000):  # telemetry each 20 ms
+    for k in range(3_000):  # telemetry every 20 ms
         at = k * 20_000.0
         if k == step_at:
             step_us = 50_000
@@ -89,7 +92,7 @@ def test_the_truth_lies_within_the_bound(
     ratios, bounds, sync = run(seed, drift_ppm, timer_us, device_first_us)
     assert max(ratios) <= 1.0
     assert sync.steps == 0, "jitter is no step"
-    # Half of the two floors is what no exchange can tell; a fast tail comes on top.
+    # No exchange can detect half of the two minimum delays; a fast tail comes on top.
     assert sorted(bounds)[len(bounds) // 2] < 700.0
 
 
@@ -99,7 +102,7 @@ def test_a_step_of_the_clock_is_found(seed: int, drift_ppm: float, timer_us: flo
     ratios, _, sync = run(seed, drift_ppm, timer_us, 0, step_at=1500)
     assert sync.steps == 1
     wrong = [r for r in ratios if r > 1.0]
-    # From the step to the next ping, a quarter of a second of telemetry at most.
+    # From the step to the next ping: at most a quarter of a second of telemetry.
     assert len(wrong) <= 13
     assert max(ratios[-500:]) <= 1.0
 
@@ -115,9 +118,9 @@ def percentile(values: list[float], percent: float) -> float:
 def test_a_declared_delay_makes_the_bound_small_and_it_stays_honest(
     seed: int, drift_ppm: float, timer_us: float
 ) -> None:
-    """Both floors are declared, and they differ: the asymmetry is then no error any more.
+    """Both minimum delays are declared, and they differ: the asymmetry then causes no error.
 
-    The bound at 1 ms adapters is small after 10 s: p95 of a run below a tenth of a millisecond.
+    The bound with 1 ms adapters is small after 10 s: p95 of a run below a tenth of a millisecond.
     """
     sync = TimeSync(round(UP_FLOOR_US * 1000), round(DOWN_FLOOR_US * 1000))
     ratios, bounds, _ = run(seed, drift_ppm, timer_us, 0, sync=sync)
@@ -132,7 +135,7 @@ def test_a_declared_delay_makes_the_bound_small_and_it_stays_honest(
 @given(st.integers(0, 10_000), st.floats(-100.0, 100.0))
 @settings(max_examples=3)
 def test_with_nothing_declared_the_floors_are_what_is_left(seed: int, drift_ppm: float) -> None:
-    """Half of their sum in the bound, half of their difference in the error."""
+    """Half of their sum is in the bound, half of their difference in the error."""
     ratios, bounds, _ = run(seed, drift_ppm, 1_000.0, 0)
     errors = [r * b for r, b in zip(ratios[-len(bounds) :], bounds, strict=True)]
     assert percentile(errors, 95.0) < 0.5 * (DOWN_FLOOR_US - UP_FLOOR_US) + 100.0
@@ -153,7 +156,7 @@ def test_over_many_runs_the_bound_of_a_declared_link_is_below_a_tenth_of_a_milli
 
 
 def test_a_declaration_that_is_not_true_is_seen_to_be_dishonest() -> None:
-    """So nothing is declared unless somebody knows."""
+    """So nothing is declared unless it is known."""
     sync = TimeSync(round(UP_FLOOR_US * 1000), 3_000_000)
     ratios, _, _ = run(1, 20.0, 1_000.0, 0, sync=sync)
     assert sum(ratio > 1.0 for ratio in ratios) > 0.5 * len(ratios)

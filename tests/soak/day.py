@@ -1,9 +1,9 @@
-"""A simulated day of work with random faults in one process: memory flat, logs whole.
+"""A simulated day of work with random faults in one process: constant memory, complete logs.
 
     PYTHONPATH=tests python -m soak.day --hours 24
 
-One clean after another, each with faults of its own (:mod:`soak.faults`), until so many
-simulated hours have passed; memory is looked at after each. What grows by the hour is a leak.
+One clean follows another, each with its own faults (:mod:`soak.faults`), until the simulated hours
+have passed. The memory is measured after each; steady growth is a leak.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from soak.faults import run
 WARM = 0.15
 """Share of the day in which caches fill."""
 GROWTH_MB = 24.0
-"""Allowed from there to the end, for all of the day."""
+"""Maximum growth of the memory from there to the end of the day, MB."""
 
 
 def resident_mb() -> float:
-    """Memory of this process."""
+    """Return the memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def main() -> int:
-    """Work a day, or as much of it as Ctrl-C leaves."""
+    """Work for a day, or until Ctrl-C."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--seed", type=int, default=10_000)

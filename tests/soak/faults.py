@@ -1,10 +1,10 @@
-"""Random faults by the hundred: no crash, no unsafe motion, a log that can be read.
+"""Random faults by the hundred: no crash, no unsafe motion, a readable log.
 
     PYTHONPATH=tests python -m soak.faults --runs 500
 
 Each run is the whole stack in virtual time, recorded: a room, a planner on the host or on the
-device, supervised or not, and one to three faults of any kind with any values, all drawn from
-the run's seed. What is unsafe is judged by the truth, every 40 ms.
+device, with or without supervision, and one to three faults of any kind with any values, all drawn
+from the run's seed. The truth shows unsafe motion, every 40 ms.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
 ROOMS = ("case-1", "case-2", "columns", "l-room", "table-and-chair", "two-rooms")
 PLANNERS = ("paper", "recovery", "u-shape", "random")
 _LOG_UNIFORM = {"rate", "ppm"}
-"""Arguments whose interesting values lie orders of magnitude apart."""
+"""Arguments whose interesting values are orders of magnitude apart."""
 
 
 @dataclass
 class Result:
-    """What came of a run."""
+    """Result of a run."""
 
     seed: int
     faults: tuple[str, ...] = ()
@@ -56,11 +56,11 @@ class Result:
     simulated_s: float = 0.0
     messages: int = 0
     bad: list[str] = field(default_factory=list)
-    """What must not be: crashes, unsafe motion, a log that cannot be read."""
+    """Failures: crashes, unsafe motion, an unreadable log."""
 
 
 def draw_fault(kind: FaultKind, rng: random.Random, plan: FloorPlan) -> FaultSpec:
-    """A fault of a kind with drawn time and values."""
+    """Return a fault of a kind with random time and values."""
     values: dict[str, Value] = {}
     for argument in kind.arguments:
         if not isinstance(argument, Number):
@@ -80,11 +80,11 @@ def draw_fault(kind: FaultKind, rng: random.Random, plan: FloorPlan) -> FaultSpe
 
 
 def run(seed: int, *, max_s: float = 60.0) -> Result:
-    """One run; never raises."""
+    """Run once; never raises."""
     result = Result(seed)
     try:
         _run(result, max_s)
-    except Exception:  # noqa: BLE001 - a crash is what is looked for
+    except Exception:  # noqa: BLE001 - a crash is what the test searches for
         result.bad.append(f"crash: {traceback.format_exc(limit=-3)}")
     return result
 
@@ -94,7 +94,7 @@ def _run(result: Result, max_s: float) -> None:
     plan = load_room(rng.choice(ROOMS))
     planner = rng.choice(PLANNERS)
     kinds = [k for k in KINDS.values() if k.name != "obstacle" or plan.obstacles]
-    # The first kind goes round, so that five hundred runs have each of them often enough.
+    # The first kind cycles, so that five hundred runs have each of them often enough.
     chosen = [kinds[result.seed % len(kinds)], *rng.sample(kinds, rng.randrange(3))]
     faults = [draw_fault(kind, rng, plan) for kind in chosen]
     result.faults = tuple(spec.text for spec in faults)
@@ -140,7 +140,7 @@ def _run(result: Result, max_s: float) -> None:
 
 
 def _read(path: Path, result: Result) -> None:
-    """Read all of the log again."""
+    """Read the whole log again."""
     reader = LogReader(path)
     topics = Counter(message.topic for message in reader.messages())
     result.messages = sum(topics.values())

@@ -1,6 +1,6 @@
-"""The far end of a pty for :mod:`soak.line`: agrees as a device does, then fills the line.
+"""The other end of a pty for :mod:`soak.line`: it agrees as a device does, then fills the line.
 
-``feeder.py SECONDS BAUD [noise]`` tells the pty's name on its first line and, at its end, how many
+``feeder.py SECONDS BAUD [noise]`` prints the pty's name on its first line and, at its end, how many
 bytes it wrote and their CRC-32. With ``noise`` the line is full of damaged frames of 3 bytes.
 """
 
@@ -24,26 +24,26 @@ from protocol.uart.link import Link
 
 PERIOD_S = 0.002
 MAX_AT_ONCE = 200
-"""Frames made between two looks at what the host says: five times what the line carries.
+"""Maximum number of frames made between two reads of the host's bytes: five times what the line
+carries.
 
-Without a bound a feeder that gets less of a core than the rate needs has more to make up for at
-each turn, so that each takes longer than the one before, until it says nothing for seconds and is
-taken for lost.
+Without a bound, a feeder that gets too little of a core has more to catch up at each turn. Each
+turn then takes longer than the one before, until it sends nothing for seconds and counts as lost.
 """
 DRAIN_S = 30.0
-"""For a host that reads on; one that has gone leaves what was not sent unsent."""
+"""Maximum time for a host to read the rest, s; for a host that has gone, the rest is not sent."""
 BITS_PER_BYTE = 10
 _FRAME = 28
-"""Encoded length of an inertial sample, its delimiters included."""
+"""Encoded length of an inertial sample, delimiters included."""
 _NOISE = b"\2\1\7\0" * (_FRAME // 4)
 """Seven damaged frames: as many bytes as a sample has."""
 
 
 class Feeder:
-    """One device that talks as fast as the line carries."""
+    """One device that sends as fast as the line carries."""
 
     def __init__(self, baud: int, *, noise: bool = False) -> None:
-        """Open the pty and tell its name."""
+        """Open the pty and print its name."""
         self._noise = noise
         self._fd, slave = os.openpty()
         tty.setraw(self._fd)
@@ -60,7 +60,7 @@ class Feeder:
         self._pending = b""
 
     def run(self, seconds: float) -> None:
-        """Talk for so long, once a host has agreed."""
+        """Send for a time, once a host has agreed."""
         begun_s: float | None = None
         while begun_s is None or time.monotonic() - begun_s < seconds:
             now_s = time.monotonic()
@@ -69,7 +69,7 @@ class Feeder:
                 begun_s = now_s
             if begun_s is not None:
                 due = self._bytes_s * (now_s - begun_s) - self.sent - len(self._pending)
-                # Of what a held-up host did not take, not all is made up for at once.
+                # Frames that a delayed host did not take are not all made up for at once.
                 for _ in range(min(int(due / _FRAME), MAX_AT_ONCE)):
                     self._sample(now_s)
             self._write()
@@ -129,10 +129,10 @@ class Feeder:
 
 
 def main() -> None:
-    """Feed, then tell what was written."""
+    """Feed, then print what was written."""
     feeder = Feeder(int(sys.argv[2]), noise="noise" in sys.argv[3:])
     feeder.run(float(sys.argv[1]))
-    time.sleep(5.0)  # what waits in the pseudo-terminal is read before it goes
+    time.sleep(5.0)  # bytes in the pseudo-terminal must be read before it closes
     print(feeder.sent, feeder.checksum)
 
 

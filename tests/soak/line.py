@@ -1,11 +1,11 @@
-"""Minutes of a full 3 Mbaud line in real time, recorded: nothing lost that arrived.
+"""Minutes of a full 3 Mbaud line in real time, recorded: nothing is lost that arrived.
 
     PYTHONPATH=tests python -m soak.line --minutes 10
 
-A process of its own plays a device on a pseudo-terminal and fills the line with inertial
-samples at 300 000 bytes a second; the host is the one that a robot has, with its pump, its
-recorder and its log. Afterwards the log's raw bytes are held against what was sent, by count
-and by checksum; threads, files, processes and memory against what was there before.
+A separate process acts as a device on a pseudo-terminal and fills the line with inertial samples at
+300 000 bytes a second. The host is that of a real robot, with its pump, its recorder and its log.
+Afterwards the log's raw bytes are compared with those sent, by count and by checksum; threads,
+files, processes and memory are compared with the start.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ from soak.day import open_files, resident_mb
 
 FEEDER = Path(__file__).with_name("feeder.py")
 GROWTH_MB = 48.0
-"""From a tenth of the time on: the recorder's queue fills and drains."""
+"""Maximum growth of the memory after a tenth of the time, MB: the recorder's queue fills and
+drains."""
 _SAMPLE_S = 1.0
 
 
@@ -62,7 +63,7 @@ def main() -> int:
 
 
 def children() -> int:
-    """Processes that this one has started and that are there."""
+    """Return the number of running child processes."""
     return sum(len(p.read_text().split()) for p in Path("/proc/self/task").glob("*/children"))
 
 
@@ -130,7 +131,7 @@ def _record(feeder: subprocess.Popen[str], log: Path, seconds: float, *, noise: 
 
 
 def _compare(log: Path, sent: int, checksum: int) -> list[str]:
-    """The log's raw bytes against what the far end says that it wrote."""
+    """Compare the log's raw bytes with what the other end reports as written."""
     reader = LogReader(log)
     count = crc = 0
     for message in reader.messages({"/raw/uart/rx"}):

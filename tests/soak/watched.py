@@ -1,4 +1,4 @@
-"""Truth looked at as often as it is logged: whether a robot moves that must stand."""
+"""Checks the truth at every logged sample: whether a robot moves that must stand."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from tools.virtual.run import VirtualRun
 
 MOVES_M_S = 0.03
-"""Faster than this is motion: less is what a body settles by after a bump."""
+"""Minimum speed that counts as motion, m/s: a robot settles more slowly after a bump."""
 RAMP_S = 0.35
-"""Braking from top speed, 0.3 m/s at 1 m/s², and a control period."""
+"""Time to brake from top speed, s: 0.3 m/s at 1 m/s², and a control period."""
 TOP_M_S = 0.45
-"""Faster than its motors drive it: half over the model's top speed."""
+"""Maximum plausible speed, m/s: half over the model's top speed."""
 
 
 class Truth:
-    """Passes records on, and holds the robot's true motion against what the device may do."""
+    """Passes records on, and checks the robot's true motion against the device's limits."""
 
     def __init__(self, sink: Sink) -> None:
         self._sink = sink
@@ -36,24 +36,24 @@ class Truth:
         self.samples = 0
 
     def attach(self, made: VirtualRun) -> None:
-        """Before the run's first byte."""
+        """Attach before the run's first byte."""
         self._device = made.device
 
     def write(self, record: Record) -> None:
-        """Look at truth, pass on all."""
+        """Check the truth, and pass all records on."""
         if isinstance(record, TruthRecord):
             self._look(record.log_ns * 1e-9, record.pose)
         elif isinstance(record, EventRecord) and record.data.get("fault") == "obstacle":
-            self._last = None  # it may be put where the robot stands, and shoves it aside
+            self._last = None  # it may appear where the robot stands, and push it aside
         self._sink.write(record)
 
     @property
     def simulated_s(self) -> float:
-        """Time from the first look to the last."""
+        """Return the time from the first check to the last."""
         return 0.0 if self._last is None else self._last[0] - self._began_s
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Close what is behind."""
+        """Close the next sink."""
         self._sink.close(summary)
 
     def _look(self, at_s: float, pose: Pose2) -> None:
