@@ -106,7 +106,7 @@ class Alarms:
         """Do nothing: there is nothing to close."""
 
     def _borne_out(self, at_s: float, data: Mapping[str, Any]) -> bool:
-        """For a disagreement over D: return whether the device's D differs from the true lane too."""
+        """For a disagreement over D: return whether the device's D is wrong by the truth too."""
         if "D_m" not in data or "for_s" not in data:
             return False
         way_m = lane_way_m(self._poses, at_s - float(data["for_s"]), at_s)

@@ -1,4 +1,4 @@
-"""What is probably wrong with a room or a robot is told as a run begins, and kept in its log."""
+"""Probable mistakes in a room or a robot file are reported at the start of a run, and logged."""
 
 from __future__ import annotations
 

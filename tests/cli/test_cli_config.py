@@ -49,7 +49,7 @@ def local(home: Path, text: str) -> None:
 
 
 def parameters(command: click.Command, *words: str) -> dict[str, object]:
-    """What the command would be run with."""
+    """Return the values with which the command would run."""
     parent = cli.make_context("sweepctl", [str(command.name)], resilient_parsing=True)
     assert command.name is not None
     return command.make_context(command.name, list(words), parent=parent).params

@@ -1,4 +1,4 @@
-"""``sweepctl doctor`` as a user has it: a log, another program's log, a port, nothing."""
+"""``sweepctl doctor`` as users run it: on own and other logs, on a port, without a target."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_log_cut_short_is_read_and_reported(noisy: Path, folder: Path) -> None
 
 
 def test_a_log_of_another_program(folder: Path) -> None:
-    """Nothing of it is known but when its messages came."""
+    """Only the times of its messages are known."""
     log = folder / "other.mcap"
     with log.open("wb") as file:
         writer = Writer(file)
@@ -141,7 +141,7 @@ def test_a_port_that_is_well_and_one_that_is_silent(folder: Path) -> None:
         report = done.json
         assert report["figures"]["frames"] > 300
         assert report["figures"]["boots"][0]["firmware"].startswith("virtual sweeper")
-        # A machine that is busy is told as latency or a stall: nothing else may be wrong.
+        # A busy machine shows as latency or a stall; nothing else may be reported.
         assert {f["kind"] for f in report["findings"]} <= {"latency", "host_stall", "gap"}
         silent = sweepctl("doctor", link, "--duration", "2.5", "--listen", "--json").json
         assert silent["figures"]["bytes"]["out"] == 0

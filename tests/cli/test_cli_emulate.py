@@ -1,4 +1,4 @@
-"""``sweepctl emulate`` as a process: its first line, its link, its truth, its end."""
+"""``sweepctl emulate`` in a separate process: its first line, its link, its truth, its end."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 
 def ready(process: subprocess.Popen[str]) -> str:
-    """The port that the first line names."""
+    """Return the port in the first line."""
     assert process.stdout is not None
     line = process.stdout.readline()
     assert line.startswith("ready "), process.communicate(timeout=PATIENCE_S)
@@ -44,7 +44,7 @@ def test_ready_and_ended_by_a_signal(tmp_path: Path, number: signal.Signals) -> 
 
 @contextmanager
 def nohup() -> Iterator[None]:
-    """What is started meanwhile runs on when its terminal goes away."""
+    """Let processes that start meanwhile outlive their terminal."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         yield
@@ -73,8 +73,8 @@ def test_under_nohup_a_lost_terminal_ends_neither_the_emulator_nor_a_run(tmp_pat
 
 
 def _is_owned(port: str) -> bool:
-    """Whether a run is under way on it."""
-    with suppress(Exception):  # nobody has it yet
+    """Return whether a run is in progress on it."""
+    with suppress(Exception):  # it has no owner yet
         return bool(ask(port, {"do": "status"})["status"])
     return False
 

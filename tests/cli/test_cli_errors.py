@@ -1,4 +1,4 @@
-"""What is wrong, in one line, with the documented exit status; never a traceback."""
+"""Every error is one line with the documented exit status, never a traceback."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def room_text(**changes: Any) -> str:  # noqa: ANN401 - anything that a file may hold
+def room_text(**changes: Any) -> str:  # noqa: ANN401 - any value in a file
     room = {"name": "r", "walls": WALLS, "obstacles": [], "start": [2, 2, 0], **changes}
     return json.dumps({key: value for key, value in room.items() if value is not ...})
 

@@ -1,4 +1,4 @@
-"""The example in each command's help works as it is printed."""
+"""The example in each command's help works as printed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ PARSED_ONLY = {
     "replay": "runs until it is ended",
     "view": "opens a window",
 }
-"""Commands whose examples are not run, and why."""
+"""Commands whose examples are not run, with the reason."""
 
 
 def examples(group: click.Group, path: tuple[str, ...] = ()) -> Iterator[tuple[str, list[str]]]:
@@ -102,7 +102,7 @@ def test_an_example_without_hardware_runs(folder: Path, name: str) -> None:
 def test_an_example_is_parsed_to_its_last_word(name: str) -> None:
     command: click.Command = cli
     words = ALL[name]
-    # With its settings: a command keeps the help option that it was first asked for.
+    # With the command's settings: click stores the help option at its first use.
     context = click.Context(cli, **cli.context_settings)
     while isinstance(command, click.Group):
         found = command.get_command(context, words[0])

@@ -1,4 +1,4 @@
-"""``sweepctl experiment`` as it is typed."""
+"""``sweepctl experiment`` as users run it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def two_jobs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = sweepctl("experiment", "compare", *SHORT, "--jobs", "2", "--out", out, "--json")
     assert done.status == 0
     assert done.json["runs"] == 2
-    # off a terminal a line for every run that ended, with the time left
+    # without a terminal: a line for every run that ended, with the remaining time
     first, *lines = done.err.strip().splitlines()
     assert first == "0/2 runs done, 2 in parallel"
     assert [line.split()[0] for line in lines] == ["1/2", "2/2"]
@@ -97,11 +97,11 @@ def test_ctrl_c_and_sigterm_keep_what_is_done(tmp_path: Path, number: signal.Sig
 @pytest.mark.parametrize("first_s", [0.0, 0.05])
 @pytest.mark.parametrize("between_s", [0.0, 0.02, 0.1])
 def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float) -> None:
-    """As from ``timeout``, which signals the process and its group; while the workers begin.
+    """As from ``timeout``, which signals the process and its group, while the workers start.
 
-    What the second one meets is told by the last lines, and the status must go with them: runs
-    that end in order (0), the report of what is done (1, it is broken off), or a command that has
-    said its last and is on its way out, which a signal then ends as it ends any program.
+    The last lines show what the second signal interrupted, and the status must match them: runs
+    that end cleanly (0), the report of the finished runs (1, interrupted), or a command that is
+    about to exit, which a signal then kills like any program.
     """
     process = start(
         *("experiment", "compare", "--rooms", "case-1", "--planners", "u-shape", "--seeds", "200"),
@@ -127,13 +127,13 @@ def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float
             f"{kept} of 200 runs done, kept in {tmp_path}; the same command continues from there"
         )
         assert printed[-1] == reported
-        # the workers take longer to end than two signals to come
+        # The workers need more time to end than two signals to arrive.
         assert done.status in ({0} if between_s == 0.0 else {0, -signal.SIGINT})
 
 
 @pytest.mark.realtime
 def test_interrupted_before_the_report_it_reports_where_the_runs_are(two_jobs: Path) -> None:
-    """A report that takes for ever, in a process whose runs are done."""
+    """The report never ends, in a process whose runs are done."""
     script = """
         import sys, time
         from tools.experiment import output

@@ -1,4 +1,4 @@
-"""Faults on the command line: the list, refusals, the control socket, the page in the docs."""
+"""Faults on the command line: the list, rejections, the control socket, the page in the docs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ ROWS = re.findall(r"^\| `([\w-]+)` \| .+? \| (lasts|at once) \| `([^`]+)` \|$", 
 ARGUMENTS = re.findall(
     r"^\| `([\w-]+)` \| `(\w+)` \| ([^|]+) \| ([^|]+) \| [^|]+ \|$", PAGE, re.MULTILINE
 )
-"""Rows of the page's table of arguments: kind, argument, default, allowed values."""
+"""Rows of the page's table: kind, meaning, duration, arguments, example."""
 
 
 def rejected(text: str) -> bool:
@@ -137,7 +137,7 @@ def test_json_is_for_the_list() -> None:
 
 @pytest.fixture(scope="module")
 def device(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The control socket of an emulator that runs."""
+    """Yield the control socket of a running emulator."""
     folder = tmp_path_factory.mktemp("control")
     with Emulator(folder, "--control", folder / "sweeper.ctl"):
         yield folder / "sweeper.ctl"

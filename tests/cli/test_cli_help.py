@@ -1,4 +1,4 @@
-"""What the command says of itself."""
+"""The help texts of the commands."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_every_command_shows_an_example(command: str) -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_example_is_one(command: str) -> None:
-    """It names no option that the command does not have."""
+    """The example names only options that the command has."""
     text = sweepctl(command, "--help").out
     example = text.split("Example:", 1)[1].split()
     assert example[:2] == ["sweepctl", command]
@@ -64,7 +64,7 @@ def test_version() -> None:
 
 
 def helps(group: click.Group, context: click.Context) -> Iterator[tuple[str, str]]:
-    """Every command's path with its help as it is printed."""
+    """Yield every command's path with its help as printed."""
     for name in group.list_commands(context):
         command = group.get_command(context, name)
         assert command is not None

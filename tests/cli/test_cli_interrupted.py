@@ -1,4 +1,4 @@
-"""Ctrl-C in commands whose status 0 a script takes for done."""
+"""Ctrl-C in commands whose status 0 means "done" to a script."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_stop_that_ctrl_c_cuts_off_is_not_done(
 
 
 class Robot:
-    """One that takes a key, and whose port is slow to close."""
+    """A robot that accepts a key, and whose port closes slowly."""
 
     def __enter__(self) -> Self:
         return self
@@ -69,13 +69,13 @@ def _device() -> dict[str, Any]:
 
 
 class Asked(Robot):
-    """One whose port is closed at once, and that Ctrl-C finds at one of its calls."""
+    """A robot whose port closes at once, and that Ctrl-C interrupts in one of its calls."""
 
     def __init__(self, cut: str) -> None:
         self._cut = cut
 
     def __exit__(self, *_: object) -> None:
-        """Nothing to wait for."""
+        """Do nothing."""
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name == self._cut:
@@ -124,7 +124,7 @@ def test_what_a_device_may_have_done_is_reported(monkeypatch: pytest.MonkeyPatch
     def call(_action: object) -> Never:
         interrupt()
 
-    client = DeviceClient(LoopExchange(Host(), call))  # type: ignore[arg-type]  # it is not looked at
+    client = DeviceClient(LoopExchange(Host(), call))  # type: ignore[arg-type]  # not used
     with pytest.raises(KeyboardInterrupt) as caught:
         client.save_parameters()
     printed = ["save parameters: no answer received; the device may have executed it"]

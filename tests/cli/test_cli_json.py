@@ -1,4 +1,4 @@
-"""What ``--json`` prints is what the JSON Schemas describe."""
+"""The output of ``--json`` matches the JSON Schemas."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_real_outputs_are_as_described(
         assert command is not None
         value = json.loads(lines[0])
         assert output_problems(command, value) == []
-        # The check can fail: without any of its keys an object is another one.
+        # The check can fail: an object without one of its keys does not match.
         schema = schema_of(command)
         assert schema is not None
         for key in schema.get("required", ()):

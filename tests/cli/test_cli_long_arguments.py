@@ -1,4 +1,4 @@
-"""Every option and argument of every command, given values of absurd length: one clear line."""
+"""Every option and argument of every command with values of absurd length: one clear error line."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ VALUES = {
     "no UTF-8": "no\udcffsuch\udcfething",
 }
 WHOLE = {"room": "case-1"}
-"""Arguments that must be given besides, where a name that is none would be refused first."""
+"""Further required arguments of which an invalid name would be rejected first."""
 LISTED = {("ports", "named")}
-"""Any name may be listed: it is shown as given."""
+"""Arguments that may have any name: it is shown as given."""
 
 
 def leaves(
@@ -56,7 +56,7 @@ def given(parameter: click.Parameter, value: str) -> list[str]:
 
 
 def others(command: click.Command, tested: click.Parameter) -> list[str]:
-    """What else must be given; no port and no file of these names is there."""
+    """Return the other required arguments; no port and no file of these names exists."""
     words = []
     for parameter in command.params:
         if parameter is not tested and parameter.required:
@@ -80,7 +80,7 @@ def test_any_long_value_is_reported_in_one_short_line(
             continue
         for name, value in VALUES.items():
             is_path = isinstance(parameter.type, click.Path)
-            if is_path and value.startswith("no"):  # a name like any other
+            if is_path and value.startswith("no"):  # a valid name
                 continue
             done = sweepctl(*words, *short, *others(command, parameter), *given(parameter, value))
             what = f"{parameter.name}, {name}: {done.status} {done.err[:300]!r}"

@@ -1,4 +1,4 @@
-"""Names that others have given: brackets are no markup, and a file's name may be no UTF-8."""
+"""Names from outside: brackets are no markup, and a file's name may be invalid UTF-8."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ODD = b"n\xff\xfe"
 
 
 def write_foreign(path: Path) -> Path:
-    """A log of another program, its names full of brackets."""
+    """Write a log of another program with brackets in its names."""
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="x[/]", library="y[/y]")
@@ -42,7 +42,7 @@ def test_a_log_whose_name_is_no_utf8_is_read_like_any(tmp_path: Path) -> None:
     odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + ODD + b".mcap"))
     try:
         write_foreign(odd)
-    except OSError:  # a file system that takes UTF-8 only has no such files
+    except OSError:  # a file system that accepts only UTF-8 has no such files
         odd = write_foreign(tmp_path / "n.mcap")
     page, rrd, tables = tmp_path / "o.html", tmp_path / "o.rrd", tmp_path / "tables"
     assert sweepctl("report", odd, "--out", page).status == 0

@@ -1,4 +1,4 @@
-"""Files that reading commands write: nothing that is there is lost unless that is asked for."""
+"""Output files of reading commands: no existing file is lost without a request."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_two_outputs_of_one_name_are_rejected(log: Path, tmp_path: Path) -> None
 
 
 class Still:
-    """A viewer whose picture is always the same."""
+    """A viewer whose picture never changes."""
 
     def save_screenshot(self, path: str) -> None:
         Path(path).write_bytes(b"picture")
@@ -148,7 +148,7 @@ def test_a_full_disk_ends_a_rerun_file_in_a_line(log: Path, tmp_path: Path) -> N
 
 @pytest.mark.filterwarnings("default")
 def test_a_warning_of_a_library_is_a_line_of_ours(tmp_path: Path) -> None:
-    """It may quote a text from outside: here a character that no font has."""
+    """The warning may quote a text from outside: here a character that no font has."""
     path = tmp_path / "named.mcap"
     with path.open("wb") as file:
         writer = Writer(file)

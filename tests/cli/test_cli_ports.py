@@ -1,4 +1,4 @@
-"""``ports``, ``stop`` and ``key`` as a user meets them, without a robot."""
+"""``ports``, ``stop`` and ``key`` as users run them, without a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every command says of itself: examples, completion, and the reference that is generated."""
+"""Documentation of every command: examples, completion, and the generated reference."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ SECTIONS = {
     tuple(head.split()[1:]): text
     for head, text in re.findall(r"^##+ (sweepctl .+)\n((?:(?!^##).*\n?)*)", PAGE, re.MULTILINE)
 }
-"""Of the page as it stands: words of a command and the text below them."""
+"""Sections of the page: the words of a command and the text below them."""
 OPTION = re.compile(r"^\| ((?:`-[^|]+?`(?:, )?)+)(?: `[^`]+`)? \| (.+) \|$", re.MULTILINE)
 
 
 def options_on_page(path: tuple[str, ...]) -> dict[str, str]:
-    """By each name of an option, what the page says of it."""
+    """Return the page's text for each name of an option."""
     return {
         name: meaning
         for names, meaning in OPTION.findall(SECTIONS[path])
@@ -70,7 +70,7 @@ def options_on_page(path: tuple[str, ...]) -> dict[str, str]:
 
 
 def offered(path: tuple[str, ...]) -> set[str]:
-    """Names of the options that the command itself lists."""
+    """Return the names of the options that the command itself lists."""
     printed = sweepctl(*path, "--help").out.partition("\nOptions:\n")[2]
     heads = re.findall(r"^  (-.+?)(?:  |$)", printed, re.MULTILINE)
     names = {name for head in heads for name in re.findall(r"(?<![\w-])--?[a-z][\w-]*", head)}
@@ -101,7 +101,7 @@ def test_the_page_has_every_option_that_help_names(path: tuple[str, ...]) -> Non
 
 
 class Range(NamedTuple):
-    """What the page says of an option's values."""
+    """Range of an option's values on the page."""
 
     path: tuple[str, ...]
     name: str
@@ -118,13 +118,13 @@ RANGES = [
 
 
 def beyond(end: str, by: int) -> str:
-    """A value that is one off."""
+    """Return a value that is one off."""
     return str(int(end) + by if re.fullmatch(r"-?\d+", end) else float(end) + by)
 
 
 @pytest.mark.parametrize("option", RANGES, ids=lambda o: " ".join((*o.path, o.name)))
 def test_the_range_on_the_page_is_the_commands_own(option: Range) -> None:
-    """What lies beyond either end is refused by the option's name, both ends are not."""
+    """A value beyond either end is rejected by the option's name; both ends are accepted."""
     for value in (beyond(option.low, -1), beyond(option.high, 1)):
         assert option.name in rejections(option.path, option.name, value), value
     for value in (option.low, option.high):
@@ -132,7 +132,7 @@ def test_the_range_on_the_page_is_the_commands_own(option: Range) -> None:
 
 
 def _ports(command: click.Command) -> list[str]:
-    """A port for a command that looks for its name before it looks at the options."""
+    """Return a port for a command that searches it before it parses the options."""
     eager = [p for p in command.params if isinstance(p, click.Argument) and p.is_eager]
     return ["/dev/none"] if eager else []
 
@@ -180,7 +180,7 @@ def test_completion_scripts_ask_the_command(shell: str) -> None:
 
 
 def completed(words: str, tmp_path: Path) -> list[str]:
-    """What bash is offered for the last of these words."""
+    """Return bash's completions of the last word."""
     environment = {
         **os.environ,
         "PYTHONPATH": str(ROOT),

@@ -1,4 +1,4 @@
-"""``robot`` and ``room``: each problem of a file on a line of its own, and pictures."""
+"""``robot`` and ``room``: each error of a file on its own line, and pictures."""
 
 from __future__ import annotations
 
@@ -159,9 +159,9 @@ def test_room_show_draws_and_gives_the_areas(tmp_path: Path) -> None:
     assert done.status == 0, done.err
     facts = json.loads(done.out)
     assert facts["free_m2"] == pytest.approx(12.0, abs=0.02)
-    # the corners that a disc of 16 cm leaves: (4 − π) r²
+    # without the corners that a disc of 16 cm cannot reach: (4 − π) r²
     assert facts["reachable_m2"] == pytest.approx(12.0 - 0.8584 * 0.16**2, abs=0.02)
-    # the mouth stays 8 cm from the walls: 3.84 × 2.84 less the rounded corners
+    # the mouth stays 8 cm from the walls: 3.84 × 2.84 minus the rounded corners
     assert facts["sweepable_m2"] == pytest.approx(3.84 * 2.84 - 0.8584 * 0.08**2, abs=0.03)
     assert png.read_bytes().startswith(PNG)
 

@@ -1,4 +1,4 @@
-"""``sweepctl simulate``: its object, its exit status, its log's name, and Ctrl-C."""
+"""``sweepctl simulate``: its JSON object, its exit status, its log's name, and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def check_keys(summary: dict[str, Any]) -> None:
-    # why it ended stands beside what the contract names
+    # the reason of the end is beside the keys of the contract
     assert set(summary) == {*KEYS, "reason"}
     for key, inner in INSIDE.items():
         assert set(summary[key]) >= inner
@@ -125,7 +125,7 @@ def test_an_existing_log_is_not_replaced(folder: Path) -> None:
         assert str(log) in done.line
         assert "--force" in done.line
         assert log.read_bytes() == b"precious"
-    assert sweepctl(*again, "--force").status == 1  # for the time; the log is made
+    assert sweepctl(*again, "--force").status == 1  # because of the time limit; the log is made
     assert LogReader(log).summary is not None
     first = log.read_bytes()
     assert "--force" in sweepctl(*again).line
@@ -164,7 +164,7 @@ def test_ended_in_the_middle(tmp_path: Path, number: signal.Signals) -> None:
     log = tmp_path / "run.mcap"
     process = start("simulate", "empty", "--json", "--out", log, cwd=tmp_path)
     while process.poll() is None and (not log.exists() or log.stat().st_size < 300_000):
-        signal.sigtimedwait([], 0.01)  # a rest that asks no clock
+        signal.sigtimedwait([], 0.01)  # a sleep without a clock
     done = end(process, number)
     assert (done.status, done.err) == (0, "")
     check_keys(done.json)
@@ -187,7 +187,7 @@ def test_a_second_signal_changes_nothing(tmp_path: Path) -> None:
     process = start("simulate", "empty", "--json", "--out", log, cwd=tmp_path)
     while process.poll() is None and (not log.exists() or log.stat().st_size < 300_000):
         signal.sigtimedwait([], 0.01)
-    for _ in range(5):  # through the stop and into the summing up
+    for _ in range(5):  # during the stop and the summary
         process.send_signal(signal.SIGINT)
         signal.sigtimedwait([], 0.01)
     done = end(process)

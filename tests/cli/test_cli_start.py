@@ -1,4 +1,4 @@
-"""Where a command is started: a folder that is gone or closed, and Ctrl-C before it has begun."""
+"""Start of a command in a deleted or closed folder, and Ctrl-C before it has begun."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class At:
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, At())
 """
-"""As a module that Python loads at its start: Ctrl-C as another one begins to be imported."""
+"""A module that Python loads at its start: Ctrl-C when another one begins to be imported."""
 
 
 def sweepctl(
@@ -73,7 +73,7 @@ def test_ctrl_c_while_it_starts_ends_it_quietly(module: str, tmp_path: Path) -> 
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert done.returncode == 0, done.stderr
-    # It was interrupted before anything was begun, or the run was and says so.
+    # Either nothing had begun, or the run had and reports it.
     assert done.stderr.strip() == "sweepctl: interrupted" or '"ended by Ctrl-C"' in done.stdout
 
 
@@ -172,7 +172,7 @@ def test_a_path_that_cannot_be_is_looked_at_without_an_error(tmp_path: Path) -> 
 
 def test_outputs_in_a_circle_of_links_are_looked_at(tmp_path: Path) -> None:
     (tmp_path / "circle").symlink_to("circle")
-    from bridge.record.errors import LogWriteError  # noqa: PLC0415 - of this test alone
+    from bridge.record.errors import LogWriteError  # noqa: PLC0415 - for this test only
 
     with pytest.raises(LogWriteError, match="symbolic links"):
         check_outputs([tmp_path / "circle" / "out.png"], [tmp_path / "run.mcap"])

@@ -1,4 +1,4 @@
-"""Where output goes: a terminal that knows few letters, a full disk, nowhere at all."""
+"""Output streams: a terminal with few letters, a full disk, a closed stream."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def log(tmp_path: Path) -> Path:
 def run(
     *arguments: str | Path, led: str = "", env: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """The command in a shell, its streams led as ``led`` says."""
+    """Run the command in a shell, its streams redirected by ``led``."""
     words = [*COMMAND, *map(str, arguments)]
     return subprocess.run(
         ["/bin/sh", "-c", f'"$@" {led}', "sh", *words],

@@ -1,4 +1,4 @@
-"""Logs that sweepctl 0.1 wrote, of protocol version 1: every command still reads them."""
+"""Every command still reads logs of sweepctl 0.1 with protocol version 1."""
 
 from __future__ import annotations
 

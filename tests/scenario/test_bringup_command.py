@@ -1,4 +1,4 @@
-"""``sweepctl bringup`` as it is typed, on a virtual sweeper that is wired well."""
+"""``sweepctl bringup`` as users run it, on a correctly wired virtual sweeper."""
 
 from __future__ import annotations
 

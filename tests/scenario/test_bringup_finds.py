@@ -1,4 +1,4 @@
-"""Bring-up on the emulated device: each deliberate miswiring is named, and a good robot passes."""
+"""Bring-up on the emulated device: it names each wiring fault, and a correct robot passes."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_a_robot_wired_as_it_should_be_passes_every_look() -> None:
         (["right motor inverted"], {("motor right", "turns backwards")}),
         (["left encoder inverted"], {("encoder left", "counts in reverse")}),
         (["right encoder inverted"], {("encoder right", "counts in reverse")}),
-        # both wrong ways round on one side: a closed loop would work, and drive backwards
+        # both reversed on one side: a closed loop would work, but drive backwards
         (
             ["left motor inverted", "left encoder inverted"],
             {("motor left", "turns backwards"), ("encoder left", "counts in reverse")},
@@ -163,7 +163,7 @@ def test_axes_are_left_out_while_the_robot_is_moved() -> None:
 
 
 def test_a_knock_is_not_taken_for_a_tilt() -> None:
-    """Half a second of one hand's width up counts; a blow of 2 g along the wrong axis does not."""
+    """Half a second with one side raised counts; a blow of 2 g along the wrong axis does not."""
     stand = Stand()
     felt = stand.device.sensors.imu
     knocks = iter(range(1_000_000))

@@ -38,14 +38,14 @@ FROM_HOST = [s for s in CATALOGUE if s.direction is Direction.HOST]
 
 @pytest.fixture(scope="module")
 def adapter(tmp_path_factory: pytest.TempPathFactory) -> Adapter:
-    """As roomy as the Python end, whose every account it must then give."""
+    """The adapter with the bounds of the Python end, whose counts it must equal."""
     room = ("-DSP_CAN_OPEN=16", "-DSP_CAN_RECENT=64")
     return generate(tmp_path_factory.mktemp("c_can")).adapter(flags=room, sanitized=True)
 
 
 @pytest.fixture(scope="module")
 def small_adapter(tmp_path_factory: pytest.TempPathFactory) -> Adapter:
-    """With the bounds that a chip has."""
+    """The adapter with the bounds of a chip."""
     return generate(tmp_path_factory.mktemp("c_small")).adapter(sanitized=True)
 
 
@@ -57,7 +57,7 @@ def frames_of(records: bytes) -> list[CanFrame]:
 
 
 def spoken(rng: random.Random, count: int) -> list[tuple[Message, int]]:
-    """A device's messages and their stamps, across a wrap of the clock."""
+    """Return a device's messages and their stamps, across a wrap of the clock."""
     t_us = (1 << 32) - 20_000_000
     out: list[tuple[Message, int]] = []
     for i in range(count):
@@ -107,7 +107,10 @@ def test_python_understands_what_c_sends(adapter: Adapter) -> None:
 
 
 def troubled(rng: random.Random, records: list[CanFrame]) -> list[CanFrame]:
-    """Frames lost, duplicated, cut, or with a bit wrong; of one identifier never out of order."""
+    """Return frames lost, duplicated, cut, or with a wrong bit.
+
+    Those of one identifier stay in order.
+    """
     out = []
     for frame in records:
         match rng.randrange(40):
@@ -132,7 +135,7 @@ def troubled(rng: random.Random, records: list[CanFrame]) -> list[CanFrame]:
 def host_traffic(
     rng: random.Random, catalogue: Catalogue = CATALOGUE, shared: int | None = None
 ) -> list[tuple[int, CanFrame]]:
-    """What a host writes, and when it arrives, in the device's time."""
+    """Return a host's writes, and their arrival in the device's time."""
     specs = [s for s in catalogue if s.direction is Direction.HOST]
     link = CanLink(Direction.HOST, codec=Codec(catalogue))
     if shared is not None:
@@ -160,7 +163,7 @@ def sent_by_c(
 
 
 def as_c_sends(event: LinkEvent) -> str:
-    """The event in the adapter's words, up to the payload; "-": nothing that C tells."""
+    """Return the event in the adapter's words, up to the payload; "-": not reported by C."""
     if isinstance(event, DamagedFrame):
         return "damaged"
     if isinstance(event, Rejected) and event.reason not in {"payload", "version"}:
@@ -183,7 +186,7 @@ def test_c_receives_what_python_receives(adapter: Adapter) -> None:
         events = link.receive(record, now_us)
         wanted = as_c_sends(events[0]) if events else "-"
         if events and isinstance(events[0], Rejected) and event == "-":
-            # Too short to have a stamp: C passes it over, Python names it.
+            # Too short to have a stamp: C ignores it, Python reports it.
             assert events[0].reason in {"payload", "direction", "type"}
         else:
             printed = event.split()
@@ -193,7 +196,7 @@ def test_c_receives_what_python_receives(adapter: Adapter) -> None:
         assert counts == f"{s.damaged} {s.duplicates} {s.stale} {s.given_up}"
     assert complete > MESSAGES // 2
     s = link.statistics
-    assert min(s.damaged, s.duplicates, s.stale, s.given_up) > 10  # all of it was tried
+    assert min(s.damaged, s.duplicates, s.stale, s.given_up) > 10  # every case occurred
 
 
 PARTS = tuple(map(declared.CanPart, (0x02, 0x03, 0x04), ("velocity", "tools", "suction")))
@@ -201,7 +204,7 @@ PARTS = tuple(map(declared.CanPart, (0x02, 0x03, 0x04), ("velocity", "tools", "s
 
 @declared.message(0x02, Direction.HOST, RateClass.STREAM, default_hz=50, can_parts=PARTS)
 class VelocitySetpoint(Message):
-    """A velocity setpoint with fields of its second frame, one of which stands between others."""
+    """A velocity setpoint whose second frame has own fields, one of which stands between others."""
 
     v: Annotated[int, number(I16, "m/s", "forward speed", scale="0.0001")]
     yaw_rate: Annotated[int, number(I16, "rad/s", "counter-clockwise", scale="0.0002")]
@@ -239,7 +242,7 @@ def test_a_host_s_message_in_several_frames(tmp_path: Path, shared: int | None) 
 
 
 def test_lost_and_duplicate_segments_never_give_a_wrong_message(small_adapter: Adapter) -> None:
-    """With the small bounds of a chip more may be lost, but nothing is made up."""
+    """With the small bounds of a chip more may be lost, but every delivered message is correct."""
     rng = random.Random(3)
     link = CanLink(Direction.HOST)
     sent: set[str] = set()

@@ -33,10 +33,10 @@ RANDOM_MESSAGES = 100_000
 STREAMS = 600
 FUZZ_RUNS = int(os.environ.get("SWEEPCTL_C_FUZZ_RUNS", "2000000"))
 FUZZ_S = int(os.environ.get("SWEEPCTL_C_FUZZ_S", "30"))
-"""Of the nightly search, whichever is reached first; a campaign asks for more."""
+"""Time limit of the nightly search, s; a campaign uses more."""
 SPECS = CATALOGUE.specs
 NUMBERED = [spec for spec in SPECS if spec.cls is not StopAll]
-"""All but the stop of every device, whose frame is always the same bytes."""
+"""All messages except the stop of every device, whose frame is always the same bytes."""
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def vectors(name: str) -> list[dict[str, Any]]:
 
 
 def raw_words(vector: dict[str, Any]) -> dict[str, str]:
-    """Raw values by name as the adapter writes them."""
+    """Return raw values by name in the adapter's words."""
     spec = CATALOGUE.by_name[vector["message"]]
     kinds = {f.name: f.wire for f in spec.fields}
     return {
@@ -94,7 +94,7 @@ def test_c_reads_every_intact_vector(each_adapter: Adapter) -> None:
         assert printed[6] == (vector["payload"] or "-"), vector["name"]
         values = dict(word.split("=") for word in printed[7:])
         expected = raw_words(vector)
-        if vector.get("decode_only"):  # the text is shown as it is: broken
+        if vector.get("decode_only"):  # the invalid text is shown unchanged
             text = CATALOGUE.by_name[vector["message"]].text_field
             assert text is not None
             size = CATALOGUE.by_name[vector["message"]].layout.size
@@ -128,7 +128,7 @@ def test_c_gives_the_vectors_si_values(adapter: Adapter) -> None:
         for name, wanted in vector["si"].items():
             value, back = values[name].split(":")
             raw = vector["raw"][fields[name].name]
-            if wanted is None:  # C shows the sentinel's number: the caller compares first
+            if wanted is None:  # C shows the sentinel's number: the caller must compare first
                 assert raw == fields[name].none
                 continue
             assert float(value) == pytest.approx(wanted, rel=1e-5, abs=1e-7), name
@@ -243,7 +243,7 @@ def test_c_allows_the_payload_lengths_that_python_allows(adapter: Adapter) -> No
         for payload, answer in zip(payloads, answers, strict=True):
             try:
                 codec.decode(spec, payload)
-            except Exception:  # noqa: BLE001 - whatever Python says no to
+            except Exception:  # noqa: BLE001 - any error in Python
                 assert answer == "no", (spec.name, len(payload))
             else:
                 kept = payload if spec.text_field else payload[: spec.layout.size]
@@ -262,7 +262,7 @@ def test_c_does_not_write_beyond_what_a_frame_holds(adapter: Adapter) -> None:
 
 
 def damaged_stream(rng: random.Random) -> bytes:
-    """Frames, some hurt, with and without leading zeros, noise and overlong stretches."""
+    """Return frames, some damaged, with and without leading zeros, noise and overlong stretches."""
     out = bytearray()
     codec = Codec()
     for _ in range(rng.randrange(1, 12)):
@@ -288,7 +288,7 @@ def damaged_stream(rng: random.Random) -> bytes:
                     case _:
                         pass
                 out += bytes(rng.randrange(2)) + frame
-    return bytes(out) + b"\0"  # the adapter's parser starts each line anew
+    return bytes(out) + b"\0"  # the adapter's parser restarts for each line
 
 
 def test_c_finds_what_the_python_parser_finds(each_adapter: Adapter) -> None:
@@ -314,7 +314,7 @@ def test_c_finds_what_the_python_parser_finds(each_adapter: Adapter) -> None:
         damages += parser.damaged
         assert next(lines) == f". {parser.frames} {parser.damaged}"
     assert next(lines, None) is None
-    assert damages > STREAMS  # the streams were as bad as they should be
+    assert damages > STREAMS  # the streams were damaged enough
 
 
 # ---- CRC --------------------------------------------------------------------------------------
@@ -360,7 +360,7 @@ def test_a_minimal_build_reports_what_it_lacks(tmp_path: Path) -> None:
         assert answer.split()[:4] == [str(v) for v in describe(kept, Describe(type_id, 3))]
 
 
-# ---- a search for what nobody thought of ------------------------------------------------------
+# ---- fuzzing ------------------------------------------------------------------------------------
 
 
 @pytest.mark.needs("clang")
@@ -392,12 +392,12 @@ def test_the_fuzzer_finds_nothing(generated: Generated, runs: int, seconds: int)
 
 
 PER_CHECK = {"encode": 0.7, "decode": 0.4}
-"""Frames encoded and decoded in the time in which the check alone of one is computed bit by bit:
-half of the least measured (encode 1.4 to 2.3, decode 0.83 to 1.4, with zig, clang and gcc)."""
+"""Minimum number of frames encoded and decoded in the time of one bitwise CRC: half of the smallest
+measurement (encode 1.4 to 2.3, decode 0.83 to 1.4, with zig, clang and gcc)."""
 
 
 def test_a_frame_costs_about_as_much_as_its_check_bit_by_bit(generated: Generated) -> None:
-    """A ratio of one process, in its own time: the machine's speed and its other work drop out."""
+    """A ratio within one process, in CPU time: the machine's speed and other work cancel out."""
     program = generated.adapter("adapter_fast", flags=("-O2",)).program
     rounds = []
     for _ in range(5):

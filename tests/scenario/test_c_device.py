@@ -1,4 +1,4 @@
-"""The example device, compiled as it is, as the peer of the host's session."""
+"""The example device, compiled unchanged, as the peer of the host's session."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ _HEAD, _DRIVE, _TAKE = struct.Struct("=H"), struct.Struct("=ff"), struct.Struct(
 
 
 class Device:
-    """The program in its own process, in the time that it is given."""
+    """The program in a separate process, in the time that the test gives."""
 
     def __init__(self, program: Path) -> None:
         self._process = subprocess.Popen(
             [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
         self.drive = (0.0, 0.0)
-        """Forward speed and yaw rate that the wheels are told."""
+        """Forward speed and yaw rate that the wheels receive."""
         assert self._receive() == b""
 
     def turn(self, now_us: int, data: bytes) -> bytes:
-        """Give bytes at a moment; take what the device has written."""
+        """Pass bytes at a time; return what the device has written."""
         stdin = self._process.stdin
         assert stdin is not None
         stdin.write(_TAKE.pack(now_us & 0xFFFF_FFFF, len(data)) + data)
@@ -78,7 +78,7 @@ class Device:
         return data
 
     def close(self) -> int:
-        """End its input; its exit status."""
+        """End its input; return its exit status."""
         self._process.communicate(timeout=20)
         return self._process.returncode
 
@@ -104,7 +104,7 @@ class Bench:
         self._to_host = to_host or Pipe(STEP_US)
 
     def run(self, for_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Let time pass; True as soon as ``until`` holds."""
+        """Let time pass; return True as soon as ``until`` is true."""
         end_us = self.now_us + round(for_s * 1e6)
         while self.now_us < end_us:
             self.now_us += STEP_US
@@ -136,20 +136,20 @@ class Bench:
         return [d.received.message for d in self.of(Data) if isinstance(d.received.message, kind)]
 
     def status(self) -> Status:
-        """The next one that comes."""
+        """Return the next status."""
         count = len(self.heard(Status))
         assert self.run(0.5, lambda: len(self.heard(Status)) > count)
         return self.heard(Status)[-1]
 
     def outcome(self) -> tuple[bool, int | None]:
-        """How the command that is under way ends."""
+        """Return the result of the running command."""
         count = len(self.of(CommandEnded))
         assert self.run(2.0, lambda: len(self.of(CommandEnded)) > count)
         outcome = self.of(CommandEnded)[-1].outcome
         return outcome.accepted, outcome.reason
 
     def start(self) -> None:
-        """From an open session to driving."""
+        """Go from an open session to driving."""
         self.session.clear_stop(StopCause.SESSION_END, self.now_ns)
         assert self.outcome() == (True, None)
         self.session.set_mode(Mode.VELOCITY, self.now_ns)
@@ -187,7 +187,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def launch() -> Iterator[Callable[[Path], Device]]:
-    """Start a program; it must end well when its input does."""
+    """Yield a function that starts a program; it must exit cleanly when its input ends."""
     devices: list[Device] = []
 
     def start(program: Path) -> Device:
@@ -253,7 +253,7 @@ def test_it_drives_only_when_asked_and_as_long_as_setpoints_are_fresh(device: De
     status = bench.status()
     assert status.faults == Fault.SETPOINT_EXPIRED
     assert (status.mode, status.stop_cause) == (Mode.VELOCITY, StopCause.NONE)
-    bench.drive(0.1)  # no latch: it goes on
+    bench.drive(0.1)  # no latch: it continues
     assert bench.run(0.1, lambda: device.drive == pytest.approx((0.1, 0.1)))
     assert bench.status().faults == 0
 
@@ -271,7 +271,7 @@ def test_a_setpoint_that_was_long_on_its_way_does_not_count(device: Device) -> N
 
     assert not moves(1, 210_000)
     assert moves(2, 100_000)
-    assert bench.run(0.12, lambda: device.drive == (0.0, 0.0))  # what was left of 200 ms
+    assert bench.run(0.12, lambda: device.drive == (0.0, 0.0))  # the rest of 200 ms
     assert not moves(2, 0)  # as old by its counter
     assert moves(3, 0)
 
@@ -315,7 +315,7 @@ def test_a_new_host_starts_from_nothing(device: Device) -> None:
     assert second.outcome() == (True, None)
     second.session.set_mode(Mode.VELOCITY, second.now_ns)
     assert second.outcome() == (True, None)
-    second.drive(0.1)  # its counter starts anew
+    second.drive(0.1)  # its counter restarts
     assert second.run(0.1, lambda: device.drive[0] == pytest.approx(0.1))
 
 
@@ -369,7 +369,7 @@ def test_a_repeated_command_is_answered_and_not_carried_out_again(device: Device
     for again in range(2):
         session.link.send(clear, bench.now_us + HOST_AHEAD_US, node=1)
         bench.run(0.1)
-        # Carried out again, it would release what was latched meanwhile.
+        # A second execution would clear what was latched meanwhile.
         assert bench.status().stop_cause == (StopCause.OPERATOR if again else StopCause.NONE)
         session.stop(StopCause.OPERATOR, bench.now_ns)
         bench.run(0.1)

@@ -1,4 +1,4 @@
-"""The example device, built as its page says, accepted by the command that users run."""
+"""The example device, built as its page describes, accepted by the command that users run."""
 
 from __future__ import annotations
 

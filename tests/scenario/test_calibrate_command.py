@@ -1,4 +1,4 @@
-"""``sweepctl calibrate`` as it is typed: shown, asked, and written to file and device."""
+"""``sweepctl calibrate`` as users run it: results shown, confirmed, written to file and device."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_the_gyros_bias_goes_to_file_and_device(
     assert model.gyro_bias_rad_s == BIAS
     assert "# mine" in file.read_text()
     device = served.device
-    device.reset(ResetCause.SOFTWARE)  # the flash holds it
+    device.reset(ResetCause.SOFTWARE)  # the flash keeps it
     assert device.firmware.parameters.value("gyro_bias") == pytest.approx(
         math.radians(2.0), abs=1e-5
     )
@@ -75,7 +75,7 @@ def test_the_gyros_bias_goes_to_file_and_device(
 def test_a_range_sensor_against_a_tape(
     served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The wall is 2.88 m before the sensor; a tape that says 2.85 asks for -3 cm."""
+    """The wall is 2.88 m from the sensor; a tape that reads 2.85 gives -3 cm."""
     file = tmp_path / "new.toml"
     asked = ("range", served.port, "--sensor", "ultrasonic", "--at", "2.85", "--robot", file)
     done = calibrate(monkeypatch, "y\ny\n", *asked, "--json")
@@ -92,7 +92,7 @@ def test_a_range_sensor_against_a_tape(
 
 
 def test_a_calibrated_device_sends_corrected_ranges() -> None:
-    """In virtual time, over a boot: 2.88 m is told as 0.9 times that and 5 cm."""
+    """In virtual time, over a boot: the device sends 2.88 m as 0.9 times that and 5 cm."""
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     desk, _ = desk_on(device)
     with desk:
@@ -118,7 +118,7 @@ def test_no_square_is_driven_without_a_yes(served: Served, monkeypatch: pytest.M
 def test_a_refuted_result_is_never_written(
     served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuted: str | None
 ) -> None:
-    """The driving itself, in virtual time: ``test_calibrate_squares``."""
+    """``test_calibrate_squares`` tests the driving itself, in virtual time."""
     still = Benchmark((0.0, 0.0), (0.0, 0.0))
     correction = Correction(1.01, 1.02, 0.0, 0.0)
     model = correction.applied_to(RobotModel())
@@ -127,7 +127,7 @@ def test_a_refuted_result_is_never_written(
     file = tmp_path / "robot.toml"
     asked = ("odometry", served.port, "--robot", file, "--verify", "--yes", "--json")
     done = calibrate(monkeypatch, "", *asked)
-    served.device.reset(ResetCause.SOFTWARE)  # what was saved counts from then on
+    served.device.reset(ResetCause.SOFTWARE)  # saved values are in effect from now on
     device = served.device.firmware.parameters.value("wheel_base")
     assert done.json["odometry"]["refuted"] == refuted
     if refuted is None:

@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 DRIVES_S = 1.5
-"""Longer than 0.2 m take."""
+"""Duration of a drive, s: longer than 0.2 m take."""
 FRAME = RECORD.pack(0x121, 3, b"abc")
 DGRAM = socket.SOCK_DGRAM
 
 
 @contextmanager
 def device_on(port: str, node: int = 1) -> Iterator[None]:
-    """A virtual sweeper in a thread, in real time, on a bus of its own end."""
+    """Run a virtual sweeper in a thread, in real time, on its own end of a bus."""
     device, end = sweeper(node=node, link=CanLink), threading.Event()
     bus = CanPort(port)
 
@@ -72,7 +72,7 @@ def device_on(port: str, node: int = 1) -> Iterator[None]:
 
 
 def drive_a_little(port: str) -> None:
-    """Through the public API: agree, hear every sensor, drive, stop."""
+    """Use the public API: agree, receive every sensor, drive, stop."""
     with bridge.open(port) as robot:
         assert robot.imu.latest is not None or wait_for(lambda: robot.imu.latest is not None)
         assert wait_for(lambda: robot.range.latest is not None)
@@ -150,7 +150,7 @@ def test_an_adapter_has_one_owner_and_garbled_lines_are_no_frames() -> None:
 
 
 def stopped_after_a_while(host: Command) -> Done:
-    """A person's Ctrl-C, when it has driven for a moment."""
+    """Press Ctrl-C after a short drive."""
     time.sleep(DRIVES_S)
     host.send(signal.SIGINT)
     return host.end()
@@ -214,7 +214,7 @@ def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) ->
 
 
 class FullNetwork(VirtualBus):
-    """Takes two frames, and then no more."""
+    """A bus that accepts two frames, and then no more."""
 
     def __init__(self, group: str) -> None:
         super().__init__(channel=group)
@@ -228,7 +228,7 @@ class FullNetwork(VirtualBus):
 
 
 def test_what_the_system_does_not_take_is_not_counted_as_sent() -> None:
-    """Network buffers that are full: what is left goes back to the line, and is told of there."""
+    """With full network buffers the rest goes back to the line, which reports it."""
     joined: list[FullNetwork] = []
 
     def join(group: str) -> can.BusABC:
@@ -244,7 +244,7 @@ def test_what_the_system_does_not_take_is_not_counted_as_sent() -> None:
 
 
 def in_msgpack(**fields: object) -> bytes:
-    """A frame in python-can's own form, with some fields that python-can would not write."""
+    """Return a frame in python-can's own form, with some invalid fields."""
     frame = can.Message(arbitration_id=1, data=b"x", is_extended_id=False)
     for name, value in fields.items():
         setattr(frame, name, value)
@@ -255,7 +255,7 @@ NO_FRAMES = (
     b"",
     b"garbage",
     b"\x81\xa1x\x01",
-    b"\xa2\xff\xfe",  # text that is no UTF-8
+    b"\xa2\xff\xfe",  # text that is invalid UTF-8
     in_msgpack(arbitration_id=1.5),
     in_msgpack(arbitration_id=float("nan")),
     in_msgpack(dlc=1.0),
@@ -326,15 +326,15 @@ with socket.socket(type=socket.SOCK_DGRAM) as out:
 
 
 def sent_by_another_process(address: str, can_id: int) -> None:
-    """A frame in python-can's own form."""
+    """Send a frame in python-can's own form."""
     data = pack_message(can.Message(arbitration_id=can_id, data=b"x", is_extended_id=False)).hex()
     subprocess.run([sys.executable, "-c", _SENDER, address, data], check=True)
 
 
 def own_addresses() -> list[str]:
-    """Of this machine: one that only it can reach, and those that others can."""
+    """Return this machine's addresses: one that only it can reach, and those that others can."""
     found = ["127.0.0.1", "127.0.0.5"]
-    with socket.socket(type=DGRAM) as probe, suppress(OSError):  # where there is no network at all
+    with socket.socket(type=DGRAM) as probe, suppress(OSError):  # without any network
         probe.connect(("203.0.113.9", 9))  # sends nothing; it chooses the address to send from
         found.append(probe.getsockname()[0])
     return found
@@ -342,7 +342,7 @@ def own_addresses() -> list[str]:
 
 @pytest.mark.parametrize("lan", [False, True])
 def test_only_what_is_sent_to_the_group_is_on_the_bus(lan: bool) -> None:  # noqa: FBT001 - of a test
-    """A datagram to an address of this machine is no frame, whoever sends it."""
+    """A datagram to an address of this machine is no frame, whatever its sender."""
     join = partial(MulticastBus, lan=lan)
     with (
         CanPort(f"can:udp_multicast:{GROUP}", lan=lan) as host,
@@ -350,7 +350,8 @@ def test_only_what_is_sent_to_the_group_is_on_the_bus(lan: bool) -> None:  # noq
     ):
         for address in own_addresses():
             sent_by_another_process(address, 0x100)
-        sent_by_another_process(GROUP, 0x200)  # the last: whatever else is taken comes before it
+        # the last one: any other accepted frame comes before it
+        sent_by_another_process(GROUP, 0x200)
         assert ids(host.wait(PATIENCE_S)) == [0x200]
         select.select(device.filenos(), [], [], PATIENCE_S)
         assert ids(device.read()) == [0x200]
@@ -361,11 +362,11 @@ def ids(data: bytes) -> list[int]:
 
 
 def test_a_frame_of_another_machine_is_taken_only_with_lan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sender's address tells: here that of a network which is somebody else's."""
+    """The sender's address decides: here one of a foreign network."""
     frame = pack_message(can.Message(arbitration_id=0x123, data=b"x", is_extended_id=False))
 
     class Network(socket.socket):
-        """Datagrams that came from afar."""
+        """Datagrams from another machine."""
 
         def recvfrom(self, size: int, flags: int = 0, /) -> tuple[bytes, tuple[str, int]]:
             data, _ = super().recvfrom(size, flags)
@@ -380,7 +381,7 @@ def test_a_frame_of_another_machine_is_taken_only_with_lan(monkeypatch: pytest.M
 
 
 def test_a_drive_over_socketcan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All of ours above python-can: its own bus of one process stands in for the kernel's."""
+    """All our code above python-can: its own in-process bus replaces the kernel's."""
     asked: list[dict[str, object]] = []
 
     def opened(**options: object) -> can.BusABC:
@@ -390,7 +391,7 @@ def test_a_drive_over_socketcan(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(can, "Bus", opened)
     with device_on("can:socketcan:can7"):
         drive_a_little("can:socketcan:can7")
-    # The interface's rate is the system's to set (ip link), and not a user's over python-can.
+    # The system sets the interface's rate (ip link), not a user over python-can.
     wanted = {"interface": "socketcan", "channel": "can7", "ignore_config": True}
     assert asked == [wanted, wanted]
 

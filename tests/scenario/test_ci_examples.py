@@ -1,4 +1,4 @@
-"""What users are given for their CI: run as it stands, or held against what there is."""
+"""The CI examples for users: run unchanged, or compared with the commands."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PAGE = ROOT / "docs" / "ci.md"
 
 
 def with_sweepctl(folder: Path) -> dict[str, str]:
-    """An environment in which ``sweepctl`` and ``python`` are those of this tree."""
+    """Return an environment in which ``sweepctl`` and ``python`` are those of this tree."""
     binaries = folder / "bin"
     binaries.mkdir()
     command = binaries / "sweepctl"
@@ -95,7 +95,7 @@ def test_the_users_test_passes(tmp_path: Path) -> None:
 
 
 def steps_of(text: str) -> list[dict[str, Any]]:
-    """The steps of the one job, read by indentation: no YAML reader is needed for so little."""
+    """Return the steps of the one job, parsed by indentation, without a YAML library."""
     steps: list[dict[str, Any]] = []
     body = text[text.index("    steps:\n") + len("    steps:\n") :]
     for block in re.split(r"^      - ", body, flags=re.MULTILINE)[1:]:
@@ -118,7 +118,7 @@ def steps_of(text: str) -> list[dict[str, Any]]:
 
 
 def commands(lines: str, name: str) -> list[list[str]]:
-    """Words of every command line that begins with ``name``, redirections left out."""
+    """Return the words of every command line that begins with ``name``, without redirections."""
     joined = lines.replace("\\\n", " ")
     found = [shlex.split(line, comments=True) for line in joined.splitlines() if name in line]
     cut = []
@@ -131,7 +131,7 @@ def commands(lines: str, name: str) -> list[list[str]]:
 
 
 def check_command(words: list[str]) -> None:
-    """A ``sweepctl`` command line names a command and options that there are."""
+    """Check that a ``sweepctl`` command line names an existing command and options."""
     context = click.Context(cli)
     command = cli.get_command(context, words[1])
     assert command is not None, f"no command {words[1]}"
@@ -164,7 +164,7 @@ def test_the_workflow_names_what_there_is() -> None:
 
 
 def test_the_workflows_figure_holds() -> None:
-    """Its step with a figure, on a summary: passes on a good one, and not on a bad one."""
+    """Its step with a figure passes on a good summary, and fails on a bad one."""
     text = (EXAMPLES / "github-actions.yml").read_text()
     (run,) = [s["run"] for s in steps_of(text) if "simulate" in s.get("run", "")]
     ((_, _, program),) = commands(run, "python")

@@ -1,4 +1,4 @@
-"""The device conformance suite, as a user runs it, on devices that are sound and that are not."""
+"""The device conformance suite, as users run it, on sound and on defective devices."""
 
 from __future__ import annotations
 
@@ -57,23 +57,23 @@ FOUND_BY = {
     "wavering": {"test_its_clock_is_a_crystals_or_it_reports_that_it_is_not"},
     "secretive": {"test_a_crash_comes_with_its_record"},
 }
-"""Defect → the checks that must find it."""
+"""Checks that must find each defect."""
 IN_STATE = {
     "edge": "test_at_a_cliff_it_does_not_go_ahead",
     "pressed": "test_with_a_bumper_pressed_it_creeps",
     "crashed": "test_a_crash_comes_with_its_record",
 }
-"""Sound device in a state → the check that needs the state."""
+"""Check that needs the state of each sound device."""
 SOUND = (
     "test_hello_identifies_the_device",
     "test_an_answer_names_the_command",
     "test_lone_zeros_are_no_error",
 )
-"""What each of them passes."""
+"""Checks that each sound device passes."""
 
 
 class Outcome(NamedTuple):
-    """A run of the suite."""
+    """Result of a run of the suite."""
 
     status: int
     out: str
@@ -105,7 +105,7 @@ def conformance(folder: Path, *arguments: str) -> Outcome:
 
 @pytest.fixture(scope="module", name="runs")
 def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future[Outcome]]]:
-    """Some defects at a time: they wait more than they work."""
+    """Run some defects at a time, because they mostly wait."""
     names = ["sound", *FOUND_BY, *IN_STATE]
     with (
         subprocess.Popen(
@@ -204,7 +204,7 @@ def test_a_device_that_dies_on_the_way_ends_the_run_with_one_line(tmp_path: Path
         port = fake.stdout.readline().removeprefix("ready ").strip()
         with ThreadPoolExecutor(1) as pool:
             running = pool.submit(conformance, tmp_path, f"--port={port}")
-            # Commands are refused from its first session on, so that a check is under way.
+            # The device rejects commands in its first session, so that a check is in progress.
             while not _in_session(control):
                 time.sleep(0.05)
             fake.terminate()
@@ -217,13 +217,13 @@ def test_a_device_that_dies_on_the_way_ends_the_run_with_one_line(tmp_path: Path
 
 
 def _in_session(control: Path) -> bool:
-    """Whether a host has written a good deal to the device."""
+    """Return whether a host has written many bytes to the device."""
     counts = ask_control(control, "line")
     return bool(counts["line"]["from_host"] > 500)
 
 
 def test_a_port_where_nobody_answers_is_one_line(tmp_path: Path) -> None:
-    """Given as people type it: a path that exists, in a word of its own."""
+    """The port is given as users type it: an existing path as a separate word."""
     master, slave = os.openpty()
     plugin = [] if INSTALLED else ["-p", "sweepctl_pytest"]
     try:

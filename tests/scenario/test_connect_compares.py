@@ -1,4 +1,4 @@
-"""What ``connect`` notices at its start: other values on the device, a robot placed elsewhere."""
+"""Checks of ``connect`` at its start: other values on the device, a robot placed elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The device runs the planner itself, told to over bare frames; the truth is the plant's."""
+"""The device runs the planner itself, started by bare frames; the plant gives the truth."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def phase(host: WireHost) -> PlannerPhase:
 
 
 def driving() -> WireHost:
-    """A plan under way in the middle of a wide floor: the first lane."""
+    """Return a running plan in the middle of a wide floor: the first lane."""
     host = WireHost(sweeper())
     host.start_plan()
     host.run(AT_REST_US / 1e6 + 2.0)
@@ -73,14 +73,14 @@ def test_a_whole_clean_of_the_papers_first_room() -> None:
     assert any(line.startswith("planner paper finished: ") for line in host.lines())
     assert (host.status.mode, host.status.stop_cause) == (Mode.IDLE, StopCause.NONE)
     assert CoverageMeter(plan, model).measure(track).coverage.body_free >= 0.9
-    # Told at 5 Hz all the while, the paper's variables with it.
+    # Reported at 5 Hz all the time, with the paper's variables.
     reported = [at for at, _, m in host.heard if isinstance(m, PlannerState) and at <= ended_us]
     assert len(reported) == pytest.approx(5 * ended_us / 1e6, rel=0.02)
-    # Along the first lane D is the free way ahead less what the bow and the stop range take.
+    # Along the first lane D is the free path minus the robot's front and the stop range.
     lanes = {m.lane_distance_m for m in host.of(PlannerState)} - {0.0}
     assert max(lanes) == pytest.approx(2.06 - 2 * model.radius_m, abs=0.06)
     assert {m.lane_case for m in host.of(PlannerState)} >= {0, 1, 2}
-    # And it stays where it is.
+    # It stays there.
     stands = host.device.plant.pose
     host.run(1.0)
     assert host.device.plant.pose == stands
@@ -95,7 +95,7 @@ def test_it_rests_first_and_then_drives_from_its_own_origin() -> None:
     host.run(3.2)
     assert phase(host) is PlannerPhase.LANE
     state = host.last(PlannerState)
-    # It stands at (10, 10) in the room; its own frame begins where it began.
+    # It stands at (10, 10) in the room; the origin of its own frame is its start.
     assert state.target_x_m == pytest.approx(host.device.truth.path_m, abs=0.06)
     assert abs(state.target_y_m) < 0.02
     assert host.status.setpoint_remaining == 0, "nobody's setpoints move it"
@@ -256,7 +256,7 @@ def test_the_planner_receives_the_uncertain_floor(monkeypatch: pytest.MonkeyPatc
     host.start_plan(OnboardPlanner.RECOVERY)
     host.run(45.0)
     assert all(0.0 < obs.gyro_bias_sigma_rad_s < math.radians(0.1) for obs in seen[-100:])
-    # nothing yet, and once two walls have been found to be square
+    # nothing yet, and after two walls were found to be orthogonal
     assert seen[0].heading_sigma_rad == 0.0
     assert 0.0 < seen[-1].heading_sigma_rad < math.radians(2.0)
 

@@ -1,4 +1,4 @@
-"""docs/extending.md, followed to the letter on a copy of the source."""
+"""docs/extending.md, followed exactly on a copy of the source."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Edit(NamedTuple):
 
 
 def steps(text: str) -> list[Edit | str]:
-    """What the page says to do, in its order: edits, and lines for the shell."""
+    """Return the page's instructions in order: edits, and lines for the shell."""
     found: list[tuple[int, Edit | str]] = [
         (m.start(), Edit(m["file"], m["how"], m["anchor"], m["code"])) for m in _EDIT.finditer(text)
     ]

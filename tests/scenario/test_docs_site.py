@@ -1,4 +1,4 @@
-"""The documentation as a site: it builds without a warning, and a link that leads nowhere fails."""
+"""The documentation site builds without a warning, and a broken link fails."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PAGES = (
 
 
 def build(docs: Path, out: Path) -> subprocess.CompletedProcess[str]:
-    """As `make docs` does, but for the writing of pages: links are looked at all the same."""
+    """Build as `make docs` does, but without writing pages; links are checked all the same."""
     return subprocess.run(
         [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "dummy", docs, out],
         capture_output=True,

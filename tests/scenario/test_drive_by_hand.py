@@ -1,4 +1,4 @@
-"""``sweepctl drive`` and ``connect`` on a terminal: keys, the dead man, the picture."""
+"""``sweepctl drive`` and ``connect`` on a terminal: keys, the dead-man button, the picture."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None
 
 
 def latched(served: Served) -> int:
-    """What the device itself has latched."""
+    """Return the cause that the device itself has latched."""
     return int(served.device.firmware.latch.cause)
 
 
@@ -101,10 +101,10 @@ def test_a_held_key_or_stick_drives_until_it_is_let_go(served: Served, tmp_path:
         assert latched(served) == StopCause.NONE
         before_m = served.device.truth.path_m
         until(lambda: served.device.truth.path_m > before_m + 0.05, push)
-        os.write(keeper, pad_event(1, 4, 0))  # the pad's dead man is let go
+        os.write(keeper, pad_event(1, 4, 0))  # the pad's dead-man button is released
         until(lambda: rests(served))
         assert latched(served) == StopCause.NONE
-        terminal.press(b"\x1b[99;5u")  # Ctrl-C, as this protocol tells it
+        terminal.press(b"\x1b[99;5u")  # Ctrl-C in this protocol
         assert terminal.end() == 0
         assert b"\x1b[>11u" in terminal.drawn
         assert terminal.drawn.count(b"\x1b[<u") == 1, "the terminal is put back"
@@ -136,7 +136,7 @@ def test_connect_shows_and_starts_only_when_asked_twice(served: Served, tmp_path
 def test_the_viewers_address_is_shown_while_the_run_goes_on(served: Served, tmp_path: Path) -> None:
     with OnTerminal("connect", served.port, "--serve", cwd=tmp_path) as terminal:
         terminal.shows("run waiting")
-        _, picture = terminal.drawn.split(b"\x1b[?1049h", 1)  # on the screen of its own
+        _, picture = terminal.drawn.split(b"\x1b[?1049h", 1)  # on the alternate screen
         for part in ("port", served.port, "elapsed", "viewer", "http://127.0.0.1:", "log", "runs/"):
             assert part.encode() in picture, part
         terminal.press(b"s")

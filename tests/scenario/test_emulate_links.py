@@ -43,7 +43,7 @@ def wait_until(true: Callable[[], object]) -> None:
 
 
 def read_all(client: socket.socket) -> bytes:
-    """Until the other side hangs up."""
+    """Read until the other side closes."""
     client.settimeout(PATIENCE_S)
     data = b""
     while more := client.recv(4096):
@@ -154,7 +154,7 @@ def two_that_want_one_link(tmp_path: Path) -> None:
         with pytest.raises(PortUnavailableError, match="another emulator that still runs"):
             PtyPort(link)
         assert link.readlink() == target
-        first.process.kill()  # nobody takes its link away
+        first.process.kill()  # no process removes its link
         first.process.wait()
         assert link.is_symlink()
         with Emulator(tmp_path, "--pty-link", link) as heir:
@@ -190,7 +190,7 @@ def a_line_that_is_too_slow_is_reported(tmp_path: Path) -> None:
         ended = connect(tmp_path, device.port, "--duration", "3", "--json", "--out", "r.mcap")
         assert ended.status == 0, ended.err
         reported = device.stop().err
-    # 1920 B/s whatever the streams want, and for as long as the emulator says that it ran.
+    # 1920 B/s whatever the streams need, for the duration that the emulator reports.
     found = re.search(
         r"ran ([\d.]+) s in (\d+) periods: lateness ([\d.]+) ms.* (\d+) B to the host", reported
     )
@@ -223,7 +223,7 @@ def nothing_is_left_however_it_ends(tmp_path: Path) -> None:
             device.send(number)
             assert device.end().status == 0
         assert list(tmp_path.iterdir()) == []
-    # Whoever reads the ready line may then hang up: the device runs on, and ends as ever.
+    # The reader of the ready line may then close it: the device runs on, and ends as usual.
     arguments = [*COMMAND, "emulate", "--pty-link", str(link), "--fault", "silence@0.3:0.1"]
     with subprocess.Popen(
         arguments,
@@ -237,7 +237,7 @@ def nothing_is_left_however_it_ends(tmp_path: Path) -> None:
         assert process.stdout.readline() == f"ready {link}\n".encode()
         process.stdout.close()
         process.stderr.close()
-        time.sleep(1.0)  # the fault is told to nobody
+        time.sleep(1.0)  # the fault has no reader
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
         assert process.wait(PATIENCE_S) == 0

@@ -1,9 +1,9 @@
-"""Whether the covariance that the host tells is right among walls: whole stack, both noise levels.
+"""Consistency of the host's covariance among walls: whole stack, both noise levels.
 
-Ten whole runs a level, of which each counts as one: its samples hang together. From run to run the
-mean NEES of (x, y, yaw) spreads by about 1.1, so that the mean of ten is known to 0.35. The bounds
-are half and one and a half times what is right: a covariance three times too large or too small
-is beyond them. `python -m bench.consistency` measures larger rooms.
+Ten whole runs a level, of which each counts as one value, because its samples are correlated. The
+mean NEES of (x, y, yaw) varies by about 1.1 between runs, so the mean of ten is known to 0.35. The
+bounds are half and one and a half times the ideal value: a covariance three times too large or too
+small exceeds them. `python -m bench.consistency` measures larger rooms.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from support.sim_body import box, room
 pytestmark = pytest.mark.slow
 
 ROOM = room((0.3, 0.3, 0.0), walls=box(0.0, 0.0, 1.7, 1.4), obstacles=(box(0.85, 0.65, 1.2, 1.0),))
-"""About two minutes of outline, lanes and a box to go round."""
+"""A room that takes about two minutes: perimeter, lanes and a box to go round."""
 RUNS = 10
 LEVELS = ("typical", "harsh")
 
 
 @functools.cache
 def reported(noise: str, seed: int) -> tuple[Reported, ...]:
-    """One run, driven once for all that ask."""
+    """Return one run, driven once for all callers."""
     return tuple(estimate_errors(ROOM, noise, seed, every_s=5.0))
 
 
@@ -61,7 +61,7 @@ def test_the_covariance_among_walls_is_right_within_a_factor_of_two(noise: str) 
 
 
 def drawn(factor: float) -> list[list[Reported]]:
-    """Errors drawn by a covariance, told ``factor`` times as large."""
+    """Return errors drawn from a covariance, reported ``factor`` times as large."""
     rng = np.random.default_rng(5)
     mix = np.array([[0.02, 0.0, 0.0], [0.005, 0.01, 0.0], [0.001, -0.002, 0.006]])
     true = mix @ mix.T
@@ -85,12 +85,12 @@ def test_the_interval_is_the_runs_own_spread() -> None:
 
 
 def test_the_truth_is_of_the_samples_own_moment() -> None:
-    """Without noise 3 mm and 0.6° are left; 20 ms late would be 1.5 mm more, and in a turn 2°."""
+    """Without noise 3 mm and 0.6° remain; 20 ms late would be 1.5 mm more, and in a turn 2°."""
     run = estimate_errors(ROOM, "none", 1, every_s=0.5)
     off = np.abs([t.error for t in run])
     assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.003
     assert np.degrees(off[:, 2].max()) < 0.8
-    # what turns and lanes make it stray by, its slow drift taken away: 20 ms late is 1.7°
+    # the spread that turns and lanes cause, without the slow drift: 20 ms late is 1.7°
     yaw = np.array([t.error[2] for t in run])
     drift = [np.median(yaw[max(k - 5, 0) : k + 6]) for k in range(len(yaw))]
     assert np.degrees(np.percentile(np.abs(yaw - drift), 95)) < 0.5

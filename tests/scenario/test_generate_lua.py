@@ -1,4 +1,4 @@
-"""The Wireshark dissector on the serial line, by what tshark makes of captures."""
+"""The Wireshark dissector on the serial line, by tshark's output for captures."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_intact_vectors_show_every_field(dissect: Dissect) -> None:
 
 
 def check_vector_values(vector: Vector, frame: Seen) -> None:
-    """Hold a frame against the vector's own numbers: nothing of the catalogue is used."""
+    """Compare a frame with the vector's own numbers, without the catalogue."""
     message = vector["message"]
     for name, raw in vector["raw"].items():
         shown = frame.get(f"{message}.{name}.raw") or frame.get(f"{message}.{name}")
@@ -138,7 +138,7 @@ def test_a_signed_setpoint_shows_its_counter_and_tag(dissect: Dissect) -> None:
     assert frame.number("auth.counter") == 0  # after the challenge's, which was the last
     assert len((frame.get("auth.tag") or "").replace(":", "")) == 16
     assert (frame.get("undeclared"), frame.experts) == (None, set())
-    # What claims to be signed and holds no tag is said to.
+    # A frame that is marked as signed but has no tag is reported.
     assert (bare.get("auth.tag"), bare.experts) == (None, {"no_tag"})
 
 
@@ -190,7 +190,7 @@ def read(seen: Seen) -> dict[str, object]:
 def test_stream_vectors_give_their_events(step: int, dissect: Dissect) -> None:
     packets, wanted = [], []
     for vector in load("streams"):
-        # A delimiter behind each, so that what it leaves unfinished ends before the next.
+        # A delimiter after each, so that an unfinished frame ends before the next.
         data = bytes.fromhex(vector["hex"])
         wanted += [{"damage": e.get("damage"), "frame": e.get("frame")} for e in vector["events"]]
         wanted += [ended(e) for e in ref.parse_stream(data[data.rfind(b"\0") + 1 :] + b"\0")]
@@ -258,7 +258,7 @@ def test_garbage_never_upsets_it(tshark: Tshark, tmp_path: Path) -> None:
 
 
 def test_any_frame_with_a_check_that_holds_is_dissected(dissect: Dissect) -> None:
-    # Payloads of every length under every type, the unknown too: no length reads past the end.
+    # Payloads of every length under every type, unknown types included: no read passes the end.
     rng = random.Random(4)
     packets = [
         Packet(encode_frame(rng.randrange(16), type_id, 0, 0, rng.randbytes(size))[:-1])
@@ -291,7 +291,10 @@ def test_a_run_s_log_shows_the_frames_that_went_over_its_line(
 
 
 def record_line(path: Path, rng: random.Random) -> tuple[int, int]:
-    """Log some traffic in reads that end anywhere; gives the messages of both directions."""
+    """Log some traffic in reads that end anywhere.
+
+    Return the number of messages in each direction.
+    """
     from bridge.record.log_writer import RunWriter  # noqa: PLC0415 - slow to load, for one test
     from bridge.session.records import RawBytes  # noqa: PLC0415
     from support.synthetic_run import EPOCH_NS, run_info, summary  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The Wireshark dissector on CAN, by what tshark makes of captures."""
+"""The Wireshark dissector on CAN, by tshark's output for captures."""
 
 from __future__ import annotations
 
@@ -66,7 +66,8 @@ def test_messages_over_can_show_every_field(dissect: Dissect) -> None:
     for number, (spec, message) in enumerate(made):
         node, t_us = rng.randrange(1, 16), rng.randrange(1 << 32)
         frames = sent_over_can(message, spec.direction, node, t_us)
-        packets += can_packets(frames, number * 2_000_000)  # apart: equal frames are no doubles
+        # apart, so that equal frames are no duplicates
+        packets += can_packets(frames, number * 2_000_000)
         plan.append((spec, message, node, t_us, len(frames)))
     seen = iter(dissect(SOCKETCAN, packets))
     for spec, message, node, t_us, count in plan:
@@ -182,7 +183,7 @@ def test_an_even_number_of_lost_segments_fails_the_check(
 
 
 def piece(tail: int, content: bytes = b"1234567", t_us: int = 0) -> Packet:
-    """One segment of a hello, its tail byte written by hand."""
+    """Return one segment of a hello with the given tail byte."""
     return Packet(socketcan(0x1B1, content + bytes([tail])), t_us)
 
 

@@ -1,4 +1,4 @@
-"""Every command that reads logs, on files that were made to harm it, with bounded memory."""
+"""Every command that reads logs, on malicious files, with bounded memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DOCUMENTED = {0, 1, 2, 3, 4}
 
 
 SAMPLE = 1
-"""Files of each group that `make test` takes; `make nightly` takes all."""
+"""Number of files of each group in `make test`; `make nightly` uses all."""
 
 
 @pytest.mark.timeout(600)
@@ -32,7 +32,7 @@ SAMPLE = 1
 def test_no_log_fills_the_memory_or_ends_in_a_traceback(
     group: str, files: int, tmp_path: Path
 ) -> None:
-    """And ``info`` and ``recover`` still save the message that is whole."""
+    """``info`` and ``recover`` still save the valid message."""
     environment = {**os.environ, "PYTHONPATH": "tests:.", "OPENBLAS_NUM_THREADS": "1"}
     ended = subprocess.run(
         [sys.executable, "-m", "support.limited", group, str(tmp_path), str(files)],

@@ -1,4 +1,4 @@
-"""Commands whose output nobody reads: a full pipe, a held terminal, one whose window hangs."""
+"""Commands whose output has no reader: a full pipe, a held terminal, a hung window."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def served() -> Iterator[Served]:
 
 @contextmanager
 def full_pipe() -> Iterator[int]:
-    """A pipe that takes nothing, whose reader is there and does not read."""
+    """Yield a full pipe whose reader exists but does not read."""
     read_end, write_end = os.pipe()
     os.set_blocking(write_end, False)
     with suppress(BlockingIOError):
@@ -53,7 +53,7 @@ def full_pipe() -> Iterator[int]:
 def unread(
     *arguments: str | Path, cwd: Path, stdout: int = subprocess.PIPE
 ) -> Iterator[subprocess.Popen[str]]:
-    """The command with a full pipe for stderr (and ``stdout``, where it is given)."""
+    """Run the command with a full pipe for stderr (and ``stdout``, if given)."""
     with full_pipe() as pipe:
         process = subprocess.Popen(
             [*COMMAND, *map(str, arguments)],
@@ -73,10 +73,10 @@ def unread(
 
 
 def under_way(port: str, path_m: float) -> None:
-    """Wait until the run on this port has driven so far."""
+    """Wait until the run on this port has driven this path."""
     until_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < until_s:
-        with suppress(Exception):  # it is not there yet
+        with suppress(Exception):  # it does not exist yet
             if ask(port, {"do": "status"})["status"]["path_m"] > path_m:
                 return
         time.sleep(0.05)
@@ -84,7 +84,7 @@ def under_way(port: str, path_m: float) -> None:
 
 
 def whole(log: Path) -> dict[str, Any]:
-    """What ``info`` says of a log that was closed in order."""
+    """Return the output of ``info`` on a cleanly closed log."""
     found = sweepctl("info", log, "--json").json
     assert found["whole"]
     return found
@@ -96,7 +96,7 @@ def test_a_full_pipe_holds_up_neither_the_run_nor_a_stop(served: Served, tmp_pat
         *("connect", served.port, "--plan", "paper", "--json", "--out", log), cwd=tmp_path
     ) as process:
         under_way(served.port, 0.1)
-        under_way(served.port, 0.2)  # it drives on, so its setpoints go on
+        under_way(served.port, 0.2)  # it drives on, so setpoints are still sent
         stopped = sweepctl("stop", served.port)
         assert stopped.status == 0, stopped.err
         out, _ = process.communicate(timeout=PATIENCE_S)
@@ -135,7 +135,7 @@ def test_other_commands_end_with_their_status(served: Served, tmp_path: Path) ->
 
 
 def test_an_emulator_serves_on_and_ends(tmp_path: Path) -> None:
-    # A name of its own: while it is unplugged, another emulator may be given its number.
+    # A name of its own: while it is unplugged, another emulator may get its number.
     link = tmp_path / "robot"
     fault = ("--fault", "unplug@1:0.5")
     with unread("emulate", "case-1", "--pty-link", link, *fault, cwd=tmp_path) as emulator:
@@ -165,7 +165,7 @@ def test_a_terminal_that_takes_nothing_holds_up_nothing(
         else:
             terminal.stand_still()
         driven = ask(served.port, {"do": "status"})["status"]["path_m"]
-        under_way(served.port, driven + 0.3)  # seconds: several pictures find no room
+        under_way(served.port, driven + 0.3)  # for seconds: several pictures have no room
         terminal.process.send_signal(signal.SIGTERM)
         assert terminal.process.wait(PATIENCE_S) == 0
     assert whole(log)["summary"]["reason"] == "ended by SIGTERM"
@@ -175,7 +175,7 @@ def test_a_picture_goes_on_when_its_reader_is_back(served: Served, tmp_path: Pat
     with OnTerminal("connect", served.port, "--out", tmp_path / "r.mcap", cwd=tmp_path) as terminal:
         terminal.shows("run waiting")
         terminal.stand_still()
-        time.sleep(3.0)  # pictures fill what the terminal takes
+        time.sleep(3.0)  # pictures fill the terminal's buffer
         terminal.go_on()
         terminal.press(b"m")
         terminal.shows("mark 1 recorded")

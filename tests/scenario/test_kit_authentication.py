@@ -1,4 +1,4 @@
-"""Authentication in the C firmware: known vectors, against the Python one, and in sessions."""
+"""Authentication in the C firmware: known vectors, comparison with Python, and sessions."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_hmac(
 
 
 def test_the_same_frames_are_taken(ask: Callable[[Sequence[str]], list[str]]) -> None:
-    """Genuine, changed, played back, out of order, of another session: on UART and CAN."""
+    """Authentic, changed, replayed, reordered, of another session: on UART and CAN."""
     rng = random.Random(4)
     host, device = Authenticator(KEY), Authenticator(KEY)
     lines = ["key " + " ".join(f"{word:x}" for word in key_words(KEY))]
@@ -176,7 +176,7 @@ def _check_can(device: Authenticator, covered: bytes, trailer: bytes) -> bool:
 
 
 class Host:
-    """Writes what a host sends that may know the key."""
+    """Writes the frames of a host that may know the key."""
 
     def __init__(self, link: LinkBase, key: bytes | None, boot_id: int) -> None:
         self.acts: list[Act] = []
@@ -187,7 +187,7 @@ class Host:
         self.now_us = 0
 
     def sign_from(self, openings: int) -> None:
-        """The device's challenge, which follows from the key."""
+        """Set the device's challenge, which follows from the key."""
         assert self._key is not None
         challenge = self._key.challenge(self.boot_id, SESSION, openings)
         self._key.begin(self.boot_id, SESSION, challenge)
@@ -218,7 +218,7 @@ class Host:
 
 
 def keyed_by_uart() -> list[Act]:
-    """A key is set over the serial link, and stands after the quarter of a second of a save."""
+    """Set a key over the serial link; it is stored after the quarter of a second of a save."""
     host = Host(Link(Direction.HOST), None, 1)
     host.handshake()
     host.send(SetKey(1, *key_words(KEY)))
@@ -234,7 +234,7 @@ def heard(reports: Sequence[Reported], link: LinkBase) -> list[Received]:
 
 @pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])
 def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter of the test
-    """What is signed drives; what is not, is played back or changed moves nothing."""
+    """Signed frames drive; unsigned, replayed or changed frames move nothing."""
     kind = CanLink if can else Link
     host = Host(kind(Direction.HOST), KEY, 2)
     host.handshake()
@@ -269,7 +269,7 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
 
 
 def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
-    """It outlives a save of the parameters; without its tag nobody removes it."""
+    """It outlives a save of the parameters; only a tagged command removes it."""
     host = Host(Link(Direction.HOST), KEY, 2)
     host.handshake()
     host.send(SetKey(1, 0, 0, 0, 0))  # without a tag
@@ -304,7 +304,7 @@ def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
 
 @pytest.mark.parametrize("signs", [False, True])
 def test_only_what_is_signed_keeps_a_session_alive(signs: bool) -> None:  # noqa: FBT001 - a parameter of the test
-    """Hellos come from anybody; a signed time request only from the host."""
+    """Anyone can send hellos; only the host can send a signed time request."""
     host = Host(Link(Direction.HOST), KEY, 2)
     host.handshake()
     host.sign_from(1)

@@ -1,4 +1,4 @@
-"""The STM32F429's drivers on this computer, against registers that a test plays."""
+"""The STM32F429's drivers on this computer, with registers that a test simulates."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ pytestmark = pytest.mark.needs("gcc")
 
 CHIP = KIT / "stm32f429"
 BOARDS = ("board_f429", "board_nucleo_f429zi")
-# The registers' addresses are constants, and DMA takes addresses of 32 bits: program and heap lie
-# between the peripherals and the processor's own registers.
+# The registers' addresses are constants, and DMA takes addresses of 32 bits. So program and heap
+# lie between the peripherals and the processor's own registers.
 PLACE = ("-no-pie", "-Wl,-Ttext-segment=0x60000000", "-Wno-int-to-pointer-cast")
 
 

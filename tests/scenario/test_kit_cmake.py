@@ -1,4 +1,4 @@
-"""The firmware as a library of somebody else's CMake project."""
+"""The firmware as a library in a user's CMake project."""
 
 from __future__ import annotations
 

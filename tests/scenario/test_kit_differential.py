@@ -1,7 +1,7 @@
 """The C firmware and the Python one on the same bytes, readings and times: equal, byte for byte.
 
-Both are the same device by the specification, written twice by the same people: what one of them
-does and the other does not is a fault of one, or a gap in the specification.
+Both implement the same specification. A difference is an error of one of them, or a gap in the
+specification.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from support.kit_sessions import FAIR, HOSTILE, SENSED, write
 pytestmark = pytest.mark.slow
 
 EXAMPLES = settings().max_examples // 2
-"""Of the profile's: 50, and 2500 in a search."""
+"""Number of examples, half of the profile's: 50, and 2500 in a search."""
 
 
 @settings(max_examples=EXAMPLES)

@@ -1,4 +1,4 @@
-"""Parts of the C firmware that have no counterpart in Python, and what a hostile script finds."""
+"""Parts of the C firmware without a counterpart in Python, and hostile scripts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_interrupt_rings_and_the_line_s_queue(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(12))
 def test_no_script_breaks_it(seed: int) -> None:
-    """Sessions with bytes changed, cut out and doubled anywhere: no sanitizer objects."""
+    """Sessions with bytes changed, removed and duplicated: no sanitizer reports an error."""
     rng = random.Random(seed)
     writer = Writer(can=seed % 3 == 0)
     writer.begin()
@@ -55,7 +55,7 @@ def test_no_script_breaks_it(seed: int) -> None:
 
 
 def _short_steps(data: bytes) -> bytes:
-    """A step of a changed script may last for an hour: no more than a quarter of a second."""
+    """Limit each step of a changed script to a quarter of a second; it could last an hour."""
     short = bytearray(data)
     for at in range(len(short) - 5):
         if short[at] == ord("S"):
@@ -65,7 +65,7 @@ def _short_steps(data: bytes) -> bytes:
 
 
 def test_no_heap_and_no_other_library() -> None:
-    """The core calls nothing but memory, strings and single-precision mathematics."""
+    """The core calls only memory, string and single-precision functions."""
     allowed = {
         *("math.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"),
         *(path.name for path in (KIT / "core").glob("*.h")),

@@ -1,4 +1,4 @@
-"""The C firmware's own planner in the virtual robot: the paper's cases, held against Python's."""
+"""The C firmware's own planner in the virtual robot: the paper's cases, compared with Python's."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def start(robot: KitRobot) -> None:
 
 
 def drive(robot: KitRobot, seconds: float) -> None:
-    """Let it go on, a host being there, for as long as it plans."""
+    """Run while the plan runs, with a host present."""
     end_us = robot.now_us + round(seconds * 1e6)
     while robot.now_us < end_us and robot.reported.state == RUNNING:
         robot.inform(TimeRequest(0))
@@ -77,11 +77,11 @@ ALIKE = {
     "lane: D = Prev-D: a parallel passage",
     "lane: D and Prev-D differ, by less than Φ: none of the cases",
 }
-"""Which of the two it is, millimetres of the estimate decide, and nothing hangs on it."""
+"""Pairs of decisions that millimetres of the estimate distinguish, without further effect."""
 
 
 def decisions(heard: list[Message]) -> list[str]:
-    """What the planner decided; "planner paper ..." and the session's lines left out."""
+    """Return the planner's decisions, without "planner paper ..." and the session's lines."""
     kinds = {
         "start",
         "lane",
@@ -97,7 +97,7 @@ def decisions(heard: list[Message]) -> list[str]:
 
 
 def distances_m(heard: list[Message]) -> list[float]:
-    """D after each change, as told at 5 Hz."""
+    """Return D after each change, as reported at 5 Hz."""
     found: list[float] = []
     for state in (m for m in heard if isinstance(m, PlannerState)):
         if state.lane_distance and (not found or found[-1] != state.lane_distance / 1000):
@@ -106,7 +106,7 @@ def distances_m(heard: list[Message]) -> list[float]:
 
 
 def python_twin(plan: FloorPlan) -> list[Message]:
-    """The same plan on the Python firmware in the same room: what it said."""
+    """Run the same plan on the Python firmware in the same room; return its messages."""
     link = Link(Direction.HOST)
     device = VirtualSweeper(plan, noise="none", boot_id=Boot().boot_id)
     heard: list[Message] = []
@@ -125,7 +125,7 @@ def python_twin(plan: FloorPlan) -> list[Message]:
 
 
 def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) -> None:
-    """The same decisions in the same order, and lanes as long: an obstacle, its shadow, the end."""
+    """The same decisions in the same order, and equal lanes: obstacle, occluded region, end."""
     start(robot)
     track = CoverageMeter(plan, RobotModel(), 0.01).track()
     while robot.reported.state == RUNNING and robot.now_us < 300_000_000:

@@ -1,4 +1,4 @@
-"""Both firmwares in what a random session seldom comes to: every command in every mode, faults."""
+"""Both firmwares in rare cases of random sessions: every command in every mode, faults."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 STOPPED, IDLE, VELOCITY, BRINGUP, ONBOARD, RUNNING, PAUSED = range(7)
-"""As ``modes.h`` counts them."""
+"""States as numbered in ``modes.h``."""
 START = PlannerCommand(0, PlannerAction.START, OnboardPlanner.PAPER)
 WAYS: dict[int, list[Message]] = {
     STOPPED: [Stop(0, StopCause.OPERATOR)],
@@ -56,7 +56,7 @@ WAYS: dict[int, list[Message]] = {
     RUNNING: [SetMode(0, Mode.ONBOARD), START],
     PAUSED: [SetMode(0, Mode.ONBOARD), START, PlannerCommand(0, PlannerAction.PAUSE, 0)],
 }
-"""From idle to each state."""
+"""Messages that lead from idle to each state."""
 COMMANDS: list[Message] = [
     *(ClearStop(0, cause) for cause in range(7)),
     *(SetMode(0, mode) for mode in range(5)),
@@ -69,14 +69,14 @@ LIFTED = Readings(imu=(0, 0, 20_000, 0, 0, 0, 0), contacts=4)
 
 
 def replaced(message: Message, command_id: int) -> Message:
-    """The message with an id of its own, if it has one."""
+    """Return the message with a new id, if it has one."""
     if isinstance(message, HostHello):
         return message
     return type(message)(command_id, *tuple(message)[1:])  # type: ignore[call-arg]  # its own
 
 
 class Numbered(Writer):
-    """Gives each command an id of its own."""
+    """Gives each command a new id."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,7 +87,7 @@ class Numbered(Writer):
         self.inform(replaced(message, self._id))
 
     def go(self, state: int) -> None:
-        """From wherever it stands, latched perhaps, to a state."""
+        """Go from any state, perhaps latched, to a state."""
         self.inform(HostHello(0, 7, Boot().boot_id, 1, "test"))
         self.command(Stop(0, StopCause.OPERATOR))
         for cause in (StopCause.OPERATOR, StopCause.HARDWARE):
@@ -128,7 +128,7 @@ def test_the_graver_of_two_stops_that_coincide_is_latched() -> None:
 
 
 def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
-    """It is stamped by another clock; the host that clears it drives on in its session."""
+    """It has the stamp of another clock; the host that clears it drives on in its session."""
     writer = Writer()
     writer.begin()
     writer.drive(900, 0, 3)
@@ -146,7 +146,7 @@ def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
 
 @pytest.mark.parametrize("state", sorted(WAYS))
 def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int) -> None:
-    """Only a stop and a hello are not, and they need not be: one device is meant by node 0."""
+    """A stop and a hello may: node 0 then addresses this one device."""
     commands = [c for c in COMMANDS if not isinstance(c, Stop | HostHello)]
     commands += [GetParameter(0, SPEED), SetParameter(0, SPEED, 2, NEW), SaveParameters(0)]
     commands += [SetStreamRate(0, 0x13, 0), Reboot(0, RebootKind.NORMAL)]
@@ -157,7 +157,7 @@ def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int)
         writer.inform(VelocitySetpoint(900, 0, 200, i), WheelDuty(900, 900, 200, i), node=0)
         if i < len(commands):
             writer.inform(replaced(commands[i], 500 + i), node=0)
-        writer.inform(TimeRequest(i), node=0)  # the one of these that keeps the session
+        writer.inform(TimeRequest(i), node=0)  # the one of these that keeps the session alive
     reported = compare(writer.acts)[reached - 1 :]
     assert {(t.state, t.parameters[SPEED], t.reboots) for t in reported} == {
         (state, reported[0].parameters[SPEED], 0)
@@ -172,7 +172,7 @@ def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int)
 
 @pytest.mark.parametrize("state", [VELOCITY, ONBOARD, RUNNING, PAUSED, BRINGUP, IDLE])
 def test_every_command_as_it_is_lifted(state: int) -> None:
-    """The floor goes in the state: what must stop does, and nothing is set off in the air."""
+    """The floor disappears in this state: motion stops, and nothing can start in the air."""
     writer = Numbered()
     for command in COMMANDS:
         writer.read(Readings())
@@ -207,13 +207,13 @@ def test_a_wheel_that_does_not_turn(current_ma: int, fault: str) -> None:
 @pytest.mark.parametrize(
     "imu",
     [
-        (0, 0, 16384, 0, 0, 0, 3000),  # turning, and the wheels are still
+        (0, 0, 16384, 0, 0, 0, 3000),  # a rate while the wheels stand
         (0, 0, 9000, 0, 0, 0, 0),  # half a gravity
         (7, 0, 16384, 0, 0, 0, 0),  # repeats
     ],
 )
 def test_a_gyro_that_cannot_be_believed(imu: tuple[int, int, int, int, int, int, int]) -> None:
-    """Onboard it stops the plan; with a host it is told."""
+    """Onboard it stops the plan; with a host it is reported."""
     writer = Numbered()
     lively = [(i % 3, 0, 16384 + i % 2, 0, 0, 0, i % 4) for i in range(250)]
     for reading in lively:
@@ -241,7 +241,7 @@ def test_a_battery_that_runs_empty() -> None:
 
 
 def test_rangers_that_lie() -> None:
-    """An ultrasonic that stays while it drives, an infrared that stays while it turns."""
+    """An ultrasonic that is constant during a drive, an infrared that is during a turn."""
     writer = Writer()
     writer.begin()
     left = right = 0
@@ -261,7 +261,7 @@ def test_rangers_that_lie() -> None:
 
 
 def test_an_older_host_leaves_out_last_fields() -> None:
-    """It has said so in its describe; what is longer or shorter than that is refused."""
+    """Its describe message has announced this; a longer or shorter payload is rejected."""
     writer = Writer()
     writer.begin()
     for type_id, fields in ((0x02, 3), (0x06, 1), (0x09, 2), (0x71, 3), (0x0D, 2)):
@@ -298,7 +298,7 @@ SPEED, NEW = 4, f32(0.25)
 
 
 def _saved(periods: int, *, again: bool) -> tuple[int, int]:
-    """The top speed after a boot that came so many periods into a save; and before that one."""
+    """Return the top speed after and before a boot a number of periods into a save."""
     writer = Writer()
     writer.begin()
     writer.inform(SetMode(1, Mode.IDLE))

@@ -1,4 +1,4 @@
-"""What must end in a stop: a defect in the loop of a run, and two causes of a stop at once."""
+"""Failures that must end in a stop: an error in a run's loop, and two causes of a stop at once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation, VelocityCommand
 
 PATIENCE_S = 60.0
-"""Only a hang is longer."""
+"""Maximum time of a step, s; only a hang is longer."""
 
 
 @pytest.fixture(name="emulated")
@@ -37,7 +37,7 @@ def _emulated() -> Iterator[Emulated]:
 
 @pytest.fixture(name="steps")
 def _steps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The plan fails at its fiftieth control step; how many there were."""
+    """Let the plan fail at its fiftieth control step; return the number of steps."""
     whole, steps = PlanRunner.step, []
 
     def step(self: PlanRunner, obs: Observation) -> VelocityCommand:
@@ -51,7 +51,7 @@ def _steps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def crash_of(log: Path) -> dict[str, Any]:
-    """The event of the crash, of a log that is whole."""
+    """Return the event of the crash in a complete log."""
     reader = LogReader(log)
     assert not reader.truncated
     events = [m.decoded for m in reader.messages(["/events"])]
@@ -96,7 +96,7 @@ def test_a_defect_in_a_plan_stops_the_robot(
 
 
 def once_driving(emulated: Emulated, then: Callable[[], None]) -> threading.Thread:
-    """Do something as soon as the robot moves."""
+    """Call a function as soon as the robot moves."""
 
     def wait() -> None:
         deadline = time.monotonic() + PATIENCE_S
@@ -153,7 +153,7 @@ def test_a_stop_beside_ctrl_c_is_latched_where_it_is_called_confirmed(
         try:
             reported.append(ask(emulated.port, {"do": "stop"})["confirmed"] is True)
         except BridgeError:
-            reported.append(False)  # the run was over: nobody is told that it was stopped
+            reported.append(False)  # the run was over: no stop is reported
 
     asking = once_driving(emulated, both)
     done = sweepctl("connect", emulated.port, "--plan", "paper", "--out", tmp_path / "run.mcap")

@@ -1,4 +1,4 @@
-"""The paper's figures on the whole stack, and that its algorithm fails where it has to."""
+"""The paper's figures on the whole stack, and the failures of its algorithm."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def run(room: str, planner: str, noise: str, seed: int = 0) -> dict[str, Any]:
 
 @pytest.mark.parametrize("room", [pytest.param("case-1", marks=pytest.mark.nightly), "case-2"])
 def test_a_run_comes_near_the_papers_share(room: str) -> None:
-    """Two and a half points for any one run: as far as the paper's own five lie apart."""
+    """Tolerance of two and a half points for any one run: the spread of the paper's own five."""
     share = run(room, "paper", "paper")["body_free"]
     assert share == pytest.approx(PAPER_SHARES[room][0], abs=0.025)
 
@@ -43,7 +43,7 @@ def test_table_2_comes_out() -> None:
 
 @pytest.mark.nightly
 def test_case_2_is_around_94_percent() -> None:
-    """As the paper puts it: a point and a half off in the mean, two and a half for any run."""
+    """The paper's value: a point and a half off in the mean, two and a half for any run."""
     bodies = [run("case-2", "paper", "paper", seed)["body_free"] for seed in range(3)]
     assert fmean(bodies) == pytest.approx(PAPER_SHARES["case-2"][0], abs=0.015)
     assert bodies == pytest.approx([PAPER_SHARES["case-2"][0]] * 3, abs=0.025)
@@ -69,7 +69,7 @@ def test_an_oblique_start_is_hardly_a_run() -> None:
 
 @pytest.mark.nightly
 def test_read_strictly_it_ends_at_the_first_blocked_step() -> None:
-    """A diamond blocks one: the other reading goes on, and the table has both."""
+    """A diamond blocks a step: the other interpretation continues, and the table has both."""
     found = {planner: run("layout:diamond", planner, "none") for planner in ("paper", STRICT_END)}
     shares = {planner: row["mouth_sweepable"] for planner, row in found.items()}
     assert 0.20 < shares[STRICT_END] < 0.35, "as expected of a column"

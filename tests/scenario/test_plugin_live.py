@@ -1,4 +1,4 @@
-"""Plug-ins in a live run: the dashboard shows their messages and the state of their planner."""
+"""Plug-ins in a live run: the dashboard shows their messages and their planner's state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two processes over a real pty: agreeing, moving, recording; and ports that are no sweeper."""
+"""Two processes over a real pty: agreement, motion, recording; and ports without a sweeper."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 DRIVES_S = 4.0
-"""Long enough for all that is counted below."""
+"""Duration of a drive, s, long enough for all counts below."""
 
 
 def topics(path: Path) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""The pytest plugin as users have it: in a pytest of their own, in a folder of their own."""
+"""The pytest plugin as users have it: in their own pytest, in their own folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 INSTALLED = bool(entry_points(group="pytest11", name="sweepctl"))
-"""Whether pytest finds the plugin by itself, as it does where sweepctl is installed."""
+"""Whether pytest finds the plugin by itself, as in an installation."""
 
 
 def users_pytest(
@@ -31,7 +31,7 @@ def users_pytest(
     *arguments: str,
     python_path: str = str(ROOT),
 ) -> pytest.RunResult:
-    """Run pytest in the user's folder, with the plugin and nothing of this project's settings."""
+    """Run pytest in the user's folder, with the plugin and without this project's settings."""
     monkeypatch.setenv("PYTHONPATH", python_path)
     plugin = () if INSTALLED else ("-p", "sweepctl_pytest")
     return pytester.runpytest_subprocess(*plugin, "-p", "no:cacheprovider", *arguments)
@@ -155,7 +155,7 @@ def test_a_socket(sweeper_port):
 def test_the_port_fixture_beside_a_folder_named_like_ours(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The emulator is our `tools`, whatever stands in the folder where the tests run."""
+    """The emulator uses our `tools`, whatever the tests' folder contains."""
     pytester.mkdir("tools").joinpath("sweepctl.py").write_text("raise SystemExit('not ours')")
     pytester.makepyfile(PORT)
     users_pytest(pytester, monkeypatch, "-W", "error").assert_outcomes(passed=3)
@@ -197,7 +197,7 @@ def test_what_is_wrong_is_one_line(
 
 
 def _setups(out: str, test: str) -> Sequence[str]:
-    """What is said of a test's setup, without headings."""
+    """Return the output about a test's setup, without headings."""
     return re.findall(rf"ERROR at setup of {test} _+\n(.*?)\n(?:_|=)", out, re.DOTALL)
 
 
@@ -222,7 +222,7 @@ def test_pytest_starts_as_quickly_as_without(tmp_path: Path) -> None:
 def test_a_package_of_the_users_own_may_be_called_tools(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Their tests run; a fixture, which needs ours, says in one line why it cannot."""
+    """Their tests run; a fixture, which needs our package, fails with one line."""
     folder = pytester.mkpydir("tools")
     (folder / "mine.py").write_text("ANSWER = 42\n")
     pytester.makepyfile(
@@ -240,7 +240,7 @@ def test_a_package_of_the_users_own_may_be_called_tools(
 def test_a_user_without_the_fixtures_sees_nothing_of_it(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An option named --port of the user's own stays the user's own."""
+    """The user's own option --port stays in effect."""
     pytester.makeconftest("def pytest_addoption(parser):\n    parser.addoption('--port')\n")
     pytester.makepyfile("def test_it(pytestconfig): assert pytestconfig.getoption('port') == '.'")
     result = users_pytest(pytester, monkeypatch, "--port", ".")

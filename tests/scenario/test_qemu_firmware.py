@@ -1,4 +1,4 @@
-"""The firmware's own binary on an emulated chip: built, run, stopped, reset, left alone."""
+"""The firmware's own binary on an emulated chip: build, run, stop, reset, loss of the host."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ CHIP = pytest.mark.needs("arm-none-eabi-gcc", "qemu-system-arm")
 
 FLOOR = ROOT / "tests" / "conformance" / "floor.json"
 RAMP_S = 0.20 / 1.0
-"""From the cruise speed to rest, at the parameters' deceleration."""
+"""Time from the cruise speed to rest, s, at the parameters' deceleration."""
 WHEELS_S = 0.15
-"""Until the wheels have followed: three time constants of the motors."""
+"""Time until the wheels have followed, s: three time constants of the motors."""
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with both boards' programs."""
+    """Return the folder with both boards' programs."""
     return build(tmp_path_factory.mktemp("firmware"))
 
 
 @pytest.fixture(scope="module")
 def device(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
-    """One emulator for the checks that leave it as it was."""
+    """Yield one emulator for the checks that do not change it."""
     folder = tmp_path_factory.mktemp("emulated")
     with emulated(built / "board_f405_qemu.elf", folder, str(FLOOR), "--seed", "3") as made:
         yield made
@@ -63,7 +63,7 @@ def probe(device: Emulated) -> Probe:
 @CROSS
 @pytest.mark.parametrize("name", BOARDS)
 def test_size_and_stack(built: Path, name: str) -> None:
-    """A quarter of each memory at most, and a stack that is bounded and has its reserve."""
+    """A quarter of each memory at most, and a bounded stack within its reserve."""
     took, board = taken(built, name), BOARDS[name]
     assert 10_000 < took.flash < board.flash / 4
     assert took.ram + took.reserve < board.ram / 4
@@ -73,7 +73,7 @@ def test_size_and_stack(built: Path, name: str) -> None:
 
 @CROSS
 def test_the_core_has_no_variables_of_its_own(built: Path) -> None:
-    """Its state is what the caller owns: only ``main`` has a device."""
+    """The caller owns its state: only ``main`` has a device."""
     folder = built / "CMakeFiles" / "board_f405_qemu.dir" / "core"
     sizes = run([tool("arm-none-eabi-size"), *sorted(folder.glob("*.obj"))]).decode().splitlines()
     with_variables = {
@@ -137,7 +137,7 @@ def test_what_it_cannot_do_is_rejected(built: Path, arguments: list[str], why: s
 
 @CHIP
 def test_conformance(device: Emulated, tmp_path: Path) -> None:
-    """A share of the suite that `pytest --port PORT` runs: what is safe, and what is quick."""
+    """A part of the suite that `pytest --port PORT` runs: the safe and fast checks."""
     report = tmp_path / "report.json"
     chosen = "test_stop.py or test_handshake.py or test_commands.py or test_it_follows_a_setpoint"
     done = subprocess.run(
@@ -157,7 +157,7 @@ def test_conformance(device: Emulated, tmp_path: Path) -> None:
 
 @CHIP
 def test_its_stack_is_within_the_bound(built: Path, tmp_path: Path) -> None:
-    """What a running chip has used at most, against the sum over its call graph."""
+    """Maximum stack of a running chip, compared with the sum over its call graph."""
     took = taken(built, "board_f405_qemu")
     with emulated(built / "board_f405_qemu.elf", tmp_path, "empty", "--stats") as made:
         host = start("connect", made.port, "--duration", "2", cwd=tmp_path)
@@ -170,7 +170,7 @@ def test_its_stack_is_within_the_bound(built: Path, tmp_path: Path) -> None:
 
 @CHIP
 def test_the_first_seconds_of_a_clean(built: Path, tmp_path: Path) -> None:
-    """`make qemu` cleans the room to its end; here until something has been swept."""
+    """`make qemu` cleans the room to its end; this test ends after some swept floor."""
     truth = tmp_path / "truth.mcap"
     with emulated(
         built / "board_f405_qemu.elf", tmp_path, "case-1", "--truth", truth, "--seed", "1"
@@ -190,7 +190,7 @@ def test_the_first_seconds_of_a_clean(built: Path, tmp_path: Path) -> None:
 
 @CHIP
 def test_a_host_that_is_killed(device: Emulated, tmp_path: Path) -> None:
-    """The wheels rest a setpoint's life and a ramp later; a second later it latches."""
+    """The wheels rest after a setpoint's life and a ramp; a second later a stop latches."""
     host = start("connect", device.port, "--plan", "recovery", "--json", cwd=tmp_path)
     until(lambda: device.truth()["v_m_s"] > 0.1, READY_S, "it drives")
     host.kill()
@@ -283,7 +283,7 @@ def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
         host.port.close()
 
 
-# ---- left alone ------------------------------------------------------------------------
+# ---- without a host --------------------------------------------------------------------
 
 
 @CHIP
@@ -305,7 +305,7 @@ def test_qemu_does_not_outlive_an_emulator_that_is_killed(built: Path, tmp_path:
 
 
 def _gone(pid: int) -> bool:
-    """No such process, or nothing but its entry, which somebody else has to collect."""
+    """Return whether the process is gone, or only its entry is left."""
     try:
         return ") Z" in Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
     except OSError:

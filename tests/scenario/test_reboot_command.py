@@ -1,4 +1,4 @@
-"""``sweepctl reboot`` and ``monitor``, alone on a port and beside the process that owns it."""
+"""``sweepctl reboot`` and ``monitor``, with a free port and beside the process that owns it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is left of a log when its writer is killed, or its disk is full."""
+"""Content of a log after its writer was killed, or its disk was full."""
 
 from __future__ import annotations
 

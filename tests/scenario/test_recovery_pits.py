@@ -1,4 +1,4 @@
-"""The recovery planner where the floor ends: it does not drive over an edge, and it ends."""
+"""The recovery planner at cliffs: it does not drive over an edge, and it ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recovery planner over the whole stack, in rooms that ship with the virtual sweeper."""
+"""The recovery planner with the whole stack, in the shipped rooms."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_room_is_swept_and_the_run_ends_by_itself(room: str, noise: str) -> No
 
 
 class Decisions:
-    """Keeps the moments at which a run set out for a wall."""
+    """Keeps the times at which a run started towards a wall."""
 
     def __init__(self) -> None:
         self.measurements_s: list[float] = []
@@ -59,7 +59,7 @@ SEEDS = (
     *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (3, 4, 5, 6, 8)),
     pytest.param(7, marks=[pytest.mark.nightly, LOST]),
 )
-"""All from 1 to 8."""
+"""Seeds 1 to 8."""
 
 
 @pytest.mark.parametrize("seed", SEEDS)

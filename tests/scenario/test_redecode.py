@@ -1,4 +1,4 @@
-"""Raw bytes decoded again give, bit for bit, the messages that were recorded."""
+"""Raw bytes, decoded again, give the recorded messages bit for bit."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def test_a_simulated_run(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 def test_a_run_on_a_bad_line(tmp_path: Path) -> None:
-    """Damaged bytes, lost frames, a reboot: the session's moves are the same again."""
+    """Damaged bytes, lost frames, a reboot: the session behaves the same again."""
     log = tmp_path / "bad.mcap"
     done = sweepctl(
         *("simulate", "empty", "--planner", "u-shape", "--max-time", "20", "--out", log, "--json"),
         *("--fault", "bit-flips@3:6:rate=0.0005,way=up", "--fault", "reset@12"),
     )
-    assert done.status == 5, done.err  # the device was stopped by its reset
+    assert done.status == 5, done.err  # the device's reset stopped the run
     assert done.json["wire"]["crc_errors"] > 0
     result = compare(log)
     assert result.recorded > 1500
@@ -60,7 +60,7 @@ def test_a_live_run(tmp_path: Path, link: str) -> None:
 
 
 def test_a_difference_is_reported(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """One bit of one recorded message, changed where no CRC of the wire guards it."""
+    """One bit of one recorded message, changed where the wire's CRC does not protect it."""
     from mcap.writer import Writer  # noqa: PLC0415 - used here only
 
     log, changed = short_runs(tmp_path_factory)[0].log, tmp_path / "changed.mcap"

@@ -1,4 +1,4 @@
-"""A recorded robot on a virtual port: the live bridge runs on it as on a real one."""
+"""A recorded robot on a virtual port: the live bridge runs on it as on a real robot."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Peer:
-    """The host's end, by hand."""
+    """The host's end, controlled by the test."""
 
     def __init__(self, device: ReplayDevice) -> None:
         self.device, self.link = device, Link(Direction.HOST)
@@ -85,7 +85,7 @@ def test_it_sends_hello_and_waits_for_a_handshake(log: Path) -> None:
 
 
 def test_it_answers_what_is_addressed_to_it(log: Path) -> None:
-    """Node 0 is for stop, hello and time alone; what is for another node is not for it."""
+    """Node 0 is for stop, hello and time alone; messages for another node are ignored."""
     peer = Peer(replay_device(LogReader(log)))
     asked = [HostHello(0, 5, 0, 0, "me"), TimeRequest(3), Stop(7, 4), SetMode(8, 1)]
     asked += [Describe(1, 1), StopAll()]
@@ -240,7 +240,7 @@ def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
 def test_its_clock_does_not_jump_as_the_playing_begins(
     log: Path, min_ms: float, max_ms: float
 ) -> None:
-    """Its first hello is stamped before anybody knows when a host will have agreed."""
+    """Its first hello is stamped before the time of a host's agreement is known."""
     rng = random.Random(1)
     device, session, sync = replay_device(LogReader(log)), Session(lambda: 99), TimeSync()
     up: deque[tuple[int, bytes]] = deque()
@@ -259,7 +259,7 @@ def test_its_clock_does_not_jump_as_the_playing_begins(
             device.receive(up.popleft()[1], now_ns)
         device.poll(now_ns)
         sent("down", down, device.data_to_send(), now)
-        if now < opened_ns:  # what nobody reads waits in the terminal
+        if now < opened_ns:  # without a reader, bytes wait in the terminal
             continue
         session.open(now_ns)
         events: list[SessionEvent] = []

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 PATIENCE_S = 60.0
-"""Only a hang is longer."""
+"""Maximum time of a step, s; only a hang is longer."""
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def emulated() -> Iterator[Emulated]:
 
 
 def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
-    """Wait for something that must come."""
+    """Wait for a condition that must become true."""
     deadline = time.monotonic() + PATIENCE_S
     while not true():
         assert time.monotonic() < deadline, "it never came"
@@ -98,7 +98,7 @@ def test_it_drives_for_the_given_time(emulated: Emulated) -> None:
     with bridge.open(emulated.port) as robot:
         robot.enable()
         assert robot.enabled
-        robot.enable()  # again is no error
+        robot.enable()  # a second call is no error
         for wrong in (float("nan"), float("inf")):
             with pytest.raises(ValueError, match="finite number"):
                 robot.drive(wrong, 0.0)
@@ -131,7 +131,7 @@ def test_a_stop_holds_until_a_person_frees_it(emulated: Emulated, tmp_path: Path
         assert robot.pose.distance_m(believed) < 0.005, "the estimate goes on from there"
         until(lambda: emulated.pose.distance_m(stopped) > 0.05, lambda: robot.drive(0.2, 0.0))
         robot.stop()
-        # what is asked of an ended session touches no file that has its wire's number now
+        # a call on an ended session touches no file that has got its descriptor's number
         files = [(tmp_path / f"{i}").open("wb") for i in range(20)]
         robot.stop()
         robot.close()
@@ -172,7 +172,7 @@ def test_a_port_on_which_nobody_answers() -> None:
     with PtyPort() as silent:
         with pytest.raises(NoDeviceError, match=silent.path):
             bridge.open(silent.path, timeout_s=0.3)
-        with pytest.raises(NoDeviceError):  # and it was given back
+        with pytest.raises(NoDeviceError):  # and the port was released
             bridge.open(silent.path, timeout_s=0.3)
 
 
@@ -210,7 +210,7 @@ def test_a_velocity_that_is_repeated_goes_on() -> None:
         assert drive.step(observed(0.02 * i)) == drive.target == reported
 
 
-# ---- everything else that a device can be asked for --------------------------------------
+# ---- other commands of a device --------------------------------------------------------------
 
 
 def test_parameters_by_name(emulated: Emulated) -> None:
@@ -268,7 +268,7 @@ def test_a_failed_open_gives_the_port_back(emulated: Emulated) -> None:
 def test_stream_rates(emulated: Emulated) -> None:
     with bridge.open(emulated.port) as robot:
         robot.stream_rate("imu", 0.0)
-        another(robot.encoders)  # what was sent before the acknowledgement has come by now
+        another(robot.encoders)  # samples from before the acknowledgement have arrived
         still = robot.imu.latest
         for _ in range(30):  # at 100 Hz, as the IMU was: in 0.3 s of the device's time
             another(robot.encoders)
@@ -329,7 +329,7 @@ def test_another_program_reaches_it(emulated: Emulated) -> None:
         assert isinstance(alone, Robot), "nobody owns it any more"
 
 
-# ---- when it goes wrong --------------------------------------------------------------------
+# ---- failures -------------------------------------------------------------------------------
 
 
 class Fragile:
@@ -343,7 +343,7 @@ class Fragile:
             raise RuntimeError(f"no place for {type(record).__name__}")
 
     def close(self, summary: object = None) -> None:
-        """Nothing to close."""
+        """Do nothing: there is nothing to close."""
 
 
 def test_a_loop_that_fails_stops_the_robot_and_is_seen(emulated: Emulated) -> None:
@@ -389,7 +389,7 @@ def test_a_stop_of_a_closed_robot_is_sent_all_the_same(emulated: Emulated) -> No
 
 
 def test_a_stop_from_another_program_beside_an_end_in_order(emulated: Emulated) -> None:
-    """Whoever is told that the stop is confirmed finds it latched."""
+    """A program that gets the confirmation of the stop finds the stop latched."""
     for _ in range(5):
         robot = bridge.open(emulated.port)
         closing = threading.Thread(target=robot.close)
@@ -399,7 +399,7 @@ def test_a_stop_from_another_program_beside_an_end_in_order(emulated: Emulated) 
                 other.stop()
             latched = emulated.holds(StopCause.OPERATOR)
         except BridgeError:
-            latched = True  # nobody was told so
+            latched = True  # the stop was not confirmed
         closing.join()
         assert latched
         with bridge.open(emulated.port) as fresh:
@@ -464,7 +464,7 @@ def test_a_log_that_fails_is_an_error_at_the_end_and_no_stop(emulated: Emulated)
 
 
 def test_eight_clients_and_the_program_ask_for_parameters_at_once(emulated: Emulated) -> None:
-    """Each gets the answer to its own question: none takes away what another waits for."""
+    """Each gets the answer to its own question: none takes the answer of another."""
     wrong: list[str] = []
 
     def ask_often(robot: Robot | RemoteRobot, seed: int) -> None:
@@ -476,7 +476,7 @@ def test_eight_clients_and_the_program_ask_for_parameters_at_once(emulated: Emul
                 found = robot.get_parameter(names.choice((chosen.name, chosen.number)))
                 if found != chosen:
                     wrong.append(f"{found} is not {chosen}")
-        except Exception as error:  # noqa: BLE001 - the verdict
+        except Exception as error:  # noqa: BLE001 - the result
             wrong.append(repr(error))
 
     with bridge.open(emulated.port) as robot:

@@ -1,7 +1,7 @@
 """The safety chain over a real pty, each link broken.
 
-Bounds are of the emulator's own time, and wider by what the machine held it up: a setpoint that
-arrived before the break is read when the emulator runs again, and lives from then.
+Bounds are of the emulator's own time, plus the time for which the machine did not run it. A
+setpoint that arrived before the break is read when the emulator runs again, and lives from then.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 AT_REST_S = 0.25 + 0.45
-"""Time to live, and the ramp with the motors' lag."""
+"""Maximum time to rest, s: time to live, and the ramp with the motors' lag."""
 MOVING_M_S = 0.15
 STOOD_S = 0.1
-"""The robot may have stood for so long, s, where it turned at the end of a lane."""
+"""Maximum time, s, for which the robot may have stood, because it turned at the end of a lane."""
 
 
 def drive(device: Emulator, cwd: Path, *arguments: str | Path) -> Command:
@@ -54,7 +54,7 @@ def drive(device: Emulator, cwd: Path, *arguments: str | Path) -> Command:
 
 
 def under_way(device: Emulator, path_m: float) -> None:
-    """Wait until it has made so much of a way, and moves: a busy machine takes its time."""
+    """Wait until it has driven this path, and moves: a busy machine is slow."""
 
     def moving() -> bool:
         reported = ask(device.port, {"do": "status"})["status"]
@@ -64,7 +64,7 @@ def under_way(device: Emulator, path_m: float) -> None:
 
 
 def until(true: Callable[[], bool]) -> None:
-    """Wait for something that must come."""
+    """Wait for a condition that must become true."""
     until_s = time.monotonic() + PATIENCE_S
     while not true():
         assert time.monotonic() < until_s, f"it did not come in {PATIENCE_S} s"
@@ -72,7 +72,7 @@ def until(true: Callable[[], bool]) -> None:
 
 
 def comes_to_rest(poses: list[Pose], before_s: float, broken_s: float) -> None:
-    """Judge the rest after a break: not begun ``before_s``, and done by ``broken_s``."""
+    """Check the rest after a break: not begun ``before_s``, and done by ``broken_s``."""
     stood_s = last_motion_s(poses)
     assert stood_s > before_s - STOOD_S, "it was moving"
     held_s = held_up_s(poses, before_s, stood_s)
@@ -154,7 +154,7 @@ def a_port_that_vanishes_and_comes_back(tmp_path: Path) -> None:
 
 
 def a_plug_that_is_pulled_and_put_back(tmp_path: Path) -> None:
-    """The device runs on meanwhile; the run asks, and goes on when a person says so."""
+    """The device runs on meanwhile; the run asks, and continues after a person's confirmation."""
     world, control = tmp_path / "truth.mcap", tmp_path / "ctl"
     link = tmp_path / "port"
     with Emulator(tmp_path, "--pty-link", link, "--truth", world, "--control", control) as device:
@@ -191,7 +191,7 @@ def a_line_that_stalls_and_then_delivers_what_is_old(tmp_path: Path) -> None:
             assert ask_control(control, "start latency:3:ms=3000,way=down")["ok"]
             stalled_s = time.time()
             ended = host.end()
-            time.sleep(max(0.0, stalled_s + 7.0 - time.time()))  # all of it has come by then
+            time.sleep(max(0.0, stalled_s + 7.0 - time.time()))  # all of it has arrived by then
         assert device.stop().status == 0
     assert ended.status == 5, "the status of the device shows a latched stop"
     assert "the device did not confirm the stop" in ended.complaint, "its answer is 3 s late"
@@ -241,7 +241,7 @@ def a_stop_from_another_shell(tmp_path: Path) -> None:
             ended = host.end()
         assert ended.status == 5
         assert "stopped by another process (process" in ended.json["reason"]
-        # with nobody there, the port is opened for it
+        # without an owner, `stop` opens the port itself
         again = run(tmp_path, "stop", device.port, "--json")
         assert again.status == 0
         by_wire = {"by": "wire", "confirmed": True, "node": 1, "nodes": [1]}

@@ -1,4 +1,4 @@
-"""``simulate`` under faults: on record, repeatable, and with an honest end."""
+"""``simulate`` with faults: logged, repeatable, and with a correct end."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def simulate(log: Path, *arguments: str, max_time_s: float = 6.0) -> Done:
 
 
 def faults(log: Path) -> list[tuple[float, str, str]]:
-    """Time since boot, beginning or end, and text of each event about a fault."""
+    """Return time since boot, beginning or end, and text of each event about a fault."""
     found: list[tuple[float, str, str]] = []
     for plain, event in decoded(log, "/events"):
         if event.source == "fault":
@@ -87,14 +87,14 @@ def test_a_fault_after_the_end_changes_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fault", ["clock-drift@1:ppm=500", "clock-jump@3:ms=-50"])
 def test_the_truth_is_kept_whatever_the_devices_clock_does(tmp_path: Path, fault: str) -> None:
-    """True poses are logged, and held against the estimate, by true time."""
+    """True poses are logged, and compared with the estimate, by true time."""
     log = tmp_path / "run.mcap"
     reported = simulate(log, "--fault", fault, max_time_s=8.0).json
     stamps = [plain.log_ns - EPOCH_NS for plain, _ in decoded(log, "/truth/pose")]
     gaps_ms = {(later - earlier) // 1_000_000 for earlier, later in pairwise(stamps)}
     # every 40 ms, found within a control period of 10 ms: never less than 20 a second
     assert gaps_ms <= set(range(30, 51))
-    # No distance is lost, and nothing was held against the pose of another moment, which is off
-    # by 10 mm at 0.2 m/s for 50 ms: the drive is straight, its scale known to half a percent.
+    # No distance is lost, and no truth is compared with a pose of another time, which is off by 10
+    # mm at 0.2 m/s for 50 ms. The drive is straight, its scale known to half a percent.
     assert reported["path_m"] > 0.4
     assert reported["pose_error_m"]["max"] < 0.01

@@ -1,7 +1,7 @@
-"""The figures of a simulated run, worked out again from its log without code of ours.
+"""The figures of a simulated run, computed again from its log without our code.
 
-The truth is read with the MCAP library and the schema in the file, the areas are exact
-polygons, the robot's measures are typed in by hand.
+The MCAP library reads the truth with the schema in the file, the areas are exact polygons, and the
+robot's dimensions are typed in by hand.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Pose = tuple[float, float, float, float]
 
 
 class Figures(NamedTuple):
-    """What this file makes of a run."""
+    """Figures computed by this file."""
 
     body_free: float
     body_reachable: float
@@ -58,7 +58,7 @@ def poses(recorded: Recorded) -> list[Pose]:
 
 
 def _poses(run: Recorded) -> list[Pose]:
-    """Time (s), x, y, theta of the truth."""
+    """Return time (s), x, y, theta of the truth."""
     found = []
     for plain, value in decoded(run.log, "/truth/pose"):
         position, turn = value.pose.position, value.pose.orientation
@@ -68,7 +68,7 @@ def _poses(run: Recorded) -> list[Pose]:
 
 
 class Areas(NamedTuple):
-    """What a room has, by its file."""
+    """Areas of a room by its file."""
 
     free: BaseGeometry
     reachable: BaseGeometry
@@ -114,7 +114,7 @@ def _mouth(pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _strokes(poses: list[Pose]) -> list[tuple[float, BaseGeometry]]:
-    """What the mouth swept from one pose to the next that differs: hulls of its two places."""
+    """Return the area that the mouth swept between two different poses: hulls of its two places."""
     strokes: list[tuple[float, BaseGeometry]] = []
     last = poses[0]
     for pose in poses[1:]:
@@ -129,7 +129,7 @@ def _strokes(poses: list[Pose]) -> list[tuple[float, BaseGeometry]]:
 def _passed_s(
     strokes: list[tuple[float, BaseGeometry]], sweepable: BaseGeometry, share: float
 ) -> float:
-    """When a share was swept, by halving."""
+    """Return when a share was swept, by bisection."""
     low, high = 0, len(strokes)
     while high - low > 1:
         middle = (low + high) // 2
@@ -144,7 +144,7 @@ def test_coverage(figures: Figures, reported: dict[str, Any], key: str) -> None:
 
 
 def test_path(figures: Figures, reported: dict[str, Any]) -> None:
-    # the log goes on while the robot rolls out
+    # the log continues while the robot rolls out
     assert reported["path_m"] == pytest.approx(figures.path_m, abs=0.02)
 
 
@@ -165,7 +165,7 @@ def test_repeat_ratio(figures: Figures, reported: dict[str, Any]) -> None:
 
 
 def test_equation_8(recorded: Recorded, figures: Figures, reported: dict[str, Any]) -> None:
-    """Lanes as the planner tells of them, by its own odometry."""
+    """Lanes as the planner reports them, by its own odometry."""
     lanes = [
         json.loads(value.data_json)["distance_m"]
         for _, value in decoded(recorded.log, "/events")
@@ -187,7 +187,7 @@ def test_duration(recorded: Recorded, reported: dict[str, Any]) -> None:
 
 
 def test_pose_error(recorded: Recorded, poses: list[Pose], reported: dict[str, Any]) -> None:
-    """The estimate against the truth of the same moment, as far as the log's stamps tell it."""
+    """The estimate against the truth of the same time, as far as the log's stamps allow."""
     truth = {round(t * 50): (x, y) for t, x, y, _ in poses}
     errors = []
     for plain, value in decoded(recorded.log, "/pose"):

@@ -34,7 +34,7 @@ from support.reference_codec import (
 pytestmark = pytest.mark.slow
 
 EPOCH_NS = 1_767_225_600_000_000_000
-"""2026-01-01, where virtual time begins: the device boots then."""
+"""Start of virtual time, Unix ns: 2026-01-01, when the device boots."""
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,7 @@ def test_rates(recorded: Recorded) -> None:
         assert (len(times) - 1) * 1e9 / (times[-1] - times[0]) == pytest.approx(rate_hz, rel=0.03)
 
 
-# ---- what is told ----------------------------------------------------------------------
+# ---- reports ----------------------------------------------------------------------------
 
 
 def test_decisions_have_reasons(recorded: Recorded) -> None:
@@ -250,7 +250,7 @@ def test_last_in_the_file_is_the_summary(recorded: Recorded) -> None:
 
 
 def test_chunks_are_short(recorded: Recorded) -> None:
-    """A kill loses what is not in a whole chunk: a quarter of a second, or 256 KiB.
+    """A kill loses messages outside complete chunks: a quarter of a second, or 256 KiB.
 
     The message that comes after that time closes a chunk, and there is one every 10 ms.
     """

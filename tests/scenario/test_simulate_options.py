@@ -1,4 +1,4 @@
-"""``simulate --planner-option``: it changes the run, is on record, and is refused in one line."""
+"""``simulate --planner-option``: it changes the run, is logged, and is rejected in one line."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_it_changes_the_run_and_is_on_record(tmp_path: Path) -> None:
 
 
 def metadata(log: Path) -> dict[str, str]:
-    """What the log says of its run."""
+    """Return the run's metadata in the log."""
     with log.open("rb") as file:
         reported = next(make_reader(file).iter_metadata())
     return reported.metadata

@@ -1,4 +1,4 @@
-"""A share of the campaign over supervision; the whole is ``campaign.supervise``."""
+"""A part of the supervision campaign; the whole is ``campaign.supervise``."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_the_page_counts_what_was_missed_and_what_was_false() -> None:
     assert good
     assert "**1 false alarms, 1.00 per hour**" in text
     assert f"| {hazard.name} | stall | 1 | 1 | 0 | 0 | 1.00 | 2.0 s | 2.0 s |" in text
-    # Of three that the stall rule and two that the slip rule gave, one each was false.
+    # Of three alarms of the stall rule and two of the slip rule, one each was false.
     assert "| stall | 2 | 1 | 0 | 1 | 0.500 |" in text
     assert "| slip | 2 | 0 | 1 | 1 | 0.500 |" in text
     assert "| disagreement | 1 | 1 | 0 | 0 | 1.000 |" in text

@@ -1,4 +1,4 @@
-"""The device plans for itself, the host starts it, watches it, and ends it; in virtual time."""
+"""The device plans for itself; the host starts, supervises and ends it; in virtual time."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_a_planner_that_the_device_lacks_is_a_refusal(monkeypatch: pytest.Monkey
 
 
 class Alarm:
-    """A supervisor that says once what it is told to."""
+    """A supervisor that raises one given alarm."""
 
     def __init__(self, *reactions: Reaction) -> None:
         self.reactions = list(reactions)
@@ -149,7 +149,7 @@ class Alarm:
         self.holding = False
 
     def restart(self) -> None:
-        """Nothing is judged."""
+        """Do nothing."""
 
 
 def alarmed(host: Host, level: str) -> Alarm:
@@ -222,7 +222,7 @@ def test_driving_slowly_sets_the_devices_top_speed_and_gives_it_back() -> None:
 
 
 def slowed() -> tuple[Ends, Host, Collector]:
-    """On its way at half its speed."""
+    """Return a run at half its speed."""
     ends, host, sink = moving()
     alarm = alarmed(host, "SLOW")
     before = ends.device.firmware.parameters.value("max_speed")
@@ -234,7 +234,7 @@ def slowed() -> tuple[Ends, Host, Collector]:
 
 
 def test_full_speed_comes_back_only_once_the_device_reported_that_it_stands() -> None:
-    """Here its word is lost again and again: until it is heard, the top speed stays low."""
+    """Its report is lost again and again: until it arrives, the top speed stays low."""
     ends, host, _ = slowed()
     parameters = ends.device.firmware.parameters
     slow = parameters.value("max_speed")

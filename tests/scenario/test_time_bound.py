@@ -1,6 +1,6 @@
 """The bound on time stamps over the emulator's own line, adapters and drifting clock.
 
-It holds the truth, and it is small where the delays are declared.
+It contains the truth, and it is small if the delays are declared.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
 
 BAUD = 921_600
 BYTES = 16
-"""The shortest frame there is, its delimiters included: no frame is quicker on the line."""
+"""Length of the shortest frame with its delimiters, bytes: no frame is faster on the line."""
 ON_THE_LINE_NS = BYTES * 10 * 1_000_000_000 // BAUD
 RUN_S = 16
 SETTLED_S = 10.0
 
 
 class Stamps:
-    """Keeps of each message its stamp, and what the host made of it."""
+    """Keeps the stamp of each message, and the host's mapping of it."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[int, int, int]] = []
-        """Stamp (µs), host time (ns), bound (ns)."""
+        """Rows of stamp (µs), host time (ns), bound (ns)."""
         self.late: list[tuple[int, int, int]] = []
-        """Those that came after ten seconds."""
+        """Rows of messages after ten seconds."""
         self.events: list[EventRecord] = []
 
     def write(self, record: Record) -> None:
@@ -53,13 +53,13 @@ class Stamps:
                 self.late.append(row)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Nothing is kept open."""
+        """Do nothing: there is nothing to close."""
 
 
 def listen(
     latency_us: int, drift_ppm: float, declared_ns: tuple[int, int], *faults: str
 ) -> tuple[Stamps, float, float]:
-    """A robot at rest: its stamps, the share of them within the bound, and the bound's p95 (ms)."""
+    """Return a resting robot's stamps, their share within the bound, and the bound's p95 (ms)."""
     stamps, seconds = Stamps(), [0]
 
     def declare(made: VirtualRun) -> None:
@@ -89,7 +89,7 @@ def listen(
     return stamps, inside / len(stamps.rows), bounds[int(0.95 * len(bounds))] / 1e6
 
 
-# At 0 device and adapter keep step: what waits for it, always waits for as long.
+# At 0 device and adapter keep step: a byte always waits for the same time.
 @pytest.mark.parametrize("drift_ppm", [-100.0, 0.0, 30.0])
 def test_at_an_adapter_of_1_ms_the_bound_is_true_and_below_a_tenth_of_it(drift_ppm: float) -> None:
     stamps, inside, p95_ms = listen(1_000, drift_ppm, (ON_THE_LINE_NS, ON_THE_LINE_NS))
@@ -105,7 +105,7 @@ def test_at_an_adapter_of_16_ms_it_is_true_too() -> None:
 
 
 def test_a_way_that_is_longer_than_the_other_is_no_error_where_it_is_declared() -> None:
-    """3 ms more from the device: undeclared, half of that is in the bound, and that is true too."""
+    """3 ms more from the device: undeclared, half of that is in the bound, which is correct too."""
     slow_up = "latency@0:ms=3,way=up"
     _, inside, p95_ms = listen(1_000, -60.0, (ON_THE_LINE_NS, ON_THE_LINE_NS + 3_000_000), slow_up)
     assert inside >= 0.999

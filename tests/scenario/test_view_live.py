@@ -1,4 +1,4 @@
-"""Rerun beside a run that is going on: it shows it, and cannot hold it up."""
+"""Rerun beside a running run: it shows the run, and cannot delay it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(begin_s: float, end_s: float) -> Iterator[Record]:
 
 
 def swept_pixels(client: ViewerClient, png: Path) -> int:
-    """How much green floor the viewer shows; 0 while it shows nothing yet."""
+    """Return how much green floor the viewer shows; 0 while it shows nothing yet."""
     try:
         client.save_screenshot(str(png))
     except (RuntimeError, ValueError):
@@ -186,7 +186,7 @@ def test_a_follower_sees_each_message_once_whatever_the_moment(tmp_path: Path) -
 
 
 def test_a_replay_keeps_the_times_of_the_log(tmp_path: Path) -> None:
-    """By a clock of its own: every message comes with its batch, never before its time."""
+    """With its own clock: every message comes with its batch, never before its time."""
     log = tmp_path / "run.mcap"
     writer = RunWriter(log, run_info())
     for record in run(0.0, 5.0):

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 
 class Proxy:
-    """A proxy that passes nothing on, and keeps who asked for what."""
+    """A proxy that forwards nothing, and records the requests."""
 
     def __init__(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -33,7 +33,7 @@ class Proxy:
         self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
 
     def asked(self) -> list[bytes]:
-        """The beginning of each request that has come."""
+        """Return the beginning of each request."""
         found = []
         with suppress(BlockingIOError):
             while True:
@@ -60,7 +60,7 @@ def test_the_window_shows_room_and_swept_floor_and_asks_nobody(
         writer.write(record)
     writer.close(summary())
     with Proxy() as proxy:
-        # A user's own proxy, for whatever is asked beyond this machine.
+        # A user's own proxy, for every request beyond this machine.
         for scheme in ("http", "https", "all"):
             monkeypatch.setenv(f"{scheme}_proxy", proxy.url)
             monkeypatch.setenv(f"{scheme}_proxy".upper(), proxy.url)

@@ -1,4 +1,4 @@
-"""What `view FILE --serve` shows in a browser, looked at by one without a window."""
+"""The page of `view FILE --serve`, drawn by a browser without a window."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PATIENCE_S = 100.0
 
 
 def swept_pixels(png: Path) -> int:
-    """How much green floor there is in the upper left, where the layout has the room."""
+    """Return the amount of green floor in the upper left, where the layout has the room."""
     picture = imread(png)[..., :3]
     room = picture[: SIZE[1] * 6 // 10, : SIZE[0] // 2]
     return int(np.count_nonzero(swept(room)))

@@ -1,4 +1,4 @@
-"""The wheel as a user has it: in a venv of its own, without Cython and without a compiler."""
+"""The wheel as users install it: in a separate venv, without Cython and without a compiler."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MODULES = ("sweepctl_plugins.py", "sweepctl_pytest.py")
 SOURCES = (*PACKAGES, *MODULES, "setup.py", "pyproject.toml", "README.md", "LICENSE")
 BUILT = shutil.ignore_patterns("__pycache__", "build", "*.so", "*.pyd")
 NOT_WANTED = ("cython", "pyximport", "sweepctl", "__editable__", "ziglang", "setuptools")
-"""Beginnings of what a user's venv lacks of ours, in lower case."""
+"""Beginnings of package names that a user's venv lacks, in lower case."""
 
 USERS_TESTS = """
 import pytest
@@ -65,7 +65,7 @@ def built(source: Path, out: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def venv(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install it where its dependencies are, and neither this checkout nor what compiles."""
+    """Install it beside its dependencies, without this checkout and without compilers."""
     folder = tmp_path_factory.mktemp("user") / "venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
     (site,) = folder.glob("lib/python*/site-packages")
@@ -94,7 +94,7 @@ def run(venv: Path, *command: str, cwd: Path) -> subprocess.CompletedProcess[str
 
 
 def only(venv: Path) -> dict[str, str]:
-    """An environment with nothing but the venv: no compiler, no path of ours."""
+    """Return an environment with only the venv: no compiler, no path of ours."""
     kept = {name: value for name, value in os.environ.items() if name in {"HOME", "LANG", "TMPDIR"}}
     return {**kept, "PATH": str(venv / "bin")}
 
@@ -172,7 +172,7 @@ def test_the_pytest_plugin_is_found(venv: Path, tmp_path: Path) -> None:
 
 
 def test_the_plug_ins_of_an_installed_package_are_used(venv: Path, tmp_path: Path) -> None:
-    """As docs/plugins.md says: a wheel beside ours, and nothing else."""
+    """As docs/plugins.md describes: only a wheel beside ours."""
     shutil.copytree(ROOT / "examples" / "plugin", tmp_path / "plugin", ignore=BUILT)
     install(venv, built(tmp_path / "plugin", tmp_path))
     lines = re.findall(
