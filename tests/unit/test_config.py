@@ -1,4 +1,4 @@
-"""Robot files: what is wrong is named by its key."""
+"""Robot files: every error is named by its key."""
 
 from __future__ import annotations
 

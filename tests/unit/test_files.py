@@ -1,4 +1,4 @@
-"""What is no file: one clear error, and nobody waits for it."""
+"""Paths that are no regular file: one clear error, and no wait."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tools.cli.rooms import load_room
 
 @pytest.fixture(name="odd", params=["pipe", "socket", "/dev/zero", "/dev/ptmx"])
 def _odd(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, str]:
-    """What is no file, and what it is called."""
+    """Return a path that is no regular file, and its kind."""
     if request.param.startswith("/"):
         return Path(request.param), "a device"
     path = tmp_path / "odd"
@@ -54,7 +54,7 @@ def test_it_is_not_read(odd: tuple[Path, str], read: object) -> None:
 
 def test_it_is_not_written(odd: tuple[Path, str]) -> None:
     path, name = odd
-    if str(path) == "/dev/zero":  # it drops what it is given, as /dev/null does
+    if str(path) == "/dev/zero":  # it drops all bytes, as /dev/null does
         check_target(path)
         return
     with pytest.raises(LogWriteError, match=f"it is {name}, not a file"):

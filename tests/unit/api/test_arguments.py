@@ -1,4 +1,4 @@
-"""Arguments that are none: one clear error before anything is sent or opened."""
+"""Invalid arguments: one clear error before anything is sent or opened."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ NOBODY = "/nowhere/at/all"
 def test_it_is_named_with_its_value_and_what_it_must_be(
     call: str, arguments: dict[str, Any], problem: str
 ) -> None:
-    robot = Robot.__new__(Robot)  # no device is asked
+    robot = Robot.__new__(Robot)  # no device is contacted
     with pytest.raises(ArgumentError) as caught:
         getattr(robot, call)(**arguments)
     assert str(caught.value).startswith(problem)

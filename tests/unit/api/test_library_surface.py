@@ -1,4 +1,4 @@
-"""What a program sees of the library: help, values in SI units, words of its own in errors."""
+"""The library as programs see it: help, values in SI units, error texts for Python."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_every_remedy_has_words_for_both() -> None:
 
 
 def test_open_has_the_options_of_a_robot() -> None:
-    """With the same names, kinds, types and defaults, and without options of any type."""
+    """It has the same names, kinds, types and defaults, and no option with an arbitrary type."""
     ours, robots = (
         {name: p for name, p in inspect.signature(call).parameters.items() if name != "self"}
         for call in (bridge.open, Robot)

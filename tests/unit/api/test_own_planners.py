@@ -1,4 +1,4 @@
-"""A planner of one's own that is none: it fails before anything moves, and says what it lacks."""
+"""An invalid planner from outside: it fails before anything moves, and the error says why."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MODEL = RobotModel()
 
 
 class Whole:
-    """Everything that a planner needs, and an end at once."""
+    """A complete planner that ends at once."""
 
     state = PlannerState()
 
@@ -82,12 +82,12 @@ def test_a_simulated_run_fails_before_it_begins() -> None:
 
 
 class Once(Whole):
-    """Gives one leg, whatever it is."""
+    """Returns one given leg."""
 
     def __init__(self, leg: object) -> None:
         self.leg = leg
 
-    def start(self, obs: object) -> Any:  # noqa: ANN401, ARG002 - what is no leg, too
+    def start(self, obs: object) -> Any:  # noqa: ANN401, ARG002 - invalid legs, too
         return self.leg
 
 
@@ -138,7 +138,7 @@ class Raises(Whole):
 
 
 def test_a_planner_that_raises_ends_the_run_as_a_fault() -> None:
-    """As in ``simulate``; and the sweeper is of use afterwards."""
+    """As in ``simulate``; the sweeper can be used afterwards."""
     sweeper = SimulatedSweeper(Settings())
     summary = sweeper.clean(Raises())
     assert summary["outcome"] == "fault"

@@ -46,7 +46,7 @@ class FakeClock:
 
 
 class FakePort:
-    """A device's port in the pump's own time; can stop taking bytes, or vanish."""
+    """A device's port in the pump's own time; it can stop taking bytes, or vanish."""
 
     name = "fake"
 
@@ -85,7 +85,7 @@ class FakePort:
 
 
 class Filling(Collector):
-    """A sink that can run full."""
+    """A sink that can become full."""
 
     full = False
 
@@ -96,7 +96,7 @@ class Filling(Collector):
 
 
 class Scene:
-    """A pump on a fake port; ``at`` plans what happens when."""
+    """A pump on a fake port; ``at`` schedules events."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.clock = FakeClock()
@@ -165,7 +165,7 @@ def test_ctrl_c_ends_with_a_stop_and_a_closed_port(scene: Scene) -> None:
 
 
 def test_a_signal_between_two_lines_is_not_lost(scene: Scene) -> None:
-    """It comes while ``watch`` is asked, after the pump has looked for it."""
+    """It arrives during ``watch``, after the pump has checked for it."""
     scene.at(4.0, lambda: scene.pump.request_end(CTRL_C))
     scene.at(60.0, lambda: pytest.fail("Ctrl-C was lost"))
     scene.pump.run()
@@ -229,7 +229,7 @@ def test_ctrl_c_while_the_port_is_gone(scene: Scene) -> None:
 
 
 def test_a_full_port_gets_nothing_old(scene: Scene) -> None:
-    """0.8 s without taking a byte: shorter than anybody's patience, longer than 50 ms."""
+    """0.8 s without taking a byte: shorter than every timeout, longer than 50 ms."""
     scene.at(4.0, lambda: setattr(scene.port, "full", True))
     scene.at(4.8, lambda: setattr(scene.port, "full", False))
     scene.at(6.0, lambda: scene.pump.request_end(CTRL_C))
@@ -354,7 +354,7 @@ def test_an_operators_stop_beside_a_crash_is_the_one_that_is_latched(scene: Scen
     assert scene.pump.result.confirmed is StopCause.OPERATOR
 
 
-# ---- what others have run in the loop ------------------------------------------------------
+# ---- actions of other threads ---------------------------------------------------------------
 
 
 def test_an_exception_of_a_call_is_its_askers(scene: Scene) -> None:
@@ -387,7 +387,7 @@ def test_a_call_after_the_end_is_answered(scene: Scene) -> None:
 def test_a_command_that_cannot_be_encoded_leaves_nothing_in_the_loop(
     scene: Scene, number: int
 ) -> None:
-    """As any code in the loop may ask: it is not repeated from a timer, where it would raise."""
+    """Any code in the loop may send it: a timer does not repeat it, because that would raise."""
     outcomes: list[object] = []
 
     def ask() -> None:
@@ -420,7 +420,7 @@ def test_the_graver_of_two_causes_is_latched(scene: Scene, first: Ending, apart_
     result = scene.pump.result
     assert result is not None
     late = scene.port.device.firmware.latch.cause is StopCause.SESSION_END
-    if late:  # the run was over before the second came: nobody is told that it was carried out
+    if late:  # the run was over before the second arrived: it is not reported as executed
         assert (first, result.confirmed) == (CTRL_C, StopCause.SESSION_END)
         assert apart_s >= 0.01, "a stop within one turn of the loop is never late"
     else:
@@ -429,7 +429,7 @@ def test_the_graver_of_two_causes_is_latched(scene: Scene, first: Ending, apart_
 
 
 def test_a_graver_stop_after_an_unanswered_one_is_sent_and_awaited(scene: Scene) -> None:
-    """The first stop is under way and its answer is late, as over a slow line."""
+    """The first stop is in progress and its answer is late, as over a slow line."""
 
     def hush() -> None:
         scene.port.silent = True

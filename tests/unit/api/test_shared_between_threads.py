@@ -1,7 +1,7 @@
-"""What several threads use at once: hammered with the interpreter switching as often as it can.
+"""Objects that several threads use at once, with the interpreter switching as often as possible.
 
 Each test makes a fixed number of calls; a race shows as an exception or as a state that no single
-call leaves behind.
+call can cause.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 MODEL = RobotModel()
 PATIENCE_S = 60.0
-"""Only a hang is longer."""
+"""Maximum time of a step, s; only a hang is longer."""
 
 
 @pytest.fixture(autouse=True, name="_often")
 def _switching_often() -> Iterator[None]:
     before = sys.getswitchinterval()
-    if sys.gettrace() is None:  # two threads that begin to be traced at once are an error
+    if sys.gettrace() is None:  # two threads that start to be traced at once are an error
         sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(before)
@@ -53,7 +53,7 @@ def made() -> tuple[Host, Ends]:
 
 
 def together(*works: Callable[[], object]) -> list[BaseException]:
-    """Run each in a thread of its own to its end; what they raised."""
+    """Run each in a separate thread to its end; return their exceptions."""
     raised: list[BaseException] = []
     begin = threading.Barrier(len(works))
 
@@ -61,7 +61,7 @@ def together(*works: Callable[[], object]) -> list[BaseException]:
         begin.wait(PATIENCE_S)
         try:
             work()
-        except Exception as error:  # noqa: BLE001 - the verdict
+        except Exception as error:  # noqa: BLE001 - the result
             raised.append(error)
 
     threads = [threading.Thread(target=run, args=(work,), daemon=True) for work in works]
@@ -116,13 +116,13 @@ def test_the_speed_of_a_drive_by_hand_is_changed_by_one_at_a_time() -> None:
 
 
 def test_the_map_is_copied_whole_while_it_grows() -> None:
-    """As the dashboard draws it while the loop marks: rows, columns and cells belong together."""
+    """The dashboard draws it while the loop marks cells: rows, columns and cells must match."""
     swept, places = SweptMap(MODEL), random.Random(3)
     over = threading.Event()
 
     def drive() -> None:
         for i in range(1_500):
-            reach_m = 1.0 + 0.006 * i  # it grows again and again
+            reach_m = 1.0 + 0.006 * i  # it grows repeatedly
             pose = Pose2(places.uniform(-reach_m, reach_m), places.uniform(-reach_m, reach_m), 0.0)
             swept.update(pose)
         over.set()
@@ -159,7 +159,7 @@ def test_the_operators_decisions_reach_the_log_all_of_them() -> None:
     assert len(events) == 10_000
 
 
-# ---- the run as other threads see it ----------------------------------------------------------
+# ---- the run in other threads -------------------------------------------------------------------
 
 
 def test_a_snapshot_does_not_change_while_the_run_goes_on() -> None:
@@ -178,7 +178,7 @@ def test_a_snapshot_does_not_change_while_the_run_goes_on() -> None:
 
 
 def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
-    """As viewers and the dashboard do: each reading is of one moment."""
+    """As viewers and the dashboard do: each snapshot is of one time."""
     host, ends = made()
     assert ends.run(8.0, lambda: ends.moving)
     newest = [host.snapshot(ends.host_ns)]
@@ -188,7 +188,7 @@ def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
         for i in range(400):
             ends.run(0.01)
             if i % 40 == 0:
-                host.state.forget()  # as where the device was lost
+                host.state.forget()  # as after a loss of the device
             newest[0] = host.snapshot(ends.host_ns)
         over.set()
 
@@ -205,7 +205,7 @@ def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
 
 def test_the_dashboard_outlives_what_it_cannot_draw() -> None:
     seen = made()[0].snapshot()
-    broken = seen._replace(hello=object())  # type: ignore[arg-type]  # what it cannot draw
+    broken = seen._replace(hello=object())  # type: ignore[arg-type]  # cannot be drawn
     shown = [seen]
     picture = Dashboard(lambda: shown[0], EventLines(NullSink(), plain=False))
     console = Console(file=io.StringIO(), width=140, height=42)

@@ -1,4 +1,4 @@
-"""A desk leaves the robot stopped, and says so only where the device has confirmed it."""
+"""A desk leaves the robot stopped, and reports this only after the device's confirmation."""
 
 from __future__ import annotations
 

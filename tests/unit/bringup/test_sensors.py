@@ -1,4 +1,4 @@
-"""Gyro at rest and range sensors against a tape: figures made by hand."""
+"""Gyro at rest and range sensors against a tape, with handmade values."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_bias_beyond_the_data_sheet_is_no_bias() -> None:
 
 
 def test_two_distances_give_scale_and_offset() -> None:
-    """Reads 0.98 of the way and 4 mm more: true = (read - 0.004)/0.98."""
+    """A reading is 0.98 of the distance plus 4 mm: true = (read - 0.004)/0.98."""
     points = [Point(d, 0.98 * d + 0.004, 0.0, 40) for d in (0.2, 0.5, 1.0)]
     found = fit(points)
     assert found.scale == pytest.approx(1.0 / 0.98)
@@ -60,7 +60,7 @@ def test_two_distances_give_scale_and_offset() -> None:
 
 
 def test_what_the_device_corrects_already_is_counted_in() -> None:
-    """Raw r, device tells 1.1 r - 0.01, truth is 1.05 r + 0.002."""
+    """Raw r, the device sends 1.1 r - 0.01, the truth is 1.05 r + 0.002."""
     points = [Point(1.05 * r + 0.002, 1.1 * r - 0.01, 0.0, 40) for r in (0.1, 0.3)]
     found = fit(points, 1.1, -0.01)
     assert found.scale == pytest.approx(1.05)
@@ -95,7 +95,7 @@ def test_a_stray_echo_is_not_counted() -> None:
 
 
 def counted(speed: float, other: float, *, gain: float = 1000.0) -> list[tuple[float, int, int]]:
-    """Both wheels from rest at 1 s, the first at once, the second through a lag of 0.1 s."""
+    """Return both wheels from rest at 1 s, the first at once, the second through a lag of 0.1 s."""
     found = []
     for i in range(300):
         t = 0.01 * i

@@ -1,4 +1,4 @@
-"""UMBmark's arithmetic against a square worked out in closed form, without any of its code."""
+"""UMBmark's arithmetic against a square in closed form, independent of its code."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PARTS = 40
 
 
 def true_square(ratio: float, base: float, *, clockwise: bool, scale: float = 1.0) -> Run:
-    """A square that odometry takes for perfect, driven by wheels that are not as told.
+    """Return a square that looks perfect to odometry, driven by wheels with other sizes.
 
     Complex numbers, one exact arc for each leg: independent of the host's odometry.
     """
@@ -84,8 +84,8 @@ def test_the_closed_form_is_borensteins_to_the_first_order() -> None:
 
 
 def test_signs_of_the_return_errors() -> None:
-    """Figure by figure as the source draws them for each error alone."""
-    a = 0.5 * math.pi * 0.002  # over-rotation's opposite: the base is wider than told
+    """As in the source's figures for each error alone."""
+    a = 0.5 * math.pi * 0.002  # opposite of over-rotation: the base is wider than given
     wide = benchmark(MODEL, both(1.0, 1.002))
     for got in (wide.clockwise[0], wide.counter_clockwise[0]):
         assert got == pytest.approx(-2.0 * SIDE_M * a, rel=0.05)
@@ -154,7 +154,7 @@ def missing(worst_mm: float) -> Benchmark:
         (300.0, 2.0, 50.0, 15.0, None),
         (300.0, 2.0, 53.0, 15.0, "at most 52.0 mm would confirm that"),
         (20.0, 15.0, 26.0, 0.0, "new squares is 26.0 mm; with the old values it was 20.0 mm"),
-        (3.0, 1.0, 4.5, 0.0, None),  # a tape does not tell these apart
+        (3.0, 1.0, 4.5, 0.0, None),  # a tape measure cannot distinguish these
         (0.0, 0.0, 0.0, 0.0, None),
     ],
 )

@@ -1,4 +1,4 @@
-"""The robot file against the device: which key is which parameter, and files edited in place."""
+"""The robot file and the device: parameter of each key, and files edited in place."""
 
 from __future__ import annotations
 

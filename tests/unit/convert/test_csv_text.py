@@ -22,7 +22,7 @@ POWERS_OF_TWO = np.exp2(np.arange(-1074, 1024))
 DOUBLES = np.concatenate(
     [
         np.array([0.0, -0.0, 1.0, 0.1, -2.5, 1 / 3, 5e-324, 1e-5, 1e-4, 1e15, 1e16, 1e22, 1e23]),
-        # Every bit pattern is as likely; those that are no number are taken out.
+        # Every bit pattern is equally likely; those that are no number are removed.
         RNG.integers(-(2**63), 2**63 - 1, 20_000, dtype=np.int64).view(np.float64),
         RNG.normal(size=20_000),
         RNG.integers(-(10**6), 10**6, 5_000) / 1000,
@@ -37,7 +37,7 @@ DOUBLES = np.concatenate(
 
 
 def cells(path: Path, columns: dict[str, pa.Array]) -> list[dict[str, str]]:
-    """Columns through a file, as Python's reader sees them."""
+    """Write columns to a file and return what Python's reader reads."""
     table = CsvTable(path, {name: column.type for name, column in columns.items()})
     table.write(list(columns.values()))
     table.close()
@@ -46,12 +46,12 @@ def cells(path: Path, columns: dict[str, pa.Array]) -> list[dict[str, str]]:
 
 
 def written(path: Path, values: NDArray[Any]) -> list[str]:
-    """One column's cells."""
+    """Return one column's cells."""
     return [row["x"] for row in cells(path, {"x": pa.array(values)})]
 
 
 def digits(text: str) -> int:
-    """Significant digits of a number's text."""
+    """Return the significant digits of a number's text."""
     return len(text.lstrip("-").split("e")[0].replace(".", "").strip("0"))
 
 
@@ -87,7 +87,7 @@ def test_integers(tmp_path: Path, dtype: str) -> None:
 
 
 def test_times_are_those_of_the_calendar(tmp_path: Path) -> None:
-    """Leap years, years of a century, the same second again, and before 1970."""
+    """Leap years, century years, the same second again, and before 1970."""
     days = np.arange("1677-09-22", "2262-04-11", dtype="M8[D]").astype("M8[ns]").view(np.int64)
     within = RNG.integers(0, 86_400_000_000_000, len(days))
     close = 1_700_000_000_000_000_000 + np.arange(0, 3_000_000_000, 7_654_321)
@@ -128,13 +128,13 @@ def test_texts_bytes_lists_and_what_is_not_there(tmp_path: Path) -> None:
         assert row["flag"] == ["true", "", "false"][i % 3]
         assert json.loads(row["flags"]) == columns["flags"][i].as_py()
     assert len(rows) == 27
-    # An empty text and none at all differ in the file, though not for Python's reader.
+    # An empty text and an absent one differ in the file, though not for Python's reader.
     lines = (tmp_path / "x.csv").read_bytes().split(b"\n")
     assert sum(line.startswith(b'"",') for line in lines) == 3
 
 
 def test_rows_longer_than_the_buffer_and_slices(tmp_path: Path) -> None:
-    """What is written at a time ends between rows, wherever a column begins in its memory."""
+    """A block of output ends between rows, wherever a column begins in its memory."""
     long = pa.array([list(range(i, i + 20_000)) for i in range(30)], pa.list_(pa.int32()))
     number, text = pa.array([None, *range(29)]), pa.array([str(i) * i for i in range(30)])
     flag = pa.array([i % 3 == 0 for i in range(30)])

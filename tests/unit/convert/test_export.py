@@ -1,4 +1,4 @@
-"""Exported tables against what the libraries decode, message by message."""
+"""Exported tables against the libraries' decoding, message by message."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five seconds of a made-up run."""
+    """Return five seconds of a made-up run."""
     path = tmp_path_factory.mktemp("export") / "run.mcap"
     writer = RunWriter(path, run_info())
     for record in synthetic_run():
@@ -35,7 +35,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - decoded
-    """A field by its dotted name, None where it is absent."""
+    """Return a field by its dotted name, None if it is absent."""
     for name in dotted.split("."):
         descriptor = getattr(message, "DESCRIPTOR", None)
         if descriptor is not None:
@@ -47,7 +47,7 @@ def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - decoded
 
 
 def same(a: Any, b: Any) -> bool:  # noqa: ANN401 - decoded
-    """Equal, NaN to itself included."""
+    """Return whether both are equal; NaN equals itself."""
     if isinstance(a, list):
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, float) and isinstance(b, float) and math.isnan(a):

@@ -1,4 +1,4 @@
-"""Exported tables of logs that other programs wrote, and of hostile ones."""
+"""Exported tables of other programs' logs, and of hostile ones."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def protobuf_log(path: Path, *messages: Message) -> None:
 
 
 def test_protobuf_of_other_programs(tmp_path: Path) -> None:
-    """Defaults that are left out, enumerations, texts of any length, lists of messages."""
+    """Omitted defaults, enumerations, texts of any length, lists of messages."""
     levels: list[Any] = [0, 1, 5, 3] * 30
     logs = [
         Log(level=level, message="x" * i + "é", name="", line=i) for i, level in enumerate(levels)
@@ -205,7 +205,7 @@ def test_unknown_encodings(tmp_path: Path) -> None:
 
 
 def _deep(wide: int, deep: int) -> str:
-    """A definition whose messages nest: wide ** deep values in all."""
+    """Return a definition with nested messages: wide ** deep values in all."""
     levels = ["".join(f"p/L1 f{i}\n" for i in range(wide))]
     for level in range(1, deep):
         kind = "uint8" if level == deep - 1 else f"p/L{level + 1}"

@@ -42,7 +42,7 @@ def ros_map(
 
 
 def flat() -> np.ndarray:
-    """3 m × 2 m of floor in a wall, with a table, unknown floor around, and a second room."""
+    """Return 3 m × 2 m of floor with walls, a table, unknown floor around, and a second room."""
     cells = np.full((30, 60), UNKNOWN)
     cells[4:26, 4:36] = WALL
     cells[5:25, 5:35] = FREE

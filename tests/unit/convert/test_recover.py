@@ -1,4 +1,4 @@
-"""Recovering damaged logs: what is kept is judged by the mcap library's own reader."""
+"""Recovery of damaged logs: the mcap library's own reader checks what is kept."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CHUNK = 0x06
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six seconds of a run."""
+    """Return six seconds of a run."""
     path = tmp_path_factory.mktemp("recover") / "run.mcap"
     writer = RunWriter(path, run_info())
     first = None
@@ -50,7 +50,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read_all(path: Path) -> list[Message]:
-    """Everything, by the library's reader, which checks every CRC and needs the summary."""
+    """Return everything, by the library's reader, which checks every CRC and needs the summary."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         found = [
@@ -65,7 +65,7 @@ def read_all(path: Path) -> list[Message]:
 
 
 def chunks(data: bytes | bytearray) -> list[tuple[int, int]]:
-    """Offset and whole length of every chunk of an intact file."""
+    """Return offset and whole length of every chunk of an intact file."""
     found, position = [], 8
     while position < len(data) - 8:
         opcode, length = struct.unpack_from("<BQ", data, position)
@@ -76,7 +76,7 @@ def chunks(data: bytes | bytearray) -> list[tuple[int, int]]:
 
 
 def messages_in(data: bytes, offset: int, length: int) -> list[Message]:
-    """What one chunk of a whole file holds, by the library."""
+    """Return the messages in one chunk of an intact file, by the library."""
     reported = make_reader(io.BytesIO(data)).get_summary()
     assert reported is not None
     one = io.BytesIO(data[:8] + data[offset : offset + length])
@@ -154,7 +154,7 @@ def test_a_damaged_head_of_a_chunk_costs_that_chunk_only(
     broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
     broken.write_bytes(data)
     result = recover(broken, out)
-    # The content's own sizes and CRC say where it is and that it is whole, unless they are gone.
+    # The content's own sizes and CRC locate it and prove it intact, unless they are gone.
     is_gone = not any(data[offset : offset + 64])
     assert read_all(out) == without(read_all(log), lost if is_gone else [])
     assert result.lost_messages == (len(lost) if is_gone else 0), "the indexes say what it held"
@@ -210,7 +210,7 @@ def test_a_cut_file_keeps_what_is_whole(log: Path, tmp_path: Path) -> None:
 
 
 def foreign(path: Path, *, compression: CompressionType, chunked: bool = True) -> list[Message]:
-    """A file of another program: JSON, a channel without a schema, big chunks."""
+    """Write a file of another program: JSON, a channel without a schema, big chunks."""
     with path.open("wb") as file:
         writer = Writer(file, compression=compression, use_chunking=chunked, chunk_size=400_000)
         writer.start(profile="other", library="somebody else")
@@ -283,7 +283,7 @@ def test_the_index_of_the_copy_leads_to_every_message(log: Path, tmp_path: Path)
 
 
 def test_a_chunk_that_claims_to_be_empty_is_not_copied(tmp_path: Path) -> None:
-    """The library's reader refuses a frame whose size is given nowhere."""
+    """The library's reader rejects a frame whose size is given nowhere."""
     path, out = tmp_path / "foreign.mcap", tmp_path / "out.mcap"
     path.write_bytes(file_of([claims_to_be_empty()]))
     result = recover(path, out)
@@ -336,7 +336,7 @@ def test_a_full_disk_is_reported_with_the_file_that_is_written(log: Path, tmp_pa
 def test_the_last_summary_is_not_read_for_each_file_that_was_joined(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its records are as long as the files before it: it seems to be the summary of each."""
+    """Its records are as long as the files before it, so it looks like the summary of each."""
     joined, declared = 50, 200
     short = MAGIC + record(Header(profile="", library=""))
     ids = range(1, declared + 1)

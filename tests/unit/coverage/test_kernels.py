@@ -1,4 +1,4 @@
-"""Compiled loops over a raster, against pictures drawn by hand and the plainest search."""
+"""Compiled loops over a raster, against handmade pictures and the simplest search."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the benches of the planner count, and that they leave the planner as it is."""
+"""The counts of the planner benchmarks, and that they do not change the planner."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ROOM = generate_room(3, np.random.default_rng(3), "turned")
 
 @pytest.fixture(scope="module")
 def timed() -> Run:
-    """A run whose searches are cut into many slices."""
+    """Return a run whose searches are split into many slices."""
     return run(ROOM, Timed(MODEL, RecoveryOptions(slice_cells=1000)), 0, NOISE)
 
 
@@ -42,13 +42,13 @@ def test_a_decision_is_as_long_as_the_robot_stands_for_its_search(timed: Run) ->
     assert len(searched) > 20
     assert max(decision.stood for decision in searched) > 5
     assert all(decision.stood == 0 for decision in handed_over)
-    # every slice but a decision's first comes a control step later than the one before, or more
+    # every slice except a decision's first comes at least a control step after the one before
     slices = len(timed.planner.calls_ns) - len(timed.planner.decisions)
     assert sum(decision.stood for decision in searched) >= slices
 
 
 def test_every_control_step_is_timed_once(timed: Run) -> None:
-    # the world's first step is made before the planner is asked
+    # the world's first step is made before the planner is called
     steps = round(timed.duration_s / STEP_S) - 1
     assert len(timed.asked_ns) + len(timed.unasked_ns) == steps
     assert len(timed.watch_ns) == len(timed.unasked_ns)

@@ -1,4 +1,4 @@
-"""A planner's options by name: numbers, words, yes or no; what cannot be is told in a line."""
+"""A planner's options by name: numbers, words, yes or no; an invalid one is one error line."""
 
 from __future__ import annotations
 

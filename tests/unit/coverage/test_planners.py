@@ -1,4 +1,4 @@
-"""The planners' decisions, from results that the tests make up."""
+"""The planners' decisions for made-up results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def seen(pose: Pose2, time_s: float = 0.0) -> Observation:
 
 
 class Corridor:
-    """Answers legs: lanes by a list of distances, side steps whole until told otherwise."""
+    """Ends legs: lanes after listed distances, side steps complete by default."""
 
     def __init__(self, planner: Planner, lanes: list[float], blocked: dict[int, float]) -> None:
         self.planner, self.lanes, self.blocked = planner, list(lanes), blocked
@@ -120,7 +120,7 @@ def test_a_difference_of_the_diameter_or_less_is_no_case() -> None:
 
 
 def test_case_3_goes_back_by_w_times_t_sweeps_up_and_returns() -> None:
-    # lanes at 0 and .16 whole, at .32 to .80 before an obstacle, at .96 past it
+    # lanes at 0 and .16 complete, at .32 to .80 before an obstacle, at .96 past it
     lanes = [2.0, 2.0, 0.5, 0.5, 0.5, 0.5, 2.0]
     planner = paper()
     run = Corridor(planner, [*lanes, 0.7, 0.7, 0.7, 0.7, 2.0], {})
@@ -132,7 +132,7 @@ def test_case_3_goes_back_by_w_times_t_sweeps_up_and_returns() -> None:
     assert lane_rows == pytest.approx(
         [0, 0.16, 0.32, 0.48, 0.64, 0.80, 0.96, 0.32, 0.48, 0.64, 0.80, 1.12]
     )
-    # the last lane of four in the shadow ends where the first began: nothing to return over
+    # the last of four lanes in the occluded region ends where the first began: no way back
     kind, row, distance = run.log[lane_rows.index(0.96) * 2 + 1]
     assert (kind, row) == ("step", 0.96)
     assert distance == pytest.approx(0.64)

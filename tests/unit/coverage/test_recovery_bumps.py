@@ -1,4 +1,4 @@
-"""What a bump is taken to tell: where something stands, where the axle cannot be, and how long."""
+"""Evidence from a bump: the obstacle, the forbidden places of the axle, and their duration."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def empty() -> EvidenceMap:
 
 
 def standing(memory: EvidenceMap, bearing_deg: float, gap_m: float = 0.004) -> None:
-    """Something known before the rim, at a bearing from ``HERE``."""
+    """Put a known obstacle in front of the rim, at a bearing from ``HERE``."""
     far, bearing = MODEL.radius_m + gap_m, math.radians(bearing_deg)
     memory.add_point(far * math.cos(bearing), far * math.sin(bearing))
 
@@ -50,7 +50,7 @@ def at(memory: EvidenceMap, x_m: float, y_m: float) -> tuple[int, int]:
 def test_one_bumper_switch_alone_blocks_cells_until_its_guess_is_cleared() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=False)
-    assert memory.blocked[at(memory, 0.05, 0.02)]  # whatever stands on the left half
+    assert memory.blocked[at(memory, 0.05, 0.02)]  # an obstacle at the left half
     assert not memory.blocked[at(memory, 0.05, -0.06)]
     middle = math.radians(38.5)
     guessed = at(memory, 0.165 * math.cos(middle), 0.165 * math.sin(middle))
@@ -97,7 +97,7 @@ def test_evidence_on_the_other_side_does_not_count() -> None:
 
 
 def test_a_wall_that_is_followed_is_not_what_was_met() -> None:
-    """A convex wall abeam on the right, and something unknown ahead of it to the right."""
+    """A convex wall abeam on the right, and an unknown obstacle ahead of it to the right."""
     memory = empty()
     standing(memory, -75.0, 0.002)
     met = memory.contact_rad(HERE, left=False, right=True)
@@ -130,7 +130,7 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
 
 
 class Following:
-    """On a perimeter pass, the wall on the right, and bumped at one place again and again."""
+    """A perimeter pass with the wall on the right, and repeated bumps at one place."""
 
     def __init__(
         self, bearing_deg: float = 0.0, *, brisk: bool = False, model: RobotModel = MODEL
@@ -138,17 +138,17 @@ class Following:
         self.context = context_at(AT_REST._replace(pose=HERE), model)
         self.context.lookout.wall.brisk_s = 0.6 if brisk else 0.4  # the leg ends at 1 s
         if bearing_deg:
-            standing(self.context.map, -75.0, 0.002)  # the wall that is followed
+            standing(self.context.map, -75.0, 0.002)  # the followed wall
             standing(self.context.map, bearing_deg)
 
     def brisk_after(self, time_s: float, v_m_s: float, side: int) -> float:
-        """When it was brisk last, after one more observation."""
+        """Return the last time above the corner speed, after one more observation."""
         self.context.lookout.wall.side = side
         self.context.lookout.observe(AT_REST._replace(time_s=time_s, pose=HERE, v_m_s=v_m_s))
         return self.context.lookout.wall.brisk_s
 
     def speed_limit_m_s(self, side: int, v_m_s: float, yaw_rate_rad_s: float) -> float:
-        """Speed limit at an observation along a wall on a side."""
+        """Return the speed limit at an observation along a wall on a side."""
         lookout = self.context.lookout
         lookout.wall.side = side
         seen = AT_REST._replace(time_s=5.0, pose=HERE)
@@ -156,9 +156,9 @@ class Following:
         return lookout.speed_limit_m_s
 
     def turns_deg(self, way_m: float, count: int, rest_s: float = 0.0) -> list[float]:
-        """By how much it turns away from the wall, bumped each time after such a way.
+        """Return the turns away from the wall, with a bump after each path of this length.
 
-        ``rest_s``: for the gyro's sake, between the end of a leg and what comes next.
+        ``rest_s``: a rest for the gyro between the end of a leg and the next one.
         """
         turns: list[float] = []
         lookout = self.context.lookout
@@ -233,7 +233,7 @@ def test_repeated_contact_turns_farther_each_time() -> None:
 
 
 def goes_on(context: RecoveryContext) -> bool:
-    """Whether it chooses again before the end, and reports so."""
+    """Return whether it chooses again before the end, and reports this."""
     again = context.stuck.clear_bumps()
     assert kinds(context) == ["clear"] * again
     return again

@@ -1,4 +1,4 @@
-"""Where the floor ends: what is kept of it, where that forbids the axle, and what is done there."""
+"""Cliffs: the stored evidence, the forbidden places of the axle, and the reaction."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
 @pytest.mark.parametrize(
     ("x_m", "y_m", "left"),
     [
-        (0.03, 0.0, 0),  # all three looked on
-        (0.03, 2.0 * ASIDE_M, 2),  # the right spot, where the left one looked
+        (0.03, 0.0, 0),  # all three detected floor
+        (0.03, 2.0 * ASIDE_M, 2),  # the right barrier, where the left one was
         (0.0, 0.0, 3),
         (-0.02, 0.0, 3),  # backing off: floor before an edge
         (0.08, 0.0, 3),
@@ -120,7 +120,7 @@ def test_near_a_known_cliff_the_robot_drives_slowly(away_m: float, *, slow: bool
 
 
 def driven(*, to_m: float = 0.0, way_m: float, y_m: float = 0.01) -> EvidenceMap:
-    """What is kept of a way along x."""
+    """Return the map after a path along x."""
     memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(to_m - way_m, y_m, 0.0))
     for k in range(round(100 * way_m) + 1):
         memory.update(seen(Pose2(to_m - way_m + 0.01 * k, y_m, 0.0), 0.05 * k))
@@ -131,17 +131,17 @@ def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> No
     memory = driven(way_m=0.5)
     assert open_at(memory, -0.03, 0.01)
     memory.add_cliff(ORIGIN)
-    for y_m in (0.0, 0.02):  # the two rows that its way lies between
+    for y_m in (0.0, 0.02):  # the two rows on either side of its path
         assert not open_at(memory, SPOT_M - GEOMETRY.cliff_m + 0.02, y_m), (
             "though it has been there"
         )
     assert open_at(memory, SPOT_M - GEOMETRY.cliff_m - 0.03, 0.01)
-    # beside the outer spots the wheels might pass over an edge
+    # beside the outer barriers the wheels might pass over an edge
     assert not open_at(memory, AHEAD_M, ASIDE_M + 0.19)
     assert open_at(memory, AHEAD_M, ASIDE_M + 0.25)
     assert not memory.clear_bumps(0.2), "it is no bump"
     assert not open_at(memory, AHEAD_M, ASIDE_M + GEOMETRY.cliff_m - 0.03)
-    # which spot it was may become known: that it was one of them stays
+    # even if the barrier becomes known, the mark of all of them stays
     memory.cliffs.marks.clear()
     assert not open_at(memory, 0.10, 0.01)
     assert open_at(memory, 0.10, 0.15)
@@ -167,9 +167,9 @@ def test_floor_beyond_opens_what_was_shut() -> None:
 
 
 def test_a_robot_within_a_cliffs_margin_is_not_walled_in() -> None:
-    """A place where it was, and may be no more, is no sign that the evidence is wrong."""
+    """A former place that is now forbidden does not mean that the evidence is wrong."""
     memory = driven(way_m=3.0)
-    memory.tried[:] = 9  # nothing is left to sweep
+    memory.tried[:] = 9  # nothing remains to be swept
     for k in range(13):
         memory.add_cliff(Pose2(-0.2 * k, 0.0, QUARTER))
     chooser = Chooser(RecoveryOptions())
@@ -210,7 +210,7 @@ def test_no_perimeter_pass_is_begun_beside_a_cliff() -> None:
 
 
 def ends(context: RecoveryContext, leg: Leg, x_m: float, time_s: float, *, cliff: bool) -> Step:
-    """The leg ends there."""
+    """Return the end of the leg at this place."""
     reason = StopReason.CLIFF if isinstance(leg, FollowWall) else StopReason.DISTANCE
     if isinstance(leg, Drive) and (leg.distance_m or 1.0) > 0.0:
         reason = StopReason.CLIFF
@@ -225,7 +225,7 @@ def ends(context: RecoveryContext, leg: Leg, x_m: float, time_s: float, *, cliff
 def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
     backs: int, *, follows: bool
 ) -> None:
-    """It marks where the floor was first missed, not where it came to a stand."""
+    """It marks where the floor was first missed, not where the robot stopped."""
     context = context_at(seen(ORIGIN))
     part: Generator[Leg, Step, object] = follow_perimeter(context, left=True)
     if not follows:
@@ -248,7 +248,7 @@ def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
 
 
 def test_backing_off_ends_where_no_floor_comes() -> None:
-    """Someone holds the robot up."""
+    """A person holds the robot up."""
     context = context_at(seen(ORIGIN))
     part = drive(context, Drive(0.0, 2.0, purpose="lane"))
     leg = next(part)

@@ -1,4 +1,4 @@
-"""What the recovery planner tells: each decision has an event, and the end its figures."""
+"""Events of the recovery planner: each decision has one, and the end has its figures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PLAN = generate_room(7, np.random.default_rng(7), "turned")
 
 @pytest.fixture(scope="module")
 def driven() -> FastRun:
-    """One run without noise."""
+    """Return one run without noise."""
     planner = RecoveryPlanner(MODEL)
     return run_fast(PLAN, planner, MODEL, seed=5, noise=LEVELS["none"], max_time_s=4000.0)
 
@@ -74,12 +74,12 @@ def test_a_second_plan_does_not_report_the_end_of_the_first() -> None:
 
 
 def observed(uncertainty_deg: float, time_s: float = 0.0) -> Observation:
-    """Nothing in reach, the heading in doubt."""
+    """Return an observation without obstacles and with an uncertain heading."""
     return AT_REST._replace(time_s=time_s, heading_sigma_rad=math.radians(uncertainty_deg))
 
 
 def seen(context: RecoveryContext, *uncertainties_deg: float) -> list[tuple[float, float]]:
-    """Standard deviations before and after, as reported."""
+    """Return the standard deviations before and after, as reported."""
     for k, uncertainty_deg in enumerate(uncertainties_deg):
         context.lookout.observe(observed(uncertainty_deg, 0.02 * k))
     reported = [event for event in context.record.drain() if event.kind == "re-zero"]

@@ -60,10 +60,10 @@ def test_every_robot_has_usable_sizes(scale: float, width: float, ahead: float) 
         low = min(value) if isinstance(value, tuple) else value
         assert low >= 0.0, field.name
         assert field.name in {"ahead_m", "ahead_cells"} or low > 0.0, field.name
-    # a lane sweeps no more than the mouth does, and at least half of it
+    # a lane sweeps no more than the mouth, and at least half of it
     lane_m = (2 * made.lane_cells + 1) * made.cell_m
     assert 0.5 * model.cleaning_width_m < lane_m <= model.cleaning_width_m
-    # inflation is between the footprint less a cell and the footprint
+    # inflation is between the footprint minus a cell and the footprint
     assert model.radius_m - made.cell_m < made.inflation_cells * made.cell_m < model.radius_m
     assert made.band_m[1] < 0.5 * model.cleaning_width_m
     assert made.hole_cells * made.cell_m <= 0.5 * model.cleaning_width_m + 0.5 * made.cell_m

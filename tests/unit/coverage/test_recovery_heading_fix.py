@@ -1,4 +1,4 @@
-"""A known wall gone along where the heading is in doubt: the ways there, and the runs."""
+"""A run along a known wall when the heading is uncertain: the paths there, and the runs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ QUARTER = 0.5 * math.pi
 
 
 def swept_lane(options: RecoveryOptions) -> EvidenceMap:
-    """A lane of 2 m."""
+    """Return a lane of 2 m."""
     memory = EvidenceMap(MODEL, options, Pose2(0.0, 0.0, 0.0))
     for k in range(101):
         pose = Pose2(0.02 * k, 0.0, 0.0)
@@ -53,7 +53,7 @@ def swept_lane(options: RecoveryOptions) -> EvidenceMap:
 
 
 def in_slices(search: Generator[None, None, Found]) -> tuple[Found, int]:
-    """What a search found, and how often it paused."""
+    """Return the result of a search, and its number of pauses."""
     pauses = 0
     while True:
         try:
@@ -96,10 +96,10 @@ def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far()
 
 
 class CountedFix(HeadingFix):
-    """Notes whether each run along a wall was driven."""
+    """Records whether each run along a wall was driven."""
 
     def __init__(self, *, blocked: bool) -> None:
-        """``blocked``: somebody stands in the path to every wall."""
+        """``blocked``: a person stands in the path to every wall."""
         super().__init__()
         self.blocked = blocked
         self.driven: list[bool] = []
@@ -115,7 +115,7 @@ class CountedFix(HeadingFix):
 
 
 def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> RecoveryContext:
-    """A plan that followed a wall on the left through places on a line, 1 cm at a time."""
+    """Return a plan that followed a wall on the left through places on a line, 1 cm at a time."""
     begun = Pose2(*poses[0], 0.0)
     context = context_at(AT_REST._replace(pose=begun, v_m_s=0.2))
     context.lookout.wall.side = LEFT
@@ -178,9 +178,9 @@ def test_what_is_met_near_the_walls_beginning_is_that_wall(
 
 
 class Uncertain:
-    """A robot in a room that doubts its heading more and more, until it went along a wall."""
+    """A robot whose heading uncertainty grows until it runs along a wall."""
 
-    def __init__(  # noqa: PLR0913 - what may be wrong with a robot
+    def __init__(  # noqa: PLR0913 - the errors of a robot
         self,
         plan: FloorPlan,
         *,
@@ -195,10 +195,10 @@ class Uncertain:
     ) -> None:
         """Run to the end.
 
-        ``cured_from``: which of the runs along a wall is the first to take doubt away, a tenth
-        of a second after its end, down to ``cured_deg``; ``way_leaves_deg``: the travel there
-        leaves no more than this. ``off_m``: by how much the robot's own place is wrong; ``deg_s``:
-        how fast it begins to doubt.
+        ``cured_from``: number of the first run along a wall that reduces the uncertainty to
+        ``cured_deg``, a tenth of a second after its end. ``way_leaves_deg``: maximum uncertainty
+        after the path there. ``off_m``: error of the robot's own place. ``deg_s``: initial growth
+        of the uncertainty.
         """
         self.fix = CountedFix(blocked=blocked)
         options = RecoveryOptions(heading_fix_apart_s=apart_s)
@@ -212,7 +212,7 @@ class Uncertain:
         obs = world.step(HALT)
         uncertainty_rad, was, stood_s = 0.0, "", 0.0
         while not runner.finished and world.time_s < max_time_s:
-            share = min(max(world.time_s - 80.0, 0.0) / 60.0, 1.0)  # its outlines were right
+            share = min(max(world.time_s - 80.0, 0.0) / 60.0, 1.0)  # its perimeters were right
             off_x, off_y = (share * o for o in off_m)
             pose = Pose2(obs.pose.x_m + off_x, obs.pose.y_m + off_y, obs.pose.theta_rad)
             obs = world.step(
@@ -226,9 +226,7 @@ class Uncertain:
                 measurement = self.measurements[-1]
                 measurement.append(world.poses[-1][1:])
                 stood_s = stood_s + 0.02 if obs.v_m_s < 0.01 else 0.0
-                whole = (
-                    math.dist(measurement[0][:2], measurement[-1][:2]) > 0.4
-                )  # as a line of it is
+                whole = math.dist(measurement[0][:2], measurement[-1][:2]) > 0.4  # )
                 if whole and stood_s > 0.1 and len(self.measurements) > cured_from:
                     uncertainty_rad = min(uncertainty_rad, math.radians(cured_deg))
             if state == "transit" and self.times("heading-fix"):
@@ -243,7 +241,7 @@ class Uncertain:
 
     @property
     def starts(self) -> int:
-        """Places where a run along a wall could begin."""
+        """Return the places where a run along a wall could begin."""
         return len(self.planner.context.wall_segments.starts())
 
     def times(self, kind: str) -> list[float]:
@@ -312,10 +310,10 @@ def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again() -> None:
 @pytest.mark.parametrize(
     ("way_leaves_deg", "cured_deg", "credited"),
     [
-        (0.7, math.inf, False),  # what the way told is not the wall's
+        (0.7, math.inf, False),  # the path's information is not the wall's
         (2.0, 1.8, False),
         (2.0, 1.2, True),
-        (0.65, 0.55, True),  # little of little, and enough
+        (0.65, 0.55, True),  # a small part of a small uncertainty, and enough
     ],
 )
 def test_a_wall_is_credited_with_its_own_run(
@@ -346,7 +344,7 @@ def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
 
 @pytest.mark.parametrize(("left_deg", "enough"), [(0.0, True), (0.59, True), (0.61, False)])
 def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: bool) -> None:
-    """To three quarters of what sends the robot to a wall, however doubtful it set out."""
+    """Up to three quarters of the threshold for a heading fix, however uncertain at the start."""
     run = Uncertain(room(), way_leaves_deg=left_deg, deg_s=0.02, max_time_s=200.0)
     uncertainties = [
         float(event.data["uncertainty_deg"])

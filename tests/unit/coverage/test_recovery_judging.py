@@ -1,4 +1,4 @@
-"""What a fruitless trip speaks against: the place that was gone for, or a passage on the way."""
+"""Evidence of a fruitless trip: against its target, or against a passage on the way."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PLACE = (1.5, 0.0)
 
 
 def fruitless(context: RecoveryContext, count: int) -> None:
-    """Let so many perimeter passes in a row sweep just too little."""
+    """Let a number of consecutive perimeter passes sweep just too little."""
     for _ in range(count):
         choice = Choice("perimeter", (PLACE,), 0.0, 0.5)
         context.stuck.take(choice, 6, Pose2(*PLACE, 0.0), arrived=False)
@@ -40,7 +40,7 @@ def fruitless(context: RecoveryContext, count: int) -> None:
 
 
 def blames(x_m: float, *, arrived: bool, fruitless_before: int = 0, new_cells: int = 0) -> bool:
-    """Whether the target has one try less after an attempt that ended at ``x_m``."""
+    """Return whether the target loses a try after an attempt that ended at ``x_m``."""
     pose = Pose2(x_m, 0.0, 0.0)
     context = context_at(AT_REST._replace(pose=pose))
     fruitless(context, fruitless_before)
@@ -72,30 +72,30 @@ def test_it_is_spared_eight_times_in_a_row_so_that_the_plan_comes_to_an_end() ->
 
 
 class Blocked:
-    """Goes for a far place again and again, and is bumped at one place on the path each time."""
+    """Drives to a far place repeatedly, and bumps at one place on the path each time."""
 
     def __init__(self, floor: int = 0) -> None:
         """``floor``: new cells by each attempt."""
         self.floor = floor
         self.tries = 0
         self.uncertain_m: set[Scalar | None] = set()
-        """Where evidence was cleared."""
+        """Places where evidence was cleared."""
         self.why: set[str] = set()
-        """... and why, before the colon."""
+        """Reasons, before the colon."""
 
     def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
-        """No wall is near."""
+        """There is no wall near."""
         self.context = context
         yield from ()
 
     def choose(self, context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
-        """Always the same lane."""
+        """Choose always the same lane."""
         del context
         yield from ()
         return Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
 
     def lane(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
-        """It does not arrive."""
+        """Do not arrive."""
         yield from ()
         self.tries += 1
         context.map.new_cells += self.floor
@@ -105,7 +105,7 @@ class Blocked:
         return False
 
     def run(self, maximum: int) -> tuple[str, Counter[str]]:
-        """Why it ended after at most so many attempts; and what was decided how often."""
+        """Return why it ended after at most ``maximum`` attempts, and each decision's count."""
         behaviours = Behaviours(self.approach, self.choose, self.lane)
         planner = RecoveryPlanner(MODEL, RecoveryOptions(max_decisions=maximum), behaviours)
         end = planner.start(AT_REST)
@@ -120,7 +120,7 @@ def test_a_place_that_blocks_seven_times_is_cleared_before_the_target_is_abandon
     planner = Blocked()
     _, reported = planner.run(21)
     assert reported["clear"] == 2
-    assert planner.uncertain_m == {0.1}  # where it was refused
+    assert planner.uncertain_m == {0.1}  # where it was blocked
     assert reported["abandon"] == 0
     planner = Blocked()
     _, reported = planner.run(24)
@@ -145,30 +145,30 @@ def test_abandoned_targets_do_not_count_after_new_floor() -> None:
 
 
 class AmongLegs(Blocked):
-    """A leg is known beside where it is blocked, and another farther off."""
+    """A leg is known beside the blocked place, and another farther away."""
 
     LEGS = ((0.1, 0.25), (0.1, 0.55))
 
     def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
-        """Both legs are known."""
+        """Enter both legs into the map."""
         for leg in self.LEGS:
             context.map.add_point(*leg)
         return super().approach(context)
 
     def known(self) -> list[int]:
-        """Cells of each leg that are still occupied."""
+        """Return the cells of each leg that are still occupied."""
         return [self.context.map.occupied(*leg, 0.03) for leg in self.LEGS]
 
     def shut(self) -> bool:
-        """Whether any place is still forbidden because the robot was blocked."""
+        """Return whether any place is still forbidden because the robot was blocked."""
         return bool(self.context.map.blocked.any())
 
 
 class Fruitless(AmongLegs):
-    """Nothing blocks it, and nothing comes of anything."""
+    """Nothing blocks it, and no attempt has a result."""
 
     def lane(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
-        """It does not arrive."""
+        """Do not arrive."""
         del context, choice
         yield from ()
         return False
@@ -188,23 +188,23 @@ def test_after_one_block_only_evidence_near_it_is_cleared() -> None:
 
 
 class Wavering(Blocked):
-    """Nothing comes of twenty lanes; then nothing is worth it, then something is."""
+    """Twenty lanes without a result; then nothing is worth it, then something is."""
 
     thoughts = 0
 
     def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
-        """It bumps into something at once."""
+        """Bump into an obstacle at once."""
         context.map.add_bump(context.pose, left=True, right=True)
         return super().approach(context)
 
     def choose(self, context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
-        """At the 21st time nothing."""
+        """Choose nothing at the 21st time."""
         self.thoughts += 1
         choice = yield from super().choose(context)
         return None if self.thoughts == 21 else choice
 
     def lane(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
-        """It does not arrive."""
+        """Do not arrive."""
         del context, choice
         yield from ()
         self.tries += 1

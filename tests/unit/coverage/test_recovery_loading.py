@@ -1,4 +1,4 @@
-"""Once the recovery planner is made, a run of it loads no more modules: the robot would wait."""
+"""A run of the recovery planner loads no more modules, because loading would delay the robot."""
 
 from __future__ import annotations
 
@@ -31,6 +31,6 @@ def test_a_run_loads_nothing_more() -> None:
         [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=True
     )
     reported = json.loads(done.stdout)
-    # the run did what needs the kernels: lanes, outlines, bumps
+    # the run did what needs the kernels: lanes, perimeters, bumps
     assert {"lane", "perimeter-begin", "obstacle"} <= set(reported["kinds"])
     assert reported["loaded"] == []

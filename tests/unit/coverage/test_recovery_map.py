@@ -1,4 +1,4 @@
-"""The recovery planner's map and its kernels on floors small enough to work out by hand."""
+"""The recovery planner's map and its kernels on floors small enough for results by hand."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_turn_in_place_sweeps_a_disc() -> None:
 def test_evidence_is_revocable_and_leaves_no_trace() -> None:
     wall, inflated = layers(21, 21, 2)
     add_wall(wall, inflated, 10, 10, 1, 3.0)
-    assert inflated.sum() == 0  # once is not sure
+    assert inflated.sum() == 0  # once is not certain
     add_wall(wall, inflated, 10, 10, 1, 3.0)
     assert inflated.sum() == 29  # lattice points within 3 of a point
     add_wall(wall, inflated, 10, 12, 2, 3.0)
@@ -97,9 +97,9 @@ def test_where_the_body_is_nothing_else_is() -> None:
 
 def test_a_bump_forbids_only_what_every_contact_would() -> None:
     (blocked,) = layers(41, 41, 1)
-    # both halves: a contact within 10° of straight ahead, the body's radius being 8 cells
+    # both halves: a contact within 10° of straight ahead; the footprint's radius is 8 cells
     bump_area(blocked, 20.5, 20.5, math.radians(-10), math.radians(10), 8.0)
-    assert blocked[20, 22] == 1  # a step ahead the wall is inside the body
+    assert blocked[20, 22] == 1  # a step ahead the wall is inside the footprint
     assert blocked[20, 20] == 0  # here it stands
     assert blocked[20, 16] == 0
     marked = np.argwhere(blocked)
@@ -129,15 +129,15 @@ def test_the_speed_limit_makes_contact_with_known_obstacles_soft() -> None:
     def at(x: float, y: float = 40.5, heading: float = 0.0) -> float:
         return pace(wall, x, y, heading, *given)
 
-    assert at(40.5) == pytest.approx(0.3)  # stops from 0.3 m/s in 0.15 m
+    assert at(40.5) == pytest.approx(0.3)  # it stops from 0.3 m/s in 0.15 m
     assert at(47.5) == pytest.approx(math.sqrt(0.026**2 + 2 * 0.3 * (0.26 - 0.17)))
     assert at(52.0) == pytest.approx(0.026)
     assert at(52.0, heading=math.pi) == pytest.approx(0.3)
-    # passed 9 cells aside it does not count, 6 cells aside it is met at 45° and more
+    # at 9 cells to the side it does not count, at 6 cells the contact is at 45° and more
     assert at(55.0, 40.5 - 9.0) == pytest.approx(0.3)
     assert at(55.0, 40.5 - 6.0) == pytest.approx(0.026 / math.sqrt(1 - (0.12 / 0.17) ** 2))
     wall[40, 60] = 1
-    assert at(52.0) == pytest.approx(0.3)  # seen once is not known
+    assert at(52.0) == pytest.approx(0.3)  # one reading is not enough
 
 
 def test_the_wall_that_is_followed_does_not_slow_the_robot() -> None:
@@ -159,7 +159,7 @@ def test_the_infrared_maps_a_wall_where_it_stands() -> None:
     assert memory.wall[int(row), int(column)] >= 2
     assert memory.wall.sum(axis=1).argmax() == int(row)
     beside = memory.to_cells(0.2, -0.05)
-    assert memory.inflated[int(beside[1]), int(beside[0])] > 0  # 11 cm from the wall: no place
+    assert memory.inflated[int(beside[1]), int(beside[0])] > 0  # 11 cm from the wall: forbidden
     here = memory.to_cells(0.2, 0.0)
     assert memory.visited[int(here[1]), int(here[0])] == 1
 
@@ -174,7 +174,7 @@ def test_the_map_grows_without_losing_anything() -> None:
         column, row = memory.to_cells(x - 0.01, 1.01)
         assert memory.swept[int(row), int(column)] == 1
     assert memory.swept.sum() == memory.new_cells
-    # 6 m by the mouth's width less its margins: seven cells about the one that the axle runs in
+    # 6 m by the mouth's width minus its margins: seven cells around the axle's cell
     assert memory.new_cells * 4e-4 == pytest.approx(6.0 * 0.14, rel=0.05)
 
 

@@ -1,4 +1,4 @@
-"""Narrow doors: what refused the robot twice is followed; it is not parted from where it was."""
+"""Narrow doors: the robot follows what blocked it twice, and it is not separated from its past."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ GEOMETRY = PlannerGeometry.from_model(MODEL, OPTIONS)
 HERE = Pose2(0.0, 0.0, 0.0)
 BEYOND = (1.0, 0.0)
 MIDDLE_DEG = 38.5
-"""Of a bumper half, where something unknown is taken to be touched."""
+"""Bearing of the middle of a bumper half, °, where an unknown contact is assumed."""
 
 
 def seen(pose: Pose2 = HERE, v_m_s: float = 0.0) -> Observation:
@@ -42,7 +42,7 @@ def seen(pose: Pose2 = HERE, v_m_s: float = 0.0) -> Observation:
 
 
 class AtDoor:
-    """Stands before a door 1 m from which there is floor; what lies here is swept."""
+    """Stands before a door 1 m away with floor behind it; the floor on this side is swept."""
 
     def __init__(self) -> None:
         self.context = context_at(seen())
@@ -51,7 +51,7 @@ class AtDoor:
         self.stand(HERE)
 
     def stand(self, pose: Pose2, wall_m: float = 0.6) -> None:
-        """Be somewhere, so much of a wall known ahead, but not at the rim."""
+        """Stand at a pose, with this length of wall known ahead, but not at the rim."""
         self.context.lookout.obs = seen(pose)
         for k in range(round(wall_m / GEOMETRY.cell_m)):
             self.map.add_point(*pose.transform(0.25, 0.5 * wall_m - k * GEOMETRY.cell_m))
@@ -64,7 +64,7 @@ class AtDoor:
         right: bool = False,
         new_m2: float = 0.1,
     ) -> tuple[list[Leg], list[str]]:
-        """Sets out for what lies beyond and is blocked: its legs, and what it decided."""
+        """Drive to the floor beyond and get blocked; return the legs and the decisions."""
         script = transit(self.context, Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=new_m2))
         legs: list[Leg] = [next(script)]
         pose = self.context.pose
@@ -81,17 +81,17 @@ class AtDoor:
         return legs, kinds(self.context)
 
     def blames(self, choice: Choice) -> bool:
-        """Whether it abandons the place after a path that did not arrive there."""
+        """Return whether it abandons the place after a path that did not arrive there."""
         self.context.stuck.take(choice, 0, self.context.pose, arrived=False)
         return kinds(self.context) == ["abandon"]
 
     def follows(self, min_m: float) -> float:
-        """How far it follows a swept wall on its right, in steps of 1 cm."""
+        """Return how far it follows a swept wall on its right, in steps of 1 cm."""
         next(follow_perimeter(self.context, left=False, min_m=min_m))
         return self.closed_m()
 
     def goes_on(self, followed_m: float) -> bool:
-        """Whether it does after a bump so far along a swept wall."""
+        """Return whether it continues after a bump at this distance along a swept wall."""
         script = follow_perimeter(self.context, left=False, min_m=0.4)
         leg = next(script)
         self.context.lookout.wall.distance_m = followed_m
@@ -104,7 +104,7 @@ class AtDoor:
         return True
 
     def closed_m(self) -> float:
-        """How far it follows from here on."""
+        """Return how far it follows from here on."""
         for k in range(200):
             if self.context.lookout.observe(seen(Pose2(0.01 * k, 0.0, 0.0), 0.1)):
                 return 0.01 * k
@@ -160,7 +160,7 @@ def test_occupied_cells_are_counted_about_a_point() -> None:
     memory = EvidenceMap(MODEL, OPTIONS, HERE)
     for x_m, y_m in ((1.0, 1.0), (1.0, 1.1), (1.1, 1.0), (1.15, 1.15), (-1.0, 1.0)):
         memory.add_point(x_m + 0.01, y_m + 0.01)
-    memory.add_point(1.05, 1.05, weight=1)  # not sure
+    memory.add_point(1.05, 1.05, weight=1)  # not certain
     assert memory.occupied(1.01, 1.01, 0.15) == 3
     assert memory.occupied(1.01, 1.01, 0.25) == 4
     assert memory.occupied(0.0, 0.0, 0.5) == 0
@@ -173,7 +173,8 @@ def test_what_may_lead_to_a_passage_is_followed_farther_though_it_is_swept() -> 
     planner.goes(left=False, right=True)
     planner.goes(left=False, right=True)
     assert planner.closed_m() == pytest.approx(0.45, abs=0.03)
-    assert planner.follows(0.25) == pytest.approx(0.3, abs=0.03)  # the next outline is any other
+    # the next perimeter is an ordinary one
+    assert planner.follows(0.25) == pytest.approx(0.3, abs=0.03)
 
 
 def test_a_bump_on_the_way_does_not_end_it_before() -> None:
@@ -182,7 +183,7 @@ def test_a_bump_on_the_way_does_not_end_it_before() -> None:
 
 
 def parted(cells: int) -> EvidenceMap:
-    """The robot came from behind a line that bumps forbid: so many cells of its way lie there."""
+    """Return a map in which the robot came through a line forbidden by bumps, ``cells`` wide."""
     memory = EvidenceMap(MODEL, OPTIONS, HERE)
     row, column = (int(v) for v in memory.to_cells(0.0, 0.0)[::-1])
     memory.swept[:] = 1
@@ -206,7 +207,7 @@ def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
 
 
 def test_a_trail_that_a_wall_seen_since_runs_along_does_not_count() -> None:
-    """Driven where the robot wrongly believed itself to be: only having been there opens it."""
+    """The robot's place was wrong there: only a true visit makes it passable."""
     for layer in ("inflated", "blocked"):
         memory = parted(60)
         getattr(memory, layer)[memory.visited > 0] = 1
@@ -224,7 +225,7 @@ def test_a_past_separation_is_not_reported_for_the_next_search() -> None:
 
 
 class ShutIn:
-    """Parted from where it was, 70 cells of it to the left, by a line of a layer 50 cm off."""
+    """Separated from its past, 70 cells of it to the left, by a line 50 cm away."""
 
     def __init__(self, layer: str) -> None:
         self.layer = layer
@@ -244,7 +245,7 @@ class ShutIn:
         yield from ()
 
     def run(self) -> tuple[str, list[PlannerEvent]]:
-        """Why it ended, and what it decided."""
+        """Return why it ended, and its decisions."""
         planner = RecoveryPlanner(MODEL, behaviours=Behaviours(self.approach))
         end = planner.start(seen())
         assert isinstance(end, Finish)
@@ -293,6 +294,6 @@ def test_a_place_is_judged_from_where_the_path_to_it_was_blocked() -> None:
             planner.goes(left=True)
         planner.stand(Pose2(walked_m, 0.0, 0.0))
         assert planner.blames(choice) is blamed
-        planner.goes(left=True, new_m2=0.02)  # refused, and no walk
+        planner.goes(left=True, new_m2=0.02)  # blocked, without following
         planner.stand(Pose2(walked_m, 0.0, 0.0))
         assert planner.blames(choice) is not blamed

@@ -1,4 +1,4 @@
-"""The recovery planner's search on grids drawn by hand."""
+"""The recovery planner's search on handmade grids."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CELLS = np.zeros(1024, dtype=np.int32)
 
 
 def floor(rows: int, cols: int) -> np.ndarray:
-    """All free, the rim shut, as a window of the map is."""
+    """Return a free floor with a closed rim, like a window of the map."""
     open_ = np.zeros((rows, cols), dtype=np.uint8)
     open_[1:-1, 1:-1] = 2
     return open_
@@ -91,7 +91,7 @@ def test_travel_in_slices_finds_the_same() -> None:
 
 
 def window(**layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``open_`` and ``done`` of the inner 9 by 9 cells of a map of 11 by 11."""
+    """Return ``open_`` and ``done`` of the inner 9 by 9 cells of a map of 11 by 11."""
     empty = np.zeros((11, 11), dtype=np.uint8)
     inflated, blocked, visited, swept, wall, tried = (
         layers.get(name, empty)
@@ -103,7 +103,7 @@ def window(**layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def at(row: int, col: int, value: int = 1) -> np.ndarray:
-    """A map of 11 by 11 with one mark, at a cell of the inner 9 by 9."""
+    """Return a map of 11 by 11 with one mark, at a cell of the inner 9 by 9."""
     layer = np.zeros((11, 11), dtype=np.uint8)
     layer[row + 1, col + 1] = value
     return layer
@@ -117,14 +117,14 @@ def test_beside_a_wall_is_dear_and_the_wall_shut() -> None:
     assert not open_[0].any()
     assert not open_[:, 8].any()
     open_, _ = window(inflated=at(4, 4), visited=at(4, 4))
-    assert open_[4, 4] == 2  # the robot was there, whatever the evidence says
+    assert open_[4, 4] == 2  # the robot was there, whatever the evidence
 
 
 def test_the_reason_identifies_what_was_done() -> None:
     _, done = window(swept=at(2, 2), tried=at(3, 3, 2), wall=at(4, 4, 2))
     assert (done[2, 2], done[3, 3], done[4, 4]) == (SWEPT, GIVEN_UP, OCCUPIED)
     _, done = window(tried=at(3, 3), wall=at(4, 4))
-    assert not done.any()  # once in vain, once seen: not yet
+    assert not done.any()  # one fruitless attempt, one reading: not yet
 
 
 def test_targets_are_what_the_mouth_reaches_from_where_the_axle_can_be() -> None:
@@ -223,7 +223,7 @@ def test_of_what_is_left_only_pieces_that_hold_a_disc_are_holes() -> None:
 
 
 def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
-    """A swept hall, and at its far end a hole, or as much floor in a sliver."""
+    """A swept hall with a hole at its far end, or the same floor in a sliver."""
     for rows, cols, taken in ((5, 5, True), (2, 13, False)):
         pose = Pose2(0.0, 0.0, 0.0)
         memory = EvidenceMap(RobotModel(), RecoveryOptions(), pose)

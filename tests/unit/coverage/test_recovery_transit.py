@@ -1,4 +1,4 @@
-"""Courses along a way, and how fast a piece of it may end."""
+"""Headings along a path, and the maximum speed at the end of a piece."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_only_a_slight_bend_is_gone_through(bend_deg: float, *, fast: bool) -> N
     last = end_speed(choice("lane", bend_deg, corner), 0, 0.0)
     assert inner == last
     assert (inner > 0.1) is fast
-    # what is planned as slight is below the bend that is turned in place, and with room
+    # a planned slight bend is below the bend that needs a turn in place, with a margin
     assert abs(bend) < BEND_RAD - math.radians(3.0) or not fast
 
 

@@ -1,4 +1,4 @@
-"""Rests between legs, for the gyro's sake."""
+"""Rests between legs, which measure the gyro bias."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_rest_that_helps_nothing_ends_and_is_not_begun_again_at_once() -> None
 
 
 class Legs:
-    """Two short legs, for a planner that watches, or one that does not."""
+    """Two short legs, for a planner with or without observations."""
 
     state = None
 
@@ -70,7 +70,7 @@ class Legs:
 
 
 class Watching(Legs):
-    """As ``recovery`` is."""
+    """A planner with observations, like ``recovery``."""
 
     speed_limit_m_s = 1.0
 
@@ -80,7 +80,7 @@ class Watching(Legs):
 
 def test_only_a_planner_that_watches_is_held_and_only_between_its_legs() -> None:
     for planner, holds in ((Watching(), True), (Legs(), False)):
-        runner = PlanRunner(planner, RobotModel())  # type: ignore[arg-type]  # no state to tell
+        runner = PlanRunner(planner, RobotModel())  # type: ignore[arg-type]  # no state to report
         x, moved = 0.0, []
         for k in range(300):
             now_s = 0.02 * k
@@ -99,7 +99,7 @@ def test_only_a_planner_that_watches_is_held_and_only_between_its_legs() -> None
 
 
 class Flowing(Watching):
-    """Ends its only leg in motion, and the plan with it; or is in doubt of its gyro by then."""
+    """Ends its only leg in motion, and the plan with it; or has an uncertain gyro by then."""
 
     def _leg(self, obs: Observation) -> Leg:
         self.asked.append(obs.time_s)
@@ -129,7 +129,7 @@ def test_a_plan_that_ends_or_rests_in_motion_brakes_within_the_limit(uncertainty
 
 
 class Circling(Watching):
-    """After one leg, only turns to where it looks already, each ended as it begins."""
+    """After one leg it only turns to its present heading; each turn ends as it begins."""
 
     def _leg(self, obs: Observation) -> Leg:
         self.asked.append(obs.time_s)

@@ -1,4 +1,4 @@
-"""Whole runs in the small world: the paper's figures, and that every run ends."""
+"""Complete runs in the small world: the paper's figures, and that every run ends."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_paper_on_case_1_without_noise_is_the_computed_figure() -> None:
     report = meter(CASE_1).measure(done.poses, done.runner.lane_length_m)
     assert done.finish_reason == "side step blocked at both ends of the last lane"
     assert 0.93 <= report.coverage.body_free <= 0.945
-    # eq. 8 to the letter gives 64 %: the lanes are W wide and stop short of the walls
+    # eq. 8 as written gives 64 %: the lanes are W wide and stop short of the walls
     assert report.coverage.eq8 == pytest.approx(0.64, abs=0.03)
     assert report.coverage.mouth_free < 0.774
 

@@ -1,4 +1,4 @@
-"""The live map: what it marks, how it grows, what it exports."""
+"""The live map: its marks, its growth, its export."""
 
 from __future__ import annotations
 

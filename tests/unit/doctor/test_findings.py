@@ -1,4 +1,4 @@
-"""The doctor's rules on hand-made lines, and its share of the emulator's faults."""
+"""The doctor's rules on handmade lines, and a part of the emulator's faults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MS = 1_000_000
 
 
 class Line:
-    """A device that says what it is told to, to a doctor who listens."""
+    """A device that sends given messages to the doctor."""
 
     def __init__(self) -> None:
         self.examination = Examination()
@@ -30,7 +30,7 @@ class Line:
         self.late_ms = 0
 
     def inform(self, message: object, *, every_ms: int = 10, count: int = 1) -> None:
-        """So many times, stamped as sent."""
+        """Send a message ``count`` times, stamped at sending."""
         for _ in range(count):
             self.now_ms += every_ms
             self.link.send(message, self.now_ms * 1000, node=1)  # type: ignore[arg-type]  # any
@@ -119,7 +119,7 @@ def test_missing_numbers_without_damage_are_an_overrun() -> None:
 
 @pytest.mark.parametrize("cut", [0, 3], ids=["between frames", "inside a frame"])
 def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
-    """As of a recovered log without one chunk: it may end in the middle of a frame."""
+    """As in a recovered log without one chunk: it may end in the middle of a frame."""
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, every_ms=4, count=400)
@@ -127,7 +127,7 @@ def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
         line.link.send(COUNTS, line.now_ms * 1000, node=1)
         line.hear(line.link.data_to_send()[:cut])
     for _ in range(54):
-        line.now_ms += 4  # 0.2 s, less than what is called a hole by time alone
+        line.now_ms += 4  # 0.2 s, less than a hole by time alone
         line.link.send(COUNTS, line.now_ms * 1000, node=1)
         line.link.data_to_send()
     line.inform(COUNTS, every_ms=4, count=400)
@@ -143,13 +143,13 @@ def test_a_hole_and_a_stall() -> None:
     line.inform(hello())
     line.inform(COUNTS, count=200)
     for _ in range(50):
-        frame(line)  # half a second that nobody heard
+        frame(line)  # half a second that was not received
     line.inform(COUNTS, count=200)
     assert line.kinds == ["gap"]
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, count=200)
-    for delay_ms in range(500, 0, -10):  # half a second that came at once, late
+    for delay_ms in range(500, 0, -10):  # half a second that arrived at once, late
         line.late_ms = delay_ms - 10
         line.inform(COUNTS)
     line.inform(COUNTS, count=200)
@@ -300,7 +300,7 @@ SHARE = (
 
 @pytest.mark.parametrize("patient", [p for p in PATIENTS if p.name in SHARE], ids=lambda p: p.name)
 def test_a_share_of_the_confusion_table(patient: object) -> None:
-    """The whole is written by ``campaign.doctor``."""
+    """``campaign.doctor`` writes the whole table."""
     result = visit(patient, 11)  # type: ignore[arg-type]  # of PATIENTS
     assert result.hit, result.found
     assert result.wrong == []

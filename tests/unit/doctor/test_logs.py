@@ -1,4 +1,4 @@
-"""A log of another program that uses our topics' names for things of its own."""
+"""A log of another program that uses our topics' names for its own messages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Reader:
         return (m for m in self._messages if topics is None or m.topic in topics)
 
 
-def channel(topic: str, decoded: Any) -> SimpleNamespace:  # noqa: ANN401 - whatever a schema gives
+def channel(topic: str, decoded: Any) -> SimpleNamespace:  # noqa: ANN401 - any decoded message
     return SimpleNamespace(topic=topic, schema_name="x", decode=lambda _data: decoded)
 
 

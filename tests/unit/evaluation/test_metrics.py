@@ -43,7 +43,7 @@ HALL = FloorPlan("hall", box(0, 0, 3, 2), (), Pose2(1.5, 1.0, 0.0))
 
 
 def straight(x0: float, y0: float, x1: float, y1: float, t0: float = 0.0) -> Track:
-    """A lane at 0.2 m/s, sampled at 50 Hz."""
+    """Return a lane at 0.2 m/s, sampled at 50 Hz."""
     length = math.hypot(x1 - x0, y1 - y0)
     count = max(round(length / 0.004), 1)
     heading = math.atan2(y1 - y0, x1 - x0)
@@ -72,10 +72,10 @@ def exact_centres(plan: FloorPlan) -> BaseGeometry:
 def test_areas_of_case_1() -> None:
     meter = CoverageMeter(CASE_1, MODEL)
     assert meter.free_m2 == pytest.approx(2.06 * 2.057 - 0.4, rel=1e-4)
-    # the disc leaves the four corners of the room: (1 - π/4) R² each
+    # the disc cannot reach the four corners of the room: (1 - π/4) R² each
     corners = 4 * (1 - math.pi / 4) * 0.16**2
     assert meter.reachable_m2 == pytest.approx(2.06 * 2.057 - 0.4 - corners, rel=3e-4)
-    # the share of the floor that a mouth on the axle can reach at all
+    # the share of the floor that a mouth on the axle can reach
     assert meter.sweepable_m2 / meter.free_m2 == pytest.approx(0.774, abs=0.0005)
 
 
@@ -121,7 +121,7 @@ def test_a_straight_run() -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 0.00125, 0.0025, 0.004])
 def test_a_lane_has_its_width_wherever_it_lies_on_the_grid(shift: float) -> None:
-    """With points at the cells' centres this would jump by 3 %."""
+    """With points at the cells' centres the width would jump by 3 %."""
     report = CoverageMeter(HALL, MODEL).measure(straight(0.5, 1.0 + shift, 2.5, 1.0 + shift))
     assert report.coverage.mouth_free * 6.0 == pytest.approx(0.32, rel=3e-3)
 
@@ -148,7 +148,7 @@ def test_ideal_lanes_sweep_all_that_is_sweepable() -> None:
         track += straight(ends[0], y, ends[1], y, t0)
         track += [(track[-1][0] + 1.0, ends[1], y, math.pi / 2)]
     report = CoverageMeter(HALL, MODEL).measure(track)
-    # what lanes cannot: quarter discs at the lanes' ends, of which turning sweeps a part
+    # the rest is quarter discs at the lanes' ends, of which turning sweeps a part
     assert report.coverage.mouth_sweepable > 0.93
     assert report.coverage.body_reachable > 0.985
     assert report.t90_s is not None
@@ -185,7 +185,7 @@ def test_largest_hole_and_its_inradius() -> None:
     # lanes end at y = 0.76 + 0.08 and begin again at 1.24 - 0.08; the jump between is not swept
     report = CoverageMeter(HALL, MODEL).measure(track)
     assert report.hole_inradius_m == pytest.approx(0.16, abs=0.004)
-    # with the 2 cm on both sides at the lanes' ends, which hang together with it
+    # with the 2 cm on both sides at the lanes' ends, which are connected with it
     area = 0.32 * 2.84 + 2 * 0.02 * (1.84 - 0.32)
     assert report.largest_hole_cm2 == pytest.approx(area * 1e4, rel=0.01)
     assert report.path_m == pytest.approx(14 * 2.8, rel=1e-3)
@@ -234,7 +234,7 @@ def test_figures_of_a_wandering_run_against_exact_geometry() -> None:
         c, s = 0.08 * math.cos(th), 0.08 * math.sin(th)
         bars.append(((px - s, py + c), (px + s, py - c)))
     quads = [shapely.MultiPoint([*a, *b]).convex_hull for a, b in itertools.pairwise(bars)]
-    # a hull is the swept quadrilateral but for the sliver of a bar that turns about itself
+    # a hull is the swept quadrilateral without the sliver of a bar that turns about itself
     mouth = unary_union(quads).intersection(floor)
     assert report.coverage.mouth_free == pytest.approx(mouth.area / floor.area, abs=6e-4)
 

@@ -1,4 +1,4 @@
-"""Room files: what is wrong is named, all of it; what is probably wrong is a caution."""
+"""Room files: all errors are named, and probable mistakes are cautions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The socket of a port's owner: who may ask, what is answered, and what is left behind."""
+"""The socket of a port's owner: its clients, its answers, and its files."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 
 PATIENCE_S = 60.0
-"""Only a hang is longer."""
+"""Maximum time of a step, s; only a hang is longer."""
 
 
 class Waiting:
-    """Counts those who wait."""
+    """Counts waiting threads."""
 
     def __init__(self) -> None:
         self._count = threading.Semaphore(0)
@@ -50,7 +50,7 @@ class Waiting:
 
 
 class Robot:
-    """Answers what it was asked, and who asked."""
+    """Answers with the request and the requester."""
 
     def __init__(self) -> None:
         self.over = False
@@ -242,16 +242,16 @@ def test_lines_that_are_no_requests_are_rejected_by_the_thousand(owner: OwnerSoc
 
 
 def stop(port: str) -> None:
-    """A stop that is not answered within ``PATIENCE_S`` would hang."""
+    """Send a stop that must be answered within ``PATIENCE_S``."""
     assert ask(port, {"do": "stop"}, timeout_s=PATIENCE_S) == {"ok": True, "confirmed": True}
 
 
 def crowd(owner: OwnerSocket, count: int, line: bytes) -> list[socket.socket]:
-    """Connect so many clients, each of which writes this and leaves it at that."""
+    """Connect a number of clients, each of which sends this line and nothing more."""
     clients = []
     for _ in range(count):
         client = _raw(owner)
-        with suppress(OSError):  # it may have been hung up on by now
+        with suppress(OSError):  # it may have been disconnected by now
             client.sendall(line)
         clients.append(client)
     return clients
@@ -281,7 +281,7 @@ def test_a_stop_passes_requests_that_wait_for_the_device(port: str) -> None:
         with pytest.raises(OwnerRejectedError, match="requests are in progress"):
             ask(port, {"do": "echo"})
         stop(port)
-        clients[0].sendall(b'{"do": "stop"}\n')  # behind a request that is not answered yet
+        clients[0].sendall(b'{"do": "stop"}\n')  # behind a request without an answer so far
         assert json.loads(clients[0].recv(4096)) == {"ok": True, "confirmed": True}
         robot.released.set()
         for client in clients:
@@ -292,7 +292,7 @@ def test_a_stop_passes_requests_that_wait_for_the_device(port: str) -> None:
 def test_eight_clients_that_ask_again_and_again_are_never_too_many(
     owner: OwnerSocket, port: str
 ) -> None:
-    """Each on a connection of its own for each request: it is counted out before its answer."""
+    """Each request has its own connection, which is counted out before its answer."""
     rejected: list[str] = []
 
     def ask_often() -> None:

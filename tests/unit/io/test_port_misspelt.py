@@ -1,4 +1,4 @@
-"""A name that is no port: what it was meant to be is told, never that a robot is missing."""
+"""A misspelt port: the error names the intended port, and never says that a robot is missing."""
 
 from __future__ import annotations
 

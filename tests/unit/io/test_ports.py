@@ -51,7 +51,7 @@ def test_bytes_pass_both_ways(wire: Pty) -> None:
 
 
 def test_a_full_port_reports_so_and_does_not_spin(wire: Pty) -> None:
-    """Pyserial's own non-blocking write loops until the port takes something."""
+    """Pyserial's own non-blocking write loops until the port takes bytes."""
     with SerialPort(wire.path) as port:
         taken = 0
         while written := port.write(bytes(1000)):
@@ -152,7 +152,7 @@ def test_opening_leaves_no_descriptor_behind(wire: Pty, tmp_path: Path) -> None:
 
 @pytest.fixture(name="crowded")
 def _crowded() -> Iterator[None]:
-    """A process that has 1200 files open."""
+    """Keep 1200 files of this process open."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(4096, hard)), hard))
     held: list[int] = []
@@ -169,7 +169,7 @@ def _crowded() -> Iterator[None]:
 
 @pytest.mark.usefixtures("crowded")
 def test_a_port_works_in_a_process_with_a_thousand_files(wire: Pty) -> None:
-    """Its descriptor is beyond what ``select`` takes."""
+    """Its descriptor is beyond the range of ``select``."""
     with SerialPort(wire.path) as port:
         assert port.wait(0.0) == b""
         os.write(wire.master, b"hello")
@@ -198,7 +198,7 @@ def test_a_tcp_port_works_in_a_process_with_a_thousand_files() -> None:
 
 @pytest.mark.usefixtures("crowded")
 def test_a_bus_that_python_can_cannot_wait_for_is_an_error(wire: Pty) -> None:
-    """Its reads end in an error that is otherwise taken for a garbled line, for ever."""
+    """Its reads would end in an error that looks like a garbled line, forever."""
     with pytest.raises(PortError, match=r"1024 or more open files.*close some"):
         CanPort(f"can:slcan:{wire.path}")
 
@@ -206,7 +206,7 @@ def test_a_bus_that_python_can_cannot_wait_for_is_an_error(wire: Pty) -> None:
 def test_a_wake_never_writes_to_a_descriptor_that_was_closed_meanwhile(
     wire: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its number may already be another file's."""
+    """Another file may already have its number."""
     port = SerialPort(wire.path)
     closing = threading.Thread(target=port.close)
     real_write = os.write
@@ -215,7 +215,7 @@ def test_a_wake_never_writes_to_a_descriptor_that_was_closed_meanwhile(
     def write(fd: int, data: bytes) -> int:
         if not written:
             closing.start()
-            closing.join(timeout=0.2)  # what it can close it has closed by now
+            closing.join(timeout=0.2)  # it has closed by now what it can close
             written.append(stat.S_ISFIFO(os.fstat(fd).st_mode))
         return real_write(fd, data)
 

@@ -1,4 +1,4 @@
-"""Ports by their descriptors, by their stable names, and by what says hello on them."""
+"""Ports by their descriptors, by their stable names, and by the hellos on them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 PATIENCE_S = 60.0
-"""Only a hang is longer."""
+"""Maximum time of a step, s; only a hang is longer."""
 
 
 def info(device: str, vid: int | None, pid: int | None, **more: Any) -> SimpleNamespace:  # noqa: ANN401 - as pyserial's
@@ -126,7 +126,7 @@ def test_the_same_adapter_is_opened_again_under_another_name(tmp_path: Path, lin
     try:
         link.unlink()
         link.symlink_to(other.name)
-        with opener() as port:  # type: ignore[attr-defined]  # a serial port is one
+        with opener() as port:  # type: ignore[attr-defined]  # as of a serial port
             assert port.name == str(link)
             port.write(b"here")
             assert other.heard() == b"here"
@@ -142,7 +142,7 @@ def hello(link: Link) -> bytes:
 
 @contextmanager
 def repeating(line: Pty, printed: Callable[[], bytes]) -> Iterator[None]:
-    """Somebody says a thing again and again: what the opening of the port drops comes anew."""
+    """Repeat bytes on the line, because opening a port drops the earlier ones."""
     end = threading.Event()
 
     def speak() -> None:
@@ -195,7 +195,7 @@ def test_a_line_that_is_no_sweeper_s(line: Pty, monkeypatch: pytest.MonkeyPatch)
     assert silent.note == "silent"
     sentence = b"$GPGGA,\r\n"
     with repeating(line, lambda: sentence):
-        for listen_s in (0.1, 1.0, PATIENCE_S / 2):  # longer where the speaker was held up
+        for listen_s in (0.1, 1.0, PATIENCE_S / 2):  # longer if the sender was delayed
             monkeypatch.setattr(module, "LISTEN_S", listen_s)
             (talking,) = probe(candidates([line.name]))
             if talking.note != "silent":

@@ -1,4 +1,4 @@
-"""The library of runs: what it reads, what it remembers, and what a condition may do."""
+"""The library of runs: what it reads and stores, and the limits of a condition."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_a_growing_log_is_listed_without_an_end_and_then_with_it(tmp_path: Path)
 def test_damaged_and_foreign_files_hide_no_run(tmp_path: Path) -> None:
     whole = write_log(tmp_path / "whole.mcap", records=3000)
     data = whole.read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])  # amid the messages
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])  # between messages
     (tmp_path / "empty.mcap").write_bytes(b"")
     (tmp_path / "noise.mcap").write_bytes(os.urandom(5000))
     (tmp_path / "notes.txt").write_text("no log")

@@ -1,8 +1,8 @@
-"""Whether the filter's covariance tells the truth about its errors (NEES), and how large they are.
+"""Consistency of the filter's covariance with its errors (NEES), and the size of the errors.
 
-Twice: against a truth made here with the drift model's own figures but by other means (wheels
-on the floor, a millisecond at a time), where the mean must lie within chi-square bounds on both
-sides; and through the virtual sweeper's body and sensors, whose errors are not the model's.
+Two tests. The first simulates a truth with the drift model's figures but by other means (wheels on
+the floor, a millisecond at a time); the mean must lie within chi-square bounds on both sides. The
+second uses the virtual sweeper's plant and sensors, whose errors differ from the model's.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ DRIFT = DriftModel()
 RUNS = 24
 TICK_S = 0.002
 LEGS = ((3.0, 0.0), (1.2, 1.3), (4.0, 0.0), (1.2, -1.3), (3.0, 0.25))
-"""Seconds and yaw rate of the legs of a drive; after every second one a rest."""
+"""Duration and yaw rate of the legs of a drive; after every second one a rest."""
 
 
 class Truth:
-    """Two wheels on a floor, each with its own slip; a gyro with all its faults."""
+    """Two wheels on a floor, each with its own slip; a gyro with all its errors."""
 
     def __init__(self, seed: int) -> None:
         self.rng = rng = np.random.default_rng(seed)
         self.x = self.y = self.theta = 0.0
         self.turned = [0.0, 0.0]
-        """What the wheels' encoders see, nominal metres."""
+        """Turn of the wheels by their encoders, nominal metres."""
         self.bias = math.radians(rng.normal(0.0, 1.0))
         self.shift = rng.normal(0.0, DRIFT.motion_bias_rad_s)
         self.gyro_gain = 1.0 / (1.0 - rng.normal(0.0, DRIFT.gyro_scale))
         self.wheel = 1.0 + rng.normal(0.0, DRIFT.wheel_scale)
         self.tick = 0
         self.angle = 0.0
-        """Integral of the yaw rate, and of the noise that the gyro adds, since the last sample."""
+        """Integral of the yaw rate, and of the gyro's noise, since the last sample."""
 
     def step(self, v: float, w: float) -> None:
         rng, b = self.rng, MODEL.wheel_base_m
@@ -53,7 +53,7 @@ class Truth:
         for side, speed in enumerate((v - 0.5 * w * b, v + 0.5 * w * b)):
             way = speed * TICK_S
             self.turned[side] += way / self.wheel
-            # Each wheel strays by itself: their mean then has the model's figure.
+            # Each wheel slips independently: their mean then has the model's figure.
             stray = math.sqrt(2.0) * DRIFT.along_m_sqrt_m * math.sqrt(abs(0.5 * v) * 2.0 * TICK_S)
             gone.append(way + rng.normal(0.0, 1.0) * stray if v else way)
         turn = (gone[1] - gone[0]) / b
@@ -79,7 +79,7 @@ class Truth:
 
 
 def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
-    """Error and covariance at the end of half a minute's drive."""
+    """Return error and covariance at the end of half a minute's drive."""
     truth = Truth(seed)
     estimator = PoseEstimator(MODEL, ORIGIN)
 
@@ -105,11 +105,11 @@ def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
 
 
 def test_nees_lies_within_its_chi_square_bounds() -> None:
-    """Σ of 24 runs' NEES of 3 numbers: chi-square of 72; 99.8 % of it lies in (41, 113)."""
+    """Sum of 24 runs' NEES of 3 numbers: chi-square of 72; 99.8 % of it lies in (41, 113)."""
     runs = [run_model(seed) for seed in range(RUNS)]
     nees = [float(error @ np.linalg.solve(p, error)) for error, p, _ in runs]
     assert 41.0 < sum(nees) < 113.0
-    for axis in range(3):  # and each number by itself: chi-square of 24, 99.8 % in (8, 51)
+    for axis in range(3):  # and each number alone: chi-square of 24, 99.8 % in (8, 51)
         alone = sum(float(error[axis] ** 2 / p[axis, axis]) for error, p, _ in runs)
         assert 8.0 < alone < 51.0
 
@@ -118,7 +118,7 @@ def test_nees_lies_within_its_chi_square_bounds() -> None:
 def test_through_the_virtual_body_at_typical(seed: int) -> None:
     """Round a room near its walls for a minute and a half; its errors are not the model's own.
 
-    The bounds: 1.5 cm and 0.7°, and a NEES that is not above what 3 numbers give.
+    The bounds: 1.5 cm and 0.7°, and a NEES at most that of 3 numbers.
     """
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", seed)
     alone = DeadReckoning(MODEL, drive.estimator.pose)
@@ -130,13 +130,13 @@ def test_through_the_virtual_body_at_typical(seed: int) -> None:
     errors = drive.errors
     assert max(errors.position_m) < 0.015
     assert max(errors.yaw_rad) < math.radians(0.7)
-    # the samples of one run hang together: a wide upper bound for their mean
+    # the samples of one run are correlated: a wide upper bound for their mean
     assert 0.1 < sum(errors.nees) / len(errors.nees) < 5.0
     assert drive.estimator.disturbances == (), "no false alarm"
 
 
 def test_walls_estimate_wheel_scale_and_the_bias_of_motion() -> None:
-    """From the second round on: in the first no wall's direction is known that it drives up to."""
+    """From the second round on: in the first, the wall ahead has no known direction."""
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
     drive.rest(2.0)
     before = drive.estimator.ekf.wheel_scale_sigma
@@ -151,7 +151,10 @@ def test_walls_estimate_wheel_scale_and_the_bias_of_motion() -> None:
 
 
 def test_without_noise_nothing_is_left_that_grows() -> None:
-    """What the rangers say is of an older place than the pose: held apart, or the room grows."""
+    """A range belongs to an older place than the pose.
+
+    Without this distinction the room would grow.
+    """
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "none", 1)
     drive.rest(2.0)
     for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 2:
@@ -185,7 +188,7 @@ def test_dead_reckoning_is_the_papers() -> None:
     assert reckoning.pose.y_m == pytest.approx(radius, abs=2e-3)
 
 
-# ---- noise that is measured ------------------------------------------------------------
+# ---- measured noise --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sigma", [0.0005, 0.005])
@@ -199,7 +202,7 @@ def test_slip_is_measured_from_wheels_against_gyro(sigma: float) -> None:
 
 
 def slip(monitor: SlipMonitor, along_m_sqrt_m: float) -> None:
-    """Sixty metres on which the wheels stray by so much, once to the left and once to the right."""
+    """Drive sixty metres with this slip, once to the left and once to the right."""
     way_m = 0.101
     for window in range(600):
         stray_m = (-1) ** window * along_m_sqrt_m * math.sqrt(way_m)
@@ -207,7 +210,7 @@ def slip(monitor: SlipMonitor, along_m_sqrt_m: float) -> None:
 
 
 def test_more_slip_inflates_more() -> None:
-    """As much as was measured below 1.7 mm/√m; of more, more is common to both wheels."""
+    """As measured below 1.7 mm/√m; above it, more of the slip is common to both wheels."""
     expected = {0.0004: (0.5, 0.4), 0.001: (1.0, 1.0), 0.0034: (6.8, 3.0), 0.01: (22.0, 3.0)}
     for along_m, (slippery, of_the_mean) in expected.items():
         monitor = SlipMonitor(0.001)
@@ -221,7 +224,7 @@ def test_slip_and_vibration_leave_the_scales_uncertain() -> None:
     states = [WHEEL_SCALE, GYRO_SCALE, MOTION_BIAS]
     wheels, gyro, bias = DRIFT.wheel_scale, DRIFT.gyro_scale, DRIFT.motion_bias_rad_s
     slip(estimator.ekf.slip_monitor, 2.0 * DRIFT.along_m_sqrt_m)
-    for _ in range(2):  # once: the same slip again tells nothing new
+    for _ in range(2):  # the same slip a second time gives no information
         estimator.ekf.wait(0.2)
         estimator.ekf.inflate_for_vibration(0.30)
         with_sigma = np.sqrt(np.diag(estimator.ekf.joint_covariance.p)[states])
@@ -230,7 +233,7 @@ def test_slip_and_vibration_leave_the_scales_uncertain() -> None:
 
 
 def test_of_the_gyros_walk_only_what_vibration_makes_grows_with_it() -> None:
-    """By the cube: 0.005 °/√s is the chip's own, at rest as in motion."""
+    """With the cube: 0.005 °/√s is the chip's own, at rest as in motion."""
     for vibration_m_s2, grown in ((0.15, 1.0), (0.30, 8.0)):
         estimator = PoseEstimator(MODEL, ORIGIN)
         estimator.ekf.inflate_for_vibration(vibration_m_s2)
@@ -249,7 +252,7 @@ def test_vibration_makes_the_gyro_worse_by_its_square() -> None:
 
 
 def settled(scale: NoiseScale, variance: float, seed: int) -> float:
-    """Geometric mean of the scale once it has settled, of errors of so many times the model's."""
+    """Return the geometric mean of the settled scale, for ``variance`` times the model's errors."""
     rng = np.random.default_rng(seed)
     logs = []
     for count in range(6000):
@@ -264,13 +267,13 @@ def settled(scale: NoiseScale, variance: float, seed: int) -> float:
 def test_surprises_scale_the_noise_to_what_the_errors_are(variance: float, seed: int) -> None:
     scale = NoiseScale(25.0)
     assert settled(scale, variance, seed) == pytest.approx(variance, rel=0.25)
-    # ... and back once they have become small again
+    # It returns to one once the errors are small again.
     assert settled(scale, 0.2, seed) < 1.05
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_errors_as_large_as_the_models_leave_the_scale_near_one(seed: int) -> None:
-    """Not at one: it is held from below there, and strays upwards."""
+    """Not exactly one: it is limited from below there, and fluctuates upwards."""
     assert 1.0 < settled(NoiseScale(25.0), 1.0, seed) < 1.6
 
 

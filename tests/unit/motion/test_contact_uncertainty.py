@@ -1,4 +1,4 @@
-"""What contact does to the estimate: what wheels tell and a touched wall withholds."""
+"""Effect of contact on the estimate: the wheels measure a path that a wall prevents."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ START = Pose2(1.0, 1.0, 0.0)
 
 
 class Pushed:
-    """An estimator without an accelerometer, moved as by wheels alone."""
+    """An estimator without an accelerometer, moved by wheels alone."""
 
     def __init__(self) -> None:
         self.estimator = PoseEstimator(MODEL, START)
@@ -85,7 +85,7 @@ def test_inertial_evidence_after_a_bump_is_kept() -> None:
 def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(
     speed_m_s: float, pressed: int
 ) -> None:
-    """A jerk that inertia takes for a stop, of a robot that rolls on: what is told is its way."""
+    """By inertia a jerk looks like a stop, but the robot rolls on: the wheels' path counts."""
     drive, contact = struck(speed_m_s)
     for k in range(8):
         contact.update(left=k < pressed, right=False, grazing=False)
@@ -94,7 +94,7 @@ def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(
     assert not drive.estimator.bridging
     reported, true = drive.estimator.pose, drive.body.pose
     sigma_m = math.sqrt(drive.estimator.covariance[0][0])
-    # while pressed it was held, for all that is known; readings come every 50 ms
+    # while pressed it may have been held; readings come every 50 ms
     held_m = 0.05 * (pressed - 1) * speed_m_s
     low_m = 0.002 if held_m else -0.004
     assert low_m < true.x_m - reported.x_m < held_m + 0.004
@@ -125,7 +125,7 @@ def test_a_bump_felt_before_does_not_end_the_next_one() -> None:
 
 
 def struck(speed_m_s: float) -> tuple[SimDrive, ContactUncertainty]:
-    """A robot that drives, and whose accelerometer has just told of a hard stop."""
+    """Return a moving robot whose accelerometer has just measured a hard stop."""
     drive = SimDrive(room((1.0, 1.0, 0.0)), "typical", 5)
     drive.rest(2.0)
     for _ in range(100):
@@ -182,7 +182,7 @@ def test_grazing_adds_standard_deviation_with_the_root_of_the_path() -> None:
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("level", ["typical", "harsh"])
 def test_the_estimate_follows_a_sweeper_that_slips_along_a_wall(side: int, level: str) -> None:
-    """Plant and shell are not ours here: some 10 cm along a wall, the heading 10° into it."""
+    """Independent plant and shell: some 10 cm along a wall, the heading 10° into it."""
     y = 1.5 + side * (1.5 - MODEL.radius_m - 0.004)
     drive = SimDrive(
         room((0.6, y, math.radians(side * 10.0)), walls=box(0.0, 0.0, 4.0, 3.0)), level, 3

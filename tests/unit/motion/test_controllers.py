@@ -1,4 +1,4 @@
-"""The paper's controllers, and where they depart from its letter."""
+"""The paper's controllers, and their deviations from the paper's text."""
 
 from __future__ import annotations
 

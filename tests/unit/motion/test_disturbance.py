@@ -1,4 +1,4 @@
-"""Slip and collision: the detectors by themselves, and against the virtual body."""
+"""Slip and collision: the detectors alone, and with the virtual plant."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def test_a_bump_stands_out_from_vibration() -> None:
 @pytest.mark.parametrize(
     ("left", "right", "turn", "side"),
     [
-        (0.004, 0.006, 0.0, 1),  # straight on, the right counts too much
+        (0.004, 0.006, 0.0, 1),  # straight ahead, the right one counts too much
         (0.006, 0.004, 0.0, -1),
         (-0.006, -0.004, 0.0, -1),  # backwards
-        (-0.004, 0.004, 0.008, 0),  # turning in place, as the gyro tells
+        (-0.004, 0.004, 0.008, 0),  # turning in place, by the gyro
         (0.004, 0.00405, 0.0, 0),
     ],
 )
@@ -65,7 +65,7 @@ def test_bridging_ends_when_the_wheels_agree_again() -> None:
 
 
 def test_a_turning_body_carries_its_velocity_in_the_room() -> None:
-    """Half a turn at constant velocity in the room: what was ahead is behind."""
+    """Half a turn at constant velocity in the room: the forward velocity becomes backward."""
     bridge = InertialBridge(0.1)
     for _ in range(1000):
         bridge.push(0.0, 0.0, math.pi, 0.001)
@@ -88,7 +88,7 @@ def test_a_bridge_that_never_agrees_is_a_stall_where_the_body_stands() -> None:
 @pytest.mark.parametrize("follows", [True, False])
 def test_a_body_that_gains_speed_as_its_wheels_do_stands_no_more(*, follows: bool) -> None:
     bridge = InertialBridge(0.06)
-    bridge.push(-5.0, 0.0, 0.0, 0.01)  # rubbed: inertia loses what the wheels go on to tell
+    bridge.push(-5.0, 0.0, 0.0, 0.01)  # grazed: inertia loses speed that the wheels still measure
     for _ in range(30):
         bridge.push(0.0, 0.0, 0.0, 0.02)
         assert not bridge.over(0.06, 0.02)
@@ -112,7 +112,7 @@ def test_a_body_that_gains_speed_as_its_wheels_do_stands_no_more(*, follows: boo
 
 
 def run_into_wall(degrees: float, seed: int, *, accel: bool, push_s: float = 0.15) -> SimDrive:
-    """A wall 0.5 m ahead, met at an angle from square, at 0.2 m/s; pushed on for ``push_s``."""
+    """Drive into a wall 0.5 m ahead at 0.2 m/s, at an angle off normal; push on for ``push_s``."""
     start = (1.3, 2.0, math.radians(degrees))
     plan = room(start, walls=box(0.0, 0.0, 2.0, 4.0))
     drive = SimDrive(plan, "typical", seed, walls=False, accel=accel)
@@ -152,7 +152,7 @@ def test_a_stall_is_reported_and_its_wheels_are_not_used() -> None:
 
 
 def test_a_stall_that_was_none_costs_no_way() -> None:
-    """A jerk by which inertia has lost all speed, of a robot that rolls on and then speeds up."""
+    """A jerk in which inertia loses all speed, of a robot that rolls on and then speeds up."""
     drive = SimDrive(room((5.0, 5.0, 0.0)), "typical", 5, walls=False)
     drive.rest(2.0)
     for _ in range(100):
@@ -165,13 +165,13 @@ def test_a_stall_that_was_none_costs_no_way() -> None:
     for k in range(100):
         drive.step(min(0.06 + 0.004 * k, 0.25), 0.0)
     assert not drive.estimator.bridging
-    # half a second at 6 cm/s went by before it was called a stall; what that held back is given
+    # half a second at 6 cm/s passed before it counted as a stall; that path is restored
     assert drive.errors.position_m[-1] < 0.036
 
 
 @pytest.mark.parametrize("into", [1.0, -1.0])
 def test_wheels_that_turn_away_from_what_was_met_are_believed(into: float) -> None:
-    """A start too gentle for the accelerometer: inertia alone would have it stand on."""
+    """A start too gentle for the accelerometer: by inertia alone the robot would stand still."""
     bridge = InertialBridge(0.1 * into)
     bridge.push(-10.0 * into, 0.0, 0.0, 0.01)
     assert not any(bridge.over(0.05 * into, 0.02) for _ in range(10)), "pushed on: it stands"
@@ -181,7 +181,7 @@ def test_wheels_that_turn_away_from_what_was_met_are_believed(into: float) -> No
 
 
 def test_a_bump_of_a_robot_that_turns_on_the_spot_has_no_way_back() -> None:
-    """Neither direction leads away from what it met: which of them does is not known."""
+    """Neither direction is known to lead away from the obstacle."""
     for v_m_s in (0.03, -0.03):
         bridge = InertialBridge(0.002)
         bridge.push(0.0, 5.0, 0.0, 0.01)
@@ -199,7 +199,7 @@ def test_a_slipping_wheel_is_reported_and_the_other_used(side: int) -> None:
     assert quiet == 0
     before = drive.errors.position_m[-1]
     gains = [1.0, 1.0]
-    gains[side] = 1.3  # a third more turns than the floor went by
+    gains[side] = 1.3  # a third more turns than the floor passed
     drive.encoder_gain = (gains[0], gains[1])
     for _ in range(200):
         drive.step(0.2, 0.0)

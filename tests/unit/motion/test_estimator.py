@@ -88,7 +88,7 @@ def test_the_bias_follows_the_chips_temperature_after_two_standstills() -> None:
                 counts = math.floor(way / MODEL.metres_per_count) & 0xFFFF
                 estimator.on_encoders(t, counts, counts)
         off[reported] = abs(math.degrees(estimator.gyro_bias_rad_s - bias))
-    # 110 s after the last rest, in which the chip became 5.5 °C warmer
+    # 110 s after the last rest, in which the chip warmed by 5.5 °C
     assert off[False] == pytest.approx(0.11, abs=0.01)
     assert off[True] < 0.02
 
@@ -197,7 +197,7 @@ def test_covariance_grows_with_the_way_and_is_symmetric_and_positive() -> None:
 
 
 def test_heading_error_is_consistent_with_its_covariance() -> None:
-    """Bias learnt from a noisy rest, and more of it in motion: the error must match the sigma."""
+    """Bias from a noisy rest, and more of it in motion: the error must match the sigma."""
     shift = DriftModel().motion_bias_rad_s
     ratios = []
     for seed in range(40):
@@ -207,7 +207,7 @@ def test_heading_error_is_consistent_with_its_covariance() -> None:
         drive.run(20.0, 0.2, 0.0)
         sigma = math.sqrt(drive.estimator.covariance[2][2])
         ratios.append((drive.error()[2] / sigma) ** 2)
-    # the model also allows for walks that this truth has not: below 1, not near 0
+    # the model also allows for random walks that this truth lacks: below 1, not near 0
     assert 0.2 < sum(ratios) / len(ratios) < 1.5
 
 
@@ -217,7 +217,7 @@ def test_noise_figures_are_the_estimators() -> None:
 
 
 def test_setting_off_without_a_rest_uses_the_wheels() -> None:
-    """Samples of a start taken for a bias would turn the heading for the rest of the run."""
+    """A bias from samples of a start would turn the heading for the rest of the run."""
     drive = Drive(bias=math.radians(4.0))
     drive.run(1.0, 0.1, 0.3)
     drive.run(10.0, 0.2, 0.0)

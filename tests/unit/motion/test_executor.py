@@ -1,4 +1,4 @@
-"""Legs driven in the small world: where they end, why, and how gently."""
+"""Legs driven in the small world: place, reason and smoothness of their ends."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_drive_stops_short_of_the_wall_and_does_not_touch_it(seed: int) -> None:
     world.rest(2.0)
     result = Driver(world).run(Drive(0.0, stop_range_m=0.05))
     assert result.reason is StopReason.RANGE
-    # the ultrasonic sits 4 cm behind the body's front
+    # the ultrasonic sits 4 cm behind the robot's front
     assert 4.0 - MODEL.radius_m - world.truth.x_m == pytest.approx(0.01, abs=0.006)
 
 
@@ -86,7 +86,7 @@ def test_commands_keep_the_limits_of_the_robot() -> None:
     assert max(speeds) <= MODEL.max_speed_m_s
     assert max(abs(r) for r in rates) <= MODEL.max_yaw_rate_rad_s
     steps = [abs(b - a) for a, b in itertools.pairwise(speeds)]
-    # the last step to zero may be the whole of what is called rest
+    # the last step to zero may be as large as the speed that counts as rest
     assert max(steps) <= MODEL.max_accel_m_s2 * STEP_S + 0.01
 
 
@@ -181,7 +181,7 @@ def test_rest_stands_still_for_its_time() -> None:
 
 
 def frozen(time_s: float) -> Observation:
-    """A robot that does not move whatever it is told."""
+    """Return an observation of a robot that does not react to commands."""
     return AT_REST._replace(time_s=time_s, pose=Pose2(1.0, 1.0, 0.0))
 
 
@@ -233,7 +233,7 @@ def test_a_turn_that_flows_ends_near_its_heading_in_less_time() -> None:
     assert still.reason is flowing.reason is StopReason.DONE
     off = math.remainder(world.truth.theta_rad - math.pi, math.tau)
     assert abs(off) < math.radians(4)
-    # whoever steers on from there takes the rest out at once
+    # the next leg corrects the rest at once
     driver.run(Drive(math.pi, 0.5))
     off = math.remainder(world.truth.theta_rad - math.pi, math.tau)
     assert abs(off) < math.radians(0.5)
@@ -263,7 +263,7 @@ def test_a_drive_that_flows_hands_its_speed_on_without_a_jump(end_m_s: float) ->
 
 @pytest.mark.parametrize("met", ["bumper_left", "bumper_right", "cliff"])
 def test_what_a_way_meets_at_its_end_is_not_rolled_into(met: str) -> None:
-    """The way before ended in motion: neither a turn nor a brake may take that on."""
+    """The previous leg ended in motion: neither a turn nor a brake may continue it."""
     driver = Driver(world_at(1.0, 2.0))
     driver.run(Drive(0.0, 0.6, end_m_s=0.12))
     executor = driver.executor

@@ -1,4 +1,4 @@
-"""What left the ultrasonic's cone is remembered, and approached at a harmless speed."""
+"""An obstacle that left the ultrasonic's cone is remembered, and approached at a harmless speed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_head_on_the_speed_at_the_touch_is_harmless() -> None:
 
 
 def test_aside_only_the_part_along_the_normal_counts() -> None:
-    # touched at 30° off the bow: v·cos 30° along the normal
+    # contact at 30° off the bow: v·cos 30° along the normal
     aside, ahead = 0.16 * math.sin(math.radians(30)), 0.16 * math.cos(math.radians(30))
     speed = contact_speed(aside, ahead, 0.16, NOW)
     assert speed * math.cos(math.radians(30)) == pytest.approx(TOUCH_M_S)
@@ -35,7 +35,7 @@ def test_aside_only_the_part_along_the_normal_counts() -> None:
 def drive(
     hidden: HiddenAhead, leg: tuple[float, float], way_m: float, *, turn: float = 0.0
 ) -> list[float]:
-    """Speeds allowed while driving towards a leg at (ahead, aside) of the axle, 4 mm a step."""
+    """Return the allowed speeds towards a leg at (ahead, aside) of the axle, 4 mm a step."""
     speeds = []
     half = 0.5 * MODEL.ultrasonic.cone_rad
     for k in range(round(way_m / 0.004)):
@@ -48,7 +48,7 @@ def drive(
 
 def test_a_leg_beside_the_beam_is_met_slowly() -> None:
     hidden = HiddenAhead(MODEL, DECEL)
-    # 8 cm off the axis it leaves the cone 0.61 m before the sensor, and is touched at 0.139 m
+    # 8 cm off the axis it leaves the cone 0.61 m before the sensor, and contact is at 0.139 m
     speeds = drive(hidden, (1.2, 0.08), 1.2 - 0.139)
     assert speeds[0] == math.inf
     assert speeds[-1] * math.sqrt(1 - 0.25) < 0.03
@@ -82,6 +82,6 @@ def test_what_is_not_touched_where_it_should_have_been_is_not_there(
     hidden = HiddenAhead(MODEL, DECEL)
     speeds = drive(hidden, (1.2, aside_m), 1.2)
     slow = [k for k, speed in enumerate(speeds) if speed < math.inf]
-    # a centimetre past the touch of a point 2 cm farther aside: sqrt(0.16² - (y + 0.02)²) - 0.01
+    # a centimetre past the contact of a point 2 cm farther aside: sqrt(0.16² - (y + 0.02)²) - 0.01
     assert 1.2 - 0.004 * slow[-1] == pytest.approx(released_m, abs=0.012)
     assert speeds[-1] == math.inf

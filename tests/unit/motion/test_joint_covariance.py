@@ -14,7 +14,7 @@ def test_an_augmented_state_is_correlated_with_what_it_was_made_of() -> None:
     assert first == 2
     assert joint_covariance.p[2, 2] == pytest.approx(4.5)
     assert joint_covariance.p[0, 2] == pytest.approx(4.0)
-    # seeing that their difference is as it was tells nothing of either
+    # an unchanged difference gives no information about either
     joint_covariance.update((0, 2), np.array([[1.0, -1.0]]), np.zeros(1), np.array([[1e-9]]))
     assert joint_covariance.p[0, 0] == pytest.approx(4.0)
     joint_covariance.marginalise(2, 1)
@@ -45,7 +45,7 @@ def test_a_held_state_counts_with_its_variance_and_stays() -> None:
 
 
 def test_what_two_held_states_have_in_common_stays() -> None:
-    """As Joseph's form has it with their gains zero, for any covariance."""
+    """As Joseph's form gives it with their gains zero, for any covariance."""
     rng = np.random.default_rng(1)
     root = rng.normal(size=(5, 5))
     joint_covariance = JointCovariance((1.0,) * 5)

@@ -1,4 +1,4 @@
-"""Walls seen again keep a drifting estimate near the truth, which is driven here by hand."""
+"""Walls seen again keep a drifting estimate near a simulated truth."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ SPEED_M_S, YAW_RATE_RAD_S = 0.2, 1.0
 
 
 def box(x: float, y: float, degrees: float, size: float = 0.3) -> list[Point]:
-    """A square obstacle about a centre."""
+    """Return a square obstacle around a centre."""
     middle, h = Pose2(x, y, math.radians(degrees)), size / 2
     return [middle.transform(*corner) for corner in ((h, h), (-h, h), (-h, -h), (h, -h))]
 
 
 class World:
-    """A robot on a round; what its sensors would tell goes to estimators, with drift."""
+    """A robot on a round; estimators get its sensor readings, with drift."""
 
     def __init__(self, seed: int, obstacles: Sequence[list[Point]] = (), *, range_m: float) -> None:
         """``range_m``: standard deviation of the rangers."""
@@ -81,7 +81,7 @@ class World:
             for _ in range(ticks):
                 self._step(0.0, math.pi / 2 / ticks * 100)
             theta = math.remainder((corner + 1) * math.pi / 2, math.tau)
-            self.truth = Pose2(x, y, theta)  # no rounding errors of ours
+            self.truth = Pose2(x, y, theta)  # no rounding errors of this test
             self.rest(0.6)
 
     def _step(self, v: float, w: float) -> None:
@@ -106,7 +106,7 @@ class World:
             self._measure()
 
     def _look(self, mount: RangerMount) -> float | None:
-        """Distance to the nearest edge along the sensor's axis."""
+        """Return the distance to the nearest edge along the sensor's axis."""
         x, y = self.truth.transform(mount.x_m, mount.y_m)
         facing = self.truth.theta_rad + mount.yaw_rad
         dx, dy = math.cos(facing), math.sin(facing)
@@ -156,7 +156,7 @@ def test_the_error_stays_bounded_round_after_round(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("degrees", [4.0, 12.0, 30.0])
 def test_rotated_obstacles_never_do_more_harm_than_the_gate(seed: int, degrees: float) -> None:
-    """Boxes at angles that squareness is mistaken for, on the inner side of the round."""
+    """Boxes at angles that look orthogonal, on the inner side of the round."""
     obstacles = [box(0.9, 0.68, degrees), box(1.9, 0.66, -degrees), box(2.3, 1.3, degrees)]
     obstacles += [box(1.5, 1.72, degrees / 2), box(0.68, 1.2, degrees)]
     world = World(seed, obstacles, range_m=0.0015)
@@ -169,7 +169,7 @@ def test_rotated_obstacles_never_do_more_harm_than_the_gate(seed: int, degrees: 
 
 
 def test_a_perfect_estimate_stays_one() -> None:
-    """With nothing to mend, noise of the rangers moves nothing."""
+    """Without errors to correct, noise of the rangers moves nothing."""
     world = World(1, range_m=0.0015)
     world.wheel_scale = world.gyro_scale = 1.0
     world.rest(1.0)
@@ -192,7 +192,7 @@ def test_a_contact_inflates_once() -> None:
 
 
 def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
-    """Rubbing along a wall may push the robot aside, 0.7 mm/√m; a reading that strays does not."""
+    """Grazing along a wall may push the robot aside, 0.7 mm/√m; a stray reading does not."""
     touch = MODEL.radius_m - abs(MODEL.infrared_left.y_m)
     for near, inflated in ((1, False), (2, False), (3, True)):
         driven = Driven()
@@ -210,7 +210,10 @@ def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
 
 
 def seen_oblique() -> tuple[Driven, WallMap]:
-    """A wall ahead is known, direction and all; then a way aside, its heading in doubt by 1°."""
+    """Return a robot that knows a wall ahead with its direction, after a path aside.
+
+    Its heading is uncertain by 1°.
+    """
     driven = Driven()
     estimator = driven.estimator
     walls = Relocaliser(MODEL, estimator).walls
@@ -223,7 +226,7 @@ def seen_oblique() -> tuple[Driven, WallMap]:
 
 
 def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
-    """Though place and heading are in doubt together: the heading is held, and so is the wall's."""
+    """Although place and heading are correlated: the heading is held, and so is the wall's."""
     driven, walls = seen_oblique()
     estimator = driven.estimator
     estimator.ekf.propagate_covariance()
@@ -277,7 +280,7 @@ STEP = st.one_of(
 
 
 class Driven:
-    """An estimator that has been at rest, and a clock for it."""
+    """An estimator after a rest, and its clock."""
 
     def __init__(self) -> None:
         self.estimator = PoseEstimator(MODEL, START)
@@ -358,7 +361,7 @@ def test_a_position_is_corrected_along_the_walls_normal(
 
 
 def between_walls(right_m: float, left_m: float | None = None) -> tuple[Relocaliser, PoseEstimator]:
-    """Drive 0.6 m along a wall or two, the rim that far off them; readings without noise."""
+    """Drive 0.6 m along a wall or two, the rim at this distance; readings without noise."""
     estimator = PoseEstimator(MODEL, Pose2(0.0, 0.0, 0.0))
     places = Relocaliser(MODEL, estimator)
     mount_m = MODEL.radius_m - MODEL.infrared_left.y_m
@@ -382,7 +385,7 @@ def test_a_wall_passed_without_rubbing_enters_the_map(gap_m: float) -> None:
     assert len(places.walls.walls) == 1
     assert places.walls.normal_rad(0) == pytest.approx(-math.pi / 2, abs=math.radians(0.1))
     variance = float(estimator.ekf.joint_covariance.p[STATES, STATES])
-    # nearer than 5 mm it may be a touch now and then
+    # nearer than 5 mm it may be an occasional contact
     assert (variance > math.radians(0.4) ** 2) == (gap_m < 0.005)
     assert variance < math.radians(0.8) ** 2
 
@@ -394,6 +397,6 @@ def test_a_grazed_wall_observes_its_direction_too_weakly(gap_m: float) -> None:
 
 
 def test_grazing_on_the_right_is_not_measured_on_the_left() -> None:
-    """Who slides aside sees both walls turned alike."""
+    """With lateral slip, both walls seem to turn in the same direction."""
     assert between_walls(0.0, 0.05)[0].walls.walls == []
     assert len(between_walls(0.05, 0.05)[0].walls.walls) == 2

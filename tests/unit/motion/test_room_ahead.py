@@ -1,4 +1,4 @@
-"""What is believed of the range ahead by one who turns as he goes."""
+"""Use of the range ahead by a robot that turns while it drives."""
 
 from __future__ import annotations
 

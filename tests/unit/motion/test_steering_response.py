@@ -1,4 +1,4 @@
-"""Gains of steering as measured: a bearing taken up under way, a wall's distance taken up."""
+"""Measured gains of steering: bearing and wall distance while driving."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_the_rise_is_read_off_the_series_and_a_step_never_taken_up_has_none() ->
 def test_a_bearing_is_taken_up_without_overshoot(degrees: float) -> None:
     response = bearing_step(MODEL, math.radians(degrees))
     assert response.overshoot < 0.005
-    # at no more than 1.5 rad/s, and an end that goes with exp(-4 t)
+    # at most 1.5 rad/s, and an end that falls with exp(-4 t)
     assert response.rise_s < 0.4 + math.radians(abs(degrees)) / 2.2
     assert response.settled_s(BEARING_BAND_RAD) < 0.65 + math.radians(abs(degrees)) / 1.5
 
@@ -73,7 +73,7 @@ def test_the_bearing_gain_is_the_quickest_that_bears_twice_the_dead_time() -> No
 @pytest.mark.parametrize("step_m", [0.02, -0.02, 0.01, -0.01, 0.04])
 @pytest.mark.parametrize("speed_m_s", [CRUISE_M_S, 1.2 * CRUISE_M_S])
 def test_a_walls_distance_is_taken_up(step_m: float, speed_m_s: float) -> None:
-    """The integral, there for round columns, goes up to 6 mm past the line and comes back."""
+    """The integral, needed for round columns, overshoots by up to 6 mm."""
     response = wall_step(MODEL, step_m, speed_m_s=speed_m_s)
     assert response.overshoot * abs(step_m) < 0.0065
     assert response.settled_s(WALL_BAND_M) * speed_m_s < 0.75
@@ -83,7 +83,7 @@ def test_a_walls_distance_is_taken_up(step_m: float, speed_m_s: float) -> None:
 
 @pytest.mark.parametrize("step_m", [0.02, 0.04])
 def test_near_the_wall_it_comes_slowly(step_m: float) -> None:
-    """An outline is driven half a millimetre off: the last centimetre at 15 mm/s, a touch."""
+    """A perimeter is driven 0.5 mm off: the last centimetre at 15 mm/s, a gentle contact."""
     gap_m = RecoveryOptions().perimeter_gap_m
     response = wall_step(MODEL, step_m, gap_m=gap_m, speed_m_s=1.2 * CRUISE_M_S)
     ways = zip(response.value, response.value[1:], strict=False)
@@ -111,7 +111,7 @@ def test_a_slack_yaw_or_a_short_range_swings(change: dict[str, float], overshoot
 
 
 def test_a_stiff_yaw_swings_where_the_line_is_slow() -> None:
-    """At three times the dead time: why the yaw gain is 4 and not 8, which looks better here."""
+    """At three times the dead time: so the yaw gain is 4 and not 8, which looks better here."""
     late_s = 3.0 * DEAD_S
     given = wall_step(MODEL, 0.02, dead_s=late_s)
     stiff = wall_step(MODEL, 0.02, replace(FOLLOW_TUNING, yaw_gain_s=8.0), dead_s=late_s)
@@ -119,7 +119,7 @@ def test_a_stiff_yaw_swings_where_the_line_is_slow() -> None:
     assert stiff.settled_s(WALL_BAND_M) == math.inf
 
 
-# ---- the same on the virtual sweeper's body ----------------------------------------------
+# ---- the same on the virtual sweeper's plant ---------------------------------------------
 
 
 def observe(drive: SimDrive, left_m: float | None) -> Observation:
@@ -134,7 +134,7 @@ def observe(drive: SimDrive, left_m: float | None) -> Observation:
 
 
 def drive_leg(level: str, seed: int, leg: Leg, start: Pose2) -> list[Pose2]:
-    """True poses every 20 ms, until the leg is done."""
+    """Return true poses every 20 ms, until the leg is done."""
     drive = SimDrive(room(start, walls=box(0.0, 0.0, 6.0, 4.0)), level, seed, walls=False)
     drive.rest(2.0)
     executor = LegExecutor(MODEL)
@@ -166,7 +166,7 @@ def test_the_body_takes_up_a_bearing_as_the_plant_does(seed: int) -> None:
     )
     plant = bearing_step(MODEL, angle)
     assert seen.overshoot < 0.02
-    # its own wheel control ramps from rest besides: 0.16 s of rise, 0.36 s until it is settled
+    # its own wheel control also ramps from rest: 0.16 s of rise, 0.36 s until it is settled
     assert 0.0 < seen.rise_s - plant.rise_s < 0.25
     assert 0.0 < seen.settled_s(BEARING_BAND_RAD) - plant.settled_s(BEARING_BAND_RAD) < 0.5
 

@@ -1,4 +1,4 @@
-"""Gains, smoothing and braking as measured: the series behind Fig. 12 and Fig. 15."""
+"""Measured gains, smoothing and braking: the series behind Fig. 12 and Fig. 15."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_overshoot_and_settling_are_read_off_the_series() -> None:
 def test_turns_end_without_overshoot(degrees: float) -> None:
     response = rotary_step(MODEL, math.radians(degrees))
     assert response.overshoot < 0.02
-    # rate and acceleration limits alone take |angle|/1.5 + 1.5/4 s or so
+    # rate and acceleration limits alone take about |angle|/1.5 + 1.5/4 s
     assert response.settled_s(BAND_RAD) < math.radians(abs(degrees)) / 1.5 + 0.8
     assert max(abs(c) for c in response.command) <= 0.75 * MODEL.max_yaw_rate_rad_s + 1e-9
 
@@ -152,7 +152,7 @@ def test_cycles_without_extent_are_rejected(lengths: tuple[int, float, float]) -
 
 
 def drive_cycles(seed: int) -> list[CycleOffset]:
-    """The paper's experiment on the virtual body: executor and estimate, no walls in sight."""
+    """Run the paper's experiment on the virtual plant: executor and estimate, no walls in range."""
     drive = SimDrive(room((5.0, 5.0, 0.0)), "paper", seed, walls=False)
     drive.rest(5.0)
     plan = UCycles(drive.estimator.pose)

@@ -1,4 +1,4 @@
-"""Following walls by one infrared: what the filter tells, and where the robot goes."""
+"""Wall following by one infrared: the filter's estimate, and the robot's path."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Followed:
 
     @property
     def states(self) -> list[str]:
-        """Each state once per visit."""
+        """Return each state once per visit."""
         found: list[str] = []
         for step in self.steps:
             if not found or found[-1] != step.state:
@@ -62,7 +62,7 @@ class Followed:
         return found
 
 
-def follow(  # noqa: PLR0913 - a room, a start and a wish
+def follow(  # noqa: PLR0913 - a room, a start and a command
     start: tuple[float, float, float],
     side: Side,
     distance_m: float,
@@ -100,7 +100,7 @@ def follow(  # noqa: PLR0913 - a room, a start and a wish
 
 @pytest.mark.parametrize("degrees", [-20.0, 0.0, 10.0])
 def test_the_track_learns_the_walls_direction(degrees: float) -> None:
-    """A wall at y = 0.24 - along·tan, driven past on the left with exact readings."""
+    """A wall at y = 0.24 - along·tan, passed on the left with exact readings."""
     mount, track = MODEL.infrared_left, WallTrack(MODEL.infrared_left)
     yaw = degrees * DEGREE
     x = 0.0
@@ -140,7 +140,7 @@ def test_another_surface_is_not_taken() -> None:
 
 
 def test_infrared_noise_grows_with_the_square_of_the_range() -> None:
-    # calibration's rest of 1.2 mm beside 1.5 mm at 10 cm
+    # 1.2 mm left by calibration beside 1.5 mm at 10 cm
     assert infrared_sigma_m(0.1) == pytest.approx(math.hypot(0.0012, 0.0015))
     assert infrared_sigma_m(0.2) == pytest.approx(math.hypot(0.0012, 0.006))
 
@@ -162,7 +162,7 @@ def test_it_comes_to_the_set_distance(noise: WorldNoise, side: Side, degrees: fl
 
 
 def test_the_line_of_a_wall_that_begins_at_a_corner_may_be_nearer_than_the_rim() -> None:
-    """At 45° off it, before the corner: the way tells the distance by hand, nothing lifts it."""
+    """At 45° off it, before the corner: only the path gives the distance."""
     track = WallTrack(MODEL.infrared_left)
     track.begin(0.11, -45.0 * DEGREE, 0.1)
     first = track.distance_m
@@ -173,7 +173,7 @@ def test_the_line_of_a_wall_that_begins_at_a_corner_may_be_nearer_than_the_rim()
 
 
 def test_a_noisy_sensor_keeps_it_off_the_wall() -> None:
-    """3 mm of noise for 600 readings: twice what is above 1.5 mm; a good one adds nothing."""
+    """3 mm of noise for 600 readings: twice the part above 1.5 mm; a good sensor adds nothing."""
     rng = random.Random(7)
     noisy, good = RangingNoise(), RangingNoise()
     for _ in range(600):
@@ -193,7 +193,7 @@ def test_a_noisy_sensor_keeps_it_off_the_wall() -> None:
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_light_contact(side: Side) -> None:
-    """It touches, slowly across, and stays on: at most 1.5 cm/s into the wall."""
+    """It makes contact with a low lateral speed, and stays: at most 1.5 cm/s into the wall."""
     y = 6.0 - RADIUS_M - 0.05 if side is Side.LEFT else RADIUS_M + 0.05
     run = follow((0.6, y, 0.0), side, 0.0, 20.0, noise=TYPICAL, seed=3)
     first = next(i for i, gap in enumerate(run.gaps) if gap < 5e-4)
@@ -218,7 +218,7 @@ def test_a_wall_ahead_blocks_it_before_it_is_touched() -> None:
 @pytest.mark.parametrize("noise", [IDEAL, TYPICAL])
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_it_goes_round_a_box(noise: WorldNoise, side: Side) -> None:
-    """Four outer corners and back to where it began, at the set distance all along."""
+    """Four outer corners and back to the start, at the set distance all the time."""
     y = 2.5 - RADIUS_M - 0.05 if side is Side.LEFT else 3.5 + RADIUS_M + 0.05
     block = box(2.5, 2.5, 3.5, 3.5)
     run = follow((2.6, y, 0.0), side, 0.05, 40.0, obstacles=(block,), noise=noise)
@@ -228,11 +228,11 @@ def test_it_goes_round_a_box(noise: WorldNoise, side: Side) -> None:
     assert max(run.gaps) < 0.11
     on_wall = [g for g, s in zip(run.gaps, run.steps, strict=False) if s.state == "following"]
     assert sum(abs(gap - 0.05) < 0.015 for gap in on_wall) > 0.8 * len(on_wall)
-    # what stands at a corner is touched at 72° off the bow, and harmlessly
+    # contact with an object at a corner is at 72° off the bow, and harmless
     rounding = [step.command for step in run.steps if step.state == "corner"]
     fastest = max(command.v_m_s for command in rounding)
     assert 0.025 < fastest * math.cos(72.0 * DEGREE) < 0.03
-    # an outline's rim passes it 5 mm off, by which rate a planner knows that it is a corner
+    # at a corner the rim passes 5 mm off; by this rate a planner recognises a corner
     assert (
         fastest / (RADIUS_M + 0.005)
         > PlannerGeometry.from_model(MODEL, RecoveryOptions()).round_rad_s
@@ -298,7 +298,7 @@ def test_something_ahead_blocks_at_once(obs: Observation) -> None:
 
 
 def test_an_echo_out_of_nothing_slows_and_the_next_blocks() -> None:
-    """20 Hz: a reading is held for two or three steps, which make it no surer."""
+    """20 Hz: a reading is held for two or three steps, which make it no more certain."""
     follower = WallFollower(MODEL, Side.LEFT, 0.05)
     fast = follower.step(sees(0.11, front_m=0.60), STEP_S)
     for _ in range(3):
@@ -313,7 +313,7 @@ def test_an_echo_out_of_nothing_slows_and_the_next_blocks() -> None:
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_from_a_touch_on_it_goes_slowly_for_eight_centimetres(side: Side) -> None:
-    """Also where the infrared sees the wall at once: its direction is not known yet."""
+    """Also if the infrared detects the wall at once: its direction is not known yet."""
     follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
     follower.go_round(0.0, RADIUS_M)
     speeds = []
@@ -342,11 +342,11 @@ def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() 
 def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(
     side: Side, *, taught: bool
 ) -> None:
-    """Taught a heading 15° off the wall, or no direction yet: the shell knows better."""
+    """The track has a heading 15° off the wall, or no direction yet: the shell has priority."""
     follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
     left = side is Side.LEFT
     range_m, pose, yaw_rad = 0.06, ORIGIN, 0.0
-    for k in range(25 if taught else 0):  # it grows as it does where one drives away
+    for k in range(25 if taught else 0):  # the range grows as it does in a departure
         range_m, pose = 0.05 + 0.003 * k * math.tan(15.0 * DEGREE), Pose2(0.003 * k, 0.0, 0.0)
         sides = (range_m, None) if left else (None, range_m)
         seen = sees(sides[0])._replace(pose=pose, infrared_right_m=sides[1])
@@ -393,7 +393,7 @@ def test_settings_without_meaning_are_rejected(distance_m: float, speed: float) 
 
 
 def test_an_infrared_blind_at_the_hull_keeps_the_gap_that_it_can_measure() -> None:
-    """A reading below the least range says nothing: at a smaller gap the robot would press."""
+    """Below the minimum range the reading is constant: at a smaller gap the robot would press."""
     mounts = {
         name: replace(getattr(MODEL, name), min_range_m=0.060)
         for name in ("infrared_left", "infrared_right")

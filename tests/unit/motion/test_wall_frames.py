@@ -1,4 +1,4 @@
-"""Which walls are square to each other, and what the heading's doubt is against them."""
+"""Orthogonality of walls, and the uncertainty of the heading against them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def test_squareness_is_used_where_the_evidence_is_for_it() -> None:
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.inflate(0.0, 0.5 * DEGREE)
     room.believe(0.0, 0.0, 0.4 * DEGREE)
-    room.walls.see_line(line(0.0, 0.8))  # square to the first; the heading is 0.4° off
+    room.walls.see_line(line(0.0, 0.8))  # orthogonal to the first; the heading is 0.4° off
     assert abs(room.filter.pose.theta_rad) < 0.15 * DEGREE
 
 
@@ -35,7 +35,10 @@ def test_an_oblique_box_bends_nothing(degrees: float) -> None:
 
 
 def test_long_walls_are_square_though_their_angle_is_less_sure() -> None:
-    """Drift between two walls of 1.7° is below their doubt; a box's side would not be so long."""
+    """The drift of 1.7° between two walls is below their uncertainty.
+
+    A box's side is never so long.
+    """
     for span_m, squared in ((0.3, False), (0.6, True)):
         room = Room()
         room.walls.see_line(line(math.pi / 2, 0.5, span_m))
@@ -48,7 +51,7 @@ def test_long_walls_are_square_though_their_angle_is_less_sure() -> None:
 
 
 def test_two_frames_of_square_walls_become_one() -> None:
-    """A pair that stands askew to the first until both have been seen for long enough."""
+    """A pair that looks oblique to the first until both have been followed for long enough."""
     room = Room()
     first = (line(math.pi / 2, 0.5), line(0.0, 0.8))
     for measurement in first:
@@ -79,7 +82,7 @@ def test_the_headings_variance_is_that_against_the_orthogonal_walls() -> None:
     room.walls.see_line(line(0.0, 0.8))
     known = room.walls.heading_sigma_rad
     assert 0.0 < known < 0.25 * DEGREE
-    # what the whole map is turned by does not count, what was drifted since does
+    # the rotation of the whole map does not count, the drift since then does
     room.inflate(0.0, 1.0 * DEGREE)
     assert room.walls.heading_sigma_rad == pytest.approx(math.hypot(known, DEGREE), rel=1e-3)
     room.walls.see_line(line(math.pi / 2, 0.5))
@@ -90,7 +93,7 @@ def test_the_headings_variance_is_that_against_the_orthogonal_walls() -> None:
 
 @pytest.mark.parametrize(("span_m", "hides"), [(0.2, False), (0.6, True)])
 def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hides: bool) -> None:
-    """A box that stands askew, just gone round, does not tell how sure the lanes' heading is."""
+    """An oblique box that was just passed does not give the uncertainty of the lanes' heading."""
     room = Room()
     for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
         room.walls.see_line(measurement)
@@ -110,7 +113,7 @@ def test_a_frame_of_which_more_is_seen_later_counts_then() -> None:
     box = (line(math.pi / 2 + oblique, 0.4, 0.4), line(oblique, 0.4, 0.4))
     for measurement in box:
         room.walls.see_line(measurement)
-    room.inflate(0.0, 2.0 * DEGREE)  # of the angle between the box and the room
+    room.inflate(0.0, 2.0 * DEGREE)  # uncertainty of the angle between box and room
     for measurement in (line(math.pi / 2, 0.9), line(0.0, 0.9)):
         room.walls.see_line(measurement)
     assert room.walls.heading_sigma_rad > DEGREE, "against the box, of which more was seen"

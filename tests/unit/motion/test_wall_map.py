@@ -1,4 +1,4 @@
-"""Walls remembered and seen again, and what the joint covariance makes of them."""
+"""Walls stored and seen again, and their joint covariance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_a_wall_seen_again_takes_the_drift_away() -> None:
     room = Room()
     assert not room.walls.see_line(line(math.pi / 2, 0.5)), "new"
     room.inflate(0.02, DEGREE)
-    room.believe(0.01, 0.012, 0.6 * DEGREE)  # an error, within the doubt
+    room.believe(0.01, 0.012, 0.6 * DEGREE)  # an error within the uncertainty
     assert room.walls.see_line(line(math.pi / 2, 0.5))
     pose = room.filter.pose
     assert pose.y_m == pytest.approx(0.0, abs=0.001)
@@ -79,7 +79,7 @@ def test_the_ultrasonic_corrects_along_its_view() -> None:
 
 
 def test_a_surface_of_unknown_direction_does_not_update_the_wheels() -> None:
-    """Askew by 5°, its range shrinks by 4 permille less than the way: no fault of the tyres."""
+    """Oblique by 5°, its range shrinks by 4 permille less than the path: no error of the tyres."""
     room = Room()
     mount = MODEL.ultrasonic
     scale = room.filter.wheel_scale_sigma
@@ -95,12 +95,12 @@ def test_a_surface_of_unknown_direction_does_not_update_the_wheels() -> None:
     ("degrees", "known"), [(0.0, True), (5.0, True), (8.0, False), (97.0, False)]
 )
 def test_an_echo_oblique_to_the_rooms_walls_is_no_wall(degrees: float, *, known: bool) -> None:
-    """It may be an edge within the cone, which is elsewhere for the next look."""
+    """It may be an edge within the cone, whose place changes."""
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.walls.see_line(line(0.0, 0.8))
     assert {wall.frame for wall in room.walls.walls} == {0}
-    room.believe(-1.5, 0.0, degrees * DEGREE)  # where neither of the two is ahead
+    room.believe(-1.5, 0.0, degrees * DEGREE)  # neither of the two is ahead there
     measurement = FrontMeasurement(0.5, 0.002**2)
     assert not room.walls.see_front(measurement, MODEL.ultrasonic)
     assert len(room.walls.walls) == 2 + known
@@ -134,7 +134,7 @@ def test_a_surface_far_outside_the_uncertainty_is_another() -> None:
 
 
 def test_the_wall_itself_is_believed_against_too_sure_an_estimate() -> None:
-    """A stretch before the very wall cannot be another one: the estimate had it wrong."""
+    """A segment in front of the wall cannot be another wall: the estimate was wrong."""
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.inflate(0.001, 0.02 * DEGREE)
@@ -175,7 +175,7 @@ def test_a_wall_that_the_map_holds_twice_still_gives_the_heading() -> None:
     room = Room()
     for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
         room.walls.see_line(measurement)
-    room.believe(1.2, 0.0, 0.0)  # farther along the first wall, beyond what was seen of it
+    room.believe(1.2, 0.0, 0.0)  # farther along the first wall, beyond its known part
     room.walls.see_line(line(math.pi / 2, 0.5))
     walls = room.walls.walls
     assert len(walls) == 3
@@ -215,7 +215,10 @@ def test_a_cupboards_front_before_a_wall_is_not_that_wall() -> None:
 
 
 def marked(before_m: float = 0.0) -> Room:
-    """A wall along y = 0.5 to -0.5, at x = 0.8; the ultrasonic saw a place on it, or before it."""
+    """Return a wall along y = 0.5 to -0.5, at x = 0.8.
+
+    The ultrasonic has measured a place on it, or in front of it.
+    """
     room = Room()
     room.walls.see_line(line(0.0, 0.8))
     room.believe(0.0, 0.4, 0.0)
@@ -257,7 +260,7 @@ def test_the_ultrasonic_takes_such_a_place_for_the_wall_as_well(off_m: float) ->
 
 def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
     before, beside = marked(before_m=0.025), marked()
-    beside.walls.walls[0].high_m = 0.15  # seen up to 25 cm from that place
+    beside.walls.walls[0].high_m = 0.15  # known up to 25 cm from that place
     for room in (before, beside):
         room.inflate(0.02, 0.5 * DEGREE)
         room.believe(0.0125, 0.0, 0.0)
@@ -269,7 +272,7 @@ def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
 
 
 def test_uncertainty_of_a_walls_direction_moves_its_far_end() -> None:
-    """A place 2 cm before a wall, 1 m from where that was seen to a degree, may well be on it."""
+    """A place 2 cm in front of a wall, 1 m from the part known to a degree, may well be on it."""
     room = Room()
     room.walls.see_line(line(0.0, 0.8)._replace(var_normal=DEGREE**2))
     room.believe(0.0, 1.0, 0.0)
@@ -297,9 +300,9 @@ def test_two_places_that_only_the_ultrasonic_saw_are_not_associated() -> None:
 def test_a_cupboard_that_may_be_the_wall_is_still_itself(
     step_m: float, drift_m: float, *, by_infrared: bool
 ) -> None:
-    """The ultrasonic saw it, then the wall was followed: it stands before that, or is part of it.
+    """The ultrasonic detected it before the wall was followed: it is in front of it, or part of it.
 
-    By then the robot is sure of the wall, and does not take what surprises it as such for it.
+    By then the wall is certain, so an unexpected reading does not count as the wall.
     """
     room = Room()
     cupboard = FrontMeasurement(0.8 - step_m - MODEL.ultrasonic.x_m, 0.002**2)

@@ -1,4 +1,4 @@
-"""Sights of walls: what is a straight stretch, where it is, and how sure that is."""
+"""Measurements of walls: detection of straight segments, their place and their uncertainty."""
 
 from __future__ import annotations
 
@@ -35,7 +35,10 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
     wander_m_sqrt_m: float = 0.0,
     seed: int = 0,
 ) -> LineMeasurement | None:
-    """Past a wall on the left whose place at x = 0 is ``wall_y``; a reading each centimetre."""
+    """Drive past a wall on the left whose place at x = 0 is ``wall_y``.
+
+    A reading each centimetre.
+    """
     rng = random.Random(seed)
     mount = MODEL.infrared_left
     side = SideMeasurement(mount)
@@ -58,7 +61,7 @@ def test_a_wall_observation_is_the_walls_line_from_the_last_place(degrees: float
     expected = (0.2 + 0.3 * math.tan(degrees * DEGREE)) * math.cos(degrees * DEGREE)
     assert measurement.distance_m == pytest.approx(expected, abs=1e-6)
     assert measurement.span_m == pytest.approx(0.3 / math.cos(degrees * DEGREE), abs=1e-6)
-    # to the left of the robot the wall's direction runs backwards: the stretch lies behind
+    # to the left of the robot the wall's direction runs backwards: the segment lies behind
     assert measurement.high_m > 0.2
     assert measurement.low_m > -0.1
 
@@ -70,8 +73,8 @@ def test_a_wall_observations_variance_is_that_of_its_errors() -> None:
     assert len(seen) > 295
     turn = np.array([s.normal_rad - math.pi / 2 for s in seen])
     off = np.array([s.distance_m - 0.2 for s in seen])
-    ahead = 0.10  # from the robot's place at the end to the middle of the stretch
-    flat = FLAT_M**2 + (ahead * FLAT_RAD) ** 2  # which no averaging takes away, nor is it here
+    ahead = 0.10  # from the robot's place at the end to the middle of the segment
+    flat = FLAT_M**2 + (ahead * FLAT_RAD) ** 2  # averaging cannot remove this
     var_turn = float(np.mean([s.var_normal for s in seen])) - FLAT_RAD**2
     var_off = float(np.mean([s.var_distance for s in seen])) - flat
     assert 0.7 < float((turn**2).mean()) / var_turn < 1.3
@@ -147,7 +150,7 @@ def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:
         range_m = 0.15 if quick else 0.10
         pose = Pose2(0.01 * i, 0, 0)
         assert side.add(pose, range_m, moving=True, steady=not quick) is None
-    measurement = side.add(pose, 0.10, moving=False, steady=True)  # it stands: the stretch is over
+    measurement = side.add(pose, 0.10, moving=False, steady=True)  # it stands: the segment ends
     assert measurement is not None
     assert measurement.span_m == pytest.approx(0.30)
     assert measurement.normal_rad == pytest.approx(math.pi / 2)

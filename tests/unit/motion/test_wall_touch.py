@@ -1,4 +1,4 @@
-"""Touching the wall that is followed: the robot slides along it, which its wheels do not tell."""
+"""Contact with the followed wall: lateral slip that the wheels do not measure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RADIUS_M = MODEL.radius_m
 
 
 def test_contact_implies_lateral_slip() -> None:
-    """Pressed to the wall at 3°, the distance stays; the heading into it must not be forgotten."""
+    """Pressed to the wall at 3°, the distance is constant; the heading into it must be kept."""
     track = WallTrack(MODEL.infrared_left)
     heading = math.radians(3.0)
     reads = RADIUS_M - MODEL.infrared_left.y_m
@@ -34,10 +34,10 @@ def test_contact_implies_lateral_slip() -> None:
 
 @pytest.mark.parametrize("start_gap_m", [0.02, 0.06, 0.14])
 def test_a_robot_that_comes_to_a_wall_grazes_it_without_pressing(start_gap_m: float) -> None:
-    """What the integral gathered on the way does not turn it into the wall for seconds.
+    """Integrator wind-up does not turn it into the wall for seconds.
 
-    Heading 2° into a wall that its side touches, where no bumper is, the robot slides 3.5 cm per
-    metre that its wheels do not tell. Here: readings of 1.25 mm, a wall that holds it.
+    With a heading 2° into a wall at its side, where no bumper is, the robot slips 3.5 cm per metre
+    sideways, and its wheels do not measure it. Here: readings of 1.25 mm, a wall that holds it.
     """
     mount = MODEL.infrared_left
     follower = WallFollower(MODEL, Side.LEFT, 0.0005)

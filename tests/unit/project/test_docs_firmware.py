@@ -1,4 +1,4 @@
-"""The page for firmware engineers names only what there is."""
+"""The page for firmware engineers names only existing things."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_the_minimal_set_and_range_are_what_driving_needs() -> None:
 
 
 def on_a_line(feed: bytes = b"", *, echo: bool = False) -> Failed:
-    """How a session fails on a line on which no sweeper answers."""
+    """Return how a session fails on a line without a sweeper."""
     session = Session(lambda: 1)
     now = HostNs(5 * SECOND_NS)
     session.open(now)
@@ -79,7 +79,7 @@ def on_a_line(feed: bytes = b"", *, echo: bool = False) -> Failed:
 
 
 def with_a_device(*, transmit_only: bool = False, less_of_stop: bool = False) -> Failed:
-    """How a session fails with a device whose line or whose messages are wrong."""
+    """Return how a session fails with a device whose line or whose messages are wrong."""
     host = session_end()
     shorter = variant(Stop, {"command_id": Annotated[int, number(U8, "id", "shorter")]})
     device = sweeper(catalogue=catalogue(more=[shorter])) if less_of_stop else sweeper()
@@ -91,7 +91,7 @@ def with_a_device(*, transmit_only: bool = False, less_of_stop: bool = False) ->
 
 
 def of_a_later_version() -> bytes:
-    """A frame whose check holds, of the version after ours."""
+    """Return a frame with a valid CRC of the version after ours."""
     body = bytes([PROTOCOL_VERSION + 1 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
     encoded: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
     return b"\0" + encoded + b"\0"
@@ -109,7 +109,7 @@ FAILURES: dict[str, Callable[[], Failed]] = {
 
 @pytest.mark.parametrize("kind", FAILURES)
 def test_what_the_host_complains_of_is_explained(kind: str) -> None:
-    """By the words that a person reads: each kind of failure is brought about."""
+    """The page has the error's words for users; the test causes each kind of failure."""
     failed = FAILURES[kind]()
     assert failed.kind == kind
     first_cells = re.findall(r"^\| ([^|]+) \| [^|]{10,} \|$", TEXT, re.MULTILINE)

@@ -21,7 +21,7 @@ MODEL = RobotModel()
 
 @pytest.fixture(scope="module")
 def seen() -> tuple[set[str], set[str]]:
-    """States and kinds of events in a noisy run with bumps, blocked transits and heading fixes."""
+    """Return states and events of a noisy run with bumps, blocked transits and heading fixes."""
     world = FastWorld(load_room("columns", MODEL.radius_m), MODEL, 2, LEVELS["harsh"])
     runner = PlanRunner(RecoveryPlanner(MODEL), MODEL)
     states: set[str] = set()

@@ -1,4 +1,4 @@
-"""Real-time tests run again where the machine was busy, and only there."""
+"""Real-time tests run again if the machine was busy, and only then."""
 
 from __future__ import annotations
 

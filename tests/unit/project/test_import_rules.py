@@ -1,6 +1,6 @@
-"""What import-linter cannot say: an allow-list for the pure packages, and what they really load.
+"""Rules beyond import-linter: an allow-list for the pure packages, and what they load at run time.
 
-Its contracts name what is forbidden, so a library that nobody thought of would pass them.
+Its contracts name forbidden imports, so they would accept a new library.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ ALLOWED = {
         "sweepctl_plugins",
     },
 }
-# The standard library's doors to clocks, ports, processes, hidden randomness and logs.
+# Modules of the standard library with access to clocks, ports, processes, hidden randomness and
+# logs.
 IMPURE = {
     "asyncio",
     "ctypes",
@@ -49,7 +50,7 @@ HEAVY = ("can", "google.protobuf", "matplotlib", "mcap", "rerun", "serial")
 
 
 def imported_modules(source: str) -> set[str]:
-    """Dotted names of all modules that ``source`` imports, in functions and for types too."""
+    """Return the dotted names of all imports of ``source``, in functions and for types too."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -60,7 +61,7 @@ def imported_modules(source: str) -> set[str]:
 
 
 def strangers(source: str, allowed: set[str]) -> set[str]:
-    """Imports of ``source`` that are neither allowed nor pure standard library."""
+    """Return the imports of ``source`` that are neither allowed nor pure standard library."""
     pure = sys.stdlib_module_names - IMPURE
     return {
         name
@@ -105,7 +106,7 @@ def test_a_stranger_is_found(line: str, expected: set[str]) -> None:
 
 @pytest.mark.parametrize("package", ["protocol", "bridge.motion", "bridge.coverage"])
 def test_a_pure_package_loads_nothing_heavy(package: str) -> None:
-    # In a process of its own: `bridge/__init__.py` runs first, and must not drag a port in.
+    # In a separate process: `bridge/__init__.py` runs first, and must not import a port.
     program = (
         "import importlib, pkgutil, sys\n"
         f"package = importlib.import_module({package!r})\n"
@@ -122,4 +123,4 @@ def test_a_pure_package_loads_nothing_heavy(package: str) -> None:
 def test_the_library_gives_its_robot_by_name() -> None:
     assert bridge.Robot is Robot
     with pytest.raises(AttributeError, match="no attribute 'Robbot'"):
-        getattr(bridge, "Robbot")  # noqa: B009 - a name that a type checker refuses
+        getattr(bridge, "Robbot")  # noqa: B009 - a name that a type checker rejects

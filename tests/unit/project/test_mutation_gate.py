@@ -1,4 +1,4 @@
-"""The gate on the safety code: its coverage, and how many survivors are granted."""
+"""The gate of the safety code: its coverage, and the allowed number of survivors."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def survivors(count: int) -> list[Mutant]:
         (0, 1, False, False),
         (2, 2, True, True),
         (2, 3, True, False),
-        (2, 3, False, True),  # a share says nothing of the whole's number
+        (2, 3, False, True),  # a share gives no number for the whole
     ],
 )
 def test_more_survivors_than_are_granted_fail_the_run(

@@ -1,4 +1,4 @@
-"""The mutation run itself, on a module of three lines; and a share of the real one."""
+"""The mutation run itself, on a module of three lines; and a part of the real one."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_run_that_was_broken_off_goes_on(tmp_path: Path) -> None:
 
 
 def test_a_share_of_the_latchs_mutants_is_killed_and_what_changes_nothing_is_not() -> None:
-    # In a process of its own, which has not imported what is to be changed.
+    # In a separate process, which has not imported the target.
     made = [mutant.name for mutant in mutants(LATCH.path.read_text(), LATCH.exclude)]
     share = 20
     same = next(name for name in equivalents()["latch"] if name in made)

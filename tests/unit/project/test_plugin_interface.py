@@ -1,4 +1,4 @@
-"""What plug-ins may rely on: listed in docs/plugins.md, and unchanged.
+"""The interface for plug-ins: listed in docs/plugins.md, and unchanged.
 
 A change here breaks installed plug-ins: append with a default, or wait for a major version.
 """
@@ -23,11 +23,11 @@ PAGE = ROOT / "docs" / "plugins.md"
 PUBLIC: dict[str, dict[str, list[str]]] = tomllib.loads(
     Path(__file__).with_name("plugin_interface.toml").read_text(encoding="utf-8")
 )
-"""By module and name: parameters of a call, or fields of a data class, in their order."""
+"""Public names by module: parameters of a call, or fields of a data class, in their order."""
 
 
-def shape(thing: Any) -> list[str]:  # noqa: ANN401 - whatever a module has
-    """What a plug-in sees of a name."""
+def shape(thing: Any) -> list[str]:  # noqa: ANN401 - any object of a module
+    """Return the part of an object that plug-ins can see."""
     if dataclasses.is_dataclass(thing):
         return [field.name for field in dataclasses.fields(thing)]
     if isinstance(thing, type):
@@ -40,7 +40,7 @@ def shape(thing: Any) -> list[str]:  # noqa: ANN401 - whatever a module has
 
 
 HANDED_IN = (Knobs, WireKnobs)
-"""What a plug-in is given and sets by name, and never makes: the order of its fields is free."""
+"""Classes whose objects a plug-in receives and never makes: the order of their fields is free."""
 NAMES = [(module, name) for module, names in PUBLIC.items() for name in names]
 
 

@@ -1,4 +1,4 @@
-"""Each compiled module gives the same compiled and run by Python: one scenario for each."""
+"""Each compiled module gives the same results compiled and run by Python: one scenario for each."""
 
 # A module that is loaded from its source has no type.
 # ruff: noqa: ANN401
@@ -38,17 +38,17 @@ if TYPE_CHECKING:
     Scenario = Callable[[Any], list[object]]
 
 TOLERANCE = 1e-12
-"""Relative: C's ``hypot`` and Python's differ in the last bit."""
+"""Relative tolerance: C's ``hypot`` and Python's differ in the last bit."""
 
 
 def box(*sides: float) -> list[tuple[float, float]]:
-    """Corners of a rectangle, counter-clockwise, from x0, y0, x1, y1."""
+    """Return the corners of a rectangle, counter-clockwise, from x0, y0, x1, y1."""
     x0, y0, x1, y1 = sides
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
 def edges(*polygons: list[tuple[float, float]]) -> NDArray[np.float64]:
-    """Rows as ``ray_kernel`` takes them."""
+    """Return rows as ``ray_kernel`` takes them."""
     rows = []
     for polygon in polygons:
         for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
@@ -63,14 +63,14 @@ CORNERS = np.array([(0.0, 0.0, 0.0), (2.0, 1.5, 0.0), (1.2, 0.6, 1.0), (1.2, 0.9
 
 
 def public(thing: object) -> list[object]:
-    """All numbers that a compiled class shows."""
+    """Return all numbers in a compiled object."""
     names = (name for name in sorted(dir(type(thing))) if not name.startswith("_"))
     values = ((name, getattr(thing, name)) for name in names)
     return [(name, float(v)) for name, v in values if isinstance(v, int | float | np.number)]
 
 
 def floor(rng: np.random.Generator, rows: int, cols: int) -> NDArray[np.uint8]:
-    """Mostly free, with some blocks that are not; the rim shut."""
+    """Return a mostly free floor with some blocks and a closed rim."""
     open_ = np.full((rows, cols), 2, dtype=np.uint8)
     for _ in range(5):
         row, col = rng.integers(0, rows), rng.integers(0, cols)
@@ -253,7 +253,7 @@ def drive_kernel(m: Any) -> list[object]:
     m.advance(0, 0.0, 0.0, b)
     duties = [(0.9, 0.9)] * 220 + [(-0.7, 0.7)] * 40 + [(0.9, 0.8)] * 120 + [(0.0, 0.0)] * 20
     for period, (left, right) in enumerate(duties):
-        if period == 60:  # somebody walks at it
+        if period == 60:  # a person walks towards it
             b.walker_x_m, b.walker_y_m, b.walker_radius_m = b.x_m, b.y_m + 0.35, 0.05
             b.walker_vy_m_s, b.walker_ms, b.disturbed = -0.5, 200.0, True
         b.left.slope_n, b.right.carpet_n = (2.0, 0.5) if 100 < period < 130 else (0.0, 0.0)
@@ -367,7 +367,7 @@ IMU = CATALOGUE.spec(Imu).type_id
 
 
 def damaged_stream(rng: np.random.Generator) -> bytes:
-    """Frames of all lengths, intact and damaged, with noise between them."""
+    """Return frames of all lengths, intact and damaged, with noise between them."""
     encoder = UartEncoder()
     stream = bytearray(b"\0\0\x02\0")
     for number in range(242):
@@ -380,13 +380,13 @@ def damaged_stream(rng: np.random.Generator) -> bytes:
 
 
 def cut_up(data: bytes, rng: np.random.Generator) -> list[bytes]:
-    """The same bytes in pieces."""
+    """Return the same bytes in pieces."""
     places = sorted({0, len(data), *rng.integers(0, len(data), 200).tolist()})
     return [data[a:b] for a, b in pairwise(places)]
 
 
 def plain(event: Any) -> object:
-    """A frame or damage; the classes of a module loaded from its source are others."""
+    """Return a frame or damage in a form that does not depend on its class."""
     return tuple(value.value if isinstance(value, Enum) else value for value in event)
 
 
@@ -428,7 +428,7 @@ def codec(m: Any) -> list[object]:
 
 
 def events_of(link: Any, pieces: list[bytes]) -> list[object]:
-    """What a link makes of some bytes, and its counts afterwards."""
+    """Return the events of a link for some bytes, and its counts afterwards."""
     events = [event for piece in pieces for event in link.receive(piece, 0)]
     given: list[object] = []
     for event in events:
@@ -488,7 +488,7 @@ SCENARIOS: dict[str, Scenario] = {
 
 
 def flat(given: list[object]) -> list[float]:
-    """All numbers, one after the other."""
+    """Return all numbers, one after the other."""
     numbers: list[float] = []
     for value in given:
         if isinstance(value, np.ndarray):
@@ -512,7 +512,7 @@ MODULES: dict[str, Scenario] = {
     "protocol.uart.framing": framing,
     "protocol.uart.link": uart_link,
 }
-"""Ordinary modules, whose types stand in a .pxd: all that they give is equal, not only close."""
+"""Ordinary modules with types in a .pxd: all results are equal, not only close."""
 
 TYPED = {source for source in kernels.sources() if kernels.types(source).exists()}
 

@@ -1,4 +1,4 @@
-"""A share of the endurance campaigns; the whole is ``make soak``."""
+"""A part of the endurance campaigns; the whole is ``make soak``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_every_kind_can_be_drawn() -> None:
 def test_motion_under_a_latch_is_seen() -> None:
     device = VirtualSweeper(load_room("case-1"), seed=1, noise="none")
     truth = Truth(NullSink())
-    truth.attach(_Made(device))  # type: ignore[arg-type]  # all that it looks at
+    truth.attach(_Made(device))  # type: ignore[arg-type]  # the part that it uses
     ns = 1_000_000
     steps = round(RAMP_S / 0.02) + 6
     for step in range(steps):  # 0.2 m/s under the latch that every boot has
@@ -64,7 +64,7 @@ def test_a_robot_that_an_obstacle_shoves_does_not_drive() -> None:
 
 
 class _Made:
-    """A run's device, and nothing else of it."""
+    """The device of a run, without the rest."""
 
     def __init__(self, device: VirtualSweeper) -> None:
         self.device = device

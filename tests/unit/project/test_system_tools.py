@@ -1,4 +1,4 @@
-"""System tools: the registry, the mark that follows it, and what is written from it."""
+"""System tools: the registry, the mark that uses it, and the files generated from it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ SUITE = """
 
 @pytest.fixture
 def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Pytest in a process of its own, on tests of the text given."""
+    """Run pytest in a separate process, on tests with the given text."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "tests"), str(ROOT)]))
     pytester.makeconftest(CONFTEST)
 
@@ -91,7 +91,7 @@ def test_without_its_tool_a_test_is_skipped_and_counted(run: Run) -> None:
 def test_required_tools_make_each_such_test_a_failure_of_one_line(run: Run) -> None:
     result = run(SUITE, "--require-tools", "-q")
     result.assert_outcomes(passed=1, failed=2)
-    # pytest's own list of failures repeats each line, whole or cut, as the surroundings ask.
+    # pytest's own list of failures repeats each line, complete or cut.
     reported = [line for line in result.outlines if line.startswith("missing system tool")]
     how = "sudo apt-get install --no-install-recommends tshark"
     assert reported == [f"missing system tool: tshark; install: {how}"] * 2
@@ -113,9 +113,9 @@ def test_a_mark_of_an_unknown_tool_is_an_error(run: Run) -> None:
 def installed(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[str], Path]:
-    """Puts a program of a name on the path, outside of what tests may build and start."""
+    """Return a function that puts a program on the path, outside of the tests' own folders."""
     folder = tmp_path_factory.mktemp("bin")
-    # The suite in its own process takes another folder for the temporary one.
+    # The suite in its own process uses another temporary folder.
     elsewhere = tmp_path_factory.mktemp("temporary")
     monkeypatch.setenv("TMPDIR", str(elsewhere))
     monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
@@ -198,7 +198,7 @@ def test_own_programs_and_the_base_need_no_mark(tmp_path: Path) -> None:
     assert [check_start(p, ()) for p in (str(made), sys.executable, "sh", "no-such")] == [None] * 4
 
 
-# ---- what is written from it ------------------------------------------------------------------
+# ---- generated files --------------------------------------------------------------------------
 
 
 def test_the_files_are_fresh() -> None:

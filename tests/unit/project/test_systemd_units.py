@@ -23,7 +23,7 @@ PROGRAM = "/usr/local/bin/sweepctl"
 
 
 def complaints(folder: Path, service: str) -> str:
-    """What systemd says about the units, which it accepts or ignores line by line."""
+    """Return systemd's complaints about the units, which it accepts or ignores line by line."""
     program = folder / "sweepctl"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
@@ -41,7 +41,7 @@ def complaints(folder: Path, service: str) -> str:
         check=False,
         env={**os.environ, "SYSTEMD_COLORS": "0"},
     )
-    # Of the machine's own units systemd complains too, if it reads them.
+    # systemd also complains about the machine's own units, if it reads them.
     mine = [line for line in done.stderr.splitlines() if str(folder) in line or "kitchen" in line]
     return "\n".join(mine) or ("" if done.returncode == 0 else done.stderr)
 

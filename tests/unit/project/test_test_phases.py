@@ -33,7 +33,7 @@ class Measured(hold_up.Busy):
     share = {share}
 """
 QUICK = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": "xdist.plugin"}
-"""No other plugin: each run of the phases starts pytest three times."""
+"""Environment without other plugins: each run of the phases starts pytest three times."""
 PASSES, FAILS, BREAKS = "assert True", "assert False", "import os; os._exit(3)"
 FAILS_BESIDE_OTHERS = "import sys; assert '--alone' in ' '.join(sys.argv)"
 
@@ -41,7 +41,7 @@ FAILS_BESIDE_OTHERS = "import sys; assert '--alone' in ' '.join(sys.argv)"
 def run(
     folder: Path, virtual: str, real: str, selection: str = "test", share: float = 0.0
 ) -> tuple[int, str]:
-    """Exit status and output of the phases over one test each, and some that are marked."""
+    """Return exit status and output of the phases over one test each, and some marked ones."""
     (folder / "conftest.py").write_text(CONFTEST.format(share=share), encoding="utf-8")
     (folder / "tests").mkdir()
     (folder / "tests" / "test_them.py").write_text(

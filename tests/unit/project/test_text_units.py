@@ -1,4 +1,4 @@
-"""Texts for people: where a unit stands, its number stands before it."""
+"""Texts for people: a number stands before every unit."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MODULES = sorted(
 )
 _UNIT = re.compile(r"(?<![\w.])(m/s²?|rad/s|°/s|mm|cm|ms|Hz|ppm|%|°)(?![\w%{])")
 _NUMBER = re.compile(r"([\d{}][})]?|\()\s?$")
-"""What may stand before a unit: a digit, a value that is put in, or a bracket."""
+"""Valid text before a unit: a digit, an inserted value, or a bracket."""
 
 
 def texts(source: str) -> Iterator[str]:
-    """Every sentence of a module, with ``{}`` for each value put in; no docstring."""
+    """Yield every sentence of a module, with ``{}`` for each inserted value, without docstrings."""
     tree = ast.parse(source)
     passed = set[int]()
     for node in ast.walk(tree):
@@ -42,7 +42,7 @@ def texts(source: str) -> Iterator[str]:
 
 
 def bare_units(source: str) -> list[str]:
-    """Sentences in which a unit follows no number."""
+    """Return the sentences in which a unit follows no number."""
     return [
         text
         for text in texts(source)

@@ -1,4 +1,4 @@
-"""Authenticated frames: tags by an independent computation, and what is refused and why."""
+"""Authenticated frames: tags by an independent computation, and the reasons of rejections."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ if TYPE_CHECKING:
 KEY = bytes(range(1, 17))
 OTHER = bytes(16)[:-1] + b"\x01"
 BOOT, SESSION, CHALLENGE = 0x1111_2222, 0x3333_4444, 0xFFFF_FFFE
-"""The challenge is two before the counter's wrap."""
+"""Boot id, session id and challenge; the challenge is two before the counter's wrap."""
 
 
 def hmac_sha256(key: bytes, message: bytes) -> bytes:
-    """RFC 2104 from its text: block of 64 bytes, inner 0x36, outer 0x5c."""
+    """Return RFC 2104 from its text: block of 64 bytes, inner 0x36, outer 0x5c."""
     key = key.ljust(64, b"\0")
     inner = hashlib.sha256(bytes(k ^ 0x36 for k in key) + message).digest()
     return hashlib.sha256(bytes(k ^ 0x5C for k in key) + inner).digest()
@@ -107,7 +107,7 @@ def test_what_needs_a_tag(spec: object) -> None:
     assert (spec.type_id in GUARDED_TYPES) is guarded  # type: ignore[attr-defined]  # a message's
 
 
-# ---- taken and refused ------------------------------------------------------------------
+# ---- accepted and rejected --------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [Link, CanLink])
@@ -124,7 +124,7 @@ def test_there_and_back_over_the_wrap_of_the_counter(kind: type[LinkBase]) -> No
 
 
 def synchronise(host: LinkBase, device: LinkBase) -> None:
-    """A short stamp on a bus is understood once a whole one has come."""
+    """Send a full stamp, after which short stamps on a bus can be extended."""
     host.send(TimeRequest(1), 0, node=1)
     events = device.receive(host.data_to_send(), 0)
     assert all(isinstance(event, Received) for event in events)
@@ -191,7 +191,7 @@ def test_a_forged_frame_does_not_move_the_counter() -> None:
 def test_every_flipped_bit_is_rejected() -> None:
     (frame,) = sent()
     body = bytearray(cobs.decode(frame[1:-1])[:-4])
-    for bit in range(8, len(body) * 8):  # all but version and flags
+    for bit in range(8, len(body) * 8):  # all bits except version and flags
         flipped = bytearray(body)
         flipped[bit // 8] ^= 1 << bit % 8
         data = b"\0" + cobs.encode(bytes(flipped) + struct.pack("<I", crc32(flipped))) + b"\0"
@@ -200,7 +200,7 @@ def test_every_flipped_bit_is_rejected() -> None:
 
 
 def test_the_flag_alone_is_worth_nothing() -> None:
-    """The length of a plain frame, the flag of a signed one."""
+    """The length of a plain frame, with the flag of a signed one."""
     host = Link(Direction.HOST)
     host.send(SetMode(1, 1), 0, node=1, flags=1)
     assert rejected(keyed(Link(Direction.DEVICE)), host.data_to_send())

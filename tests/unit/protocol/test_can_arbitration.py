@@ -14,11 +14,13 @@ from protocol.messages.host import Stop, StopAll, VelocitySetpoint
 from protocol.schema.message import Direction, Message
 
 ARBITRATION_BITS = 12
-"""Identifier and RTR, ISO 11898-1: 10.9.2. Where a sender sends 1 and reads 0 here, it has lost."""
+"""Number of arbitration bits: identifier and RTR, ISO 11898-1: 10.9.2. A sender that sends 1 and
+reads 0 here has lost."""
 CRC_POLYNOMIAL = 0x4599
 STUFF_AFTER = 5
 TAIL = (1, 1, 1, *(1,) * 7, *(1,) * 3)
-"""CRC delimiter, ACK slot, ACK delimiter, end of frame, and between frames: not stuffed."""
+"""Unstuffed bits at the end: CRC delimiter, ACK slot, ACK delimiter, end of frame, and between
+frames."""
 ACK = 1
 """Place of the ACK slot in the tail, in which a receiver sends 0."""
 
@@ -32,7 +34,7 @@ class Bit(NamedTuple):
 
 
 def coded(frame: CanFrame) -> list[Bit]:
-    """A data frame with an 11-bit identifier, from its start bit to the pause behind it."""
+    """Return a data frame with an 11-bit identifier, from its start bit to the pause behind it."""
     length = len(frame.data)
     head = [0, *(frame.can_id >> i & 1 for i in range(10, -1, -1)), 0, 0, 0]
     head += [length >> i & 1 for i in range(3, -1, -1)]
@@ -54,7 +56,7 @@ def coded(frame: CanFrame) -> list[Bit]:
 
 
 class Outcome(NamedTuple):
-    """What became of senders that begin in the same bit."""
+    """Outcome of senders that begin in the same bit."""
 
     done: list[int]
     lost: list[int]
@@ -64,7 +66,7 @@ class Outcome(NamedTuple):
 
 
 def on_the_bus(*frames: CanFrame) -> Outcome:
-    """All begin at once; one more node listens and acknowledges. An error frame is the end."""
+    """Let all begin at once; one more node receives and acknowledges. An error frame ends it."""
     streams = [coded(frame) for frame in frames]
     sending = set(range(len(frames)))
     lost: list[int] = []
@@ -87,7 +89,7 @@ def on_the_bus(*frames: CanFrame) -> Outcome:
 
 
 def sent(message: Message, t_us: int, node: int, sends: int = 1) -> CanFrame:
-    """The only frame of a message, after so many others of its kind."""
+    """Return the only frame of a message, after a number of others of its kind."""
     link = CanLink(Direction.HOST)
     for _ in range(sends):
         link.send(message, t_us, node=node)
@@ -111,7 +113,7 @@ def test_a_frame_is_as_long_as_the_bus_load_takes_it_for(frame: CanFrame) -> Non
 
 @pytest.mark.parametrize("others", [2, 3])
 def test_stops_of_every_device_from_several_senders_are_one_frame(others: int) -> None:
-    """Whatever their clocks and counts: both believe that they have sent it, and nobody objects."""
+    """Whatever their clocks and counts, both send it successfully, without an error frame."""
     for how in product(SENDERS, repeat=2):
         frames = [sent(StopAll(), t_us, 0, sends) for t_us, sends in how]
         frames += [CanFrame(0, b"")] * (others - 2)
@@ -120,7 +122,7 @@ def test_stops_of_every_device_from_several_senders_are_one_frame(others: int) -
 
 
 def test_the_stop_of_version_1_from_two_senders_collides() -> None:
-    """It had id, stamp and transfer number in it, behind the identifier that both share."""
+    """It contained id, stamp and transfer number, behind the identifier that both share."""
 
     def version_1(command_id: int, t_us: int) -> CanFrame:
         payload = command_id.to_bytes(2, "little") + b"\x04"

@@ -48,7 +48,7 @@ T16 = (T_US >> 4 & 0xFFFF).to_bytes(2, "little").hex()
 
 
 def frames_of(sends: Direction, *messages: Message, node: int = 1, flags: int = 0) -> list[str]:
-    """What goes over the bus, ``id#data`` as candump writes it."""
+    """Return the frames on the bus, ``id#data`` as candump writes them."""
     link = CanLink(sends)
     for message in messages:
         link.send(message, T_US, node=node, flags=flags)
@@ -70,7 +70,7 @@ def test_the_queue_leaves_by_rank_and_of_one_rank_in_its_order() -> None:
     link = CanLink(DEVICE)
     imu = Imu(1, 2, 3, 4, 5, 6, 7)
     link.send(LogText(0, "x" * 20), 0, node=1)
-    link.send(Ack(1, 2), 0, node=1, rank=0x79)  # stays behind the line, which it must not overtake
+    link.send(Ack(1, 2), 0, node=1, rank=0x79)  # leaves after the line, which it must not overtake
     for t_us in (0, 160):
         link.send(imu, t_us, node=1)
     link.send(Ack(3, 4), 0, node=1)
@@ -92,7 +92,8 @@ def test_the_queue_leaves_by_rank_and_of_one_rank_in_its_order() -> None:
             PlannerState(1, 2, 3, -1, 5, 6, 7, 3),
             [f"2c1#{T16}01020300ffff", f"2d1#{T16}050006000703"],
         ),
-        (Sync(99), ["101#5634120001000000"]),  # the stamp whole, and the frames sent by now
+        # the full stamp, and the number of frames sent by now
+        (Sync(99), ["101#5634120001000000"]),
         (Ack(7, 2), [f"191#20{T16}070002e0"]),
     ],
     ids=lambda v: type(v).__name__ if isinstance(v, Message) else "",
@@ -104,7 +105,7 @@ def test_device_frames(message: Message, frames: list[str]) -> None:
 def test_host_frames() -> None:
     assert frames_of(HOST, VelocitySetpoint(-2, 3, 200, 9)) == [f"021#{T16}feff0300c809"]
     assert frames_of(HOST, TimeRequest(7), TimeRequest(8)) == [
-        "071#285634120007e0",  # one byte of payload leaves room for the whole stamp
+        "071#285634120007e0",  # one byte of payload leaves room for the full stamp
         "071#285634120008e1",
     ]
     assert frames_of(HOST, PlannerCommand(1, 2, 3)) == [f"091#20{T16}01000203e0"]
@@ -184,7 +185,7 @@ def test_bits_of_known_frames() -> None:
 
 
 def test_bus_load_at_default_rates_is_below_thirty_percent() -> None:
-    """Streams both ways, quick pings and ten log lines a second, on 500 kbit/s."""
+    """Streams both ways, fast pings and ten log lines a second, on 500 kbit/s."""
     rows = loads()
     nominal = sum(row.bits_per_s for row in rows) / BITRATE
     worst = sum(row.worst_bits_per_s for row in rows) / BITRATE

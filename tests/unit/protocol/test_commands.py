@@ -1,4 +1,4 @@
-"""Both ends of a command: retried by the measured round trip, carried out once."""
+"""Both ends of a command: retried by the measured round trip, executed once."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def stop(command_id: int) -> Stop:
 
 
 def run_until_silent(sender: CommandSender, now_us: int) -> tuple[list[tuple[int, bool]], Outcome]:
-    """Moments of all tries, each with whether it was marked as a retry, and the end."""
+    """Return the times of all tries, each with whether it was marked as a retry, and the result."""
     sent: list[tuple[int, bool]] = []
     for _ in range(100):
         messages, outcomes = sender.due(now_us)
@@ -232,7 +232,7 @@ def test_several_commands_keep_their_own_time_and_order() -> None:
 
 
 class Acts:
-    """Counts how often a command was carried out."""
+    """Counts how often a command was executed."""
 
     def __init__(self, answer: int | None = None) -> None:
         self.count = 0
@@ -281,7 +281,7 @@ def test_the_last_sixteen_are_kept_and_what_is_older_is_not_carried_out_again() 
 
 @pytest.mark.parametrize("first_id", [0, 0xFFF8])
 def test_a_late_command_is_carried_out_once_whatever_came_in_between(first_id: int) -> None:
-    """Replies that came later than it by time, and are older by id, do not displace its own."""
+    """Later replies with older ids do not displace its own."""
     log, act = CommandLog(), Acts()
     newest, late = 17, [*range(1, 8)]
 

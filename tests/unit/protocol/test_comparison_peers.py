@@ -1,4 +1,4 @@
-"""An older and a newer device than the host: both ends real, every byte on the wire."""
+"""An older and a newer device than the host: two real ends, every byte on the wire."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Pair:
         self.report = [d.report() for d in self.host.of(SessionReady)[-1].differences]
 
     def latest(self, name: str) -> dict[str, object]:
-        """Field values of the last message of this name, as the host reads it."""
+        """Return the field values of the last message of this name, as the host reads it."""
         data = [d.received for d in self.host.of(Data) if d.received.spec.name == name][-1]
         fields = [f.name for f in data.spec.fields]
         return dict(zip(fields, data.message, strict=True))
@@ -96,7 +96,7 @@ def test_a_newer_device_obeys_commands_that_lack_its_last_field() -> None:
 
 
 def test_what_one_host_left_out_the_next_may_send() -> None:
-    """How much of a command a host knows ends with its session."""
+    """The known part of a command is valid until the end of the host's session."""
     device = catalogue(more=[LongerMode])
     pair = Pair(device=device)
     second = session_end(catalogue=device)
@@ -149,7 +149,7 @@ def test_messages_that_an_older_device_does_not_have_are_named_and_never_sent() 
     assert pair.count("encoders") > 80
 
 
-# ---- a device that means something else ------------------------------------------------------
+# ---- a device with another meaning ---------------------------------------------------------
 
 
 def test_a_changed_field_disables_its_message_and_nothing_else() -> None:

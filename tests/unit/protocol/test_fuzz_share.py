@@ -1,4 +1,4 @@
-"""A fixed share of the fuzzing; more of it is ``make campaign``."""
+"""A fixed part of the fuzzing; ``make campaign`` runs more of it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ pytestmark = pytest.mark.slow
 
 RUNS = {"parser": 15_000, "link": 2_500, "codec": 25_000, "batch": 1_500, "can": 6_000}
 SHARE = 5
-"""`make test` has one of so many."""
+"""One input in this number is used in `make test`."""
 
 
 @pytest.mark.parametrize("share", [SHARE, pytest.param(1, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("target", list(TARGETS))
 def test_no_input_that_the_fuzzer_finds_breaks_it(target: str, share: int, tmp_path: Path) -> None:
     runs = RUNS[target] // share
-    # reading the corpus again, every second, would run more, and others on each machine
+    # Without reload: reading the corpus every second would run more inputs, and others on each
+    # machine.
     options = [f"-runs={runs}", "-seed=1", "-reload=0", f"-artifact_prefix={tmp_path}/"]
     done = fuzz(target, tmp_path / "found", *options)
     assert done.returncode == 0, done.stderr[-3000:]

@@ -1,4 +1,4 @@
-"""The generated C as text, under every compiler, and as it would stand on the chip."""
+"""The generated C as text, under every compiler, and compiled for the chip."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ pytestmark = pytest.mark.slow
 
 CROSS = "arm-none-eabi-gcc"
 MINIMAL_TEXT_BYTES = 3_300
-"""The chains of the enumerations take 250 B of it, the questions about them 200 B."""
+"""Maximum size of the minimal code, bytes. The chains of the enumerations take 250 B of it, the
+questions about them 200 B."""
 STACK_BYTES = 200
-"""Of the deepest chain of calls, below whoever calls it."""
+"""Maximum stack of the deepest chain of calls, without its caller, bytes."""
 PARSER_RAM_BYTES = 280
 BUILDS = {
     "minimal": ("-DSP_MINIMAL",),
@@ -123,12 +124,12 @@ def test_a_cpp_compiler_takes_the_header(generated: Generated, name: str) -> Non
 
 
 class Size(NamedTuple):
-    """Bytes of an object for a Cortex-M4 at -Os."""
+    """Sizes of an object for a Cortex-M4 at -Os, bytes."""
 
     text: int
     """Code and constant tables."""
     ram: int
-    """Of its own: initialised and zeroed data."""
+    """Initialised and zeroed data of its own."""
 
 
 def on_chip(generated: Generated, flags: tuple[str, ...], name: str = "chip.o") -> Path:
@@ -142,7 +143,7 @@ def size_of(path: Path) -> Size:
 
 
 def struct_sizes(generated: Generated) -> dict[str, int]:
-    """What the caller keeps for each: read from the object, not run."""
+    """Return the sizes of the caller's structs, read from the object without running it."""
     names = ["parser", "sender", "can_sender", "can_message", "can_receiver"]
     probe = generated.directory / "probe.c"
     lines = [f"extern char {n}[sizeof(sp_{n}_t)]; char {n}[sizeof(sp_{n}_t)];" for n in names]
@@ -195,7 +196,7 @@ def test_the_stack_is_bounded_and_nothing_recurs(
     for caller, called in re.findall(r'sourcename: "([^"]+)" targetname: "([^"]+)"', text):
         assert called in own, called  # no call through a pointer, none to a library
         calls[caller].add(called)
-    assert {kind for _, _, kind in nodes} == {"static"}  # no array of a length known late
+    assert {kind for _, _, kind in nodes} == {"static"}  # no array of variable length
 
     def deepest(name: str, above: tuple[str, ...] = ()) -> int:
         assert name not in above, f"{name} calls itself"

@@ -1,4 +1,4 @@
-"""``sweepctl generate``: files, refusals, and one clear line where it cannot."""
+"""``sweepctl generate``: files, rejections, and one clear error line."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def test_it_loads_without_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFix
     path.write_text(text, encoding="utf-8")
     with caplog.at_level(logging.DEBUG), warnings.catch_warnings():
         warnings.simplefilter("error")
-        for encoding in ("cp1252", "utf-8"):  # the first is what cantools takes by itself
+        for encoding in ("cp1252", "utf-8"):  # the first is cantools' default
             cantools.database.load_file(path, encoding=encoding, strict=True)
         cantools.database.load_file(path)
     assert caplog.records == []
@@ -172,7 +172,7 @@ def test_values_have_their_names_and_nothing_there_has_one(db: Database) -> None
     assert names(0x2C1, "phase")[8] == "finished"
     assert names(0x201, "ultrasonic") == {65535: "none"}
     assert names(0x201, "infrared_right") == {255: "none"}
-    assert names(0x111, "faults") == {}  # bits, which add up: named in the comment
+    assert names(0x111, "faults") == {}  # bits, which are combined: named in the comment
     assert "5 motor_stall" in str(described(db, 0x111).get_signal_by_name("faults").comment)
 
 

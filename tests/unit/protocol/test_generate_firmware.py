@@ -1,4 +1,4 @@
-"""The codec that the firmware's folder holds, for those who build it without Python."""
+"""The codec in the firmware's folder, for builds without Python."""
 
 from __future__ import annotations
 

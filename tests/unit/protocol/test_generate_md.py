@@ -1,4 +1,4 @@
-"""PROTOCOL.md: read back as a reader would, and held against the wire and the code."""
+"""PROTOCOL.md, read as a reader would, and compared with the wire and the code."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ARROW = re.compile(r"^    (\w+) --> (\w+): (.+)$", re.MULTILINE)
 
 
 def rows(text: str, first: str) -> list[list[str]]:
-    """Cells of the first table whose head begins with this cell."""
+    """Return the cells of the first table whose head begins with this cell."""
     lines = iter(text.splitlines())
     for line in lines:
         if line.startswith(f"| {first} |"):
@@ -84,7 +84,7 @@ def vectors() -> list[dict[str, Any]]:
 
 
 def read_by_table(name: str, payload: bytes) -> tuple[dict[str, object], dict[str, float]]:
-    """Raw and physical values, by nothing but the document's table of the message."""
+    """Return raw and physical values, by the document's table of the message alone."""
     raw: dict[str, object] = {}
     physical: dict[str, float] = {}
     text = section(name)
@@ -113,7 +113,7 @@ def test_the_tables_alone_decode_the_vectors(vector: dict[str, Any]) -> None:
     assert raw == vector["raw"]
     for name, value in vector["si"].items():
         field = next(f for f in physical if name.startswith(f + "_"))
-        if value is not None and not name.startswith("gyro"):  # that is in degrees on the wire
+        if value is not None and not name.startswith("gyro"):  # it is in degrees on the wire
             assert physical[field] == pytest.approx(value, rel=1e-9), name
 
 

@@ -1,4 +1,7 @@
-"""The hostile wires do what they say, or every test that leans on them says too much."""
+"""The hostile wires work as documented.
+
+Otherwise every test that uses them would prove too much.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One end of a link: what it passes on, refuses, counts and keeps back."""
+"""One end of a link: what it passes on, rejects, counts and holds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def messages(events: list[LinkEvent]) -> list[Message]:
 
 
 def frames(link: Link, *sent: Message, node: int = 1) -> list[bytes]:
-    """Each message as it leaves, one by one."""
+    """Return each message as it leaves, one by one."""
     out: list[bytes] = []
     for message in sent:
         assert link.send(message, 0, node=node)
@@ -85,7 +85,7 @@ def test_latest_replaces_what_still_waits_and_keeps_the_rest() -> None:
     link.send(VelocitySetpoint(2, 0, 200, 1), 0, node=1, latest=True)
     link.send(VelocitySetpoint(3, 0, 200, 2), 0, node=1, latest=True)
     data = link.data_to_send()
-    assert data[0] == 0  # also where the frame that it was for has been replaced
+    assert data[0] == 0  # also if its frame was replaced
     assert messages(peer.receive(data)) == [SetMode(1, 1), VelocitySetpoint(3, 0, 200, 2)]
     assert (link.statistics.superseded, link.statistics.frames_out) == (2, 2)
 
@@ -143,7 +143,7 @@ def test_what_cannot_be_sent_is_rejected_at_once_and_leaves_no_trace(
 ) -> None:
     link = device()
     with pytest.raises(error):
-        link.send(message, 0, **options)  # type: ignore[arg-type]  # latest is not among them
+        link.send(message, 0, **options)  # type: ignore[arg-type]  # without latest
     assert not link.has_data
     assert link.statistics.frames_out == 0
     assert sequence(frames(link, Sync(1))[0]) == [0]
@@ -226,7 +226,7 @@ def test_damage_is_counted_and_passed_on() -> None:
     ("order", "lost", "reordered"),
     [
         ([0, 1, 2, 3], 0, 0),
-        ([7, 8, 9], 0, 0),  # joined in the middle: nothing is missing that one could know of
+        ([7, 8, 9], 0, 0),  # joined in the middle: no known loss
         ([0, 3, 4], 2, 0),
         ([0, 1, 1, 2], 0, 1),
         ([0, 2, 1, 3], 1, 1),
@@ -311,7 +311,7 @@ def test_frames_lost_before_a_hello_of_the_same_boot_are_counted() -> None:
     [
         (0, 5, 5),
         (100, 90, 90),
-        (0xFFFFFFF0, 0x10, 0x1_0000_0010),  # the wrap between
+        (0xFFFFFFF0, 0x10, 0x1_0000_0010),  # with a wrap in between
         (0x1_0000_0010, 0xFFFFFFF0, 0xFFFFFFF0),  # a stamp from before the wrap
         (5 << 32, 0xFFFFFFFF, (5 << 32) - 1),
         ((5 << 32) + 7, 7, (5 << 32) + 7),

@@ -1,4 +1,4 @@
-"""The catalogue keeps its rules, and the lint sees each rule broken."""
+"""The catalogue obeys its rules, and the lint detects each violation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def layout(fields: tuple[Field, ...]) -> struct.Struct:
 
 
 def with_field(cls: type[Message], field: str, /, **change: object) -> MessageSpec:
-    """The message's specification with one field declared otherwise."""
+    """Return the message's specification with one field declared differently."""
     spec = CATALOGUE.spec(cls)
     fields = tuple(
         replace(f, **change) if f.name == field else f  # type: ignore[arg-type]  # any attribute
@@ -113,7 +113,7 @@ def test_type_and_name_declared_twice() -> None:
             with_field(Status, "load", unit="V"),
             "status.load: lacks its SI property load_v",
         ),
-        (  # a sentinel given as if it were a distance
+        (  # a sentinel declared like a distance
             with_field(Power, "logic", none=255, high=254),
             "power.logic: lacks its SI property logic_v",
         ),
@@ -219,7 +219,7 @@ def test_a_message_of_another_catalogue_is_unknown() -> None:
 def test_an_appended_field_may_be_absent_and_its_property_too() -> None:
     @message(0x70, Direction.DEVICE, RateClass.RARE)
     class Grown(Message):
-        """A message that got a field later."""
+        """A message with a field that was added later."""
 
         value: Annotated[int, number(I16, "V", "a voltage", scale="0.5")]
         later: Annotated[int | None, number(U8, "A", "a current", scale="0.1")] = None
@@ -248,9 +248,9 @@ def test_messages_of_two_types_are_never_equal() -> None:
 
     one, again, two = One(1), One(1), Two(1)
     assert one == again
-    assert not one != again  # noqa: SIM202 - both operators are on trial
+    assert not one != again  # noqa: SIM202 - both operators are tested
     assert one != two
-    assert not one == two  # noqa: SIM201 - both operators are on trial
+    assert not one == two  # noqa: SIM201 - both operators are tested
     assert one != (1,)
     assert len({one, again, two}) == 2
     assert TEXT.is_text

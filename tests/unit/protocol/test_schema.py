@@ -1,4 +1,4 @@
-"""Hashes of the declarations, and what two ends conclude from them."""
+"""Hashes of the declarations, and the conclusions of two ends."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ ENUMS_OF_STATUS = ("Fault|bits", "Mode|enum", "StopCause|enum")
 
 
 def more_parts(fields: list[Field]) -> list[CanPart]:
-    """A second CAN frame where a field wants one."""
+    """Return a second CAN frame if a field needs one."""
     return [CanPart(0x60, "second")] if any(f.can_part == 1 for f in fields) else []
 
 
 def variant(cls: type[Message], fields: list[Field], name: str | None = None) -> type[Message]:
-    """A peer's declaration of the same message type."""
+    """Return a peer's declaration of the same message type."""
     spec = CATALOGUE.spec(cls)
     body = {
         "__annotations__": {f.name: Annotated[int, f] for f in fields},
@@ -58,13 +58,13 @@ def variant(cls: type[Message], fields: list[Field], name: str | None = None) ->
 
 
 def chain_of(spec: MessageSpec) -> tuple[int, ...]:
-    """The chain by the rule of the specification."""
+    """Return the chain by the rule of the specification."""
     lines = [f"{line}\n" for line in spec.canonical()]
     return tuple(zlib.crc32("".join(lines[: i + 1]).encode()) for i in range(len(lines)))
 
 
 def peer_with(cls: type[Message], fields: list[Field] | None) -> Catalogue:
-    """Our catalogue with one message declared otherwise, or left out."""
+    """Return our catalogue with one message declared differently, or left out."""
     rest = [m for m in ALL_MESSAGES if m is not cls]
     return Catalogue(rest if fields is None else [*rest, variant(cls, fields)])
 
@@ -126,7 +126,7 @@ def test_whole_hash_is_that_of_all_last_chain_values() -> None:
     small = Catalogue([Encoders, Power])
     lines = f"16:{small.chains[0x16][-1]:08x}\n24:{small.chains[POWER][-1]:08x}\n"
     assert small.hash == zlib.crc32(lines.encode())
-    assert Catalogue([Power, Encoders]).hash == small.hash  # whatever the order of declaration
+    assert Catalogue([Power, Encoders]).hash == small.hash  # in any order of declaration
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,7 @@ def test_an_appended_optional_field_in_the_declaration_itself() -> None:
 
 
 def with_causes(*members: tuple[str, int]) -> Catalogue:
-    """Our catalogue, with other members of the causes of a stop."""
+    """Return our catalogue with other members of the causes of a stop."""
     other: type[IntEnum] = IntEnum("StopCause", members)  # type: ignore[misc]  # members are drawn
 
     def renumbered(cls: type[Message]) -> type[Message]:

@@ -1,4 +1,4 @@
-"""Damaged and rejected frames on record: gathered, counted whole, their bytes kept bit for bit."""
+"""Damaged and rejected frames in the log: grouped, counted completely, their bytes exact."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
 
 LINE_BYTES_S = 300_000
-"""Of 3 Mbaud."""
+"""Bytes per second of a 3 Mbaud line."""
 READ_NS = 10_000_000
 NOISE = b"\2\1\7\0"
-"""A frame of three bytes that is none."""
+"""A damaged frame of three bytes."""
 MS = 1_000_000
 
 
@@ -50,7 +50,7 @@ def ready() -> tuple[Host, Collector, int]:
 
 
 def flood(host: Host, piece: bytes, begin_ns: int, seconds: float) -> tuple[int, bytes]:
-    """Fill the line with a piece again and again; when it ended, and what was sent."""
+    """Fill the line with a piece repeatedly; return the end time, and the sent bytes."""
     count = LINE_BYTES_S * READ_NS // 1_000_000_000 // len(piece)
     sent, now_ns = b"", begin_ns
     while now_ns < begin_ns + seconds * 1e9:
@@ -65,11 +65,11 @@ def flood(host: Host, piece: bytes, begin_ns: int, seconds: float) -> tuple[int,
 @pytest.mark.parametrize("kind", ["damaged", "rejected"])
 def test_a_full_line_of_them_makes_five_records_in_a_second_and_loses_none(kind: str) -> None:
     host, sink, now_ns = ready()
-    # A type that no catalogue has, from the device's node.
+    # A type outside every catalogue, from the device's node.
     strange = b"\0" + encode_frame(1, 0x7D, 0, 0, b"abc")
     now_ns, sent = flood(host, NOISE if kind == "damaged" else strange, now_ns, 1.0)
     host.end(Ending("stopped", "the test is over", 0), HostNs(now_ns))
-    for _ in range(80):  # the stop is not answered
+    for _ in range(80):  # the stop gets no answer
         now_ns += READ_NS * 2
         host.poll(HostNs(now_ns))
     assert host.mission.done

@@ -47,7 +47,7 @@ def run(seconds: float = 6.0) -> Iterator[Record]:
 
 
 class Disk:
-    """A disk of so many bytes, for a log and for what is held for its end."""
+    """A disk of limited size, for a log and for the data kept for its end."""
 
     def __init__(self, size: int) -> None:
         self.size, self.used = size, 0
@@ -86,7 +86,7 @@ class OnDisk(LogFile):
         self.counted = 0
 
     def account(self, _number: int) -> None:
-        """After every write: what the file has grown by must fit."""
+        """Check after every write that the file's growth fits."""
         size = Path(str(self.name)).stat().st_size
         self.disk.take(size - self.counted)
         self.counted = size
@@ -134,7 +134,7 @@ def test_no_room_for_so_much_as_the_end_or_the_head(tmp_path: Path, size: int) -
 
 
 def test_a_disk_that_is_full_in_truth() -> None:
-    """The device that is always full."""
+    """The real device that is always full."""
     with pytest.raises(LogWriteError, match="cannot write /dev/full: No space left on device"):
         RunWriter(Path("/dev/full"), run_info(), force=True)
 
@@ -179,7 +179,7 @@ def test_stop_or_go_on_when_the_log_fails(tmp_path: Path) -> None:
 
 
 class Volatile:
-    """What a disk has when the power goes: everything up to the last sync, no more."""
+    """Content of a disk after a loss of power: everything up to the last sync, no more."""
 
     def __init__(self) -> None:
         self.durable: list[bytes] = []
@@ -267,7 +267,7 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
     ended = [max(m.log_ns for m in LogReader(p, alone=True).messages()) for p in parts]
     assert all(after >= before for before, after in pairwise(ended)), "in turn"
     assert all(b >= e for e, b in zip(ended, begun[1:], strict=False)), "none reaches back"
-    run_of_all = LogReader(path)  # the first file stands for all
+    run_of_all = LogReader(path)  # the first file represents all
     assert run_of_all.parts == parts
     again = [(m.topic, m.log_ns, m.data) for m in run_of_all.messages(topics)]
     assert sorted(again) == sorted(whole)
@@ -314,7 +314,7 @@ def test_a_later_file_that_exists_is_reported_at_once(tmp_path: Path) -> None:
 
 
 def test_what_lies_beside_the_first_file_and_is_not_of_its_run(tmp_path: Path) -> None:
-    """A longer run before, replaced by a shorter one; a file that was never more than begun."""
+    """An earlier longer run, replaced by a shorter one; a file that only has a beginning."""
     path = tmp_path / "run.mcap"
     for seconds, opened_ns in ((40, EPOCH_NS), (20, EPOCH_NS + 1)):
         info = replace(run_info(), opened_unix_ns=opened_ns)

@@ -1,4 +1,4 @@
-"""The log as a file: its name, its chunks, its index, the order of what is in it."""
+"""The log as a file: its name, its chunks, its index, the order of its content."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_chunk_closes_by_log_time_and_by_size(tmp_path: Path) -> None:
     channel = file.add_channel("/a", "", ("", "", b""))
     for i in range(100):  # 10 ms apart: every 0.25 s
         file.add_message(channel, NOW + i * 10_000_000, NOW, i, b"x")
-    for i in range(10):  # all at once: by size
+    for i in range(10):  # all at once: closed by size
         file.add_message(channel, NOW + 10**9, NOW, i, bytes(CHUNK_BYTES // 4))
     file.add_message(channel, NOW, NOW, 0, b"the clock was set back")
     file.finish()
@@ -107,7 +107,7 @@ def test_rows_and_messages_of_many_chunks_stand_in_the_order_in_which_they_came(
     tmp_path: Path,
 ) -> None:
     records: list[Record] = []
-    for i in range(60):  # 1.2 s: five chunks, each kind the first of one somewhere
+    for i in range(60):  # 1.2 s: five chunks; each kind is the first of a chunk once
         at = NOW + 20_000_000 * i
         covariance = (0.0,) * 9
         some: list[Record] = [

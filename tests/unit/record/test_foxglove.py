@@ -1,4 +1,4 @@
-"""Foxglove's messages as we write them by hand, held against Google's library."""
+"""Our encoding of Foxglove's messages, compared with Google's library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A motion key is in no record, no message's text and no option's text."""
+"""No record, message text or option text contains a motion key."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KEYS = [bytes(range(1, 17)), b"a pass\0phrase!\0\x0f", bytes(15) + b"\x01"]
 
 
 def frames(key: bytes) -> bytes:
-    """What a host sends: a stop, the key, a stop."""
+    """Return a host's bytes: a stop, the key, a stop."""
     link = Link(Direction.HOST)
     link.send(Stop(1, 1), 0, node=1)
     link.send(SetKey(2, *key_words(key)), 0x00FF_0000, node=1)
@@ -66,7 +66,7 @@ def test_an_echo_is_recorded_without_the_key(key: bytes, size: int) -> None:
 
 
 def longest_piece(secret: bytes, text: bytes) -> int:
-    """Longest run of the secret that stands in the text, in bytes."""
+    """Return the length of the longest part of the secret in the text, bytes."""
     runs = (secret[i:j] for i in range(len(secret)) for j in range(i + 1, len(secret) + 1))
     return max((len(run) for run in runs if run in text), default=0)
 
@@ -76,7 +76,7 @@ def longest_piece(secret: bytes, text: bytes) -> int:
 def test_a_damaged_echo_is_recorded_without_the_key(damage: str, size: int) -> None:
     key = KEYS[0]
     data = frames(key)
-    at = data.index(key[:8])  # from here on COBS leaves the key as it is
+    at = data.index(key[:8])  # from here on COBS leaves the key unchanged
     damaged = {
         "a bit at each place": [
             data[:i] + bytes([data[i] ^ 0x80]) + data[i + 1 :] for i in range(at - 9, at + 16)

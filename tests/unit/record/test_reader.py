@@ -1,4 +1,4 @@
-"""Reading logs back, whole or not."""
+"""Reading of logs, complete or not."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A whole run."""
+    """Return a complete run."""
     path = tmp_path_factory.mktemp("log") / "run.mcap"
     writer = RunWriter(path, run_info())
     for record in synthetic_run():
@@ -34,7 +34,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def record_starts(data: bytes) -> list[tuple[int, int]]:
-    """Offset and opcode of every record of a file."""
+    """Return offset and opcode of every record of a file."""
     starts, position = [], 8
     while position < len(data) - 8:
         opcode, length = struct.unpack_from("<BQ", data, position)

@@ -1,4 +1,4 @@
-"""The thread in front of the file: order, overflow, failures."""
+"""The thread that writes the file: order, overflow, failures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def line(i: int) -> LogRecord:
 
 
 class HeldWriter(RunWriter):
-    """A disk that stands still until it is let go."""
+    """A disk that blocks until it is released."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, run_info())
@@ -102,7 +102,7 @@ def test_a_full_disk_is_reported_and_never_raised(tmp_path: Path) -> None:
 
 
 class FailingWriter(RunWriter):
-    """A disk that fills up after some records."""
+    """A disk that becomes full after some records."""
 
     left = 5
 

@@ -1,4 +1,4 @@
-"""What a log says of its run: ours whole, and of others no more than fits."""
+"""A log's data about its run: ours completely, of others only what fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each record becomes in the log, read with the mcap library and its own decoders."""
+"""The messages that each record becomes in the log, read with the mcap library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Driving by hand: what is held drives, what is let go, late or unknown does not."""
+"""Manual driving: a held key drives; a released, late or unknown one does not."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def dead_man(*, releases: bool) -> DeadMan:
     return DeadMan(0.3, 0.2, releases)
 
 
-# ---- a terminal that tells of no release ------------------------------------------------
+# ---- a terminal without key releases ----------------------------------------------------
 
 
 def test_a_press_drives_for_seven_tenths_at_a_tenth() -> None:
@@ -61,7 +61,7 @@ def test_only_the_newest_press_counts() -> None:
     assert found.yaw_rate_rad_s > 0.0
 
 
-# ---- one that does ----------------------------------------------------------------------
+# ---- a terminal with key releases -------------------------------------------------------
 
 
 def test_a_held_key_drives_until_it_comes_up() -> None:
@@ -148,7 +148,7 @@ def test_whatever_is_pressed_it_never_drives_long_alone(
 
 
 def event(kind: int, number: int, value: int) -> bytes:
-    """As the kernel's joystick-api.rst lays it out, typed in by hand."""
+    """Return an event in the layout of the kernel's joystick-api.rst, typed in by hand."""
     return struct.pack("<I", 123) + struct.pack("<h", value) + bytes([kind, number])
 
 
@@ -202,11 +202,11 @@ def test_no_such_gamepad() -> None:
         Gamepad("/dev/input/js99", lambda _s: None, lambda: None)
 
 
-# ---- a run in a person's hands ----------------------------------------------------------
+# ---- a run under manual control ---------------------------------------------------------
 
 
 class Straight:
-    """A planner that drives ahead for ever."""
+    """A planner that drives ahead forever."""
 
     state = PlannerState("straight")
 

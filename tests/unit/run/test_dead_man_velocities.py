@@ -1,4 +1,4 @@
-"""Which velocity each key and stick gives, for how long, and what it gives together."""
+"""Velocity of each key and stick, its duration, and combinations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bridge.run.dead_man import DIRECTIONS, DeadMan
 
 AHEAD = {"up": 1.0, "i": 1.0, "down": -1.0, "k": -1.0}
 TURN = {"left": 1.0, "j": 1.0, "right": -1.0, "l": -1.0}
-"""Counter-clockwise is positive, as in the robot's frame."""
+"""Sign of each turn key; counter-clockwise is positive, as in the robot's frame."""
 
 
 def hand(*, releases: bool) -> DeadMan:

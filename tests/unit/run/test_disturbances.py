@@ -1,4 +1,4 @@
-"""Bumps, stalls and slips that the estimator finds are on record, each once."""
+"""Bumps, stalls and slips that the estimator detects are logged, each once."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tools.virtual.run import run_virtual
 BUMP = Disturbance(DisturbanceKind.BUMP, 1.0, 0.0312)
 SLIP = Disturbance(DisturbanceKind.SLIP_LEFT, 2.0, 0.05)
 AGAIN = Disturbance(DisturbanceKind.BUMP, 1.0, 0.0312)
-"""Equal to the first, found by another estimator."""
+"""A disturbance equal to the first, found by another estimator."""
 
 
 def kinds_after(*found: tuple[Disturbance, ...]) -> list[list[str]]:
-    """What is told at each of some calls."""
+    """Return the reported kinds at each of some calls."""
     sink = Events()
     records = HostRecords(sink, 10, "recovery")
     reported = []
@@ -41,7 +41,7 @@ def test_of_a_new_estimator_too() -> None:
 
 
 def test_a_host_reports_what_its_robot_bumps_into() -> None:
-    """A chair's leg, 52° off the bow, at 0.2 m/s, 2 s after it set out."""
+    """A chair's leg, 52° off the bow, at 0.2 m/s, 2 s after the start."""
     sink = Events()
     room = generate_room(105, np.random.default_rng([0x5EED, 105]), "legs")
     run_virtual(room, RobotModel(), "recovery", sink, seed=5, noise="typical", max_time_s=4.0)

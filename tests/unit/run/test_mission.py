@@ -1,4 +1,4 @@
-"""The phases of a run: leave to move is asked step by step, and every phase ends."""
+"""The phases of a run: motion is enabled step by step, and every phase ends."""
 
 from __future__ import annotations
 

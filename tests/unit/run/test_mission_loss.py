@@ -1,4 +1,4 @@
-"""A run that loses its device, goes on or does not, and every limit of its waiting."""
+"""A run that loses its device, with and without continuing, and every limit of its waits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ AHEAD = VelocityCommand(0.2, 0.0)
 
 
 class Plan:
-    """A plan that drives ahead, can be held, and ends when it is told to."""
+    """A plan that drives ahead, can be paused, and ends on request."""
 
     def __init__(self) -> None:
         self.finished = False
@@ -54,7 +54,7 @@ def made(plan: Plan | None = None, **options: object) -> Mission:
 
 
 def driving(plan: Plan | None = None, **options: object) -> Mission:
-    """On its way since 16 s."""
+    """Return a mission that has been driving since 16 s."""
     mission = made(plan, at_rest_s=2.0, **options)
     mission.on_ready(10.0)
     mission.on_status(status(), 12.0)
@@ -78,7 +78,7 @@ def runner(mission: Mission) -> object:
 
 
 def go_on(mission: Mission, at_s: float, cause: StopCause = StopCause.LINK) -> None:
-    """The steps of leave to move, after a loss."""
+    """Run the steps that enable motion after a loss."""
     mission.on_status(status(cause), at_s)
     mission.on_command(accepted(ClearStop(2, cause)), at_s)
     mission.on_command(accepted(SetMode(3, 1)), at_s)
@@ -317,7 +317,7 @@ def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
     mission.on_ready(20.0)
     mission.resume(22.0)
     go_on(mission, 23.0)
-    mission.phase = Phase.WAITING  # as if it waited for leave once more
+    mission.phase = Phase.WAITING  # as if it waited for motion to be enabled again
     mission.requests()
     mission.on_status(status(StopCause.LINK), 26.0)
     assert mission.requests() == [Request("stop", StopCause.SESSION_END)], "leave was used up"
@@ -422,7 +422,7 @@ def test_a_drive_whose_session_fails_reports_that_no_stop_is_confirmed() -> None
 
 @pytest.mark.parametrize("enabled", [False, True], ids=["asked to", "settling"])
 def test_a_device_that_dies_before_the_first_move_gives_status_3(*, enabled: bool) -> None:
-    """It may have been enabled; an end in order must not pass for one that is confirmed."""
+    """It may have been enabled; a clean end must not look confirmed."""
     mission = made(at_rest_s=2.0)
     mission.on_ready(10.0)
     mission.on_status(status(), 12.0)

@@ -1,4 +1,4 @@
-"""Notices: which records of a run give an event for other programs, and which do not."""
+"""Notices: the records of a run that give an event for other programs."""
 
 from __future__ import annotations
 

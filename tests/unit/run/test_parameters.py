@@ -11,7 +11,7 @@ from bridge.errors import ParameterError
 from bridge.session.parameters import Parameter, closest
 from protocol.messages.device import ParameterValue
 
-# IEEE 754 binary32, worked out by hand: 0.5 = 2^-1, 0.25 = 2^-2, 2.0 = 2^1.
+# IEEE 754 binary32, computed by hand: 0.5 = 2^-1, 0.25 = 2^-2, 2.0 = 2^1.
 HALF, QUARTER, TWO = 0x3F00_0000, 0x3E80_0000, 0x4000_0000
 
 
@@ -65,7 +65,7 @@ def test_a_name_that_there_is_not() -> None:
 @pytest.mark.parametrize("kind", [0, 1, 2])
 @pytest.mark.parametrize("value", [True, False])
 def test_a_truth_value_is_no_number(kind: int, value: bool) -> None:  # noqa: FBT001 - the value
-    """JSON's true would else set a top speed of 1 m/s."""
+    """Otherwise JSON's true would set a top speed of 1 m/s."""
     number = reported(kind, 0, *(HALF, HALF, 0, TWO))
     with pytest.raises(ParameterError, match=rf"{value} is not a number"):
         number.raw(value)

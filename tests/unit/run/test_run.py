@@ -1,4 +1,4 @@
-"""The host's core against the virtual sweeper: a run begins, holds, and ends as it should."""
+"""The host's core against the virtual sweeper: begin, pauses and end of a run."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_ctrl_c_stops_the_robot_and_waits_for_its_word() -> None:
 
 def test_the_stop_goes_out_before_any_listener_runs() -> None:
     class TransmitOnly(Collector):
-        """A terminal that was closed."""
+        """A closed terminal."""
 
         def write(self, record: Record) -> None:
             if isinstance(record, EventRecord) and record.kind == "stop":
@@ -194,7 +194,7 @@ def test_a_frozen_host_does_not_jump() -> None:
     ends.run(0.0005)
     assert ("session", "late") in events(host)
     assert not [s for s in ends.sent[sent:] if isinstance(s.message, VelocitySetpoint)]
-    # No latch for less than a second: the run goes on with fresh setpoints.
+    # No latch for less than a second: the run continues with fresh setpoints.
     ends.run(2.0)
     assert host.mission.phase is Phase.DRIVING
 
@@ -228,7 +228,7 @@ def test_a_killed_host_and_its_successor() -> None:
 
 @pytest.mark.parametrize("host_first_us", [200_000, 3_600_000_000])
 def test_a_successor_on_another_clock(host_first_us: int) -> None:
-    """What was late by the old host's clock says nothing about the new one's frames."""
+    """A delay by the old host's clock means nothing for the new one's frames."""
     ends, _ = started()
     ends.host_first_us = host_first_us
     second = spinning_host(clear_stop=True)

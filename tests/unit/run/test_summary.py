@@ -1,4 +1,4 @@
-"""The one object of a run: what is known of it, and null for the rest."""
+"""The summary object of a run: the known values, and null for the rest."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def host(mission: Mission | None = None) -> Host:
     return Host(MODEL, NullSink(), HostOptions(0), mission or Mission(None), lambda: 1)
 
 
-def summed(host: Host, **known: Any) -> dict[str, Any]:  # noqa: ANN401 - a summary's parts
+def summed(host: Host, **known: Any) -> dict[str, Any]:  # noqa: ANN401 - parts of a summary
     parts: dict[str, Any] = {"room": None, "planner": None, "seed": None, "log": None, **known}
     value = json.loads(json.dumps(run_summary(host, **parts), allow_nan=False))
     assert isinstance(value, dict)
@@ -35,7 +35,7 @@ def summed(host: Host, **known: Any) -> dict[str, Any]:  # noqa: ANN401 - a summ
 
 
 def shown(summary: dict[str, Any]) -> str:
-    """The table's cells."""
+    """Return the table's cells."""
     return " ".join(str(cell) for column in summary_table(summary).columns for cell in column.cells)
 
 
@@ -95,7 +95,7 @@ def test_coverage_is_the_reports() -> None:
     assert set(summary["coverage"]) == {
         *("mouth_sweepable", "mouth_passing", "mouth_free", "body_reachable", "body_free", "eq8")
     }
-    # mouth: 1.196 m by 0.16 m; body: that by 0.32 m and a disc; of 4 m²
+    # mouth: 1.196 m by 0.16 m; footprint: that by 0.32 m and a disc; of 4 m²
     assert abs(summary["coverage"]["mouth_free"] - 1.196 * 0.16 / 4) < 0.003
     assert abs(summary["coverage"]["body_free"] - (1.196 * 0.32 + 0.0804) / 4) < 0.003
     assert summary["coverage"]["eq8"] == round(1.196 * 0.16 / 4, 4)

@@ -1,4 +1,4 @@
-"""A velocity or duty that is not a number ends the run with a stop: no limit holds for it."""
+"""A velocity or duty that is no number ends the run with a stop, because no limit catches it."""
 
 from __future__ import annotations
 

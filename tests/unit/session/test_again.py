@@ -1,4 +1,4 @@
-"""A session that loses its device and finds it again: the same, in another boot, or changed."""
+"""A session that loses its device and finds it again: unchanged, rebooted, or different."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def ready() -> tuple[Ends, SessionEnd]:
 
 
 def unplug(ends: Ends) -> None:
-    """Cut both ways, and tell the session as the pump does."""
+    """Cut both directions, and inform the session as the pump does."""
     ends.to_host.cut = ends.to_device.cut = True
     ends.host.session.unplugged(ends.host_ns)
 
@@ -63,7 +63,7 @@ def test_a_port_that_vanishes_is_a_loss_at_once() -> None:
 
 
 def test_a_port_that_is_back_is_asked_at_once() -> None:
-    """Not after the two seconds that a silent line is left alone for by then."""
+    """Not after the two seconds for which a silent line is left alone by then."""
     ends, host = ready()
     unplug(ends)
     ends.run(20.0)
@@ -113,7 +113,7 @@ def test_another_device_is_never_taken_for_it() -> None:
     assert [f.kind for f in host.of(Failed)] == ["other_device"]
 
 
-# ---- what becomes of the run ------------------------------------------------------------
+# ---- effect on the run ------------------------------------------------------------------
 
 
 def driving(resume: Resume) -> tuple[Ends, Host, Collector]:
@@ -196,7 +196,7 @@ def test_an_operators_stop_is_not_cleared_by_going_on() -> None:
     ends, host, _ = driving(Resume.ASK)
     unplug(ends)
     ends.run(2.0)
-    ends.device.firmware.stop(StopCause.OPERATOR)  # somebody pressed the button on the robot
+    ends.device.firmware.stop(StopCause.OPERATOR)  # a person pressed the button on the robot
     replug(ends)
     assert ends.run(2.0, lambda: host.mission.asking)
     host.mission.resume(ends.host_ns / 1e9)
@@ -231,7 +231,7 @@ def test_a_run_without_motion_just_goes_on() -> None:
 
 
 def test_the_opening_is_on_record_at_its_own_moment() -> None:
-    """A session's waits are counted from it: told with the first bytes it would be too late."""
+    """A session's waits count from it: logging it with the first bytes would be too late."""
     sink = Collector()
     host = Host(RobotModel(), sink, HostOptions(0), Mission(None), lambda: 1)
     host.open(HostNs(7_000_000))

@@ -1,4 +1,4 @@
-"""Both ends with a key, without one, and while one is set."""
+"""Both ends with a key, without one, and while a key is set."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_command_without_a_tag_is_rejected_before_anything_else_comes(
     for _ in range(5):
         before = len(outcomes(end))
         end.session.command(GetParameter, (0,), ends.host_ns)
-        ends.run(0.035)  # 10 ms, and what is left of two control periods
+        ends.run(0.035)  # 10 ms, and the rest of two control periods
         assert outcomes(end)[before:] == [(False, NackReason.NOT_AUTHENTICATED)]
 
 
@@ -133,7 +133,7 @@ def test_a_restarted_host_and_a_rebooted_device_sign_anew() -> None:
 
 @pytest.mark.parametrize("boot_id", [None, 992], ids=["same boot", "fresh boot"])
 def test_recorded_motion_of_one_session_moves_nothing_in_another(boot_id: int | None) -> None:
-    """Somebody taps the line, and plays it back when the host has gone."""
+    """An attacker records the line, and replays it when the host has gone."""
     ends, end = both(KEY, KEY)
     taped: list[bytes] = []
     turn = end.turn
@@ -229,7 +229,7 @@ def test_no_key_is_set_over_a_bus_or_a_network_or_while_it_may_move() -> None:
 
 
 class Tapped(Link):
-    """A link that keeps what it takes."""
+    """A link that keeps the received bytes."""
 
     def __init__(self, sends: Direction, *, codec: Codec | None = None) -> None:
         super().__init__(sends, codec=codec)

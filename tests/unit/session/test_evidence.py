@@ -1,4 +1,4 @@
-"""What is made of bytes that are no sweeper's: a line of text is told, and nothing else is."""
+"""Bytes of another device: a line of text is reported, and nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A link that is too slow moves nothing: whoever drives, and whenever the delay begins."""
+"""A slow link moves nothing, whatever drives, and whenever the delay begins."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ pytestmark = pytest.mark.slow
 MS = 1_000_000
 MODEL = RobotModel()
 STOP_S = 1.5
-"""Within which a run over a link that has become slow must end."""
+"""Maximum time to the end of a run over a link that has become slow, s."""
 _ids = itertools.count(77)
 
 
 class NoReplies(Wire):
-    """Loses the answers to pings, all but each ``every``-th."""
+    """Loses the replies to pings, except each ``every``-th."""
 
     def __init__(self, inner: Wire, every: int = 0) -> None:
         super().__init__(inner)
@@ -82,7 +82,7 @@ def host_with(mission: Mission, sink: Collector | None = None) -> Host:
 
 
 def by_hand() -> Host:
-    """A drive by hand, the key held down for good."""
+    """Return a manual drive with the key held permanently."""
     hand = DeadMan(0.3, 0.15, releases=True)
     operator = Operator(MODEL, hand, manual=True)
     host = host_with(Mission(operator))
@@ -250,7 +250,7 @@ def test_a_plan_of_the_device_that_nobody_supervises_is_stopped_too() -> None:
     assert ends.run(1.0, lambda: ends.device.firmware.latch.cause is StopCause.LINK)
 
 
-# ---- at the bench -------------------------------------------------------------------------
+# ---- bring-up -----------------------------------------------------------------------------
 
 
 def test_the_bench_moves_nothing_over_a_slow_link() -> None:
@@ -276,11 +276,11 @@ def test_the_bench_stops_what_moves_when_the_link_becomes_slow() -> None:
     assert wire.device.firmware.latch.cause is StopCause.LINK
 
 
-# ---- the judgement ------------------------------------------------------------------------
+# ---- the evaluation -----------------------------------------------------------------------
 
 
 def judged(*round_trips_ms: float, turnaround_ms: float = 0.0) -> LinkTrouble | None:
-    """What is found at the end of a second of pings at 5 Hz before these, one each 200 ms."""
+    """Return the finding after a second of pings at 5 Hz and then these, one each 200 ms."""
     trip = RoundTrip()
     trip.begin(0)
     now_ns = 0
@@ -305,7 +305,7 @@ def test_the_turnaround_of_the_device_does_not_count() -> None:
 
 
 def test_a_claimed_turnaround_hides_no_slow_link() -> None:
-    """The device stamps both ends of it: what no device needs is not believed."""
+    """The device stamps both ends of it: an implausibly long one is not accepted."""
     assert judged(10, 10, 10, 10, turnaround_ms=200) is not None
     assert judged(10, 10, 10, 10, turnaround_ms=120) is None, "40 ms of it are"
     assert judged(10, 10, 10, 10, turnaround_ms=131) is not None

@@ -1,4 +1,4 @@
-"""The monitor's table in windows of every size: what is cut is content, never a name."""
+"""The monitor's table in windows of every size: content may be cut, names never."""
 
 from __future__ import annotations
 

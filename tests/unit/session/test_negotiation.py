@@ -158,7 +158,7 @@ def test_a_device_that_cannot_be_asked_is_given_up() -> None:
 def test_a_different_bootstrap_message_fails_with_a_name() -> None:
     changed = variant(
         SetMode, {"command_id": Annotated[int, number(U8, "id", "shorter")]}
-    )  # not of the bootstrap: this one is only disabled
+    )  # no bootstrap message: only this one is disabled
     host = session_end()
     ends = Ends(host, sweeper(catalogue=catalogue(more=[changed])))
     assert [d.report() for d in negotiated(host, ends).differences] == [
@@ -176,7 +176,7 @@ def test_a_different_bootstrap_message_fails_with_a_name() -> None:
 
 @pytest.mark.parametrize(("of", "fields"), [(Stop, 0), (Stop, 1), (Ack, 1), (Hello, 4)])
 def test_a_bootstrap_message_that_lacks_fields_fails_too(of: type[Message], fields: int) -> None:
-    """It never changes: what lacks the cause of a stop or the type of an answer is no version."""
+    """A version without the cause of a stop or the type of an answer is not compatible."""
     host = session_end()
     ends = Ends(host, sweeper())
     ends.to_host = Valve(Declaring(specify(of).type_id, fields))

@@ -1,4 +1,4 @@
-"""A device that begins anew with every hello is answered at a bounded rate, and reported once."""
+"""A device that reboots with every hello is answered at a bounded rate, and reported once."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 STEP_NS = 100_000
-"""Ten thousand turns a second: a link that answers at once."""
+"""Duration of a turn, ns: ten thousand turns a second, on a link that answers at once."""
 SECOND_NS = 1_000_000_000
 
 
@@ -36,16 +36,16 @@ def hello(session_id: int, *, boot: int = 7, schema: int = CATALOGUE.hash) -> He
 
 
 class Fickle:
-    """Answers each hello of the host with one that ``change`` makes of its session's id."""
+    """Answers each hello of the host with one whose session id ``change`` has modified."""
 
     def __init__(self, change: Callable[[int, int], Hello]) -> None:
         self.hellos = 0
         self.heard = 0
-        """Frames of the host."""
+        """Number of frames of the host."""
         self.calm = False
-        """It answers like any device from now on."""
+        """True: it behaves like any device from now on."""
         self.joins = False
-        """It joins the host's session each time before it changes."""
+        """True: it joins the host's session each time before it changes."""
         self._change = change
         self._link = Link(Direction.DEVICE)
 
@@ -105,7 +105,7 @@ def test_it_is_answered_three_times_and_then_once_a_second(
     seconds = 0.9 * HANDSHAKE_TIMEOUT_NS / SECOND_NS
     events = run(session, device, SECOND_NS, seconds)
     handshakes = HANDSHAKES_AT_ONCE + seconds * SECOND_NS / HANDSHAKE_PERIOD_NS
-    # Each handshake is a hello and the questions at once; a question is asked again at 10 Hz.
+    # Each handshake is a hello and the questions at once; a question is repeated at 10 Hz.
     assert device.heard <= 10 * handshakes + 10 * seconds
     assert device.hellos <= 10 * handshakes
     if what != "session" or joins:
@@ -131,7 +131,7 @@ def test_one_that_calms_down_completes_the_handshake() -> None:
 
 
 def test_a_session_never_goes_on_with_a_boot_that_was_not_greeted() -> None:
-    """Neither its answers nor its data count before the host has said hello to this boot."""
+    """Neither its answers nor its data count before the host has greeted this boot."""
     session, device = opened(), Fickle(CHANGES["boot"])
     run(session, device, SECOND_NS, 0.5)
     link, now_ns = Link(Direction.DEVICE), SECOND_NS + SECOND_NS // 2

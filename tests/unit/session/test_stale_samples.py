@@ -1,4 +1,4 @@
-"""Samples that arrive on time and are old: a stamp that stands still, goes back, or runs ahead."""
+"""Samples that arrive on time but are old: a stamp that stands still, goes back, or runs ahead."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ pytestmark = pytest.mark.slow
 
 SECOND_US = 1_000_000
 SLACK_S = 0.1
-"""A period of the slowest stream and of the control loop."""
+"""Tolerance, s: a period of the slowest stream and of the control loop."""
 _ids = itertools.count(991)
 
 
 class Restamped(Wire):
-    """A device that stamps some of its streams in its own way; everything else is as it was."""
+    """A device that stamps some of its streams differently; everything else is unchanged."""
 
     def __init__(self, *streams: type[Message]) -> None:
         super().__init__(Pipe(1_000))
         self.stamp: Callable[[int], int] | None = None
-        """Gives the stamp in place of the true one; None: the true one."""
+        """Returns the stamp in place of the true one; None: the true one."""
         self.drop = False
-        """Lose the streams altogether."""
+        """True: lose the streams completely."""
         self._streams = streams
         self._rest = b""
 
@@ -69,7 +69,7 @@ class Restamped(Wire):
 
 
 def frozen() -> Callable[[int], int]:
-    """The stamp of the first sample, for ever."""
+    """Return the stamp of the first sample forever."""
     first: list[int] = []
 
     def stamp(t_us: int) -> int:
@@ -80,7 +80,7 @@ def frozen() -> Callable[[int], int]:
 
 
 def crawling() -> Callable[[int], int]:
-    """A clock that runs at a tenth of its rate from now on."""
+    """Return a clock that runs at a tenth of its rate from now on."""
     first: list[int] = []
 
     def stamp(t_us: int) -> int:
@@ -91,7 +91,7 @@ def crawling() -> Callable[[int], int]:
 
 
 def cycling() -> Callable[[int], int]:
-    """The same three stamps again and again."""
+    """Return the same three stamps again and again."""
     first: list[int] = []
 
     def stamp(t_us: int) -> int:
@@ -106,7 +106,7 @@ def off_by(seconds: float) -> Callable[[], Callable[[int], int]]:
 
 
 def lagging() -> Callable[[int], int]:
-    """A clock that runs at four fifths of its rate from now on."""
+    """Return a clock that runs at four fifths of its rate from now on."""
     first: list[int] = []
 
     def stamp(t_us: int) -> int:
@@ -168,7 +168,7 @@ def test_a_clock_that_stands_still_for_all_streams_stops_the_run(kind: str) -> N
 
 
 def test_streams_that_all_lag_behind_the_replies_to_pings_stop_the_run() -> None:
-    """All of them, so that none shows the age of the others; the round trip stays short."""
+    """No stream shows the age of the others; the round trip stays short."""
     wire = Restamped(Encoders, Imu, Range, Status, Power, PlannerState)
     ends, host = driving(wire)
     wire.stamp = lagging()
@@ -278,14 +278,14 @@ def test_the_bench_stops_what_moves_on_frozen_counts() -> None:
     assert desk.now_s - began_s < BENCH_STALE_S + SLACK_S
 
 
-# ---- the judgement ------------------------------------------------------------------------
+# ---- the evaluation -----------------------------------------------------------------------
 
 
 def test_samples_in_a_burst_after_a_stall_are_all_taken() -> None:
     times = SampleTimes()
     for ms in range(0, 1000, 10):
         assert times.take(Imu, 1000 * ms, ms / 1000)
-    for ms in range(1000, 1700, 10):  # held up for 0.7 s, then all at once
+    for ms in range(1000, 1700, 10):  # delayed for 0.7 s, then all at once
         assert times.take(Imu, 1000 * ms, 1.7)
     assert times.taken_s[Imu] == pytest.approx(1.69, abs=0.02)
 

@@ -1,4 +1,4 @@
-"""The session's table of moves, and each way in which a session fails."""
+"""The session's table of state changes, and each way in which a session fails."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_closed_session_receives_nothing_and_asks_for_nothing() -> None:
 
 
 def alone(feed: bytes = b"", *, echo: bool = False) -> Failed:
-    """Open a session on a port where no sweeper answers; how it failed."""
+    """Open a session on a port without a sweeper; return how it failed."""
     session = Session(lambda: 1)
     now = HostNs(5 * SECOND)
     session.open(now)
@@ -119,7 +119,7 @@ def _recoded(body: bytes) -> bytes:
 def test_a_device_that_is_heard_but_never_answers_is_given_up() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
-    ends.to_device.cut = True  # our TX wire is broken; it says hello at 1 Hz for ever
+    ends.to_device.cut = True  # our TX wire is broken; it sends hellos at 1 Hz forever
     assert ends.run(12.0, lambda: host.session.state is State.FAILED)
     assert [e.kind for e in host.of(Failed)] == ["transmit_only"]
     assert ends.now_us * 1000 < HANDSHAKE_TIMEOUT_NS + SECOND
@@ -171,7 +171,7 @@ def test_lost_and_back_is_a_new_session_with_the_same_boot() -> None:
 
 @pytest.mark.parametrize("latency_us", [1_000, 40_000, 150_000])
 def test_ready_means_that_the_device_is_in_our_session(latency_us: int) -> None:
-    """Only device → host was dead, so the device streams on in the old session meanwhile."""
+    """Only device → host was cut, so the device streams on in the old session meanwhile."""
     host = session_end()
     ends = Ends(host, sweeper(), to_device=Pipe(latency_us), to_host=Pipe(latency_us))
     ready(ends, host)
@@ -213,7 +213,7 @@ def test_a_device_that_lost_the_session_repeats_the_handshake() -> None:
     ends = Ends(host, sweeper())
     ready(ends, host)
     ends.to_device.cut = True
-    # It hears nobody for a second, and says hello again.
+    # It receives nothing for a second, and sends a hello again.
     assert ends.run(2.5, lambda: host.session.state is not State.READY)
     assert host.of(StateChanged)[-1].why == "the device ended the session"
     ends.to_device.cut = False
@@ -271,7 +271,7 @@ def test_pings_do_not_queue_up_on_a_port_that_takes_nothing() -> None:
     for ms in range(300, 60_300, 10):
         now = HostNs(ms * 1_000_000)
         session.poll(now)
-        # It still hears the device, whose own view of the session is none of its business here.
+        # The device is still received; its own view of the session does not matter here.
         session.receive(_status(ms), now)
     assert session.state is State.READY
     assert len(session.data_to_send()) < 60
@@ -352,7 +352,7 @@ def test_a_stop_is_obeyed_without_a_session() -> None:
 
 
 def test_commands_of_a_restarted_host_are_not_taken_for_repeats() -> None:
-    """It counts its command ids from 1 again, as its predecessor did."""
+    """It counts its command ids from 1 again, like its predecessor."""
     ends = Ends(first := session_end(), sweeper())
     ready(ends, first)
     first.session.clear_stop(StopCause.SESSION_END, ends.host_ns)

@@ -45,7 +45,7 @@ class Line:
         self.now_ns = BEGAN_NS
         self.heard: list[Received] = []
         self.heard_ms: list[float] = []
-        """When, since the beginning."""
+        """Arrival times since the beginning, ms."""
         self.written = b""
         self.waits_s: list[float] = []
         self.closed = False
@@ -59,7 +59,7 @@ class Line:
         self.written += taken
         for event in self._device.receive(taken):
             if not isinstance(event, Received):
-                continue  # a frame that was cut
+                continue  # a truncated frame
             self.heard.append(event)
             self.heard_ms.append((self.now_ns - BEGAN_NS) / MS)
             answer = self._answer(event)
@@ -192,7 +192,7 @@ def test_on_a_bus_every_device_that_is_heard_must_confirm() -> None:
 
     request.data_to_send(HostNs(1000 * MS))
     report(3, StopCause.OPERATOR, 1005)
-    report(3, StopCause.NONE, 1100)  # it is free again by then: it was latched
+    report(3, StopCause.NONE, 1100)  # it was latched, and cleared again by then
     assert (request.confirmed_by, request.confirmed) == (None, [3]), "others may still be silent"
     report(2, StopCause.LINK, 1190)
     request.receive(b"", HostNs(1300 * MS))
@@ -244,7 +244,7 @@ def test_what_was_not_taken_of_a_stop_is_replaced_by_the_next(
 def test_what_the_port_did_not_take_follows_within_the_turn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Something that comes meanwhile ends the wait, and the rest goes out before the next stop."""
+    """A byte that arrives meanwhile ends the wait, and the rest is sent before the next stop."""
     line = Line(acknowledges, takes=12)
     monkeypatch.setattr(clock, "now", lambda: HostNs(line.now_ns))
     noise = iter([b"\1", b"\2", b"\3"])

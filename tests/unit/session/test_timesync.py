@@ -37,7 +37,7 @@ class World:
         return sync.exchange(self.host_ns(sent), stamp, reply, self.host_ns(arrived))
 
     def error_ns(self) -> tuple[float, int]:
-        """Error and bound of a sample stamped now."""
+        """Return error and bound of a sample stamped now."""
         mapped = self.sync.map(self.sync.extend(self.device_us(self.now_us) % WRAP))
         assert mapped is not None
         return mapped.host_ns - self.host_ns(self.now_us), mapped.bound_ns
@@ -61,7 +61,7 @@ def test_a_symmetric_link_is_synchronised_to_the_microsecond() -> None:
 
 @pytest.mark.parametrize("drift_ppm", [-97.3, -13.7, 0.0, 13.7, 97.3])
 def test_stamps_cut_to_microseconds_are_within_the_bound(drift_ppm: float) -> None:
-    """On a wire without delay nothing else is left to be wrong."""
+    """On a wire without delay there is no other error."""
     world = World(drift_ppm=drift_ppm, delay_us=0)
     for _ in range(300):
         world.ping()

@@ -1,4 +1,4 @@
-"""What can be done to a device by writing to its line, without its key or without a session."""
+"""Attacks on a device by writing to its line, without its key or without a session."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LATE_US = 9_900_000
 
 
 class Line:
-    """A device on a line, a host whose stamps are chosen, and a stranger who has no key."""
+    """A device on a line, a host whose stamps are chosen, and an attacker without the key."""
 
     def __init__(self, key: bytes | None) -> None:
         self.device = sweeper()
@@ -81,7 +81,7 @@ class Line:
 
 
 def test_stamps_of_unsigned_frames_make_no_old_setpoint_fresh() -> None:
-    """Three pings take the device's notion of the host's clock once around its 32 bits."""
+    """Three pings move the device's estimate of the host's clock once around its 32 bits."""
     line = Line(KEY)
     line.begin()
     for ahead_us in (0x5555_0000, 0xAAAA_0000, SPAN_US - LATE_US - 100_000):
@@ -130,7 +130,7 @@ def test_a_stop_with_a_wrong_tag_is_a_stop(key: bytes | None) -> None:
 
 
 def test_a_stop_is_no_proof_of_the_key() -> None:
-    """Its flag is anybody's: a stop must not count as a signed frame where its stamp would."""
+    """Anyone can set its flag: a stop must not count as a signed frame where its stamp would."""
     line = Line(KEY)
     line.begin()
     stop = Stop(901, StopCause.SESSION_END)

@@ -1,4 +1,4 @@
-"""The truth is the emulator's own: what makes and senses it never loads the host's reckoning."""
+"""The truth is the emulator's own: its modules never load the host's estimation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RECKONING = {
 
 
 def compiled_kernels() -> set[str]:
-    """Every module of the device that Cython compiles."""
+    """Return every module of the device that Cython compiles."""
     names = {kernels.module_name(source) for source in kernels.sources()}
     return {name for name in names if name.startswith("sim_device.")}
 
@@ -41,7 +41,7 @@ def file_of(module: str) -> Path | None:
 
 
 def imports_of(source: str) -> set[str]:
-    """Modules that a source loads when it runs, and what it names of them; not those for types."""
+    """Return the modules and names that a source imports at run time, without those for types."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
@@ -56,7 +56,7 @@ def imports_of(source: str) -> set[str]:
 
 
 def everything_behind(roots: set[str]) -> set[str]:
-    """All modules of this project that these load, and those in turn."""
+    """Return all modules of this project that these load, directly or not."""
     seen: set[str] = set()
     waiting = list(roots)
     while waiting:
@@ -85,7 +85,7 @@ def test_nothing_of_the_hosts_reckoning_is_behind(root: str) -> None:
 
 
 def test_what_is_looked_for_is_there() -> None:
-    """Or a name that has moved would pass for ever."""
+    """Otherwise a renamed module would pass forever."""
     for module in RECKONING:
         assert file_of(module) is not None, module
     assert everything_behind({"bridge.motion.estimation.estimator"}) & RECKONING

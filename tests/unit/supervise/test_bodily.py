@@ -1,4 +1,4 @@
-"""How it stands, what it touches, where it is: each condition at its limits."""
+"""Tilt, contact and place of the robot: each condition at its limits."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_it_leans_beyond_its_limit(degrees: float, *, aside: bool, found: bool) 
 
 
 def test_a_shock_is_no_lean() -> None:
-    """The accelerometer is smoothed over 0.2 s; 20° for 40 ms comes to 3.8°."""
+    """The accelerometer is smoothed over 0.2 s; 20° for 40 ms becomes 3.8°."""
     walk = Walk(rule := Tilt(TiltRule(angle_deg=5.0)))
     walk.step(50, imu=imu())
     for _ in range(2):
@@ -81,11 +81,11 @@ def test_upside_down_is_a_lean() -> None:
 
 
 JOLT = round(G_LSB * (1.0 + 2.45 / 9.80665))
-"""A hand lifts 10 cm in 0.4 s: half of that time it accelerates so."""
+"""Acceleration of a person's lift: 10 cm in 0.4 s, upwards for half of that time."""
 NO_JOLT = round(G_LSB * (1.0 + 1.45 / 9.80665))
 DROP = round(G_LSB * (1.0 - 2.45 / 9.80665))
 LIFT_STEPS = 10
-"""0.2 s."""
+"""Number of steps of that acceleration: 0.2 s."""
 
 
 def jolt(walk: Walk, up: int, steps: int = LIFT_STEPS) -> None:
@@ -114,7 +114,7 @@ def test_a_jolt_of_long_ago_is_no_lift() -> None:
 
 
 def test_vibration_and_a_bias_are_no_jolt() -> None:
-    """40 mg of the one and 100 mg of the other, and no floor."""
+    """40 mg of vibration and 100 mg of bias, and no floor."""
     walk = Walk(Lifted())
     for number in range(200):
         up = round(G_LSB * (1.10 + (0.12 if number % 3 == 0 else -0.06)))
@@ -210,7 +210,7 @@ def test_a_touch_that_creeps_along_is_one(made_m: float, after_s: float, counts:
 
 
 def test_a_wall_that_is_followed_slowly_is_no_run_of_bumps() -> None:
-    """3 cm/s, and the switch taps every 0.3 s: each touch is measured from the one before."""
+    """3 cm/s, and the switch closes every 0.3 s: each contact is measured from the one before."""
     walk = Walk(rule := Bump(BumpRule()))
     for _ in range(100):
         walk.step(5, left_m=0.0006, right_m=0.0006, range=reading(contacts=LEFT))
@@ -315,7 +315,7 @@ def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
 
 
 def test_a_slanting_fence() -> None:
-    """A triangle whose long side is y = 2 - x / 2: a crossing is not where its corner is."""
+    """A triangle whose long side is y = 2 - x / 2: the robot crosses it away from the corners."""
     corners = ((0.0, 0.0), (4.0, 0.0), (0.0, 2.0))
     for x, y, outside in ((2.0, 0.9, False), (2.0, 1.1, True), (3.0, 0.4, False), (3.0, 0.6, True)):
         assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside

@@ -1,4 +1,4 @@
-"""The conditions on the body at their very limits, in figures that are exact."""
+"""The conditions on the robot's body exactly at their limits."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def leaning(degrees: float) -> Imu:
     ids=lambda value: type(value).__name__.lower(),
 )
 def test_nothing_is_grave_of_itself(rule: Condition, *, held: bool) -> None:
-    """A device that sees no floor and sets every fault bit, ``LIFTED`` among them."""
+    """A device without floor that sets every fault bit, ``LIFTED`` included."""
     assert rule.grave is False
     assert Walk(rule).step(3, imu=imu(), range=reading(1.0)) is False
     assert rule.grave is False
@@ -53,7 +53,7 @@ def test_nothing_is_grave_of_itself(rule: Condition, *, held: bool) -> None:
 
 
 def test_to_lean_by_the_limit_is_not_to_lean_by_more() -> None:
-    """4 of 5 upright, 3 across: the angle whose cosine is 0.8, exactly."""
+    """4 of 5 upright, 3 across: the angle whose cosine is exactly 0.8."""
     rule = Tilt(TiltRule(angle_deg=math.degrees(math.acos(0.8))))
     walk = Walk(rule)
     sample = imu(3000, 0, 4000)
@@ -88,7 +88,7 @@ def test_an_accelerometer_gives_at_least_a_direction() -> None:
 def test_a_jolt_lasts_less_than_a_second() -> None:
     for gap_s, found in ((0.9999, True), (1.0, False)):
         walk = Walk(Lifted())
-        for step in range(-10, 1):  # 0.2 s of it
+        for step in range(-10, 1):  # for 0.2 s
             walk.time_s = 0.02 * step
             walk.look(imu=imu(0, 0, JOLT), range=reading())
         walk.time_s = gap_s
@@ -160,7 +160,7 @@ def test_the_fence_is_where_it_is_and_not_before() -> None:
 
 
 def test_of_a_fences_sides_the_left_and_the_lower_belong_to_it() -> None:
-    """So that fences side by side leave no gap; a corner's own height is no special place."""
+    """So fences side by side leave no gap, and a corner's height is no special place."""
     corners = ((0.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (1.0, 3.0), (0.0, 3.0))
     for x, y, outside in (
         *((0.0, 1.5, False), (2.0, 1.5, True), (1.5, 1.0, False), (0.5, 3.0, True)),

@@ -1,4 +1,4 @@
-"""What the device says that it does, held against what is measured."""
+"""The device's claims about its motion, compared with measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the device tells of itself: each condition at its limits, and what ends it."""
+"""The device's reports about itself: each condition at its limits, and its end."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_wheel_that_stands_under_current_stalls() -> None:
 
 @pytest.mark.parametrize(("way_m", "stands"), [(0.00385, True), (0.0043, False)])
 def test_a_wheel_stands_below_2_cm_s(way_m: float, *, stands: bool) -> None:
-    """4 mm between two readings of 5 Hz, either way round, on either side."""
+    """4 mm between two readings at 5 Hz, in either direction, on either side."""
     for side, sign in (("left_m", 1), ("left_m", -1), ("right_m", 1), ("right_m", -1)):
         walk = Walk(rule := stall())
         first = power()
@@ -83,7 +83,7 @@ def battery() -> Battery:
 
 
 def drain(walk: Walk, volts: float, seconds: float) -> bool:
-    """Readings at 5 Hz."""
+    """Give readings at 5 Hz."""
     for _ in range(round(5 * seconds)):
         walk.step(10, power=power(volts))
     return walk.held
@@ -217,7 +217,7 @@ def test_nothing_is_grave_of_itself(rule: Condition) -> None:
 
 
 def test_a_wheel_that_makes_4_mm_does_not_stand() -> None:
-    """In one step, so that the sum is exact; what is measured stands in for the odometry."""
+    """In one step, so that the sum is exact; the test sets the measured values."""
     for way_m, stands in ((0.004, False), (0.00399, True)):
         rule, measured = stall(), Measured(MODEL)
         inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, power=power())

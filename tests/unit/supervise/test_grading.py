@@ -1,4 +1,4 @@
-"""From conditions over time to reactions: after how long, how grave, and what ends them."""
+"""From conditions over time to reactions: their delay, severity and end."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STALL = int(Fault.MOTOR_STALL)
 
 
 class Run:
-    """A supervised robot whose status says whether it stalls: the simplest of conditions."""
+    """A supervised robot whose status reports a stall: the simplest condition."""
 
     def __init__(self, **rules: object) -> None:
         quiet = {name: {"reaction": "off"} for name in SuperviseSettings().rules}
@@ -33,7 +33,7 @@ class Run:
         self.printed: list[tuple[float, Reaction]] = []
 
     def go(self, seconds: float, *, stalls: bool = False, **values: object) -> list[Level]:
-        """Steps of 20 ms; the levels of what was said in them."""
+        """Run steps of 20 ms; return the levels of the alarms."""
         begun = len(self.printed)
         for _ in range(round(seconds / STEP_S)):
             self.time_s += STEP_S
@@ -236,7 +236,7 @@ def test_a_gap_forgets_the_slip() -> None:
 
 
 def test_every_rule_is_evaluated() -> None:
-    """Each, with nothing but its own cause, is heard of."""
+    """Each rule raises an alarm for its own cause alone."""
     causes: dict[str, dict[str, object]] = {
         "stall": {"status": status(STALL)},
         "lifted": {"status": status(int(Fault.LIFTED))},
@@ -297,11 +297,11 @@ def test_a_robot_at_rest_is_left_in_peace() -> None:
     assert (supervisor.factor, supervisor.holding) == (1.0, False)
 
 
-# ---- at the very limit: steps of a quarter of a second, which add up exactly ------------------
+# ---- exactly at the limit: steps of a quarter of a second, which add up exactly ----------------
 
 
 def quarters(run: Run, levels: str) -> list[str]:
-    """One step each: ``x`` where it stalls; what was said, by step."""
+    """Run one step for each character, with a stall at ``x``; return the alarms by step."""
     printed = []
     for stalls in levels:
         run.time_s += 0.25 - STEP_S
@@ -385,7 +385,7 @@ def test_a_robot_that_was_moved_by_hand_has_not_slipped() -> None:
 
 
 def test_a_gap_ends_a_run_towards_an_echo() -> None:
-    """Twice 0.25 m that closed by half: half a metre says so, a quarter each does not."""
+    """Twice 0.25 m that closed by half: half a metre is evidence, a quarter each is not."""
     for gap_s, printed in ((0.0, 1), (1.0, 0)):
         run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
         count = 0

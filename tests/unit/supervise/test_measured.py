@@ -1,4 +1,4 @@
-"""What is worked out of counts and gyro for all rules at once, held against eq. 3."""
+"""Values computed from counts and gyro for all rules at once, compared with eq. 3."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_slip_is_what_the_wheels_turn_beyond_the_gyro_smoothed_over_0_3_s() -> N
 
 @pytest.mark.parametrize("late_s", [-0.020, -0.010, 0.0, 0.010, 0.020])
 def test_samples_that_come_late_are_no_slip(late_s: float) -> None:
-    """A turn of 1.8 rad/s ends in one the other way, at 5.5 rad/s²; counts have this age."""
+    """A turn of 1.8 rad/s changes into the opposite one at 5.5 rad/s²; counts have this age."""
     measured, slips = Measured(MODEL), []
     for seen in swing(late_s, slip_m_s=0.0):
         measured.step(seen)
@@ -118,7 +118,7 @@ def test_a_slip_shows_though_samples_come_late(slip_m_s: float) -> None:
 
 
 def swing(late_s: float, slip_m_s: float) -> Iterator[RuleInputs]:
-    """Two turns, one after the other, and half a second of steady yaw rate."""
+    """Yield two turns, one after the other, and half a second of steady yaw rate."""
     fine_s, yaw_rate = 0.001, 0.0
     rates = [0.0] * 100
     for wanted, seconds in ((1.8, 0.9), (-0.6, 0.5), (-0.6, 1.5)):
@@ -160,7 +160,7 @@ def test_restart_forgets() -> None:
 
 
 def test_the_longest_step_that_counts_is_0_3_s() -> None:
-    """At the very limit, of the step and of the counts; from time 0, so that it is exact."""
+    """Exactly at the limit, of the step and of the counts; from time 0, so that it is exact."""
     for limit_s, way in ((0.3, 40.0), (0.3000001, 0.0)):
         measured = Measured(MODEL)
         for time_s, counts in ((0.0, 0), (limit_s, 40)):
@@ -170,7 +170,7 @@ def test_the_longest_step_that_counts_is_0_3_s() -> None:
 
 
 def test_counts_may_be_old_though_steps_are_not() -> None:
-    """The last ones count from when they came, however often they are shown again."""
+    """The age of the last counts starts at their arrival, however often they are repeated."""
     for steps, way in ((15, 30.0), (16, 0.0)):
         measured = Measured(MODEL)
         first = Encoders(0, 0)

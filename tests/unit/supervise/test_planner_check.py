@@ -1,4 +1,4 @@
-"""The shadow of the device's planner: what it finds at a decision, and what it must not find."""
+"""The check of the device's planner: what it must and must not find at a decision."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_each_lane_counts_from_its_own_beginning() -> None:
 
 
 def test_the_estimate_may_be_right_where_the_wheels_are_not() -> None:
-    """After a bump the wheels turn on: the estimate knows, and D agrees with it."""
+    """After a bump the wheels turn on; the estimate ignores their path, and D agrees with it."""
     device = started()
     device.emit_state(planner(LANE))
     device.go(200, CRUISE_M)
@@ -133,7 +133,7 @@ def test_uncertainty_belongs_to_one_lane() -> None:
     assert len(device.found) == 1
 
 
-# ---- what was not seen is not judged -------------------------------------------------------
+# ---- unobserved decisions are not checked --------------------------------------------------
 
 
 def test_a_lane_whose_beginning_was_not_seen_is_not_judged_by_its_d() -> None:

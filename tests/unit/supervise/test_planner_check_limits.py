@@ -1,4 +1,4 @@
-"""The shadow at its very limits: what is measured is set by hand, in figures that are exact."""
+"""The check of the device's planner exactly at its limits, with measurements set by the test."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ START = Pose2(0.0, 0.0, 0.0)
 
 
 class Hand:
-    """A shadow whose odometry is set by hand."""
+    """A check whose odometry is set by the test."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Hand:
         return self.planner_check.holds(inputs, self.measured)
 
     def lane(self, way_m: float, after: PlannerState, before: PlannerState | None = None) -> bool:
-        """A lane from 0 on, by the odometry; the estimate stays behind."""
+        """Drive a lane from 0 on, by the odometry; the estimate does not move."""
         turn, lane = (
             PlannerState(phase, *tuple(before or planner(LANE))[1:]) for phase in (TURN, LANE)
         )
@@ -82,7 +82,7 @@ def test_nothing_is_grave_and_nothing_held_without_a_planner() -> None:
 
 @pytest.mark.parametrize(("way_m", "found"), [(1.0, False), (1.0001, True)])
 def test_d_may_be_off_by_its_limit(way_m: float, *, found: bool) -> None:
-    """An eighth of a metre, and 0.875 m told."""
+    """An eighth of a metre, and 0.875 m reported."""
     hand = Hand(distance_m=0.125)
     after = planner(TURN, distance=875, previous=875, case=1)
     assert hand.lane(way_m, after) is found
@@ -118,7 +118,7 @@ def test_a_lane_begins_where_the_odometry_was() -> None:
 
 
 def test_the_estimates_way_is_along_any_heading() -> None:
-    """3-4-5: half a metre along, whatever is across."""
+    """3-4-5: half a metre along the lane, whatever the lateral distance."""
     hand = Hand()
     start = Pose2(2.0, 3.0, 0.9272952180016122)  # atan2(4, 3)
     hand.at(0.0, planner(TURN), start)
@@ -142,7 +142,7 @@ def test_the_estimates_way_is_along_any_heading() -> None:
 def test_how_much_path_becomes_uncertain(
     slip_m_s: float, contacts: int | None, *, found: bool
 ) -> None:
-    """D is 9 cm off: 3 cm are allowed, 6.25 cm are doubted, by slip for 0.25 s or by a push."""
+    """D is 9 cm off: 3 cm are allowed, 6.25 cm are uncertain, by slip for 0.25 s or by a push."""
     hand = Hand()
     hand.at(0.0, planner(TURN))
     hand.at(0.25, planner(LANE))
@@ -155,7 +155,7 @@ def test_how_much_path_becomes_uncertain(
 
 
 def test_a_slip_inflates_from_its_limit_on() -> None:
-    """2 s of 12 mm/s, and of a hair more: 2.4 cm."""
+    """2 s of 12 mm/s, and slightly more: 2.4 cm."""
     for slip_m_s, found in ((0.012, True), (0.01201, False)):
         hand = Hand()
         hand.at(0.0, planner(TURN))
@@ -224,7 +224,7 @@ def test_a_lane_after_one_of_no_length_is_not_the_first(before: PlannerState) ->
 @pytest.mark.parametrize(
     ("distance", "cases"),
     [
-        # Φ is 0.32 m: told to a millimetre, 0.321 m less may be a hair more, or less.
+        # Φ is 0.32 m: reported to a millimetre, 0.321 m less may be slightly more, or less.
         *((680, {0, 2}), (679, {0, 2}), (678, {2}), (682, {0})),
         *((1320, {0, 3}), (1321, {0, 3}), (1322, {3}), (1318, {0})),
         *((1020, {0, 1}), (1021, {0, 1}), (1022, {0}), (1018, {1})),
@@ -242,7 +242,7 @@ def test_every_limit_of_a_case(distance: int, cases: set[int]) -> None:
 
 @pytest.mark.parametrize(("equal_m", "cases"), [(0.25, {0, 1}), (0.2489, {0})])
 def test_equal_may_differ_by_its_limit(equal_m: float, cases: set[int]) -> None:
-    """A quarter of a metre apart, exactly; less the millimetre that rounding may hide."""
+    """A quarter of a metre apart, exactly; minus the millimetre of rounding."""
     before = planner(LANE, turns=1, distance=1000, previous=1000, case=1)
     for case in (0, 1):
         hand = Hand(equal_m=equal_m)
@@ -253,7 +253,8 @@ def test_equal_may_differ_by_its_limit(equal_m: float, cases: set[int]) -> None:
 @pytest.mark.parametrize(
     ("width_m", "length", "found"),
     [
-        # Thrice: 0.45 m lies between two steps of the wire; 0.3702 m is told in steps of 2 cm.
+        # Three times 0.15 m is 0.45 m, between two steps of the wire; 0.3702 m is reported in steps
+        # of 2 cm.
         *((0.15, 22, False), (0.15, 23, False), (0.15, 24, True), (0.15, 21, True)),
         *((0.1234, 19, False), (0.1234, 18, False), (0.1234, 20, True)),
     ],
@@ -299,7 +300,7 @@ def test_what_may_be_measured_of_a_claim(
 
 
 def test_a_longer_time_between_tests_allows_more() -> None:
-    """4 s at rest: 12 cm; and what was tested once is not counted again."""
+    """4 s at rest: 12 cm; a tested interval is not counted again."""
     hand = Hand(motion_s=2.0)
     hand.at(0.0, reported := planner(PAUSED))
     hand.measured.travel_m = 0.12

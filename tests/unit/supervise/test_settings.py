@@ -1,4 +1,4 @@
-"""Rules of supervision as a robot file has them, and as one option sets them."""
+"""Supervision rules in a robot file, and in one option."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_an_option_is_judged_like_the_file() -> None:
 
 
 def test_the_defaults_as_the_page_has_them() -> None:
-    """Figures of docs/supervise.md, written down a second time on purpose."""
+    """Figures of docs/supervise.md, repeated on purpose."""
     rules = SuperviseSettings()
     graded = {
         name: (rule.reaction.name, rule.after_s, rule.then.name, rule.then_s)

@@ -36,7 +36,7 @@ def run_towards(  # noqa: PLR0913 - a run
     turn_rad: float = 0.0,
     bend: float = 0.0,
 ) -> bool:
-    """Drive ahead; the range closes by a share of the way, sounded at 25 Hz."""
+    """Drive ahead; the range decreases by a share of the path, measured at 25 Hz."""
     ever = False
     made_m = 0.0
     step_m = speed_m_s * STEP_S
@@ -48,7 +48,7 @@ def run_towards(  # noqa: PLR0913 - a run
             share = closing + bend * (made_m / way_m - 0.5)
             now = reading(from_m - share * made_m)
         rate = turn_rad / (count * STEP_S)
-        # The wheels turn with the body, or a turn would be slip.
+        # The wheels turn with the robot; otherwise a turn would be slip.
         lead_m = 0.5 * 0.23 * rate * STEP_S
         walk.step(
             1, left_m=step_m - lead_m, right_m=step_m + lead_m, range=now, yaw_rate_rad_s=rate
@@ -150,7 +150,7 @@ def test_slip_restarts() -> None:
 
 
 def test_at_its_very_limit_nothing_holds_yet() -> None:
-    """A rule says "by more than"; what is measured stands in for the odometry here."""
+    """A rule's condition is "by more than"; the test sets the measured values."""
     rule = slip()
     inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0)
     for slip_m_s, found in ((0.015, False), (-0.015, False), (0.01501, True), (-0.01501, True)):
@@ -163,7 +163,7 @@ def test_at_its_very_limit_nothing_holds_yet() -> None:
 def test_how_much_a_run_may_bend(turn_rad: float, *, straight: bool) -> None:
     for sign in (1.0, -1.0):
         walk = Walk(slip())
-        walk.step(40, left_m=-0.002, right_m=0.002, yaw_rate_rad_s=0.87)  # turned beforehand
+        walk.step(40, left_m=-0.002, right_m=0.002, yaw_rate_rad_s=0.87)  # turned before
         assert run_towards(walk, 0.5, way_m=0.36, turn_rad=sign * turn_rad) is straight
 
 

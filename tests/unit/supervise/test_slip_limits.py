@@ -1,4 +1,4 @@
-"""The slip rule at its very limits: what is measured is set by hand, in figures that are exact."""
+"""The slip rule exactly at its limits, with measurements set by the test."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from support.watching import MODEL, reading
 
 
 class Hand:
-    """A slip rule whose odometry is set by hand."""
+    """A slip rule whose odometry is set by the test."""
 
     def __init__(self, share: float = 0.25) -> None:
         self.rule = Slip(SlipRule(difference_m_s=0.015, share=share))
@@ -28,7 +28,7 @@ class Hand:
         )
 
     def run(self, closing: float = 0.0, *, from_m: float = 2.0, turn_rad: float = 0.0) -> bool:
-        """Twelve readings over 0.3 m."""
+        """Give twelve readings over 0.3 m."""
         for number in range(12):
             way_m = 0.3 if number == 11 else 0.025 * number
             held = self.at(way_m, from_m - closing * way_m, turn_rad=turn_rad)
@@ -71,7 +71,7 @@ def test_a_run_may_bend_by_its_limit() -> None:
 
 
 def test_a_range_may_jump_by_3_cm_beyond_the_way_made() -> None:
-    """It widens as fast as it drives; then by 0.53 m over half a metre."""
+    """It increases as fast as the robot drives; then by 0.53 m over half a metre."""
     for range_m, held in ((0.63, True), (0.631, False)):
         hand = Hand()
         for number in range(11):
@@ -80,7 +80,7 @@ def test_a_range_may_jump_by_3_cm_beyond_the_way_made() -> None:
 
 
 def test_to_stand_is_not_to_be_sounded_again() -> None:
-    """Seven places and two score of readings: too few to say anything."""
+    """Seven places and forty readings: too few for a result."""
     hand = Hand()
     for number in range(7):
         for _ in range(6):
@@ -88,7 +88,7 @@ def test_to_stand_is_not_to_be_sounded_again() -> None:
 
 
 def test_a_run_is_of_the_last_0_3_m() -> None:
-    """A metre that closes as it should, then 0.34 m that do not close by more than half."""
+    """A metre that closes correctly, then 0.34 m that close by at most half."""
     hand = Hand()
     range_m, way_m, held = 2.5, 0.0, False
     for number in range(136):
@@ -119,8 +119,8 @@ def test_the_wheel_that_is_ahead_is_named(slip_m_s: float, side: str) -> None:
 @pytest.mark.parametrize(
     ("half", "rest", "lost"),
     [
-        # In 32nds of a metre. The whole neither closes nor widens: it lost all of its way. Its
-        # halves close and widen by 0.4 of theirs, just too much to agree; by 0.486; by less.
+        # In 32nds of a metre. The range neither closes nor widens in all: its whole path is lost.
+        # Its halves close and widen by 0.4 of theirs, just too different; by 0.486; by less.
         *(([1, 1, 0, -1, 0, -1], None, 0.0), ([1, 1, 0, -1, -1, -1], None, 0.0)),
         ([1, 1, 0, -1, 0, -0.99], None, 1.0),
         # The first third closes by 0.7, and the first half by nothing.

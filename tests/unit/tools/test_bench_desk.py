@@ -1,4 +1,4 @@
-"""The desk of the bench commands: whose port failed, and what will not work on the robot."""
+"""The desk of the bring-up commands: the port in errors, and problems of the robot."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ PORT = "/dev/robot"
 
 
 class Desk(nullcontext[None]):
-    """One that has agreed."""
+    """A desk that has agreed."""
 
     def __init__(self, *_: object, **__: object) -> None:
         super().__init__(None)
 
     def interrupt(self) -> None:
-        """Nothing to end."""
+        """Do nothing."""
 
 
 @pytest.fixture(name="asked")
-def _asked(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401 - in the place of a port's options
+def _asked(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401 - in place of a port's options
     monkeypatch.setattr("bridge.bringup.desk.Desk", Desk)
     port = SimpleNamespace(name=PORT, close=lambda: None)
     return SimpleNamespace(name=PORT, key=None, node=None, open=lambda: port)

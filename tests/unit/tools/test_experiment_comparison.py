@@ -1,4 +1,4 @@
-"""One planner beside another: by hand, and no run told as more or less than it was."""
+"""Comparison of planners, with results by hand, and exactly the measured runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LAST = len(MULTIPLES) - 1
 
 
 def share(**at: float | None) -> list[float | None]:
-    """A curve: level at ``rest`` but at the multiples given, ``x1_5`` for 1.5."""
+    """Return a curve: ``rest`` except at the given multiples, ``x1_5`` for 1.5."""
     rest = at.pop("rest")
     curve = dict.fromkeys(MULTIPLES, rest)
     curve |= {float(name[1:].replace("_", ".")): value for name, value in at.items()}
@@ -72,7 +72,7 @@ def test_energy_to_a_share_is_over_all_runs_and_not_over_those_that_reached_it()
             "curve": {"coverage": shares, "energy_wh": drawn},
         }
 
-    # two of three end short of 80 %: the cheap one that does not is no median
+    # two of three end below 80 %: the third, cheap one gives no median
     poor = [run("u-shape", seed, end, 0.04) for seed, end in enumerate((0.8, 0.6, 0.6))]
     good = [run("recovery", seed, 1.0, 0.1 * (seed + 1)) for seed in range(3)]
     table = energy_table([*poor, *good], (0.5, 0.8))
@@ -93,7 +93,7 @@ def test_run_by_run_by_hand() -> None:
         row("recovery", share(rest=0.98, x1=0.4, x1_5=0.85), seed=1),
         row("paper", share(rest=0.90, x1=0.6, x1_5=0.75)),
         row("paper", share(rest=0.98, x1=0.6, x1_5=0.60), seed=1),
-        row("paper", share(rest=1.00), seed=2),  # of which recovery has none
+        row("paper", share(rest=1.00), seed=2),  # recovery has none of these
         row("paper", share(rest=1.00), room="case-2"),
         row("random", share(rest=0.50, x8=0.995)),
         row("random", share(rest=0.30, x8=None), seed=1),
@@ -103,7 +103,7 @@ def test_run_by_run_by_hand() -> None:
         *("recovery against", "noise", "pairs"),
         *("1.5x", "2x", "2.5x", "3x", "3.5x", "4x", "5x", "6x", "8x"),
     )
-    # before 1.5x nothing is told; equal is not behind; unknown in one pair is a dash
+    # before 1.5x there is no value; equal is not behind; unknown in one pair is a dash
     assert table.rows == [
         ("paper", "typical", "2", "1 (-5.0)", *["0 (+0.0)"] * 8),
         ("random", "typical", "2", "0 (+20.0)", *["0 (+49.0)"] * 7, "-"),

@@ -1,4 +1,4 @@
-"""A worker that is told to end breaks off its trial, and only that."""
+"""A worker that gets a signal aborts its trial, and nothing else."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_one_that_waits_for_ever_is_ended_all_the_same() -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals cannot be held back there")
 def test_signals_wait_until_a_worker_is_prepared() -> None:
-    """As its parent begins it; unprepared, each of the two would end it."""
+    """They arrive while its parent starts it; without preparation each would end it."""
     begin = """
         import signal, subprocess, sys
         from multiprocessing import resource_tracker

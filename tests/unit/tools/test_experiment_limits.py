@@ -1,4 +1,4 @@
-"""Every unswept cell gets one cause, and the right one where it can be told by hand."""
+"""Every unswept cell gets one cause, correct in cases with results by hand."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_nothing_is_lost_where_all_is_swept() -> None:
 
 
 def test_a_strip_along_the_wall_is_a_wall_gap() -> None:
-    # the mouth reaches to 8 cm from the wall; its outermost 1.5 cm is swept only in contact
+    # the mouth reaches to 8 cm from the wall; its outermost 1.5 cm sweeps only in contact
     found = losses(ALL & ~strip(0.08, 0.095))
     height_m = SIDE_M - 2 * 0.08
     assert found["wall gap"] == pytest.approx(share(0.015 * height_m), rel=0.1)
@@ -88,7 +88,7 @@ def test_what_the_estimate_takes_for_swept_is_lost_to_the_pose() -> None:
 
 
 def test_a_false_wall_takes_all_behind_it() -> None:
-    # a believed wall across the room: forbidden to the axle from x = 1.2 to 1.5
+    # a false wall across the room: forbidden to the axle from x = 1.2 to 1.5
     forbidden = (RASTER.x >= 1.2) & (RASTER.x < 1.5)
     behind = RASTER.x >= 1.2 + 0.08 + 0.025
     found = losses(ALL & (RASTER.x < 1.28), forbidden=forbidden)

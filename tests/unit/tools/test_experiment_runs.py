@@ -1,4 +1,4 @@
-"""Short trials of each kind, against what must hold of any."""
+"""Short trials of each kind, with the properties of every trial."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
     assert max(ys) - min(ys) == pytest.approx(2 * 0.16, abs=0.01)
     sent = [after for _, _, after in row["smoothing"]]
     wanted = [before for _, before, _ in row["smoothing"]]
-    # every 20 ms, rounded to 0.1 mm/s; setting off is what jumps without smoothing
+    # every 20 ms, rounded to 0.1 mm/s; only unsmoothed starts would jump
     maximum = MODEL.max_accel_m_s2 * 0.02 + 2e-4
     assert max(b - a for a, b in pairwise(sent)) <= maximum
     assert max(b - a for a, b in pairwise(wanted)) > 5 * maximum
@@ -58,20 +58,20 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
 
 def test_ranges_with_noise_move_the_ends_of_lanes_by_the_seed() -> None:
     def ends(noise: str, seed: int) -> float:
-        """Where the first lane ended."""
+        """Return where the first lane ended."""
         trial = Trial("case-1", next(iter(TOLERANCES)), noise, seed, 16.0, Kind.RANGES)
         return float(max(x for x, _ in run_trial(trial)["path"]))
 
     assert ends("none", 0) == ends("none", 1)
     noisy = [ends(RANGE_LEVEL.name, seed) for seed in range(3)]
-    # what is 1 cm wrong stops the robot some centimetres early, or lets it touch
+    # an error of 1 cm stops the robot some centimetres early, or lets it touch
     assert len(set(noisy)) == 3
     assert noisy == pytest.approx([ends("none", 0)] * 3, abs=0.05)
 
 
 def test_a_perfect_pose_is_the_truth_and_the_loss_is_all_that_is_missing() -> None:
     row = run_trial(Trial("case-1", "u-shape", PERFECT, 3, 6.0, Kind.LIMITS))
-    # what is left of an error is the 21 ms between an encoder sample and now
+    # the remaining error is the 21 ms between an encoder sample and now
     assert row["pose_error_max_m"] <= 0.021 * MODEL.max_speed_m_s
     assert list(row["loss"]) == list(CAUSES)
     assert row["loss"]["pose"] == pytest.approx(0.0, abs=1e-3)
@@ -88,7 +88,7 @@ def test_a_run_of_zimablue_repeats_and_keeps_to_what_its_head_can_sweep() -> Non
     assert row["scale"] == pytest.approx(robot_radius_m / MODEL.radius_m, rel=1e-3)
     bound_s = row["sweepable_m2"] / (head_m * speed_m_s)
     assert row["reference_time_s"] == pytest.approx(bound_s, rel=1e-3)
-    # its head sweeps no more than its width times its way, and the disc it turns about in
+    # its head sweeps at most its width times its path, and the disc it turns about in
     max_m2 = head_m * row["path_m"] + 3.15 * (head_m / 2) ** 2
     assert 0.0 < row["mouth_sweepable"] * row["sweepable_m2"] <= max_m2
     start = room_of("empty").start
@@ -113,7 +113,7 @@ def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
             BlockingIOError(11, "Resource temporarily unavailable"),
             "cannot start a worker process: [Errno 11] Resource temporarily unavailable",
         ),
-        # what a pool's pipe says after a worker died
+        # errors of a pool's pipe after a worker died
         (
             OSError("handle is closed"),
             "a worker process was killed, or ran out of memory; run the command again",

@@ -1,4 +1,4 @@
-"""How far a run is taken, and that nothing is told of what lies beyond."""
+"""The extent of a run, and that nothing is reported beyond it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MODEL = RobotModel()
 
 @pytest.fixture(scope="module")
 def closet(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A room so small that eight times its reference time is soon over."""
+    """Return a room so small that eight times its reference time is soon over."""
     path = tmp_path_factory.mktemp("rooms") / "closet.json"
     corners = [[0.0, 0.0], [0.6, 0.0], [0.6, 0.6], [0.0, 0.6]]
     room = {"name": "closet", "walls": corners, "obstacles": [], "start": [0.3, 0.3, 0.0]}
@@ -44,12 +44,12 @@ def test_random_is_given_as_long_as_it_is_compared(closet: str) -> None:
     run = run_trial(Trial(closet, "random", "typical", 0))
     assert run["duration_s"] > MULTIPLES[-1] * run["reference_time_s"]
     assert run["energy_wh"] > MULTIPLES[-1] * run["reference_energy_wh"]
-    # ... and no longer
+    # The run ends soon after that.
     assert run["duration_s"] < 12 * run["reference_time_s"]
     assert run["outcome"] == "timeout"
     for curve in ("coverage", "by_energy"):
         assert None not in run["curve"][curve]
-    # its path is shorter than eight times the reference path: not told, and not held level
+    # its path is shorter than eight times the reference path: no value there, no last level
     assert run["path_ratio"] < MULTIPLES[-1]
     assert run["curve"]["by_path"][-1] is None
 
@@ -69,7 +69,7 @@ def test_a_limit_of_its_own_is_nothing_to_compare_by() -> None:
     planner = planner_of(Trial("case-1", "random", "none", 5), MODEL)
     assert isinstance(planner, RandomPlanner)
     assert planner.options.max_time_s == math.inf
-    # elsewhere it has one: somebody waits for it
+    # elsewhere it has a limit, because a person waits for it
     assert RandomOptions().max_time_s == 1800.0
     for name in ("paper", "u-shape", "recovery"):
         assert not isinstance(planner_of(Trial("case-1", name, "none", 0), MODEL), RandomPlanner)

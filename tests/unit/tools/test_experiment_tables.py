@@ -1,4 +1,4 @@
-"""Tables, curves and the folder: by figures worked out by hand."""
+"""Tables, curves and the folder, with results by hand."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_a_straight_lane_by_time_and_by_path() -> None:
     share = way * model.cleaning_width_m / area
     by_path = curves.over_path(meter, measured, track)
     assert by_path[-1] == pytest.approx(share, rel=0.02)
-    # after so much path nothing more comes: the lane is 0.047 of the reference
+    # the lane is 0.047 of the reference; after that path nothing more comes
     assert by_path == [by_path[-1]] * len(by_path)
     assert curves.over_path(meter, measured, track, cut=True) == [None] * len(by_path)
     # at cruise speed half the reference time is 53 s; the run took 10 s

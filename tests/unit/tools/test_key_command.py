@@ -1,4 +1,4 @@
-"""``sweepctl key --set``: a key that the robot may have is never thrown away."""
+"""``sweepctl key --set``: a key that the robot may have is never deleted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Robot:
-    """Takes a key, and then says what it is told to."""
+    """Takes a key, and then answers as given."""
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error
@@ -31,7 +31,7 @@ class Robot:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing is open."""
+        """Do nothing."""
 
 
 @pytest.mark.parametrize(

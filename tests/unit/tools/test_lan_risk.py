@@ -1,4 +1,4 @@
-"""Whoever opens a port or a bus to the network is told what that means."""
+"""Opening a port or a bus to the network prints a warning."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_what_stays_on_this_machine_is_no_risk(
     ("link", "listen", "lan", "who"),
     [
         ("tcp", None, True, "this port"),
-        ("tcp", ("0.0.0.0", 0), False, "this port"),  # noqa: S104 - what is warned of
+        ("tcp", ("0.0.0.0", 0), False, "this port"),  # noqa: S104 - the case of the warning
         ("tcp", ("192.168.1.2", 0), False, "this port"),
         ("tcp", ("robot.lan", 0), False, "this port"),
         ("udpcan", None, True, "this bus"),

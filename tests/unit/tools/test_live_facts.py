@@ -1,4 +1,4 @@
-"""What the live picture shows of a run beside the robot, and of a robot that was lost."""
+"""Additional facts on the dashboard, and a lost robot."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def drawn(picture: Dashboard, width: int, height: int, at_ns: int) -> str:
 
 @pytest.fixture(name="lost", scope="module")
 def _lost() -> SimulatedSweeper:
-    """A sweeper whose port vanished 5 s ago, in the middle of a lane at cruise speed."""
+    """Return a sweeper whose port vanished 5 s ago, in the middle of a lane at cruise speed."""
     sweeper = SimulatedSweeper(Settings(noise="none"))
     planner = make_planner("paper", MODEL, random.Random(0))
     sweeper.host.mission.start(PlanRunner(planner, MODEL))
@@ -86,7 +86,7 @@ def test_live_coverage_is_the_runs_figure() -> None:
     for k in range(300):
         poses.extend((0.02 * k, 0.4 + 0.01 * k, 0.4, 0.0))
     shown = coverage.share(10.0)
-    # 3 m by 0.16 m of 12 m² less what is out of reach and the obstacle's surroundings
+    # 3 m by 0.16 m of 12 m² minus unreachable floor and the obstacle's surroundings
     assert 0.48 / 12.0 < shown < 0.48 / 9.0
 
 

@@ -1,4 +1,4 @@
-"""The live picture, drawn off screen: what it shows at which size, and the map's geometry."""
+"""The dashboard, drawn off screen: its content at each size, and the map's geometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands of ``--on``: what they get, and their limits in number and time."""
+"""Commands of ``--on``: their input, and their limits in number and time."""
 
 from __future__ import annotations
 

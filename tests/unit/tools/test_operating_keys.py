@@ -1,4 +1,4 @@
-"""Keys of a live run, against a host that stands still: what moves needs two presses."""
+"""Keys of a live run, with a host at rest: keys that cause motion need two presses."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Straight:
 
 
 class Loop:
-    """A pump that runs what it is given at once."""
+    """A pump that runs each action at once."""
 
     def __init__(self, host: Host) -> None:
         self.host = host

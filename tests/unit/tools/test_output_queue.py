@@ -1,4 +1,4 @@
-"""Output with a reader that stands still, leaves or comes back: the writer never waits."""
+"""Output with a reader that stops, leaves or comes back: the writer never waits."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ LIMIT = QUEUE_BYTES[False]
 
 
 class Pipe:
-    """A pipe whose reader reads when it is asked to."""
+    """A pipe whose reader reads on request."""
 
     def __init__(self) -> None:
         self._read_end, write_end = os.pipe()
-        # Left open: a thread may be in a write to it when a test ends.
+        # Left open: a thread may be writing to it when a test ends.
         self.stream = open(write_end, "w", encoding="utf-8", closefd=False)  # noqa: SIM115 - as above
         self._is_read = True
 
@@ -41,7 +41,7 @@ class Pipe:
         os.set_blocking(number, True)
 
     def read(self, last: bytes) -> bytes:
-        """Read until this has come."""
+        """Read until these bytes have arrived."""
         data = b""
         while last not in data:
             data += os.read(self._read_end, 1 << 20)

@@ -1,4 +1,4 @@
-"""The file that a log takes the place of: kept until there is a device, and no longer."""
+"""The file that a log replaces: kept until there is a device, and no longer."""
 
 from __future__ import annotations
 

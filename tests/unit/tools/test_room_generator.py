@@ -1,4 +1,4 @@
-"""Rooms drawn at random are rooms: valid, repeatable, with a place for the robot."""
+"""Random rooms are valid, repeatable, and have a place for the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A compiled module that is missing, or of another source, is noticed before any test runs."""
+"""A compiled module that is missing or stale is noticed before any test runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ sys.exit(pytest.main(["--collect-only", "-q", "tests/unit/tools/test_stale_kerne
 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A kernel in a tree of its own, as it is after it was built."""
+    """Return a kernel in a separate tree, in the state after its build."""
     monkeypatch.setattr(kernels, "ROOT", tmp_path)
     (tmp_path / "setup.py").write_text("flags")
     (tmp_path / "bridge" / "motion").mkdir(parents=True)

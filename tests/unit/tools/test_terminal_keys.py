@@ -1,4 +1,4 @@
-"""Bytes of terminals, as their manuals have them, and the keys that they mean."""
+"""Bytes of terminals, as their manuals define them, and the keys that they mean."""
 
 from __future__ import annotations
 

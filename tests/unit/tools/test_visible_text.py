@@ -1,4 +1,4 @@
-"""Text from outside, as a terminal gets it: over every code point, and at every sink."""
+"""Text from outside in a form for a terminal: over every code point, and at every sink."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def table(text: str) -> Table:
 
 
 class Raw:
-    """A renderable that lays nothing out itself."""
+    """A renderable without a layout of its own."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -165,14 +165,14 @@ def test_styles_stay_on_what_they_were_on() -> None:
     assert styled == ["c\\x9bd"]
 
 
-# ---- nothing beside the sinks ---------------------------------------------------------
+# ---- no output without a sink ---------------------------------------------------------
 
 SINK_FILES = {"console.py", "visible_console.py", "output_queue.py"}
 STREAMS = {"stdout", "stderr", "__stdout__", "__stderr__"}
 
 
 def direct_writes(tree: ast.Module) -> list[int]:
-    """Lines that write to a person without a sink."""
+    """Return the lines that write to a person without a sink."""
     found = []
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):

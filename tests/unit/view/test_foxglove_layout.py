@@ -1,4 +1,4 @@
-"""The layout for Foxglove shows what is in a log: each path leads to a field that is there."""
+"""The layout for Foxglove matches a log: each path leads to an existing field."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def layout() -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def messages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The last message of each topic, by the library and the schemas in the file."""
+    """Return the last message of each topic, by the library and the schemas in the file."""
     log = short_runs(tmp_path_factory)[0].log
     with log.open("rb") as file:
         reader = make_reader(file, decoder_factories=[ProtobufFactory(), RosFactory()])
@@ -48,7 +48,7 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         }
 
 
-def panels(node: Any) -> Iterator[str]:  # noqa: ANN401 - of JSON
+def panels(node: Any) -> Iterator[str]:  # noqa: ANN401 - any JSON value
     if isinstance(node, str):
         yield node
         return
@@ -100,7 +100,7 @@ def test_the_room_shows_topics_that_foxglove_draws(
 
 
 def test_foxgloves_own_parsers_read_the_log(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Not by the schema in the file: by Foxglove's compiled ones."""
+    """With Foxglove's compiled schemas, not with the one in the file."""
     log = short_runs(tmp_path_factory)[0].log
     counts = dict.fromkeys(OWN_PARSERS, 0)
     with log.open("rb") as file:

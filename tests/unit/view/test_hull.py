@@ -1,4 +1,4 @@
-"""What the range sensors measure of an object that touches the hull."""
+"""Ranges that the sensors measure for an object that touches the hull."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ CARPET, THRESHOLD, CLIFF = "#8455a8", "#c98a00", "#c0392b"
 
 
 def drawn(plan: FloorPlan) -> dict[str, list[tuple[float, float]]]:
-    """Corners of what is drawn, by its colour."""
+    """Return the corners of the drawn areas, by colour."""
     axes = Figure().add_subplot()
     draw_plan(axes, plan)
     found = {

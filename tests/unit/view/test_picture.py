@@ -1,4 +1,4 @@
-"""The picture of a run: what is drawn, and from which logs."""
+"""The picture of a run: its content, and the logs that it needs."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def write_log(
     poses: int = 300,
     robot_toml: str = "",
 ) -> Path:
-    """Drive along the lower wall, and believe to be 5 cm further left."""
+    """Drive along the lower wall, with an estimate 5 cm further left."""
     info = RunInfo(
         "virtual",
         "paper",
@@ -88,14 +88,14 @@ def write_log(
 
 
 def pixels(png: Path) -> NDArray[np.int_]:
-    """(rows, columns, 3), 0 to 255."""
+    """Return (rows, columns, 3), 0 to 255."""
     values: NDArray[np.int_] = np.rint(image.imread(png)[..., :3] * 255).astype(np.int_)
     assert values.shape == (1032, 960, 3)
     return values
 
 
 def classes(png: Path) -> dict[str, int]:
-    """Pixels of each colour, give or take what a thin line takes of its ground."""
+    """Return the pixels of each colour, with a tolerance for thin lines."""
     values = pixels(png)
     return {
         name: int(np.count_nonzero((abs(values - colour) <= (3, 40)[name in LINES]).all(axis=2)))
@@ -111,7 +111,7 @@ def test_every_class_is_drawn(tmp_path: Path) -> None:
     found = classes(png)
     for name, count in found.items():
         assert count > 100, name
-    # 0.22 m² swept of 3.1 m² that could be; the lines lie on what was swept
+    # 0.22 m² swept of 3.1 m² sweepable; the lines lie on the swept floor
     assert 11 < found["missed"] / found["mouth"] < 16
     assert found["obstacle"] > 3000
 

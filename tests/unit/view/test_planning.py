@@ -1,4 +1,4 @@
-"""Lanes, shadows and covariance as the viewer draws them, by hand-made runs."""
+"""Lanes, occluded regions and covariance in the viewer, with handmade runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Sheet:
-    """A recording that keeps what it is sent."""
+    """A recording that keeps what it receives."""
 
     def __init__(self) -> None:
         self.strips: dict[str, list[Any]] = {}

@@ -1,4 +1,4 @@
-"""A run's report: what it says is what the log holds."""
+"""A run's report contains what the log contains."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 
 
 class Page(HTMLParser):
-    """Text of the page, and everything that it would fetch."""
+    """Text of the page, and everything that it would load."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ class Reported(NamedTuple):
     """The paper's case 1, reported once for all tests."""
 
     summary_json: dict[str, Any]
-    """Of the run."""
+    """Summary of the run."""
     data: RunData
     html: Path
     png: Path

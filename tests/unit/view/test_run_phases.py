@@ -1,4 +1,4 @@
-"""When a drive began and ended, by the codes of its events and not by their words."""
+"""Begin and end of a drive by the codes of its events, not by their texts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP_NS = 100_000_000
 
 
 def coverage_path_m(path: Path, events: dict[int, tuple[str, dict[str, Any]]]) -> float:
-    """The way whose coverage was measured: 0.02 m a step, fifty steps in all."""
+    """Return the path whose coverage was measured: 0.02 m a step, fifty steps in all."""
     writer = RunWriter(path, run_info())
     for step in range(50):
         at_ns = EPOCH_NS + step * STEP_NS

@@ -148,7 +148,7 @@ def test_it_slides_round_a_corner_that_juts_out() -> None:
 def test_in_a_wedge_both_sides_are_touched_wherever_a_milliseconds_way_ends(
     start_y_m: float, heading_deg: float
 ) -> None:
-    """Along a wall, and a leg stands 29 cm from it: not stopped a hair's breadth before it."""
+    """The disc moves along a wall, 29 cm away from a leg, and does not stop just before it."""
     leg = ((0.3, 2.4946), (0.342, 2.5076), (0.329, 2.5497), (0.287, 2.5366))
     start = (0.16, start_y_m, math.radians(heading_deg))
     body = plant(room(start, walls=box(0.0, 0.0, 4.0, 4.0), obstacles=(leg,)))

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 LANE_M, STEP_M = 1.77, 0.16
-"""14 lanes and their side steps are 27 m."""
+"""Lengths of a lane and of a side step, m: 14 lanes and their side steps are 27 m."""
 MODEL = RobotModel()
 REST_MS = 5000
 TURNING_MS, STRAIGHT_MS = 20, 60
-"""Time between samples of both streams; a sample of the gyro is the mean over it."""
+"""Time between samples of both streams, ms; a sample of the gyro is the mean over it."""
 
 
 class DeadReckoning:
-    """A host as plain as can be: wheel counts for distance, the gyro for heading.
+    """The simplest host: wheel counts for distance, the gyro for heading.
 
     The bias is the mean over the rest before the first motion, and never measured again.
     """
@@ -63,7 +63,7 @@ class DeadReckoning:
 
 
 class Estimating:
-    """The host's own estimator, fed as on the wire: no wall ever corrects it."""
+    """The host's own estimator with the samples of a wire; no wall ever corrects it."""
 
     def __init__(self) -> None:
         self._estimator = PoseEstimator(MODEL, Pose2(0.0, 0.0, 0.0))
@@ -80,12 +80,12 @@ class Estimating:
 
 
 class Ends(NamedTuple):
-    """How a run ended."""
+    """Errors at the end of a run."""
 
     plain_mm: float
-    """Position error of dead reckoning ..."""
+    """Position error of dead reckoning, mm."""
     estimated_mm: float
-    """... and of the host's estimator."""
+    """Position error of the host's estimator, mm."""
     drift_deg_s: float
     path_m: float
 
@@ -101,7 +101,7 @@ def advance(
 
 
 def run_cycles(seed: int, level: str) -> Ends:
-    """Drive 7 cycles steered by the truth, at the end of 5 s of rest."""
+    """Drive 7 cycles steered by the truth, after 5 s of rest."""
     body = plant(room((5.0, 5.0, 0.0)), level=level, seed=seed, battery=None)
     suite = sensors(body, level=level, seed=1000 + seed)
     hosts = DeadReckoning(), Estimating()

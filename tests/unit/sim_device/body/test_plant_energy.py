@@ -1,4 +1,4 @@
-"""Where the battery's energy goes, and what becomes of the robot as it runs out."""
+"""Balance of the battery's energy, and a robot with an empty battery."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _both(body: Plant) -> list[tuple[float, float]]:
 
 
 def test_the_batterys_energy_is_what_its_users_took_integrated_apart() -> None:
-    """From voltages and currents alone, by the trapezoidal rule: not by the plant's own sums."""
+    """From voltages and currents alone, by the trapezoidal rule, without the plant's own sums."""
     body = plant(CENTRE, battery=BatteryParameters(), chassis=Chassis())
     battery = internal = electronics = bridge = winding = shaft = 0.0
     for drive in ((0.5, 0.8), (0.9, 0.3), (-0.7, 0.7), (0.0, 0.0), (0.6, 0.6)):
@@ -64,7 +64,7 @@ def test_the_batterys_energy_is_what_its_users_took_integrated_apart() -> None:
 
 
 def _same_volt(before: list[tuple[float, float]], body: Plant) -> list[tuple[float, float]]:
-    """Currents at a tick's end under the voltages it had: the supply may just have settled."""
+    """Return currents at a tick's end under the voltages of its start, before an update."""
     speeds = (body.truth.left_rad_s, body.truth.right_rad_s)
     return [
         (volt, (volt - MOTOR.back_emf_v_s * speed) / MOTOR.resistance_ohm)
@@ -113,7 +113,7 @@ def test_the_battery_sags_by_its_resistance_and_falls_in_a_line() -> None:
 
 
 def test_charge_and_internal_loss_close_the_batterys_balance() -> None:
-    """At a constant open-circuit voltage, charge times it is all that left the cells."""
+    """At a constant open-circuit voltage, charge times voltage is all that left the cells."""
     parameters = BatteryParameters(empty_ratio=1.0, capacity_ah=0.05)
     body = plant(CENTRE, battery=parameters)
     body.set_duty(0.9, -0.9)
@@ -149,7 +149,7 @@ def test_below_the_knee_the_voltage_falls_and_at_nothing_it_is_gone() -> None:
 
 
 def test_a_nearly_empty_battery_browns_the_rail_out_under_load() -> None:
-    """Both motors stalled take what the grown resistance leaves; let go, the rail comes back."""
+    """Two stalled motors at the grown resistance brown the rail out; without load it recovers."""
     parameters = BatteryParameters(resistance_ohm=0.6)
     body = plant(CENTRE, battery=parameters)
     body.set_charge(0.002)
@@ -187,7 +187,7 @@ def test_a_battery_driven_empty_ends_the_drive_and_stays_dead() -> None:
 
 
 def test_the_caster_drags_as_much_as_configured() -> None:
-    """Straight on, half of its drag is each motor's: F·r/2 newton metres more than without."""
+    """Straight ahead, each motor carries half of its drag: F·r/2 newton metres more."""
     dragged = Chassis(caster_drag_n=2.0, mass_kg=0.0)
     free, held = plant(CENTRE, battery=IDEAL_BATTERY), plant(CENTRE, chassis=dragged)
     for body in (free, held):

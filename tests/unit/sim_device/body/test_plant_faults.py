@@ -1,4 +1,4 @@
-"""A broken drive, a lifted robot, obstacles that move and people who walk."""
+"""A broken drive, a lifted robot, moving obstacles and walking people."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_wheels_in_the_air_are_quicker() -> None:
 
 
 def test_a_wheel_that_asks_for_more_than_traction_spins() -> None:
-    """7 N at each wheel and 3 kg: no more than 4.67 m/s², whatever the motors would give."""
+    """7 N at each wheel and 3 kg: at most 4.67 m/s², whatever the motors' torque."""
     body = plant(CENTRE, chassis=Chassis(caster_drag_n=0.0, mass_kg=3.0))
     body.set_duty(1.0, 1.0)
     body.advance_ms(30)
@@ -150,7 +150,7 @@ def test_an_obstacle_with_no_way_out_holds_it_until_it_is_gone() -> None:
 
 
 def test_it_is_never_pushed_through_a_wall_that_stood() -> None:
-    """A shelf beside it, 20 mm thick; the box from the other side could only push it through."""
+    """A shelf beside it, 20 mm thick; the box on the other side could only push it through."""
     shelf = box(10.17, 9.0, 10.19, 11.0)
     body = plant(room((10.0, 10.0, 0.0), obstacles=(shelf,)))
     body.replace_world(_world(shelf, box(9.0, 9.0, 10.1, 11.0)))
@@ -221,7 +221,7 @@ def test_a_leg_has_a_size(radius_m: float) -> None:
 
 
 def test_rays_meet_a_leg_on_its_round_side() -> None:
-    import numpy as np  # noqa: PLC0415 - only here
+    import numpy as np  # noqa: PLC0415 - used here only
 
     made = World(CENTRE, MODEL).with_walker(12.0, 10.0, 0.1)
     rays = np.array([[10.0, 10.0, 1.0, 0.0], [10.0, 10.06, 1.0, 0.0], [10.0, 10.2, 1.0, 0.0]])

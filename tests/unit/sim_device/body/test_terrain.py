@@ -1,4 +1,4 @@
-"""Carpets and thresholds: what the room file says, and what the robot feels of it."""
+"""Carpets and thresholds: the room file, and the effect on the robot."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_wrong_value_is_named_in_one_line(key: str, value: object, names: str)
 
 
 def test_a_carpet_drags_on_the_wheels_that_stand_on_it() -> None:
-    """Half of 4 N at each wheel takes F·r·R/K² from its speed."""
+    """Half of 4 N at each wheel reduces its speed by F·r·R/K²."""
     body = on(carpets=(Carpet(box(5.0, 5.0, 15.0, 15.0), 4.0, 0.0),))
     body.set_duty(CRUISE, CRUISE)
     body.advance_ms(2000)
@@ -136,7 +136,7 @@ def test_too_little_duty_stalls_on_a_thick_carpet() -> None:
 
 
 def test_a_threshold_takes_energy_and_gives_it_back() -> None:
-    """Weight is conservative: the motors' work over the bar differs by friction's way alone."""
+    """Weight is conservative: the motors' work over the bar differs only by friction."""
     bodies = [on(), on(thresholds=bar(0.004))]
     slowest = []
     for body in bodies:
@@ -153,7 +153,7 @@ def test_a_threshold_takes_energy_and_gives_it_back() -> None:
 
 
 def test_on_top_the_motors_have_lifted_the_weight() -> None:
-    """m·g·h of the share on the wheels, with the caster off the bar."""
+    """They have lifted m·g·h of the share on the wheels, with the caster off the bar."""
     bodies = [on(), on(thresholds=bar(0.004))]
     for body in bodies:
         body.set_duty(CRUISE, CRUISE)

@@ -1,4 +1,4 @@
-"""The wheels' duties in bring-up, asked for by a real session over bytes."""
+"""The wheels' duties in bring-up, requested by a real session over bytes."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_stale_and_repeated_duties_are_rejected() -> None:
     desk.ends.run(1.0)
     travelled = desk.ends.device.truth.path_m
     for _ in range(20):
-        desk.send(WheelDuty(4000, 4000, 250, 1))  # the counter stands still
+        desk.send(WheelDuty(4000, 4000, 250, 1))  # the counter does not advance
         desk.ends.run(0.02)
     for counter in range(2, 12):
         desk.send(WheelDuty(4000, 4000, 250, counter), stamp_ns=long_ago)

@@ -73,7 +73,7 @@ def test_hello_names_device_boot_and_session() -> None:
 
 
 def test_a_session_of_id_0_is_none() -> None:
-    """Nobody would ever be missed in it."""
+    """The loss of a host without a session could not be detected."""
     bench = Bench()
     bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))
     assert not bench.firmware.negotiated

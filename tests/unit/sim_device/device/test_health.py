@@ -1,4 +1,4 @@
-"""Fault bits: each set by what really goes wrong, cleared as it passes, else silent."""
+"""Fault bits: each is set by a real fault, cleared after it, and otherwise silent."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ BOTH_ENCODERS = Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT
 
 
 class Bench(WireHost):
-    """A device that is driven by setpoints, and its fault bits."""
+    """A device driven by setpoints, and its fault bits."""
 
     def __init__(
         self, plan: FloorPlan = OPEN_FLOOR, noise: str = "typical", mode: Mode = Mode.VELOCITY
@@ -94,7 +94,7 @@ def test_a_sound_device_has_none(noise: str) -> None:
 
 
 def test_all_are_named_here() -> None:
-    """Every bit has its test below; ``setpoint_expired`` has it with its watchdog."""
+    """Every bit has its test below; that of ``setpoint_expired`` is beside its watchdog."""
     assert [f.name for f in Fault] == [
         "IMU",
         "ENCODER_LEFT",
@@ -108,7 +108,7 @@ def test_all_are_named_here() -> None:
         "ENCODER_LEFT_REVERSED",  # this and the next two: test_protection.py
         "ENCODER_RIGHT_REVERSED",
         "ENCODERS_SWAPPED",
-        "CLOCK",  # likewise, with the crash record
+        "CLOCK",  # with the crash record
         "BUMPER",
         "LIMITED",  # with the reflexes
         "DRIVERS_OFF",  # with the safe state
@@ -176,7 +176,7 @@ def test_planning_for_itself_it_stops_without_a_gyro() -> None:
     [("left", Fault.ENCODER_LEFT), ("right", Fault.ENCODER_RIGHT)],
 )
 def test_an_encoder_that_is_silent(knob: str, bit: Fault) -> None:
-    """A wheel without counts is a wheel without control: it is not left to run."""
+    """A wheel without counts has no control, so it must not run."""
     bench = Bench()
     bench.drive(1.0)
     setattr(bench.device.sensors.faults, f"encoder_dropout_{knob}", 1.0)

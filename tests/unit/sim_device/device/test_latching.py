@@ -21,7 +21,7 @@ def test_it_drives_on_fresh_setpoints_and_stops_when_they_end() -> None:
     moving = [0]
 
     def look() -> None:
-        bench.ping()  # heartbeats go on, and must not feed the setpoint
+        bench.ping()  # heartbeats continue, and must not feed the setpoint
         if bench.speed > REST_M_S:
             moving[0] = bench.now_us
 
@@ -90,7 +90,7 @@ def test_setpoints_while_latched_or_idle_are_nothing() -> None:
 
 
 def test_the_latch_alone_holds_the_wheels() -> None:
-    """Whatever else a fault handler forgets to do."""
+    """Even if a fault handler does nothing else."""
     bench = Bench()
     bench.free()
     bench.run(0.5, bench.drive)
@@ -123,7 +123,7 @@ def test_a_3_s_stall_and_its_burst_move_nothing() -> None:
 
 
 def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
-    """For 0.9 s the session goes on and the mode is velocity: only freshness is in the way."""
+    """For 0.9 s the session and the velocity mode continue: only freshness rejects setpoints."""
     bench = Bench()
     bench.free()
     bench.run(1.0, bench.drive)

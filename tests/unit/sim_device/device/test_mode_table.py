@@ -1,4 +1,4 @@
-"""The mode table by itself, whole; that the device does what it says is in test_modes.py."""
+"""The whole mode table alone; test_modes.py checks that the device obeys it."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_no_way_into_motion_but_by_a_command_for_it() -> None:
 
 
 def test_off_and_boot_lead_through_a_latched_stop() -> None:
-    """However a device comes up, the first state in which it hears a command is stopped."""
+    """After any boot, the first state in which the device accepts a command is stopped."""
     seen, waiting = {State.OFF}, deque([State.OFF])
     while waiting:
         state = waiting.popleft()

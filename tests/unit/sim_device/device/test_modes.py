@@ -1,4 +1,4 @@
-"""The device does over bytes what the mode table says; the table itself is in test_mode_table."""
+"""The device obeys the mode table over bytes; test_mode_table checks the table itself."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def outcome(state: State, event: Event, *holding: Guard) -> object:
 
 
 class Trial:
-    """A device that can be brought into every state and made to meet every event."""
+    """A device that a test can bring into every state and confront with every event."""
 
     def __init__(self) -> None:
         self.host = WireHost(sweeper())
@@ -106,7 +106,7 @@ def test_without_supply_or_before_it_has_booted_nothing_is_heard(state: State) -
 
 
 class ModesMachine(RuleBasedStateMachine):
-    """Any order of events: the device stays in step with the table, and safe."""
+    """Any order of events: the device agrees with the table, and is safe."""
 
     def __init__(self) -> None:
         super().__init__()

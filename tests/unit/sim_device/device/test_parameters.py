@@ -1,4 +1,4 @@
-"""Parameters, asked for by a real session over bytes; and their store by itself."""
+"""Parameters, requested by a real session over bytes; and their store alone."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_the_value_comes_before_the_acknowledgement() -> None:
 
 
 def test_a_repeated_get_gives_the_value_again() -> None:
-    """The acknowledgement may come through where the value was lost."""
+    """The acknowledgement may arrive although the value was lost."""
     desk = Desk()
     for _ in range(2):
         desk.send(GetParameter(900, NUMBERS["max_speed"]))
@@ -128,7 +128,7 @@ def test_flags_show_the_state_of_a_value() -> None:
 def test_parameters_need_a_session() -> None:
     desk = Desk()
     desk.host.session.close()
-    desk.ends.run(1.5)  # the device gives its host up
+    desk.ends.run(1.5)  # the device ends the session
     booted = desk.ends.device.firmware
     assert not booted.negotiated
     desk.send(SetParameter(1, NUMBERS["max_speed"], F32, f32(0.1)))
@@ -177,7 +177,7 @@ def test_battery_low_is_judged_by_the_parameter() -> None:
 
 
 def test_geometry_counts_from_the_next_boot_on() -> None:
-    """A device that takes its wheels for twice as large drives at half the speed."""
+    """A device with doubled wheel diameters drives at half the speed."""
     desk = Desk()
     assert desk.set("wheel_diameter", 0.13) is None
     assert desk.save() is None

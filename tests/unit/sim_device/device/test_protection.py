@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 SIGNS = Fault.ENCODER_LEFT_REVERSED | Fault.ENCODER_RIGHT_REVERSED | Fault.ENCODERS_SWAPPED
 RAMP_S = 0.1
-"""What |duty| may take beyond v/a to fall to zero."""
+"""Maximum additional time beyond v/a in which |duty| falls to zero, s."""
 
 
 class Bench(WireHost):
-    """A device that is driven by setpoints; its duties in each period."""
+    """A device driven by setpoints; its duties in each period."""
 
     def __init__(
         self, plan: FloorPlan = OPEN_FLOOR, noise: str = "typical", mode: Mode = Mode.VELOCITY
@@ -71,7 +71,7 @@ class Bench(WireHost):
         self.send(VelocitySetpoint(v, yaw, 200, self.counter & 0xFF))
 
     def duty(self, duration_s: float, left: float, right: float) -> None:
-        """Bring-up mode's."""
+        """Send duties of bring-up mode."""
         for _ in range(round(duration_s * 50)):
             self.counter += 1
             steps = round(left * 1e4), round(right * 1e4)
@@ -108,7 +108,7 @@ class Bench(WireHost):
 def test_duties_only_fall_once_nothing_asks_for_speed(
     ending: str, v_m_s: float, yaw_rad_s: float, fault: str
 ) -> None:
-    """Whatever the encoders say: they are turned round as it begins."""
+    """Whatever the encoders report: they are reversed at its beginning."""
     bench = Bench(noise="none")
     bench.drive(1.0, v_m_s, yaw_rad_s)
     if ending == "stop":
@@ -143,7 +143,7 @@ def test_an_expiry_brakes_and_does_not_latch() -> None:
 
 def test_a_fresh_setpoint_starts_from_zero_integrators() -> None:
     bench = Bench(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)))
-    bench.drive(6.0, 0.1)  # at the wall: the integral has what it may
+    bench.drive(6.0, 0.1)  # at the wall: the integral is saturated
     wheels = bench.device.firmware.control.wheels
     assert wheels.left.integral != 0.0
     bench.run(0.3)
@@ -203,7 +203,7 @@ def test_a_miswired_encoder_ends_at_rest_with_its_name(
     start = bench.device.truth.pose
     bench.drive(6.0, v_m_s, yaw_rad_s)
     if bit is Fault.ENCODERS_SWAPPED and yaw_rad_s == 0.0 and bench.cause() is StopCause.NONE:
-        return  # straight ahead there is nothing to see, and nothing runs away
+        return  # straight ahead nothing shows, and nothing runs away
     assert bench.cause() is StopCause.HARDWARE
     assert bench.faults & SIGNS == bit
     assert bench.standing()
@@ -234,7 +234,7 @@ def test_both_reversed_are_both_named() -> None:
     ],
 )
 def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) -> None:
-    """One wheel at a time, and it does not stop: somebody stands beside it."""
+    """One wheel at a time, without a stop: a person stands beside it."""
     bench = Bench(mode=Mode.BRINGUP)
     setattr(bench.device.sensors.faults, fault, True)
     bench.duty(1.0, 0.35, 0.0)
@@ -247,7 +247,7 @@ def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) 
 
 @pytest.mark.parametrize("noise", ["none", "harsh"])
 def test_a_sound_robot_is_never_taken_for_a_miswired_one(noise: str) -> None:
-    """Reversals as hard as can be asked for, a wall, a hand that drags it back."""
+    """The hardest reversals, a wall, a person that drags it back."""
     bench = Bench(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)), noise)
     for _ in range(6):
         bench.drive(0.5, 0.3, 0.0)
@@ -280,19 +280,19 @@ def test_a_short_contradiction_is_none() -> None:
 EDGE = replace(
     room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 4.0, 2.0)), cliffs=(box(1.6, 0.0, 4.0, 2.0),)
 )
-"""The floor ends 0.6 m ahead of the robot's centre."""
+"""A room in which the floor ends 0.6 m ahead of the robot's centre."""
 WALL = room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 1.5, 2.0))
 
 
 def over(bench: Bench) -> float:
-    """How far the foremost sensor is beyond the edge, m."""
+    """Return how far the foremost barrier is beyond the edge, m."""
     return bench.device.truth.pose.x_m + 0.15 - 1.6
 
 
 def test_at_a_cliff_it_goes_no_further_reverses_and_turns() -> None:
     bench = Bench(EDGE, "none")
     bench.drive(4.0)
-    # It is asked to go on, and stops by itself after a second of that.
+    # The host insists, and the device stops by itself after a second.
     assert over(bench) < 0.05
     assert bench.cause() is StopCause.HARDWARE
     assert "stopped by itself: no floor ahead" in bench.lines()
@@ -473,7 +473,10 @@ def test_a_stuck_bus_gives_no_samples_and_is_a_fault() -> None:
 
 @pytest.mark.parametrize("share", [-0.01, 0.0, 0.01])
 def test_an_imu_with_a_clock_of_its_own(share: float) -> None:
-    """Slower, it has no new sample now and then; quicker, one is overtaken by the next."""
+    """If slower, it sometimes has no new sample.
+
+    If faster, the next sample sometimes replaces one.
+    """
     bench = Bench()
     bench.device.sensors.faults.imu_clock = share
     bench.run(1.0)

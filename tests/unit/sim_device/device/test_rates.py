@@ -1,4 +1,4 @@
-"""Stream rates, asked for by a real session over bytes."""
+"""Stream rates, requested by a real session over bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reboots, and what outlives them, asked for by a real session over bytes."""
+"""Reboots, and the data that outlives them, requested by a real session over bytes."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_reboot_is_rejected_while_it_drives_or_rolls() -> None:
     assert desk.ask(lambda i: Reboot(i, RebootKind.NORMAL)) is NackReason.OTHER_MODE
     first, second = desk.spare_id(), desk.spare_id()
     desk.send(SetMode(first, Mode.IDLE))
-    desk.send(Reboot(second, RebootKind.NORMAL))  # in the same breath: it still rolls
+    desk.send(Reboot(second, RebootKind.NORMAL))  # at the same time: it still rolls
     desk.ends.run(0.1)
     nacks = [d.received.message for d in desk.host.of(Data) if d.received.spec.name == "nack"]
     assert [(m.command_id, m.reason) for m in nacks[-1:]] == [(second, NackReason.FAULT)]  # type: ignore[attr-defined]

@@ -109,7 +109,7 @@ def test_a_firmware_that_hangs_is_reset_by_the_watchdog() -> None:
     host.heard.clear()
     assert host.run(1.0, lambda: host.device.state is State.BOOT)
     assert host.now_us - hung_us <= WATCHDOG_US + 20_000
-    # Until then the bridges held their duty: it drove on, blind, for that long and no longer.
+    # Until then the bridges held their duty: it drove on, without control, for exactly that time.
     driven_m = host.device.truth.path_m - path_m
     assert 0.2 * 0.08 < driven_m < 0.2 * 0.13
     assert not host.heard
@@ -129,7 +129,7 @@ def test_a_firmware_that_lives_is_never_reset() -> None:
 
 
 class _Rail:
-    """A 5 V rail held where the test wants it, in place of the plant's own."""
+    """A 5 V rail at a voltage set by the test, in place of the plant's own."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, host: WireHost) -> None:
         self.volts = 5.0
@@ -180,7 +180,7 @@ def test_a_rail_that_falls_again_while_it_boots(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_flat_battery_switches_it_off_and_a_full_one_on() -> None:
-    """By the plant's own battery and rail, whoever stops it first."""
+    """With the plant's own battery and rail, whatever stops it first."""
     host = free()
     drive(host, 1.0)
     host.device.plant.set_charge(0.0)
@@ -329,7 +329,7 @@ def test_a_drifting_device_keeps_its_periods_by_its_own_clock(ppm: float) -> Non
     (first, t_first), (last, t_last) = samples[0], samples[-1]
     assert (t_last - t_first) / (last - first) == pytest.approx(1 + ppm * 1e-6, abs=2e-6)
     assert {b - a for (_, a), (_, b) in pairwise(samples)} <= set(range(19_998, 20_003))
-    # The body lives in true time.
+    # The plant lives in true time.
     assert host.device.plant.tick_ms == pytest.approx(host.now_us / 1000, abs=11)
 
 
@@ -342,7 +342,7 @@ def test_a_setpoint_expires_after_its_time_to_live_of_the_devices_clock(ppm: flo
     host.run(0.5)
     ends = next(at for at, _, m in host.heard if isinstance(m, Status) and m.faults)
     last_us = host.now_us - 500_000 - 20_000
-    # 200 ms less what drift made it late, at most 250 ppm of it aged away, and a status period.
+    # 200 ms minus the delay by drift, at most 250 ppm of it aged, and a status period.
     assert 150_000 < ends - last_us < 200_000 * (1 - ppm * 1e-6) + 120_000
     assert host.run(1.0, lambda: speed(host) < REST_M_S)
     assert host.now_us - last_us < 200_000 + RAMP_US + 520_000
@@ -353,7 +353,7 @@ def test_stamps_jump_and_deadlines_do_not() -> None:
     drive(host, 1.0)
     host.send(VelocitySetpoint(2000, 0, 200, 200))
     last_us = host.now_us
-    host.device.clock.jump_us(-10_000_000)  # further back than it has been on
+    host.device.clock.jump_us(-10_000_000)  # further back than its uptime
     moving_us = 0
 
     def look() -> None:

@@ -72,12 +72,12 @@ def test_a_new_session_measures_anew() -> None:
 
 @pytest.mark.parametrize("drift_ppm", [-200, -100, 0, 100, 200])
 def test_two_crystals_never_make_a_fresh_setpoint_stale(drift_ppm: int) -> None:
-    """Five simulated hours across four wraps of both clocks, jitter of an adapter at 1 ms."""
+    """Five simulated hours across four wraps of both clocks, with the jitter of a 1 ms adapter."""
     rng = random.Random(drift_ppm)
     fresh = Freshness()
     worst = 0.0
     host_first, device_first = WRAP - 3_000_000, WRAP - 9_000_000
-    for k in range(5 * 3600 * 4):  # a ping each 250 ms
+    for k in range(5 * 3600 * 4):  # a ping every 250 ms
         sent = k * 250_000
         arrival = device_first + round(sent * (1 + drift_ppm * 1e-6)) + rng.randint(300, 1500)
         worst = max(worst, fresh.extra_delay_us((host_first + sent) % WRAP, arrival))
@@ -97,7 +97,7 @@ def test_a_stall_and_its_burst_are_stale(drift_ppm: int, after_s: int) -> None:
         arrives(k * 250_000)
     start = after_s * 1_000_000
     stall_us = 3_000_000
-    for k in range(150):  # 50 Hz of setpoints, all delivered as the stall ends
+    for k in range(150):  # 50 Hz of setpoints, all delivered at the end of the stall
         sent = start + k * 20_000
         extra = arrives(sent, late=start + stall_us - sent)
         assert extra == pytest.approx(stall_us - k * 20_000, abs=1_500)

@@ -1,6 +1,6 @@
-"""The limits of latch, freshness and watchdogs as the design has them, in figures.
+"""The limits of latch, freshness and watchdogs in the design, as figures.
 
-Written out once more, not taken from the code: a change of either must be on purpose.
+They are repeated here, not taken from the code: a change of either must be on purpose.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def test_the_first_frame_is_the_reference_whatever_the_clocks_show() -> None:
 def test_the_allowance_grows_with_time_and_only_with_it() -> None:
     fresh = Freshness()
     fresh.extra_delay_us(0, 5_000)
-    # 100 s later the same delay: the measure has aged by 25 ms, and is taken back by the frame.
+    # 100 s later, the same delay: the minimum has aged by 25 ms, and the frame resets it.
     assert fresh.extra_delay_us(100_000_000, 100_005_000) == 0.0
     assert fresh.extra_delay_us(100_000_000, 100_005_000) == 0.0, "no time has passed"
     assert fresh.extra_delay_us(200_000_000, 200_105_000) == pytest.approx(100_000 - 25_025)
@@ -131,7 +131,7 @@ def test_a_latch_begins_with_an_orderly_end_and_none_is_free() -> None:
 
 
 def test_a_host_clock_that_wraps_is_followed_for_hours() -> None:
-    """Stamps are 32 bits of microseconds: half is 36 minutes; each frame measures the next."""
+    """Stamps have 32 bits of microseconds: half is 36 minutes; each frame extends the next."""
     fresh = Freshness()
     for minute in range(180):
         now_us = 60_000_000 * minute

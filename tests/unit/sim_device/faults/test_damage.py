@@ -1,4 +1,4 @@
-"""What a bad line does to bytes: each knob by its effect and rate; splits change nothing."""
+"""Effect of a bad line on bytes: each knob by its effect and rate, independent of splits."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_bursts_are_noise_for_their_length_and_nothing_else() -> None:
     out = line.stretch(DATA)
     assert len(out) == len(DATA)
     wrong = [i for i, (x, y) in enumerate(zip(DATA, out, strict=True)) if x != y]
-    # 50 bursts of 16, each byte right by chance once in 256; overlapping ones are one.
+    # 50 bursts of 16, each byte correct by chance once in 256; overlapping ones are one.
     assert 400 < len(wrong) < 1200
     groups, last = 0, -100
     for i in wrong:
@@ -101,7 +101,7 @@ def test_the_same_however_it_is_split(knobs: WireKnobs) -> None:
 
 
 def frames(line: Damage) -> tuple[list[bytes], int]:
-    """What arrives of 2000 frames, and how many were destroyed."""
+    """Return what arrives of 2000 frames, and how many were destroyed."""
     out: list[bytes] = []
     destroyed = 0
     for i in range(0, len(FRAMES), 16):
@@ -134,7 +134,7 @@ def test_a_delay_keeps_order_and_bounds() -> None:
     line.turn(WireKnobs(latency_us=5_000, jitter_us=20_000))
     waits: list[int] = []
     for i in range(500):
-        sent_us = i * 50_000  # apart: each is late by its own
+        sent_us = i * 50_000  # far apart: each is late independently
         line.push(bytes([i % 256]), sent_us)
         at_us = line.next_us()
         assert at_us is not None
@@ -144,7 +144,7 @@ def test_a_delay_keeps_order_and_bounds() -> None:
     assert min(waits) >= 5_000
     assert max(waits) <= 25_000
     assert 14_000 < sum(waits) / 500 < 16_000
-    for i in range(100):  # close together: in their order all the same
+    for i in range(100):  # close together: still in order
         line.push(bytes([i]), i * 10)
     arrived = b""
     while (at := line.next_us()) is not None:

@@ -13,7 +13,7 @@ from support.rigs import Drive, rig
 from support.sim_body import box, room
 
 AHEAD = room((5.0, 5.0, 0.0), walls=box(4.0, 4.0, 8.0, 6.0), obstacles=(box(7.0, 4.5, 7.2, 5.5),))
-"""An obstacle 2 m before the robot: 1.88 m before its ultrasonic sensor."""
+"""A room with an obstacle 2 m before the robot: 1.88 m before its ultrasonic sensor."""
 
 # ---- sensors ------------------------------------------------------------------------------
 
@@ -51,7 +51,7 @@ def test_an_encoder_that_misses_counts() -> None:
     drive.run(5.0)
     left, right = wheel_counts(drive, 3.5, 5.0)
     assert right > 500
-    # The device drives the wheel by its encoder: the left wheel turns faster for it.
+    # The device controls the wheel by its encoder, so the left wheel turns faster.
     turned_left = drive.rig.truth.left_rad_s
     assert turned_left > 1.5 * drive.rig.truth.right_rad_s
     assert left == pytest.approx(right, rel=0.2)
@@ -145,7 +145,7 @@ def test_an_obstacle_is_moved_and_moved_back() -> None:
 def test_a_person_walks_by_and_goes() -> None:
     drive = Drive(rig("person@2:3:ahead=0.9,speed=0.8,reach=0.8", plan=AHEAD))
     drive.run(7.0)
-    # The leg's skin is 0.84 m ahead of the centre as it crosses, 0.72 m of the sensor.
+    # The surface of the leg crosses 0.84 m ahead of the centre, 0.72 m from the sensor.
     assert nearest(drive, 2.0, 5.0) == pytest.approx(0.72, abs=0.03)
     far = [m.ultrasonic_m for m in drive.of(Range, 2.0, 5.0) if (m.ultrasonic_m or 0) > 1.5]
     assert len(far) > 10, "to and fro, not standing there"

@@ -1,4 +1,4 @@
-"""Faults of the line, the processor and its clock, by what they do to bytes and stamps."""
+"""Faults of the line, the processor and its clock, by their effect on bytes and stamps."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def test_damage_costs_frames_while_it_lasts_and_no_others(fault: str) -> None:
     drive.run(3.0)
     damaged = drive.session.link.statistics.damaged
     assert damaged > 5
-    # A frame of about 30 bytes is whole with a chance of 0.99^30 = 74 % (or 0.995^30 = 86 %).
+    # A frame of about 30 bytes arrives intact with a probability of 0.99^30 = 74 % (or 0.995^30 =
+    # 86 %).
     assert 0.02 < lost_frames(drive, 2.0, 3.0) < 0.6
     drive.run(4.0)
     assert drive.session.link.statistics.damaged <= damaged + 1, "one that it had begun to spoil"
@@ -136,7 +137,7 @@ def test_firmware_that_hangs_drives_on_until_its_watchdog_bites() -> None:
     drive.run(3.09)
     assert drive.rig.truth.v_m_s > 0.15
     assert not [at for at, _ in drive.bytes if at >= 3.01e6]
-    drive.velocity = (0.0, 0.0)  # whoever drove it looks first
+    drive.velocity = (0.0, 0.0)  # the driver checks the robot first
     drive.run(3.6)
     assert abs(drive.rig.truth.v_m_s) < 0.001
     drive.run(8.0)
@@ -152,7 +153,7 @@ def test_a_brown_out_is_silent_for_its_time() -> None:
 
 
 def stamps(drive: Drive) -> list[tuple[int, int]]:
-    """When a sample came, and its stamp."""
+    """Return arrival time and stamp of each sample."""
     return [(h.at_us, h.t_us) for h in drive.heard if isinstance(h.message, Imu)]
 
 

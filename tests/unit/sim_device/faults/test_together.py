@@ -1,4 +1,4 @@
-"""Several faults at once, what is told of them, equal seeds, and the line without any."""
+"""Several faults at once, their reports, equal seeds, and the line without any."""
 
 from __future__ import annotations
 

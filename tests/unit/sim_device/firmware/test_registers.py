@@ -1,9 +1,8 @@
-"""The registers that the boards use, against what ST and ARM publish of them.
+"""The boards' register definitions, against ST's and ARM's publications.
 
 Addresses and bits of the STM32F4 come from ST's own description of the chip
-(``tests/vectors/stm32f429.json``, made by ``support.svd``). What it lacks, and the processor's
-own registers, come from the manuals: RM0090 and PM0214. The compiler is asked for the value that
-our definitions give.
+(``tests/vectors/stm32f429.json``, made by ``support.svd``). Its gaps, and the processor's own
+registers, come from the manuals: RM0090 and PM0214. The compiler evaluates our definitions.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ ADDRESSES = {
     "CAN1->fa1r": "CAN1.FA1R", "CAN1->filter[0].fr2": "CAN1.F0R2",
     "DBGMCU_APB1_FZ": "DBG.DBGMCU_APB1_FZ",
 }  # fmt: skip
-"""Of what our definitions give, which register it is."""
+"""Register of each address that our definitions give."""
 BITS: dict[str, tuple[str, dict[str, int]]] = {
     "RCC_PLLCFGR_SRC_HSE": ("RCC.PLLCFGR", {"PLLSRC": 1}),
     "RCC_CFGR_SW_PLL": ("RCC.CFGR", {"SW1": 1}),
@@ -174,7 +173,10 @@ def value(name: str, fields: dict[str, int]) -> int:
 
 
 def single_bit(macro: str) -> int | None:
-    """The bit of a macro named PERIPHERAL_REGISTER_FIELD; None where the chip has no such field."""
+    """Return the bit of a macro named PERIPHERAL_REGISTER_FIELD.
+
+    None if the chip has no such field.
+    """
     peripheral, register, field = macro.split("_", 2)
     peripheral = _PERIPHERALS.get(peripheral, peripheral)
     register = _REGISTERS.get(f"{peripheral}.{register}", register)

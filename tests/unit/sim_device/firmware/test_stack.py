@@ -1,4 +1,4 @@
-"""The bound on the stack: small graphs and listings whose answer can be added up by hand."""
+"""The bound on the stack: small graphs and listings with results by hand."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_an_interrupt_of_each_level_comes_on_top() -> None:
     text = GRAPH.replace(edge("long", "copy"), "") + node("other", "40 bytes (static)")
     made = calls(text)
     assert made.deepest("main") == (216, ["main", "short"])
-    # One of a level at a time, the larger; each with the processor's frame of 27 words.
+    # One interrupt of a level at a time, the larger; each with the processor's frame of 27 words.
     assert bound(made, "main", {4: ("tick", "other"), 8: ("leaf",)}) == 216 + 108 + 40 + 108 + 100
 
 

@@ -1,4 +1,4 @@
-"""The emulated serial CAN adapter: every command, every refusal, and frames both ways."""
+"""The emulated serial CAN adapter: every command, every rejection, and frames both ways."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulator's control socket: a place for whoever asks."""
+"""The emulator's control socket: idle clients do not keep others out."""
 
 from __future__ import annotations
 

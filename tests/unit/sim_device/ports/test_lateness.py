@@ -1,4 +1,4 @@
-"""How late periods were, in a memory that does not grow: percentiles against sorted values."""
+"""Lateness of periods in constant memory: percentiles against sorted values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names that an emulator claims: links to its pseudo-terminal, and where it listens."""
+"""Names that an emulator claims: links to its pseudo-terminal, and its control socket."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_a_link_has_one_owner_and_outlives_nobody(tmp_path: Path) -> None:
         with pytest.raises(PortUnavailableError, match="another emulator that still runs"):
             PtyPort(link)
         assert link.readlink() == target
-        # By another way to the same folder, too.
+        # Also by another path to the same folder.
         (tmp_path / "other").symlink_to(tmp_path)
         with pytest.raises(PortUnavailableError, match="another emulator that still runs"):
             PtyPort(tmp_path / "other" / "sweeper")
@@ -33,7 +33,7 @@ def test_a_link_has_one_owner_and_outlives_nobody(tmp_path: Path) -> None:
 def test_the_first_to_end_leaves_another_s_link(tmp_path: Path) -> None:
     link = tmp_path / "sweeper"
     first = PtyPort(link)
-    link.unlink()  # somebody cleaned up
+    link.unlink()  # another process has removed it
     with PtyPort(link):
         target = link.readlink()
         first.close()
@@ -44,7 +44,7 @@ def test_the_first_to_end_leaves_another_s_link(tmp_path: Path) -> None:
 def test_a_stale_link_whose_terminal_has_another_owner_by_now(tmp_path: Path) -> None:
     link = tmp_path / "sweeper"
     with PtyPort(tmp_path / "else") as stranger:
-        link.symlink_to((tmp_path / "else").readlink())  # the number was given out again
+        link.symlink_to((tmp_path / "else").readlink())  # the number was assigned again
         with PtyPort(link) as heir:
             assert link.readlink() != (tmp_path / "else").readlink()
             assert heir.path == str(link)

@@ -1,4 +1,4 @@
-"""The body around an emulated chip, with a chip that says what the test wants and no QEMU."""
+"""The plant around an emulated chip, with a scripted chip instead of QEMU."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FakeLane:
 
 
 class FakeQemu:
-    """A chip whose words are the test's."""
+    """A chip whose messages come from the test."""
 
     def __init__(self, firmware: Path) -> None:
         del firmware
@@ -46,7 +46,7 @@ class FakeQemu:
     version = link.VERSION
 
     def check(self) -> None:
-        """It never ends by itself."""
+        """Do nothing: it never ends by itself."""
 
     def reset(self) -> None:
         self.orders.append("reset")
@@ -80,7 +80,7 @@ class Chip:
         return link.frame(link.FromChip.REQUEST, struct.pack("<IIIhhH?", *numbers))
 
     def heard(self) -> list[tuple[int, bytes]]:
-        """Type and payload of what the plant has said since."""
+        """Return type and payload of the plant's messages since the last call."""
         data, self.qemu.plant.heard = self.qemu.plant.heard, b""
         frames = []
         while data:
@@ -135,7 +135,7 @@ def test_readings_are_of_the_moment_that_was_asked_for(chip: Chip) -> None:
 
 
 def test_what_comes_late_is_not_made_later(chip: Chip) -> None:
-    """No readings while the chip has not had the last; of requests that piled up, the newest."""
+    """No readings before the chip has the last ones; of several requests, only the newest."""
     chip.boot()
     chip.step(2_000, chip.request(2_000, 10_000))
     assert stamps(chip.heard()) == [10_000]

@@ -1,4 +1,4 @@
-"""The emulator's TCP port: one host, and a stop from whoever else connects."""
+"""The emulator's TCP port: one host, and a stop from any other client."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HELLO = HostHello(CATALOGUE.hash, 9, 0, 0, "test")
 
 
 class Served:
-    """The port, and what came through it."""
+    """The port, and its received bytes."""
 
     def __init__(self, port: TcpPort) -> None:
         self.port = port
@@ -67,7 +67,7 @@ def _stack() -> Iterator[ExitStack]:
 
 
 def wire(*messages: Message) -> bytes:
-    """As a host of its own writes them."""
+    """Return messages as a separate host writes them."""
     link = Link(Direction.HOST)
     for message in messages:
         link.send(message, 5_000_000, node=1)
@@ -75,7 +75,7 @@ def wire(*messages: Message) -> bytes:
 
 
 def rest(client: socket.socket) -> bytes:
-    """All that came until the other side hung up."""
+    """Return all bytes until the other side closed."""
     data = b""
     while more := client.recv(4096):
         data += more
@@ -136,7 +136,7 @@ def test_a_host_that_reads_nothing_does_not_hold_up_the_answer_to_a_stop(
 
 def test_a_stop_goes_into_what_room_the_line_has(served: Served, stack: ExitStack) -> None:
     host, other = served.connect(stack), served.connect(stack)
-    host.sendall(bytes(20_000))  # a line that is full of the host's own bytes
+    host.sendall(bytes(20_000))  # the line is full of the host's own bytes
     other.sendall(wire(STOP))
     while STOP not in served.heard:
         served.turn(limit=3)

@@ -1,4 +1,4 @@
-"""The MPU6050 against its datasheet's numbers and closed forms, on motions that are formulas."""
+"""The MPU6050 against its datasheet's numbers and closed forms, with motions by formula."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_setting_that_the_chip_has_not_is_named(settings: dict[str, int], text
 
 
 def test_tilting_and_climbing_have_right_handed_signs() -> None:
-    """Nose up turns backwards about y, the left side up forwards about x."""
+    """Nose up is a negative turn about y, left side up a positive one about x."""
     body = Scripted(
         pitch_rad=lambda t: math.radians(10.0 * t),
         roll_rad=lambda t: math.radians(20.0 * t),
@@ -119,7 +119,7 @@ def test_registers_change_at_the_output_rate(config: ImuConfig, period_ms: float
 
 @pytest.mark.parametrize(("dlpf", "delay_ms"), [(3, 4.8), (4, 8.3), (5, 13.4), (6, 18.6)])
 def test_the_filter_has_the_register_maps_group_delay(dlpf: int, delay_ms: float) -> None:
-    """Of a rate that grows evenly every filter shows the value of its delay ago."""
+    """For a rate that grows evenly, every filter shows the value of its delay ago."""
     growth = 100.0  # °/s per s
     body = Scripted(heading_deg=lambda t: 0.5 * growth * t * t)
     device = chip(body, config=ImuConfig(dlpf=dlpf))
@@ -208,7 +208,7 @@ def test_the_bias_follows_the_temperature_in_a_straight_line() -> None:
 
 
 def test_warming_moves_the_typical_bias_less_within_a_lane_than_motion_does() -> None:
-    """What a calibration at rest leaves stays motion's 0.01 °/s: 20 s of the first minute."""
+    """The main error after a calibration is motion's 0.01 °/s, in 20 s of the first minute."""
     typical = NOISE_LEVELS["typical"]
     fastest_c_s = 6.0 / 300.0
     assert typical.gyro_tempco_deg_s_c * fastest_c_s * 20.0 < 0.2 * typical.gyro_motion_bias_deg_s
@@ -297,7 +297,7 @@ def test_a_lift_is_ten_centimetres_up_and_eight_degrees_and_comes_down_again() -
     speed = np.cumsum(pull_g) * 9.80665 * 0.01
     assert pitch_deg[-1] == pytest.approx(-8.0, abs=0.02)
     assert speed[-1] == pytest.approx(0.0, abs=2e-3)
-    # 0.1 m in two even halves of 0.2 s: half way it moves at 0.5 m/s.
+    # 0.1 m in two equal halves of 0.2 s: half way it moves at 0.5 m/s.
     assert max(speed) == pytest.approx(0.5, abs=0.01)
     assert float(np.sum(speed)) * 0.01 == pytest.approx(0.1, abs=2e-3)
     assert up[-1].accel_x == round(16384.0 * math.sin(math.radians(8.0)))

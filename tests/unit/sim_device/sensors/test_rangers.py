@@ -20,9 +20,9 @@ from support.sim_body import box, room, world
 NONE = NOISE_LEVELS["none"]
 MODEL = RobotModel()
 CENTRE = world(room((10.0, 10.0, 0.0)))
-"""Walls at 0 and 20 m."""
+"""A world with walls at 0 and 20 m."""
 FACE_M = 0.12
-"""The ultrasonic's face ahead of the axle."""
+"""Distance of the ultrasonic's face ahead of the axle, m."""
 MS_PER_M = 2000.0 / 343.0
 
 
@@ -31,7 +31,7 @@ def sonar(level: NoiseLevel = NONE, seed: int = 1) -> Ultrasonic:
 
 
 def before_wall(distance_m: float) -> Pose2:
-    """Facing the wall at 20 m squarely."""
+    """Return a pose that faces the wall at 20 m, perpendicular to it."""
     return Pose2(20.0 - FACE_M - distance_m, 10.0, 0.0)
 
 
@@ -40,7 +40,7 @@ def pings(device: Ultrasonic, count: int, distance_m: float) -> list[float | Non
 
 
 def within(count: int, of: int, p: float, sigmas: float = 4.0) -> bool:
-    """Whether a binomial count lies within some sigmas of its mean."""
+    """Return whether a binomial count lies within some sigmas of its mean."""
     return abs(count - of * p) <= sigmas * math.sqrt(of * p * (1.0 - p))
 
 
@@ -48,7 +48,10 @@ def within(count: int, of: int, p: float, sigmas: float = 4.0) -> bool:
 
 
 def test_a_reading_is_that_of_the_last_ping_whose_echo_is_back() -> None:
-    """Driving at a wall at 0.2 m/s, read at 20 Hz, against the ping's own moment."""
+    """A robot drives towards a wall at 0.2 m/s, read at 20 Hz.
+
+    Compared with the ping's own time.
+    """
     device, start_m, v = sonar(), 2.0, 0.2
     readings = []
     for i in range(40):
@@ -60,7 +63,7 @@ def test_a_reading_is_that_of_the_last_ping_whose_echo_is_back() -> None:
             if 60 * ping + MS_PER_M * (start_m - v * 0.06 * ping) <= t_ms
         ]
         assert readings[-1] == (pytest.approx(known[-1], abs=1e-9) if known else None)
-    # Two seconds hold 33 pings; the other readings repeat one to the bit.
+    # Two seconds have 33 pings; the other readings repeat one to the bit.
     assert readings[0] is None
     assert len(set(readings[1:])) in {32, 33}
 
@@ -123,7 +126,7 @@ def test_a_walkers_leg_is_seen_where_it_is_nearest() -> None:
 
 
 def test_the_blind_angle_of_a_wall_is_its_mirrors_and_half_the_cone() -> None:
-    """27° and 7.5°: found by turning before a wall in steps of a tenth of a degree."""
+    """27° and 7.5°: found by turning in front of a wall in steps of a tenth of a degree."""
     device = sonar()
     seen = [
         angle
@@ -147,7 +150,7 @@ def test_spurious_echoes_come_as_often_as_the_level_sets_and_from_anywhere() -> 
     assert len(reported) == 4000
     strange = [t for t in reported if abs(t - 1.0) > 1e-9]
     assert within(len(strange), 4000, 0.1)
-    # Uniform from 2 cm to 4 m: a quarter is too short, and the mean is the middle's.
+    # Uniform from 2 cm to 4 m: a quarter is too short, and the mean is the middle.
     assert within(sum(t < 1.0 for t in strange), len(strange), 0.98 / 3.98)
     assert fmean(strange) == pytest.approx(2.01, abs=4.0 * 3.98 / math.sqrt(12.0 * len(strange)))
 
@@ -162,7 +165,7 @@ def test_a_strange_sound_is_heard_in_an_empty_room_too() -> None:
 
 
 class Painted(Reflectances):
-    """Every wall of one reflectance."""
+    """Walls of one reflectance."""
 
     def __init__(self, reflectance: float) -> None:
         super().__init__(NONE, Draws(np.random.default_rng(0)))
@@ -181,7 +184,7 @@ def infrared(reflectance: float = 0.9, level: NoiseLevel = NONE) -> Infrared:
 def test_the_voltage_is_the_datasheets() -> None:
     assert volts(0.30, 0.032) == pytest.approx(0.40)
     assert volts(0.04, 0.032) - volts(0.30, 0.032) == pytest.approx(2.25)
-    # Non-linear: half way in distance it has fallen by far more than half.
+    # Non-linear: half way in distance the voltage has fallen by far more than half.
     assert volts(0.17, 0.032) == pytest.approx(12.25 / (17.0 + 0.622), abs=1e-3)
 
 
@@ -194,7 +197,7 @@ def test_the_firmware_inverts_the_curve(distance: float) -> None:
 @pytest.mark.parametrize(
     ("true_cm", "read_cm"),
     [
-        (3.6, 4.0),  # past the least range, before the peak: the least
+        (3.6, 4.0),  # between the minimum range and the peak: the minimum
         (3.2, 4.0),
         (2.0, 3.822 * 1.6 - 0.622),  # the voltage of the peak times 2.0/3.2
         (1.0, 3.822 * 3.2 - 0.622),
@@ -222,7 +225,7 @@ def test_a_grey_card_reads_two_per_cent_far_and_is_noisier() -> None:
         device = infrared(reflectance, level)
         reported = [device.reading(0.10, 0) for _ in range(4000)]
         spread[reflectance] = float(np.std([t for t in reported if t is not None]))
-    # √5, and 4 % for the square of the 2 % that it seems farther.
+    # √5, and 4 % for the square of the 2 % by which it seems farther.
     assert spread[0.18] / spread[0.9] == pytest.approx(math.sqrt(5.0) * 1.04, rel=0.05)
 
 

@@ -29,7 +29,7 @@ def rangers(level: NoiseLevel = NOISE_LEVELS["none"], seed: int = 1) -> Rangers:
 
 
 def waiting(device: Rangers, ping: int, pose: Pose2, made: World) -> Ranges:
-    """What a robot at rest reads when its ping must be back."""
+    """Return the reading of a resting robot when its ping must be back."""
     return device.read(60 * ping + 59, pose, made)
 
 
@@ -282,7 +282,7 @@ def test_infrared_ends_at_its_range_and_reads_about_five_centimetres_in_contact(
 
 def test_range_noise_and_dropouts_are_those_of_the_level() -> None:
     made = world(room((1.0, 0.2, math.pi)))
-    # Of white walls and with no strange sounds: those have tests of their own.
+    # White walls and no crosstalk: those have separate tests.
     level = replace(
         noise_level("typical"), ultrasonic_crosstalk=0.0, infrared_reflectance_spread=0.0
     )
@@ -312,14 +312,14 @@ def test_power_reads_the_rails_and_both_motors() -> None:
     reading = suite.power()
     assert 15.9 < reading.battery_v < 16.0
     assert reading.rail_v == 5.0
-    # Rolling freely it takes the friction's current only.
+    # A freely rolling wheel takes only the friction's current.
     assert (reading.left_a, reading.right_a) == pytest.approx((0.0625, -0.0625), rel=0.02)
     body.set_duty(-CRUISE, CRUISE)
     assert sensors(body).power().left_a < -1.0
 
 
 def test_levels_grow_and_none_is_free_of_noise() -> None:
-    from dataclasses import fields  # noqa: PLC0415 - only this test looks inside
+    from dataclasses import fields  # noqa: PLC0415 - only for this test
 
     assert list(NOISE_LEVELS) == ["none", "paper", "typical", "harsh"]
     for entry in fields(NOISE_LEVELS["none"]):
