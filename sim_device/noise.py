@@ -94,7 +94,8 @@ class NoiseLevel:
     ultrasonic_dropout: float = 0.0
     """Probability per ping that an echo is missed."""
     ultrasonic_crosstalk: float = 0.0
-    """Probability per ping that another sound is taken for the echo; see ``ultrasonic``."""
+    """Probability per ping that the sensor mistakes another sound for the echo; see ``ultrasonic``.
+    """
     infrared_sigma_m: float = 0.0
     """Sigma of the infrared range at 10 cm from white paper, m. The output voltage is proportional
     to 1/d and its noise is constant, so the sigma in distance grows as d² (``infrared``)."""

@@ -52,7 +52,7 @@ CONFIRM_S = 1.0
 ANSWER_S = 8.0
 """Six tries with the timeout doubling, and a flash that erases."""
 STALE_S = 0.3
-"""Age of an encoder reading, by its stamp, at which what moves is stopped, s: fifteen readings."""
+"""Age of an encoder reading at which a motion is stopped, s: fifteen readings, by their stamps."""
 LINK_S = 4.0
 """Maximum time until the link counts as fast enough for the first motion, s; four pings take 0.4 s.
 """
@@ -305,7 +305,7 @@ class Desk:
         return kept
 
     def unwatch(self, kept: list[tuple[float, Message]]) -> None:
-        """Let a list fill no more."""
+        """Stop collecting into a list."""
         self._taps = [tap for tap in self._taps if tap[1] is not kept]
 
     # ---- commands -------------------------------------------------------------------------

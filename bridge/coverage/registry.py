@@ -92,7 +92,7 @@ def make_planner(
     Raises:
         UnknownPlannerError: no planner has this name.
         PlannerOptionError: the planner has no such option, or it cannot be that.
-        PlannerError: a plug-in or ``module:callable`` cannot be loaded or raises, or what it makes
+        PlannerError: a plug-in or ``module:callable`` cannot be loaded or raises, or its result
             lacks a method; the text names it.
 
     """

@@ -67,7 +67,7 @@ _WARN, _BAD, _NOTE = Severity.WARNING, Severity.ERROR, Severity.INFO
 
 @dataclass
 class Examination:
-    """One capture and everything known about it; :meth:`conclude` gives the findings."""
+    """One capture and everything known about it; :meth:`conclude` returns the findings."""
 
     medium: Medium = Medium.UART
     raw: bool = True

@@ -133,8 +133,8 @@ class WireView:
         """Times at which the port returned bytes, ns."""
         self.chunk_bytes = array("q")
         self.round_trips: list[tuple[int, int]] = []
-        """Of each answered ping: arrival of the reply (ns) and round trip without the device's
-        processing time (ns)."""
+        """Arrival of the reply (ns) and round trip without the device's processing time (ns), for
+        each answered ping."""
         self.unanswered = 0
         self.device_damaged = self.device_stale = self.device_received = 0
         """Counters of the device for frames from the host, increase during the capture."""

@@ -120,7 +120,7 @@ def max_sweep_rate_m2_s(model: RobotModel) -> float:
 
 
 class CoverageMeter:
-    """Measures runs on one floor plan; the plan's areas are worked out once."""
+    """Measures runs on one floor plan; the plan's areas are computed once."""
 
     def __init__(self, plan: FloorPlan, model: RobotModel, resolution_m: float = 0.005) -> None:
         """Use cells of 1 cm or finer, for which the figures are defined."""

@@ -28,7 +28,7 @@ class Ending:
     latched: StopCause = StopCause.NONE
     """Stop cause that the device latched itself, if that ended the run."""
     remedy: Remedy | None = None
-    """What the caller can do, if anything."""
+    """Remedy for the user, if any."""
 
     @property
     def gravity(self) -> StopCause:

@@ -1,7 +1,7 @@
 """Runner for an operator: start, pause and take over a plan, or drive manually.
 
-It is one runner for the whole run, so that motion is enabled once. It selects what drives: nothing,
-the plan, or the operator. Stops, stale data and the end of the run remain with
+It is one runner for the whole run, so that motion is enabled once. It selects the source of motion:
+none, the plan, or the operator. Stops, stale data and the end of the run remain with
 :class:`bridge.run.mission.Mission`.
 """
 
@@ -30,7 +30,7 @@ _LOWPASS = 0.6
 
 
 class DriveMode(Enum):
-    """What drives the robot."""
+    """Source of the robot's motion."""
 
     NOTHING = "nothing"
     PLAN = "plan"
@@ -76,7 +76,7 @@ class Operator:
 
     @property
     def drive_mode(self) -> DriveMode:
-        """What drives the robot now."""
+        """Present source of the robot's motion."""
         return self._drive_mode
 
     @property
@@ -152,7 +152,7 @@ class Operator:
 
     @property
     def state(self) -> PlannerState:
-        """State of the plan, or of what drives instead."""
+        """State of the plan, or of the other source of motion."""
         if self._plan is None or self._drive_mode is DriveMode.NOTHING:
             return _STATES[self._drive_mode]
         if self._drive_mode is DriveMode.PLAN:

@@ -42,7 +42,7 @@ LOST_TIMEOUT_S = 30.0
 
 
 class Resume(Enum):
-    """What happens to a run with motion after its device was lost and is back."""
+    """Continuation of a run with motion after its device was lost and is back."""
 
     NEVER = "never"
     """The run ends."""
@@ -106,7 +106,7 @@ class Mission:
             clear_stop: Clear a latched stop of any cause, not only of a clean end.
             max_time_s: Maximum time of the drive, s; None: unlimited.
             at_rest_s: Standstill before the first move, s.
-            resume: What happens to the run after a loss of the device.
+            resume: Continuation of the run after a loss of the device.
 
         """
         self.runner = runner

@@ -31,7 +31,7 @@ def rejection_text(reason: int) -> str:
 
 
 def rejection_remedy(reason: int | None) -> Remedy | None:
-    """Return what the caller can do about a rejection."""
+    """Return the remedy for a rejection, or None."""
     return Remedy.KEY if reason == NackReason.NOT_AUTHENTICATED else None
 
 

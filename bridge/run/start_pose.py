@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Reading = float | None
 
 BASE_ERROR_M = 0.04
-"""Tolerated difference from the room, m: a start pose marked by hand."""
+"""Tolerated difference from the room, m: the error of a start pose that a person marked."""
 SHARE_ERROR = 0.1
 """Tolerated difference relative to the distance: a heading error of a few degrees, a dark wall."""
 HEADING_ERROR_RAD = 0.1

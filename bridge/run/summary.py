@@ -132,7 +132,7 @@ def _start_error(host: Host) -> dict[str, float | None] | None:
 
 
 def _events(host: Host) -> dict[str, int]:
-    """Count what a list of runs shows of the events."""
+    """Count the events that a list of runs shows."""
     counts = host.event_counts
     return {
         "supervise": sum(n for (source, _), n in counts.items() if source == "supervise"),

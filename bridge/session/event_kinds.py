@@ -134,7 +134,7 @@ class EventKind(StrEnum):
     NOT_RESUMED = "not_resumed"
     """The device did not resume its planner on request."""
     COMMAND_FAILED = "command_failed"
-    """A command of ``--on`` failed, took too long or was dropped; the run goes on."""
+    """A command of ``--on`` failed, took too long or was dropped; the run continues."""
     PRINTED = "printed"
     """A line that bring-up printed."""
     START = "start"

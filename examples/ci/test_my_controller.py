@@ -1,4 +1,4 @@
-"""A controller of one's own, tested against the virtual sweeper; see docs/ci.md."""
+"""Your own controller, tested against the virtual sweeper; see docs/ci.md."""
 
 from __future__ import annotations
 

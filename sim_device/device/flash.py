@@ -83,7 +83,7 @@ class Flash:
         return True
 
     def reads_back(self) -> bool:
-        """Return whether the page holds what was written last."""
+        """Return whether the page holds the image that was written last."""
         return self.pages[self._page] == self._written
 
     def power_lost(self) -> None:

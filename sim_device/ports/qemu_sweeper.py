@@ -290,7 +290,7 @@ class QemuSweeper:
             self._base_us = self._now_us - request.now_us
         chip_us = self._extended(request.now_us)
         ahead_us = 1000 * self.plant.tick_ms - (self._base_us + chip_us)
-        if ahead_us > SILENCE_US:  # the chip's clock stood still, and the plant went on
+        if ahead_us > SILENCE_US:  # the chip's clock stood still, and the plant advanced
             self._base_us += ahead_us
         self._chip_us = chip_us
         self._heard_us = self._now_us

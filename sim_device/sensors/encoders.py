@@ -19,8 +19,8 @@ _TAU = 2.0 * pi
 class Encoders:
     """Both counters, zero at power-on and rising forwards.
 
-    They count the turns of the wheels, also of a slipping wheel. The plant models the errors of the
-    wheels themselves (diameter, slip).
+    They count the turns of the wheels, including those of a slipping wheel. The plant models the
+    errors of the wheels themselves (diameter, slip).
     """
 
     __slots__ = (

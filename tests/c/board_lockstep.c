@@ -1,8 +1,6 @@
-/* A board in a pipe, in the time of whoever is at its other end: at each wait it gives
- *   u16 length, bytes written, float v, float yaw rate
- * and takes
- *   u32 time in microseconds, u16 length, bytes to read
- * both in the machine's own byte order. */
+/* A board in a pipe, in the time of the process at its other end. At each wait it writes u16
+ * length, bytes written, float v, float yaw rate and takes u32 time in microseconds, u16 length,
+ * bytes to read both in the machine's own byte order. */
 #include "board.h"
 
 #include <stdio.h>

@@ -129,7 +129,7 @@ class Feeder:
 
 
 def main() -> None:
-    """Feed, then print what was written."""
+    """Feed, then print the number of bytes written."""
     feeder = Feeder(int(sys.argv[2]), noise="noise" in sys.argv[3:])
     feeder.run(float(sys.argv[1]))
     time.sleep(5.0)  # bytes in the pseudo-terminal must be read before it closes

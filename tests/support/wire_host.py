@@ -67,7 +67,7 @@ class WireHost:
         self.newest |= {type(e.message): e.message for e in got}
         return [e.message for e in got]
 
-    # ---- what a host asks -----------------------------------------------------------------
+    # ---- a host's requests ----------------------------------------------------------------
 
     def join(self, session: int = SESSION) -> None:
         self.send(HostHello(CATALOGUE.hash, session, 0, 0, "frames"))
@@ -106,7 +106,7 @@ class WireHost:
         assert self.choose(Mode.ONBOARD) is None
         assert self.plan(PlannerAction.START, planner) is None
 
-    # ---- what it was told -----------------------------------------------------------------
+    # ---- received messages ----------------------------------------------------------------
 
     def of(self, kind: type[M]) -> list[M]:
         return [m for _, _, m in self.heard if isinstance(m, kind)]

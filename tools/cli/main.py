@@ -283,7 +283,7 @@ def _unwritten(error: OSError) -> int:
 
 
 def _usage_text(error: click.ClickException) -> str | None:
-    """Return what is wrong with the command line and which help to read; None: no command."""
+    """Return the error in the command line and the help to read; None: no command."""
     text = error.format_message()
     if isinstance(error, click.exceptions.NoArgsIsHelpError):  # its text is the whole help
         return None

@@ -150,7 +150,7 @@ class EventCommands:
                 self._report(f"--on {notice.kind}: {shortened(command)}: {wrong}")
 
     def _run(self, command: str, notice: Notice) -> str | None:
-        """Run one command; return what went wrong, or None."""
+        """Run one command; return an error text, or None."""
         event = json.dumps({**self._facts, **notice.to_dict()}, default=str) + "\n"
         # Files instead of pipes: the command need not read, and nothing waits for it.
         with tempfile.TemporaryFile() as given, tempfile.TemporaryFile() as printed:

@@ -126,7 +126,7 @@ def make(
     """Make a planner and check its interface, before anything moves.
 
     Raises:
-        click.BadParameter: it cannot be made; the text names it and what it lacks.
+        click.BadParameter: it cannot be made; the text names it and the missing part.
 
     """
     from bridge.coverage.planner import PlannerError

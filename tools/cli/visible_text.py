@@ -20,7 +20,7 @@ _WORD_TAIL = 40
 """Length of the end of a shortened word that is kept, characters: paths differ at their end."""
 _LINE_TAIL = 400
 """Length of the end of a shortened line that is kept, characters: the text after a quoted value
-says what is wrong with the value."""
+names the error."""
 _LONG_WORD = re.compile(rf"\S{{{MAX_WORD + 1},}}")
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0")
 """Letters and marks without a glyph: Unicode's default ignorable code points that their general
@@ -54,7 +54,7 @@ def _escape(character: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """Escape a message, including its line ends, and shorten what is too long to read."""
+    """Escape a message, including its line ends, and shorten one that is too long to read."""
     return shortened(visible(text))
 
 

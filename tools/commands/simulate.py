@@ -195,7 +195,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 def _conclude(
     run: VirtualRun, plan: FloorPlan, planner: str, seed: int, log: str
 ) -> dict[str, Any]:
-    """Return the run's summary; after a crash, what is still available of it."""
+    """Return the run's summary; after a crash, the available part of it."""
     from bridge.run.summary import crash_summary
     from tools.virtual.summary import summarise
 

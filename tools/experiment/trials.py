@@ -74,7 +74,7 @@ class Trial:
     robot: str = ""
     """Robot file; empty: the default robot."""
     robot_hash: str = ""
-    """Hash of that file's content, so that results of another content are not taken for it."""
+    """Hash of that file's content, so that results of another content are not reused."""
 
     @property
     def key(self) -> str:

@@ -475,7 +475,7 @@ def _dashboard(
 
 
 def _conclude(pump: Pump, asked: LiveOptions, path: array[float]) -> dict[str, Any]:
-    """Record the last map and return the summary; after a crash, what is available of it."""
+    """Record the last map and return the summary; after a crash, the available part of it."""
     host = pump.host
     try:
         if host.drive_pose is not None:

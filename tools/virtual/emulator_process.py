@@ -67,7 +67,7 @@ class EmulatorProcess:
         return self._process.stdout.readline()
 
     def end(self, within_s: float) -> str | None:
-        """Terminate the emulator; return a description of what went wrong, or None."""
+        """Terminate the emulator; return a description of the failure, or None."""
         died = self._process.poll()
         self._process.terminate()
         try:

@@ -70,7 +70,7 @@ T = TypeVar("T", bound="Message")
 
 
 class Newest(Generic[T]):
-    """The newest message of one kind, as :class:`bridge.api.robot.Latest` gives it."""
+    """The newest message of one kind, like :class:`bridge.api.robot.Latest`."""
 
     def __init__(self, sweeper: SimulatedSweeper, kind: type[T]) -> None:
         self._sweeper = sweeper
@@ -256,8 +256,7 @@ class SimulatedSweeper:
         Args:
             v_m_s: forward speed, m/s.
             yaw_rate_rad_s: yaw rate, rad/s, positive to the left.
-            for_s: advance the time by so many seconds with this velocity, then stop; None: return
-                at once.
+            for_s: time to advance with this velocity before a stop, s; None: return at once.
 
         Raises:
             StoppedForSafetyError: motion is not enabled, or no longer.

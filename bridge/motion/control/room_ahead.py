@@ -34,7 +34,7 @@ class RoomAhead:
     def update(self, range_m: float | None, min_m: float, dt_s: float) -> float:
         """Return the free distance by the newest reading, m; infinite without an echo.
 
-        ``min_m`` is the required distance. The very first reading counts at once.
+        ``min_m`` is the required distance. The first reading counts at once.
         """
         self._age_s += dt_s
         self._strange_s += dt_s

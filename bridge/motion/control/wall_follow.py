@@ -116,8 +116,8 @@ class WallFollower:
         """Follow at ``distance_m`` between rim and wall; 0: in light contact.
 
         Raises:
-            ValueError: the distance is negative or beyond what the infrared can see, or the
-                speed is not positive.
+            ValueError: the distance is negative or beyond the infrared's range, or the speed is not
+                positive.
 
         """
         self._side = side

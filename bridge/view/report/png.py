@@ -23,7 +23,7 @@ _LETTERS = 165
 
 
 def picture(data: RunData, found: list[Hole]) -> bytes:
-    """Draw room, curve and health side by side; gives the PNG.
+    """Draw room, curve and health side by side; return the PNG.
 
     Raises:
         PlotMissingError: matplotlib is not installed.

@@ -1,6 +1,6 @@
 """Feeds Rerun with a log, while it is written or at the speed of the recording.
 
-During a live run it is a process of its own (``python -m bridge.view.rerun.feeder``). It reads only
+During a live run it is a separate process (``python -m bridge.view.rerun.feeder``). It reads only
 the log's file, so a slow, frozen or closed viewer delays this process and nothing else. The file is
 the buffer: data that could not be shown in time is shown later.
 """
@@ -120,7 +120,7 @@ class Viewer:
 def feed(options: FeedOptions, ended: Callable[[], bool] = lambda: False) -> None:
     """Show a log until its end, until the viewer is closed, or until ``ended`` returns True.
 
-    A window stays open afterwards. A server goes on after the end of the log until ``ended``
+    A window stays open afterwards. A server continues after the end of the log until ``ended``
     returns True, and ends with this call.
 
     Raises:

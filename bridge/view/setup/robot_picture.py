@@ -28,7 +28,7 @@ _WHEEL_WIDTH_M = 0.02
 
 
 def robot_picture(model: RobotModel) -> bytes:
-    """Draw a robot from above, with the heading up; gives the PNG.
+    """Draw a robot from above, with the heading up; return the PNG.
 
     Raises:
         PlotMissingError: matplotlib is not installed.

@@ -1,4 +1,4 @@
-"""A room as a picture: free, reachable and sweepable floor, and what is on the floor."""
+"""A room as a picture: free, reachable and sweepable floor, and carpets, thresholds and cliffs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _WIDTH, _MIN_HEIGHT, _MAX_HEIGHT, _REST = 8.0, 4.0, 12.0, 1.6
 
 
 def room_picture(plan: FloorPlan, model: RobotModel, facts: RoomFacts) -> bytes:
-    """Draw a room for a robot; gives the PNG.
+    """Draw a room for a robot; return the PNG.
 
     Raises:
         PlotMissingError: matplotlib is not installed.

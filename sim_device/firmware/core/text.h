@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 #ifndef TEXT_MAX
-#define TEXT_MAX 120u /* bytes; what does not fit is left out */
+#define TEXT_MAX 120u /* bytes; the rest of a longer text is left out */
 #endif
 
 typedef struct {

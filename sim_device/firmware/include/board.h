@@ -66,7 +66,7 @@ typedef struct {
     uint8_t reset_cause; /* SP_RESET_CAUSE_* */
     uint8_t node;        /* 1..15, by a jumper or a constant */
     bool can;            /* the host is on the CAN bus, not on the UART */
-    uint16_t capabilities; /* SP_CAPABILITY_*: what is connected */
+    uint16_t capabilities; /* SP_CAPABILITY_*: connected parts */
     uint8_t troubles;      /* BOARD_TROUBLE_*, found at the start */
     const board_crash_t *crash; /* of the previous boot, with reset cause "crash"; else NULL */
     const char *name;    /* of board and firmware, as the host shows it; ASCII, at most 60 B */

@@ -28,7 +28,7 @@ def test_an_oblique_box_bends_nothing(degrees: float) -> None:
     assert room.filter.pose == ORIGIN
     assert len(room.walls.walls) == 2
     assert all(wall.frame < 0 for wall in room.walls.walls)
-    # and is a reference of its own
+    # and is a separate reference
     room.believe(0.0, 0.0, 0.3 * DEGREE)
     assert room.walls.see_line(line(degrees * DEGREE, 0.8))
     assert abs(room.filter.pose.theta_rad) < 0.1 * DEGREE

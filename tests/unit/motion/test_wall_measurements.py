@@ -97,11 +97,11 @@ def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
 @pytest.mark.parametrize(
     ("bow_m", "way_m", "wander_m_sqrt_m", "flat"),
     [
-        # 31 readings of 1.9 mm tell a bow to 1.1 mm, what the robot slid aside makes it worse
+        # 31 readings of 1.9 mm show a bow to 1.1 mm; lateral slip makes it worse
         (0.004, 0.3, 0.0, False),
         (0.004, 0.3, 0.0026, False),
         (0.004, 0.3, 0.0031, True),
-        # 21 tell it to 1.2 mm
+        # 21 show it to 1.2 mm
         (0.005, 0.2, 0.0045, False),
         (0.005, 0.2, 0.0051, True),
         (-0.005, 0.2, 0.0036, False),

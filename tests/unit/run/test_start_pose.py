@@ -60,7 +60,7 @@ def test_a_start_marked_by_hand_is_near_enough(room: str) -> None:
 def test_a_robot_elsewhere_is_noticed(pose: Pose2, sensors: set[str]) -> None:
     found = contradictions(BOX, MODEL, BOX.start, readings(BOX, pose))
     assert {text.split()[0] for text in found} >= sensors
-    assert bool(found) == bool(sensors)  # corners alike cannot be told apart
+    assert bool(found) == bool(sensors)  # corners of equal shape cannot be distinguished
 
 
 def test_both_distances_are_named() -> None:

@@ -206,7 +206,7 @@ def test_another_boot_is_a_reset() -> None:
     assert not walk.step(1, boot_id=7)
 
 
-# ---- at the very limit ---------------------------------------------------------------------
+# ---- exactly at the limit ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rule", [stall(), battery(), silence(), Sensor(), Reset()])

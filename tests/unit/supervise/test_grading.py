@@ -199,7 +199,7 @@ def test_the_gravest_comes_last() -> None:
     assert all(reaction.text and reaction.data for _, reaction in run.printed)
 
 
-# ---- beginning anew -----------------------------------------------------------------------
+# ---- restart ------------------------------------------------------------------------------
 
 
 def test_restart_forgets_occasions_and_references() -> None:

@@ -150,7 +150,7 @@ def test_an_obstacle_with_no_way_out_holds_it_until_it_is_gone() -> None:
 
 
 def test_it_is_never_pushed_through_a_wall_that_stood() -> None:
-    """A shelf beside it, 20 mm thick; the box on the other side could only push it through."""
+    """A shelf beside it is 20 mm thick; a box on the other side could only push it through."""
     shelf = box(10.17, 9.0, 10.19, 11.0)
     body = plant(room((10.0, 10.0, 0.0), obstacles=(shelf,)))
     body.replace_world(_world(shelf, box(9.0, 9.0, 10.1, 11.0)))

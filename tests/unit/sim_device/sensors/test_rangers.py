@@ -97,7 +97,7 @@ def test_silence_is_detected_after_38_milliseconds() -> None:
     assert device.read(98, before_wall(5.0), CENTRE) is None
 
 
-# What it hears.
+# Echoes.
 
 
 def test_nearer_than_its_least_range_it_reads_the_least() -> None:
