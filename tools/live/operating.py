@@ -89,7 +89,7 @@ class Operating:
 
     @property
     def note(self) -> str:
-        """Line above the keys: the condition that the run waits for, else the newest key's effect."""
+        """Line above the keys: the condition that the run waits for, or the newest key's effect."""
         seen = self._pump.snapshot
         if seen.mission.asking or seen.holding:
             return "the run is waiting: look at the robot, then press r to resume"
