@@ -1,8 +1,8 @@
 """Examination of a recorded log: one of sweepctl, with raw bytes, or one of another program.
 
 Raw bytes are examined like a live link. If a log contains only decoded messages, the robot and
-its sensors are examined, and a finding says that link and clock cannot be. In unknown topics only
-pauses are found.
+its sensors are examined; a finding says that link and clock are not. For an unknown topic, only
+pauses are reported.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MIN_MESSAGES = 20
 WINDOW_NS = 2_000_000_000
 """Largest disorder of the messages in a file, ns: eight chunks of a sweepctl log."""
 FROZEN = 60
-"""Equal consecutive IMU samples that are reported."""
+"""Smallest number of equal consecutive IMU samples that is reported."""
 _FAILURES = frozenset(
     {
         *(EventKind.SILENCE, EventKind.GARBAGE, EventKind.ECHO, EventKind.WORDS),

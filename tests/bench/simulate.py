@@ -15,7 +15,7 @@ import time
 
 
 def main() -> None:
-    """Run the command some times and print simulated seconds for each real one."""
+    """Run the command several times; print the ratio of simulated to real time."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("--rounds", type=int, default=3)
     ratios = []

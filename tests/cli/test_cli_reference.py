@@ -118,7 +118,7 @@ RANGES = [
 
 
 def beyond(end: str, by: int) -> str:
-    """Return a value that is one off."""
+    """Return the end of a range plus ``by``."""
     return str(int(end) + by if re.fullmatch(r"-?\d+", end) else float(end) + by)
 
 

@@ -49,8 +49,8 @@ def test_a_velocity_is_followed(sweeper):
     sweeper.enable()
     sweeper.drive(0.1, 0.0, for_s=5.0)
     sweeper.run(1.0)
-    # Half a metre, less the ramp up (0.1 m/s at 1 m/s2: 5 mm) and more the last setpoint's
-    # life: within a few centimetres.
+    # 0.5 m, less 5 mm for the acceleration to 0.1 m/s at 1 m/s2, plus the path until the last
+    # setpoint expires.
     assert sweeper.truth.pose.x_m - x_m == pytest.approx(0.5, abs=0.04)
     assert sweeper.pose_error_m < 0.01
     assert abs(sweeper.truth.v_m_s) < 1e-3
@@ -62,7 +62,7 @@ def test_a_velocity_is_let_go(sweeper):
     sweeper.enable()
     sweeper.drive(0.1, 0.0)
     sweeper.run(3.0)
-    assert 0.03 < sweeper.truth.path_m < 0.1  # half a second of it
+    assert 0.03 < sweeper.truth.path_m < 0.1  # it drives for 0.5 s
     sweeper.stop()
     assert sweeper.stop_cause.name == "OPERATOR"
     with pytest.raises(Exception, match="stopped by the test"):

@@ -55,13 +55,13 @@ class TextLines(Nothing):
     """A line for each message on stdout, and the rates once a second on stderr."""
 
     def __init__(self, *, raw: bool) -> None:
-        """With ``raw`` print payloads in hex too."""
+        """Create the view; with ``raw``, payloads are printed in hex too."""
         self._raw = raw
         self._rates_ns = 0
         self._start_ns: int | None = None
         self._warned: set[int] = set()
         self._rates = ""
-        """Line that was printed about a silence, while it lasts."""
+        """The printed line about a silence; empty while messages arrive."""
 
     def show(self, seen: Seen) -> None:
         """Print a line."""
@@ -101,7 +101,7 @@ class JsonLines(Nothing):
     """A JSON object for each message on stdout."""
 
     def __init__(self, *, raw: bool) -> None:
-        """With ``raw`` add payloads in hex."""
+        """Create the view; with ``raw``, objects contain the payload in hex."""
         self._raw = raw
 
     def show(self, seen: Seen) -> None:
@@ -132,7 +132,7 @@ class Table(Nothing):
     """A table of each type's rate and newest content, and the newest damaged bytes."""
 
     def __init__(self, monitor: Monitor, port: str, types: tuple[str, ...]) -> None:
-        """Prepare; ``__enter__`` begins to draw."""
+        """Prepare the table; ``__enter__`` draws it."""
         self._monitor, self._port, self._types = monitor, port, types
         self._drawn_ns = 0
         self._console = plain_console()

@@ -58,7 +58,7 @@ def read(path: Path, start: Pose2 | None = None, tolerance_m: float = 0.0) -> Fl
 def test_a_ros_map_has_the_place_of_its_origin_and_the_size_of_its_cells(tmp_path: Path) -> None:
     plan = read(ros_map(tmp_path, flat()))
     assert plan.name == "flat"
-    # columns 5 to 35 of 0.1 m from x = −1; rows 5 to 25 from above of 30: 5 to 25 from below
+    # Columns 5 to 35 of 0.1 m, from x = −1 m. Of 30 rows, 5 to 25 are free, from either end.
     assert plan.bounds() == pytest.approx((-0.5, 2.5, 2.5, 4.5))
     assert signed_area_m2(plan.walls) == pytest.approx(6.0)
     (table,) = plan.obstacles
