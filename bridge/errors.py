@@ -180,9 +180,10 @@ class StoppedForSafetyError(BridgeError):
 
 
 _SHOWN_BITS = 128
-"""Integers up to this many bits are written out; a person reads 39 digits, not a thousand."""
+"""Maximum size of an integer that is written out, bits: 39 digits, which a person can still read.
+"""
 _SHOWN_CHARACTERS = 60
-"""Characters of a value that a message of one line quotes."""
+"""Maximum number of characters of a value that a message of one line quotes."""
 
 
 def shown(value: object) -> str:

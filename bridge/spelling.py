@@ -8,11 +8,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _SHOWN = 40
-"""Characters of a wrong name that a line shows."""
+"""Maximum number of characters of a wrong name that a line shows."""
 
 
 _LONGEST = 200
-"""Characters of a name that are compared; no known name is as long."""
+"""Maximum number of characters of a name that are compared; no known name is as long."""
 _CUTOFF = 0.6
 """Share of equal letters (Ratcliff and Obershelp) from which a name resembles another."""
 

@@ -45,12 +45,12 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 CYCLE_NS = 20_000_000
-"""Velocities and duties are repeated at 50 Hz, as the catalogue's default has it."""
+"""Period at which velocities and duties are repeated, ns: 50 Hz, the catalogue's default."""
 TTL_MS = 200
 CONFIRM_S = 1.0
-"""Time that a device has to confirm a stop, s: as long as a run waits at its end."""
+"""Maximum time for a device to confirm a stop, s: as long as a run waits at its end."""
 ANSWER_S = 8.0
-"""Six tries with the timeout doubling, and a flash that erases."""
+"""Maximum wait for an answer, s: six tries with doubled timeouts, and a flash erase."""
 STALE_S = 0.3
 """Age of an encoder reading at which a motion is stopped, s: fifteen readings, by their stamps."""
 LINK_S = 4.0
@@ -110,7 +110,8 @@ class Desk:
         """Reason for which the robot was or must be stopped; empty: none."""
         self._moved = self._interrupted = False
         self._free = False
-        """No stop should be latched: one that is has come from the device."""
+        """True while no stop should be latched. A stop that is latched then came from the device.
+        """
         self._cause = StopCause.SESSION_END
         """The gravest cause for a stop so far."""
         self._cycle_ns = wire.now()

@@ -53,7 +53,7 @@ class PlannerState:
     case: int = 0
     """Case 1, 2 or 3 of the last lane; 0: none of them."""
     target: tuple[float, float] | None = None
-    """Point being driven to, in metres, when there is one."""
+    """Point being driven to, m; ``None``: no point."""
 
 
 class Planner(Protocol):

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 UNKNOWN = -1
 SWEPT = 0
-"""A cell over which the mouth went holds no obstacle: free, as ``nav_msgs/OccupancyGrid`` has
-it (0 free, 100 occupied, -1 unknown)."""
+"""Value of a cell over which the mouth went. The cell holds no obstacle, so it is free as in
+``nav_msgs/OccupancyGrid`` (0 free, 100 occupied, -1 unknown)."""
 
 _MARGIN_CELLS = 50
 _MAX_CELLS = 4096 * 4096
@@ -67,7 +67,7 @@ class SweptMap:
         self.revision = 0
         """Grows with every change of a cell."""
         self.dropped = 0
-        """Marks outside the largest extent."""
+        """Number of marks outside the largest extent."""
         self._per_m = 1.0 / resolution_m
         self._half_m = 0.5 * model.cleaning_width_m
         self._offset_m = model.mouth_offset_m

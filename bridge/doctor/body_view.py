@@ -35,10 +35,11 @@ GRAVITY_OFF = 0.15
 LEAN_DEG = 6.0
 """Change of the tilt between two standstills that is reported, degrees."""
 FROZEN = 60
-"""Equal consecutive IMU samples that are reported: 0.6 s. Sensor noise yields only a few."""
+"""Number of equal consecutive IMU samples that is reported: 0.6 s. Sensor noise yields only a few.
+"""
 FROZEN_POWER = 25
-"""Equal consecutive power samples of a robot that drives, that are reported: 5 s. The battery's
-voltage alone changes more often."""
+"""Number of equal consecutive power samples that is reported while the robot drives: 5 s. The
+battery's voltage alone changes more often."""
 LIVELY = 3
 """Length of a run of equal samples, up to which its repeats count as normal sensor noise."""
 _G_LSB = 16384.0

@@ -27,11 +27,12 @@ MIN_DAMAGED = 3
 """Smallest number of damaged frames that is a finding: after opening a port the first bytes are
 usually the end of a frame."""
 STRANGE_BYTES = 1000
-"""Damaged bytes that resemble no message, above which the baud rate is taken to be wrong."""
+"""Number of damaged bytes without resemblance to a message, above which the baud rate is taken to
+be wrong."""
 STRANGE_TIMES = 10
 """Ratio of these bytes to the other damaged bytes, above which the same holds; both are needed."""
 MIN_PIECE = 10
-"""Consecutive missing frames that count as a gap: a full buffer drops fewer."""
+"""Number of consecutive missing frames that count as a gap: a full buffer drops fewer."""
 NOISE_SHARE = 1e-4
 """Share of damaged frames below which noise is only a note."""
 LATE_P95_MS = 5.0

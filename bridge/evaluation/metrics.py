@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 _new = tuple.__new__
 _CHUNK_S = 0.25
-"""Poses are merged into straight pieces up to this long: the resolution of the times."""
+"""Maximum duration of a piece into which poses are merged, s: the resolution of the times."""
 _TOLERANCE_M = 2e-4
-"""... as long as neither end of the mouth strays further than this from the piece."""
+"""Maximum distance of the driven path of either end of the mouth from such a piece, m."""
 _JUMP_M = 0.2
 """Maximum distance of poses that are joined, m. A larger jump means a gap in the log, or a reset of
 the estimate."""
@@ -53,7 +53,8 @@ class Coverage:
     mouth_free: float
     body_reachable: float
     body_free: float
-    """The paper's eq. 9, over the body's footprint: the one to hold against its tables."""
+    """Coverage by the paper's eq. 9, over the body's footprint: for comparison with the paper's
+    tables."""
     eq8: float | None
     """Lane lengths times W over the free floor, turns left out; ``None``: lengths not known."""
 
@@ -87,7 +88,8 @@ class CoverageReport:
     hole_inradius_m: float
     """Radius of the largest disc that fits in an unswept sweepable piece, to half a cell."""
     repeat_ratio: float | None
-    """``None`` if nothing was swept; a little below 0 where the raster's edge is all there is."""
+    """Path times W over the swept area, minus 1; slightly negative where only the raster's edges
+    differ. ``None``: nothing was swept."""
     path_ratio: float
     """Path over sweepable area / W."""
     time_ratio: float
@@ -187,7 +189,7 @@ class CoverageTrack:
         """Start of the current piece of the path."""
         self._anchor = self._end = _NO_MOUTH
         self._end_pose: TimedPose | None = None
-        """The pose that the piece under way has come to; None: no further than it began."""
+        """Newest pose of the current piece; None: the piece has only its start."""
         self._directions: tuple[float, ...] | None = None
 
     def add(self, time_s: float, x_m: float, y_m: float, theta_rad: float) -> None:

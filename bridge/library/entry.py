@@ -28,7 +28,7 @@ _KINDS = {VIRTUAL_PORT: "simulated", EMULATED_PORT: "truth"}
 _STAMP = re.compile(r"(\d{8}T\d{6})Z-")
 """Begin of a log's default name."""
 _LARGEST = 1 << 63
-"""SQLite's integers are smaller."""
+"""Limit of SQLite's integers; all of them are smaller."""
 _NS = 1_000_000_000
 
 

@@ -22,13 +22,16 @@ class Drive:
     distance_m: float | None = None
     """Length along the line, m; negative: backwards; ``None``: no limit."""
     speed_m_s: float | None = None
-    """``None``: the robot's cruise speed."""
+    """Speed, m/s; ``None``: the robot's cruise speed."""
     stop_range_m: float | None = None
-    """Stop where the ultrasonic reads this; ``None``: the ultrasonic does not stop the leg."""
+    """Ultrasonic range at which the leg stops, m; ``None``: the ultrasonic does not stop the leg.
+    """
     timeout_s: float | None = None
-    """``None``: twice the time that the distance should take and 5 s, or 600 s without one."""
+    """Time limit, s. ``None``: twice the time that the distance should take and 5 s, or 600 s
+    without a distance."""
     end_m_s: float = 0.0
-    """Speed at which it may end at its distance, the next leg following at once; 0: at rest."""
+    """Speed at which the leg may end at its distance, m/s, the next leg following at once; 0: at
+    rest."""
     wary: bool = False
     """Whether to slow down for obstacles that have left the ultrasonic's cone."""
     purpose: str = "drive"
@@ -102,12 +105,12 @@ class StopReason(enum.StrEnum):
     BUMPER = "bumper"
     CLIFF = "cliff"
     STALLED = "stalled"
-    """Commanded to move, and the estimate did not."""
+    """The robot was commanded to move, but its estimate did not change."""
     TIMEOUT = "timeout"
     LOST = "lost"
     """The wall to follow is not there."""
     CANCELLED = "cancelled"
-    """The planner wanted something else; the robot may still move."""
+    """The planner has cancelled the leg; the robot may still move."""
 
     @property
     def blocked(self) -> bool:
@@ -127,7 +130,7 @@ class LegResult:
     leg: Leg
     reason: StopReason
     distance_m: float
-    """Along the leg's line, signed as ``Drive.distance_m``; 0 for a turn."""
+    """Distance along the leg's line, m, signed as ``Drive.distance_m``; 0 for a turn."""
     duration_s: float
     pose: Pose2
     bumper_left: bool = False

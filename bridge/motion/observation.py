@@ -21,16 +21,16 @@ class Observation(NamedTuple):
     ultrasonic_m: float | None
     """Range from the ultrasonic's face; ``None``: no echo."""
     infrared_left_m: float | None
-    """``None``: nothing within the sensor's range."""
+    """Range of the left infrared sensor, m; ``None``: nothing within its range."""
     infrared_right_m: float | None
     bumper_left: bool
     bumper_right: bool
     cliff: bool
     gyro_bias_sigma_rad_s: float = 0.0
-    """Standard deviation of the gyro's bias: a rest takes it away."""
+    """Standard deviation of the gyro's bias; a rest reduces it."""
     heading_sigma_rad: float = 0.0
-    """Standard deviation of the heading against the walls that are known to be square: a stretch
-    along one of them takes it away. 0: no such walls."""
+    """Standard deviation of the heading against the walls that are known to be square; a run along
+    one of them reduces it. 0: no such walls."""
 
 
 class VelocityCommand(NamedTuple):

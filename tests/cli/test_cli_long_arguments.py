@@ -26,9 +26,9 @@ VALUES = {
     "no UTF-8": "no\udcffsuch\udcfething",
 }
 WHOLE = {"room": "case-1"}
-"""Further required arguments of which an invalid name would be rejected first."""
+"""Valid values of other required arguments, whose names would otherwise be rejected first."""
 LISTED = {("ports", "named")}
-"""Arguments that may have any name: it is shown as given."""
+"""Arguments for which any name is valid: it is shown as given."""
 
 
 def leaves(

@@ -32,7 +32,8 @@ class At:
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, At())
 """
-"""A module that Python loads at its start: Ctrl-C when another one begins to be imported."""
+"""Module that Python loads at its start. It sends Ctrl-C when the import of another module begins.
+"""
 
 
 def sweepctl(

@@ -28,8 +28,8 @@ STILL = 4
 MOVED = 25
 EXPIRY_S = 0.25
 RAMP_S = 0.5
-"""Maximum time from this speed to rest, s, with the motors' lag and our own pauses; 0.1 s of it at
-1 m/s²."""
+"""Maximum time from the speed of the checks to rest, s. It includes 0.1 s at 1 m/s², the motors'
+lag and our own pauses."""
 
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:

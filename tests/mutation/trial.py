@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from mutation.targets import Target
 
 HANGS_S = 120
-"""Time limit, s of the clock; the CPU limit ends an endless loop much earlier."""
+"""Time limit of a trial, s of real time; the CPU limit ends an endless loop much earlier."""
 _OPTIONS = (
     *("-q", "-s", "--no-header", "--tb=no", "--assert=plain"),
     *("-p", "no:cacheprovider", "-o", "timeout=0"),

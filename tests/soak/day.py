@@ -21,7 +21,7 @@ from soak.faults import run
 WARM = 0.15
 """Share of the day in which caches fill."""
 GROWTH_MB = 24.0
-"""Maximum growth of the memory from there to the end of the day, MB."""
+"""Maximum growth of the memory after that share of the day, MB."""
 
 
 def resident_mb() -> float:

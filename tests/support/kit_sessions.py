@@ -61,7 +61,8 @@ class Writer:
         self._printed: list[bytes] = []
         self.counter = 0
         self.reboots = 0
-        """Number of reboots since then, by a command or a lost supply."""
+        """Number of reboots since the last ``Boot`` in the script, by a command or a lost supply.
+        """
 
     @property
     def boot_id(self) -> int:

@@ -33,8 +33,8 @@ COMMANDS = {
     "rerun": ("view", "FILE", "--save", "OUT.rrd"),
 }
 DRAWING = {"report", "picture", "rerun"}
-"""Commands that read like ``diff`` and take seconds to draw. If a group's harm is not in the drawn
-values, they get only its first file."""
+"""Commands that read like ``diff`` and take seconds to draw. They get all files of the groups in
+``DRAWN``; of each other group only the first of several files."""
 DRAWN = {"contents", "impostors"}
 
 

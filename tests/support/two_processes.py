@@ -29,8 +29,8 @@ PATIENCE_S = 60.0
 
 
 TURN_S = 0.05
-"""Minimum gap in the emulator's poses, s, that its own turns never leave: 20 ms and a control
-period."""
+"""Gap between the emulator's poses that shows a pause, s: its own turns leave at most 20 ms and a
+control period."""
 
 
 class Command:

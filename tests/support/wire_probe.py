@@ -83,7 +83,7 @@ class WireProbe:
         self._sent_us = 0
         self._turned_us = self._heard_us = now_us()
         self.held_up_us = 0
-        """Longest pause of this check in which the machine may not have run either end, µs."""
+        """Longest pause of this check during which one end may not have run, µs."""
 
     # ---- the wire -------------------------------------------------------------------------
 

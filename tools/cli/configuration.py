@@ -114,7 +114,7 @@ class Configuration:
     """Content of all configuration files."""
 
     files: tuple[tuple[Path, bool], ...] = ()
-    """Files in the order in which they count, the weakest first, and whether each exists."""
+    """Files in ascending order of precedence, and whether each exists."""
     defaults: Mapping[str, Value] = field(default_factory=dict)
     robots: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
 
@@ -189,7 +189,7 @@ def _read(path: Path) -> tuple[Defaults, dict[str, NamedRobot]] | None:
 
 _TABLES = ("defaults", "robots")
 _NO_NAME = "/\\:. "
-"""Characters that a port may have and the name of a robot has not."""
+"""Characters that are allowed in a port, but not in the name of a robot."""
 
 
 def _table(value: object, path: str, problems: list[str]) -> dict[str, Any]:

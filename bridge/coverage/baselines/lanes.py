@@ -49,7 +49,7 @@ class LaneOptions:
     """Rest at the end of each lane; the gyro bias is measured in its second half. With an error of
     0.01 °/s a run of case 1 would end 2° off. 0: no rest."""
     min_step_m: float = 0.02
-    """A step is never shorter, however far a lane strayed towards the next one."""
+    """Minimum length of a side step, m, however far a lane strayed towards the next one."""
     both_ends_widths: float = 1.0
     """Length in W from which a lane has two ends. The ends of a shorter lane are the same place,
     so two blocked steps there count as one. Only for ``last_partial_lane``."""

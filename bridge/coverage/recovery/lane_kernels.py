@@ -27,12 +27,12 @@ class LanePrices:
     """Costs of a lane."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
-    """Along the lane and on the way to it."""
+    """Speed along the lane and on the way to it, cm/s."""
     turn_s_rad = cython.declare(cython.double, visibility="public")
     stop_s = cython.declare(cython.double, visibility="public")
     """Time for each stop, s."""
     frontier = cython.declare(cython.double, visibility="public")
-    """Cells for each edge cell that the lane leaves behind."""
+    """Cost of each edge cell that the lane leaves behind, cells."""
     heading_rad = cython.declare(cython.double, visibility="public")
     """Direction of the image's rows, in the frame of the robot's heading, rad."""
     cell_cm = cython.declare(cython.double, visibility="public")
@@ -78,7 +78,7 @@ class BestLane:
     """The best lane so far."""
 
     score = cython.declare(cython.double, visibility="public")
-    """New cells per second, the frontier's price taken off; 0: there is no lane."""
+    """New cells per second, less the cost of the frontier; 0: there is no lane."""
     row = cython.declare(cython.int, visibility="public")
     first = cython.declare(cython.int, visibility="public")
     """First column of the axle; ``last`` is its last one."""
@@ -86,7 +86,7 @@ class BestLane:
     backwards = cython.declare(cython.bint, visibility="public")
     """Whether the lane begins at ``last``."""
     new = cython.declare(cython.int, visibility="public")
-    """Cells."""
+    """Number of new cells."""
 
     def __init__(self) -> None:
         """No lane yet."""

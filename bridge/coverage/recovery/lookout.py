@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _CHECK_M = 0.05
 """Path between two checks whether a perimeter pass is closed, m."""
 _MOSTLY = 0.8
-"""Unswept share of the floor before such a wall that ends a lane."""
+"""Unswept share of the floor before a wall beside the lane above which the lane ends."""
 CLOSED_M = 0.25
 """Path before a perimeter pass can be closed, m: it may begin on floor that a lane has swept."""
 _STRAIGHT_RAD_S = 0.3

@@ -20,9 +20,9 @@ _RING = cython.declare(cython.int, 64)
 STRAIGHT, DIAGONAL = _STRAIGHT, _DIAGONAL
 """Cost of a step between cells."""
 TIGHT = _TIGHT
-"""A step next to where the axle cannot be costs this many times more."""
+"""Factor on the cost of a step next to where the axle cannot be."""
 RING = _RING
-"""Buckets of the search: more than the dearest step costs; a power of two."""
+"""Number of buckets of the search: more than the cost of the dearest step; a power of two."""
 
 
 @cython.final
@@ -31,9 +31,9 @@ class Search:
     """How far a search for ways has come."""
 
     level = cython.declare(cython.int, visibility="public")
-    """Cost of the ways that are being settled."""
+    """Cost of the paths that are being settled."""
     waiting = cython.declare(cython.int, visibility="public")
-    """Cells in all buckets that are not settled yet."""
+    """Number of cells in all buckets that are not settled yet."""
     taken = cython.declare(cython.int, visibility="public")
     """Number of cells of the bucket ``level`` that were processed."""
 

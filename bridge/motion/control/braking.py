@@ -21,7 +21,7 @@ class Braking:
     """
 
     decel: float
-    """m/s² (rad/s²)."""
+    """Deceleration, m/s² (rad/s²)."""
     latency_s: float = 0.0
     creep: float = 0.0
     """Lowest approach speed, m/s (rad/s): below it wheels stick, and the robot never arrives."""

@@ -31,10 +31,11 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
-"""Wall following drives into inner corners, because the floor that it stops short of stays
-unswept. It rounds a leg that is too thin for the beam completely."""
+"""Tuning of wall following. The robot drives into inner corners, because floor before which it
+stops stays unswept. It follows a leg that is too thin for the beam all around."""
 _MAX_STEP_S = 0.1
-"""A longer gap between steps (a pause) is not integrated into filters and timeouts."""
+"""Maximum gap between steps, s. A longer gap (a pause) is not integrated into filters and timeouts.
+"""
 
 
 class LegExecutor:

@@ -12,7 +12,7 @@ class PidGains:
 
     kp: float
     ti_s: float = math.inf
-    """Integral time; infinite: no integral part."""
+    """Integral time, s; infinite: no integral part."""
     td_s: float = 0.0
 
     def __post_init__(self) -> None:

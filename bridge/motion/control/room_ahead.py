@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 _HELD_S = 0.12
-"""Longer than a reading is held: an equal one after this is a new one."""
+"""Age from which an equal reading is a new one, s: longer than a reading is held."""
 _SILENT_S = 0.3
 """Time without an echo after which nothing is ahead, s."""
 _LEAP_M = 0.1

@@ -10,17 +10,18 @@ class MotionTuning:
     """Gains and thresholds of the executor; lengths in metres, angles in radians."""
 
     brake_share: float = 0.75
-    """Stop distances use this share of the acceleration limit: the rest is for control."""
+    """Share of the acceleration limit for which stop distances are computed: the rest is for
+    control."""
     lag_s: float = 0.10
     """Time from a command to the wheels' response, s: link, smoothing, motor."""
     creep_m_s: float = 0.025
     """Lowest approach speed, m/s; a contact at this speed is no collision (< 0.03 m/s)."""
     lookahead_m: float = 0.25
-    """Lane keeping aims at the heading line this far ahead."""
+    """Distance ahead of the point on the heading line at which lane keeping aims, m."""
     turn_rate_share: float = 0.75
     """Share of the yaw rate limit used for turns that end at rest: control keeps authority."""
     min_turn_rad_s: float = 0.10
-    """Slowest turn: below it wheels of this size stick."""
+    """Minimum yaw rate of a turn, rad/s: at a lower one, wheels of this size stick."""
     heading_tolerance_rad: float = 0.004
     flow_rad: float = 0.02
     """Maximum heading error at which a turn may flow into the next leg, rad; the next leg corrects

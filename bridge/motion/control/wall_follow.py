@@ -33,9 +33,9 @@ class FollowState(enum.StrEnum):
     CORNER = "corner"
     """The wall has ended abeam at an outer corner, which the robot rounds."""
     LOST = "lost"
-    """No wall, nor one found round the corner: it halts."""
+    """The wall is lost, and none was found round the corner: the robot halts."""
     BLOCKED = "blocked"
-    """Something ahead (an inner corner, a bumper, a cliff): it halts."""
+    """Something is ahead (an inner corner, a bumper, a cliff): the robot halts."""
 
 
 class FollowStep(NamedTuple):
@@ -56,7 +56,7 @@ class FollowTuning:
     """Gains and limits; lengths in metres, angles in radians."""
 
     lookahead_m: float = 0.15
-    """The heading aims at the set line this far ahead."""
+    """Distance ahead of the point on the set line at which the heading aims, m."""
     integral_s: float = 2.5
     """Integral time of the distance controller, s: along a round column the robot stands off by a
     few degrees."""
@@ -67,7 +67,8 @@ class FollowTuning:
     touch_m_s: float = 0.015
     """Maximum lateral speed at which contact is sought, m/s: half of a collision's minimum."""
     press_m: float = 0.004
-    """Light contact aims this far into the wall, so that range noise does not lift it off."""
+    """Depth inside the wall at which light contact aims, m, so that range noise does not lift it
+    off."""
     corner_gap_m: float = 0.005
     """Minimum gap at which a corner is circled, m: the corner's estimated place is no more precise.
     """
@@ -77,14 +78,14 @@ class FollowTuning:
     """Minimum difference between reading and prediction that means another surface, m."""
     gate_sigmas: float = 4.0
     round_rad: float = math.radians(200.0)
-    """Turned by this much round a corner without a wall: lost."""
+    """Turn round a corner without a wall after which the wall counts as lost, rad."""
     nudge_s: float = 0.5
     """Maximum time for which the wall beside may press a bumper, s; later, an obstacle ahead
     presses it."""
 
 
 _READING_S = 0.05
-"""Readings come at 20 Hz: an equal one is a new one after this long."""
+"""Age from which an equal reading is a new one, s; readings come at 20 Hz."""
 
 
 class WallFollower:
@@ -399,7 +400,7 @@ _PRESSED_RAD = math.radians(5.0)
 """Minimum heading into the wall with a pressed bumper switch, rad: its shell ends before the
 side."""
 _SURE_RAD = 0.1
-"""A direction less sure than this is steered by in proportion."""
+"""Standard deviation of a wall's direction above which steering is reduced in proportion, rad."""
 _CORNER_M_S = 0.09
 """Speed around a corner, m/s: a contact there is about 72° off the heading and harmless, 0.028 m/s
 along the normal."""
