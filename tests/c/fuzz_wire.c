@@ -1,5 +1,5 @@
-/* libFuzzer: whatever comes, nothing is read or written out of bounds, and what is accepted says
- * the same when it is written again.
+/* libFuzzer: no input causes a read or write out of bounds, and every accepted message is equal
+ * after encoding and decoding it again.
  *
  *   first byte 0: a stream for the parser, cut in blocks whose sizes it names
  *              1: a frame's content, so that the check never hides the decoders

@@ -1,5 +1,5 @@
-/* The inbox between two threads, which neither compiler nor processor keeps in order by itself:
- * under ThreadSanitizer each unordered access is an error. No output if all data arrives in order.
+/* The inbox between two threads. Without barriers, compiler and processor may reorder its
+ * accesses; ThreadSanitizer reports each unordered one. No output if all data arrives in order.
  */
 #include <pthread.h>
 #include <stdio.h>

@@ -27,7 +27,7 @@ void link_sent_handler(void);
 static uint8_t rx[RX_SIZE];
 static uint32_t rx_taken;
 static uint8_t tx[TX_SIZE];
-static volatile uint32_t tx_put, tx_sent; /* bytes ever; their difference waits or is being sent */
+static volatile uint32_t tx_put, tx_sent; /* bytes since boot: queued and sent */
 static volatile uint32_t tx_under_way;
 
 void uart_start(void) {
