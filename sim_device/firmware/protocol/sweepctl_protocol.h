@@ -260,7 +260,7 @@ enum {
     SP_LOG_LEVEL_ERROR = 3
 };
 
-/* What moves the wheels. */
+/* Mode: the source of motion. */
 enum {
     SP_MODE_IDLE = 0,
     SP_MODE_VELOCITY = 1,
@@ -546,7 +546,7 @@ static inline size_t sp_time_request_frame(
 }
 #endif
 
-/* describe (0x08, host): Ask how the device declares one message. */
+/* describe (0x08, host): Ask for the device's declaration of one message. */
 #define SP_TYPE_DESCRIBE 0x08u
 #define SP_DESCRIBE_SIZE 2u
 typedef struct {
@@ -638,7 +638,7 @@ static inline uint8_t sp_wheel_duty_time_to_live_from_s(float value)
 #endif
 #endif
 
-/* describe_enum (0x0C, host): Ask how the device numbers one enumeration. */
+/* describe_enum (0x0C, host): Ask for the device's numbering of one enumeration. */
 #define SP_TYPE_DESCRIBE_ENUM 0x0Cu
 #define SP_DESCRIBE_ENUM_SIZE 5u
 typedef struct {
@@ -973,7 +973,7 @@ static inline size_t sp_hello_frame(
     return length < 0 ? 0u : sp_seal(frame, sender, SP_TYPE_HELLO, t_us, (size_t)length);
 }
 
-/* describe_reply (0x1C, device): How the device declares one message. */
+/* describe_reply (0x1C, device): The device's declaration of one message. */
 #define SP_TYPE_DESCRIBE_REPLY 0x1Cu
 #define SP_DESCRIBE_REPLY_SIZE 7u
 typedef struct {
@@ -1053,7 +1053,7 @@ static inline int16_t sp_imu_info_zero_from_deg_c(float value)
 #endif
 #endif
 
-/* describe_enum_reply (0x1E, device): How the device numbers one enumeration. */
+/* describe_enum_reply (0x1E, device): The device's numbering of one enumeration. */
 #define SP_TYPE_DESCRIBE_ENUM_REPLY 0x1Eu
 #define SP_DESCRIBE_ENUM_REPLY_SIZE 9u
 typedef struct {
