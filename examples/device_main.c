@@ -108,7 +108,7 @@ static void send_status(uint32_t now_us)
 
 /* ---- safety --------------------------------------------------------------------------------- */
 
-static void let_go(void)
+static void release_motion(void)
 {
     device.setpoint_live = false;
     board_drive(0.0f, 0.0f);
@@ -119,7 +119,7 @@ static void latch(uint8_t cause)
 {
     device.stop_cause = sp_latched_cause(device.stop_cause, cause);
     device.mode = SP_MODE_IDLE;
-    let_go();
+    release_motion();
 }
 
 static void link_lost(void)
@@ -128,7 +128,7 @@ static void link_lost(void)
         latch(SP_STOP_CAUSE_LINK);
     }
     device.mode = SP_MODE_IDLE;
-    let_go();
+    release_motion();
     device.negotiated = false;
     device.delay_known = false;
     device.counter_known = false;
@@ -210,7 +210,7 @@ static bool carry_out(const sp_frame_t *frame, uint8_t *reason)
             return refuse(SP_NACK_REASON_STOP_LATCHED, reason);
         }
         device.mode = set.mode;
-        let_go();
+        release_motion();
         return true;
     }
     return refuse(SP_NACK_REASON_UNSUPPORTED, reason);
@@ -402,7 +402,7 @@ static void control(uint32_t tick, uint32_t now_us)
     }
     if (device.setpoint_live && now_us - device.until_us < 0x80000000u) {
         device.faults |= SP_FAULT_SETPOINT_EXPIRED;
-        let_go(); /* no latch: new setpoints move the robot again */
+        release_motion(); /* no latch: new setpoints move the robot again */
     }
     if (device.negotiated) {
         stream(tick, now_us);

@@ -59,7 +59,7 @@ static void end(int number)
     ended = 1;
 }
 
-static void begin_life(uint8_t reset_cause)
+static void begin_boot(uint8_t reset_cause)
 {
     booted_us = clock_us();
     slept_us = 0;
@@ -92,7 +92,7 @@ void board_start(firmware_t *firmware)
     memset(pages, 0xFF, sizeof pages);
     memcpy(identity.uid, "on a desk 01", sizeof identity.uid);
     moved_us = clock_us();
-    begin_life(SP_RESET_CAUSE_POWER_ON);
+    begin_boot(SP_RESET_CAUSE_POWER_ON);
     printf("ready %s\n", ptsname(master));
     (void)fflush(stdout);
 }
@@ -134,7 +134,7 @@ void board_watchdog_feed(board_t *board)
 
 void board_reboot(board_t *board)
 {
-    begin_life(SP_RESET_CAUSE_SOFTWARE);
+    begin_boot(SP_RESET_CAUSE_SOFTWARE);
     firmware_boot(device, board);
 }
 

@@ -7,7 +7,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static void to_nowhere(void *to, const uint8_t *data, size_t length)
+static void discard(void *to, const uint8_t *data, size_t length)
 {
     (void)to;
     (void)data;
@@ -42,10 +42,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     script_begin(LIFE_US);
     if (data[0] % 4u == 1u) {
-        (void)script_take(driving, sizeof driving, to_nowhere, NULL);
+        (void)script_take(driving, sizeof driving, discard, NULL);
     } else if (data[0] % 4u >= 2u) {
-        (void)script_take(planning, sizeof planning, to_nowhere, NULL);
+        (void)script_take(planning, sizeof planning, discard, NULL);
     }
-    (void)script_take(data + 1, size - 1u, to_nowhere, NULL);
+    (void)script_take(data + 1, size - 1u, discard, NULL);
     return 0;
 }

@@ -15,7 +15,7 @@
  *                                               because a fuzzer cannot guess it
  *   'P' u16 periods                             lose the supply this many control periods after the
  *                                               next save has begun: the flash stays as it is then
- * Each 'S' is answered by one record: see tell().
+ * Each 'S' is answered by one record: see write_result().
  */
 #include "script.h"
 
@@ -298,7 +298,7 @@ static void poll(void)
 }
 
 /* Run for `for_us`: run every control period at its due time. */
-static void live(uint32_t for_us)
+static void run_for(uint32_t for_us)
 {
     const uint64_t left_us = lives.end_us - lives.now_us;
     const uint64_t until_us = lives.now_us + (for_us < left_us ? for_us : left_us);
@@ -359,7 +359,7 @@ static void put_watchdog(const writer_t *writer, const watchdog_t *watchdog)
     put(writer, (uint64_t)watchdog->until_us, 8);
 }
 
-static void tell(const writer_t *writer)
+static void write_result(const writer_t *writer)
 {
     const firmware_t *const state = &device;
     put(writer, (uint64_t)state->now_us, 8);
@@ -387,9 +387,9 @@ static void take_step(reader_t *reader, const writer_t *writer)
 {
     const uint32_t for_us = take(reader, 4);
     const size_t length = take(reader, 2);
-    live(for_us);
+    run_for(for_us);
     deliver(reader->data, length);
-    tell(writer);
+    write_result(writer);
     poll(); /* the line is idle now: an answered reboot happens */
 }
 

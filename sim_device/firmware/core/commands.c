@@ -88,7 +88,7 @@ static int set_parameter(firmware_t *firmware, const sp_frame_t *frame)
 
 static bool idle(const firmware_t *firmware)
 {
-    return modes_told(firmware->control.state) == SP_MODE_IDLE;
+    return modes_wire_mode(firmware->control.state) == SP_MODE_IDLE;
 }
 
 static int save_parameters(firmware_t *firmware)
@@ -171,7 +171,7 @@ static int reboot(firmware_t *firmware, const sp_frame_t *frame)
 }
 
 /* The payload was checked before: it is as long as its message. */
-static int carry_out(firmware_t *firmware, const sp_frame_t *frame)
+static int execute(firmware_t *firmware, const sp_frame_t *frame)
 {
     if (!firmware->negotiated) {
         return SP_NACK_REASON_NO_SESSION;
@@ -218,7 +218,7 @@ void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us)
 }
 
 /* Also for a repeated command: its value may have been lost. */
-static void tell_value(firmware_t *firmware, uint8_t number, int64_t now_us)
+static void send_value(firmware_t *firmware, uint8_t number, int64_t now_us)
 {
     sp_parameter_value_t value;
     if (parameters_describe(&firmware->parameters, number, &value)) {
@@ -297,14 +297,14 @@ void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now
         if (command_log_is_stale(&firmware->commands, firmware->session_id, id)) {
             return;
         }
-        const int reason = carry_out(firmware, frame);
+        const int reason = execute(firmware, frame);
         const reply_t new_reply = {firmware->session_id, id, frame->type, true, reason == DONE,
             reason == DONE ? (uint8_t)0 : (uint8_t)reason};
         reply = command_log_add(&firmware->commands, &new_reply);
     }
     if (reply->accepted
         && (frame->type == SP_TYPE_GET_PARAMETER || frame->type == SP_TYPE_SET_PARAMETER)) {
-        tell_value(firmware, frame->payload[2], now_us);
+        send_value(firmware, frame->payload[2], now_us);
     }
     if (saves && flash_store_busy(&firmware->flash)) {
         firmware->save_reply = *reply; /* sent once they are stored */

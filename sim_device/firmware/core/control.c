@@ -152,7 +152,7 @@ void control_forget_host(control_t *control)
 
 /* ---- time ----------------------------------------------------------------------------------- */
 
-static int16_t steps_of(float duty)
+static int16_t duty_steps(float duty)
 {
     return (int16_t)sp_round(duty * BOARD_DUTY_ONE, -BOARD_DUTY_ONE, BOARD_DUTY_ONE);
 }
@@ -217,7 +217,7 @@ static void switch_drivers(control_t *control, state_t state, const motors_t *mo
     }
 }
 
-static void tell_faults(control_t *control, uint16_t bits)
+static void log_faults(control_t *control, uint16_t bits)
 {
     const uint16_t now = (uint16_t)(bits & ~control->told_bits);
     const uint16_t gone = (uint16_t)(control->told_bits & ~bits);
@@ -272,7 +272,7 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
         control->expired = false;
     }
     const duties_t duties = drive(control, tick, readings, around);
-    motors_t motors = {steps_of(duties.left), steps_of(duties.right), false};
+    motors_t motors = {duty_steps(duties.left), duty_steps(duties.right), false};
     switch_drivers(control, state, &motors);
     motors.drivers = control->drivers;
     health_tick(&control->health, readings, &control->wheels, motors.left, motors.right);
@@ -281,7 +281,7 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
             control->model.metres_per_count);
     }
     if (control->health.bits != control->told_bits) {
-        tell_faults(control, control->health.bits);
+        log_faults(control, control->health.bits);
     }
     if (control->state != STATE_STOPPED) {
         judge(control);
@@ -320,7 +320,7 @@ const watchdog_t *control_watchdog(const control_t *control)
 void control_planner_state(const control_t *control, sp_planner_state_t *out)
 {
     if (control->planned) {
-        onboard_tell(&control->plan, out);
+        onboard_state(&control->plan, out);
     } else {
         const sp_planner_state_t none = {0};
         *out = none;

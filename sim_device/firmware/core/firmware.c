@@ -62,7 +62,7 @@ static void read_power(firmware_t *firmware)
     control_power(&firmware->control, &power);
 }
 
-static void carry_on_saving(firmware_t *firmware)
+static void continue_save(firmware_t *firmware)
 {
     const flash_result_t result = flash_store_step(&firmware->flash, firmware->board);
     if (result != FLASH_NOTHING) {
@@ -71,7 +71,7 @@ static void carry_on_saving(firmware_t *firmware)
 }
 
 /* `stopped`: a stop from any sender is to be answered. */
-static void tell(firmware_t *firmware, bool stopped)
+static void send_telemetry(firmware_t *firmware, bool stopped)
 {
     for (unsigned i = 0; i < STREAMS; i++) {
         if ((i == STREAM_STATUS && stopped)
@@ -105,7 +105,7 @@ static void period(firmware_t *firmware)
         &firmware->readings, sounded ? readings_around(&firmware->readings) : NULL);
     board_motors(firmware->board, motors.left, motors.right);
     board_drivers(firmware->board, motors.drivers);
-    carry_on_saving(firmware);
+    continue_save(firmware);
     /* The supply is measured even if no stream reports it. */
     if (due(firmware, POWER_PERIODS, POWER_PHASE)
         || schedule_due(&firmware->schedule, STREAM_POWER, firmware->tick, firmware->ticks)) {
@@ -117,7 +117,7 @@ static void period(firmware_t *firmware)
     const bool stopped = firmware->status_wanted;
     firmware->status_wanted = false;
     if (firmware->negotiated) {
-        tell(firmware, stopped);
+        send_telemetry(firmware, stopped);
         return;
     }
     if (stopped) {

@@ -20,7 +20,7 @@ static bool cover(covered_t *covered, uint16_t id, const uint8_t *data, size_t l
 }
 
 /* All parts of one message carry the same stamp first. */
-static bool goes_on(const covered_t *covered, const sp_can_frame_t *in)
+static bool continues(const covered_t *covered, const sp_can_frame_t *in)
 {
     return covered->length > 3u + STAMP && memcmp(covered->bytes + 3, in->data, STAMP) == 0;
 }
@@ -28,7 +28,7 @@ static bool goes_on(const covered_t *covered, const sp_can_frame_t *in)
 void held_note(held_t *held, const sp_can_receiver_t *receiver, const sp_can_frame_t *in)
 {
     const bool whole = receiver->content != NULL;
-    if (whole || !goes_on(&held->newest, in)) {
+    if (whole || !continues(&held->newest, in)) {
         held->newest.length = 0;
     }
     if (!(whole ? cover(&held->newest, in->id, receiver->content, receiver->content_length)
@@ -37,7 +37,7 @@ void held_note(held_t *held, const sp_can_receiver_t *receiver, const sp_can_fra
     }
 }
 
-static void give(held_t *held, sp_frame_t *frame)
+static void hand_over(held_t *held, sp_frame_t *frame)
 {
     *frame = held->frame;
     held->waiting = false;
@@ -51,7 +51,7 @@ bool held_swap(held_t *held, uint32_t came_us, sp_frame_t *frame)
         return true; /* no guarded message is so long: it counts as untagged */
     }
     if (before) {
-        give(held, frame);
+        hand_over(held, frame);
     }
     held->buffer ^= 1u;
     held->waiting = true;
@@ -77,7 +77,7 @@ bool held_tagged(held_t *held, authentication_t *keys, const sp_can_frame_t *in,
             keys, held->covered.bytes, held->covered.length, in->data, in->length)) {
         return false;
     }
-    give(held, frame);
+    hand_over(held, frame);
     frame->flags |= SP_FLAG_AUTHENTICATED;
     return true;
 }
@@ -88,6 +88,6 @@ bool held_late(held_t *held, uint32_t now_us, sp_frame_t *frame, uint32_t *came_
         return false;
     }
     *came_us = held->came_us;
-    give(held, frame);
+    hand_over(held, frame);
     return true;
 }

@@ -79,7 +79,7 @@ outcome_t modes_fire(state_t *state, event_t event, unsigned holding)
     return outcome;
 }
 
-uint8_t modes_told(state_t state)
+uint8_t modes_wire_mode(state_t state)
 {
     static const uint8_t mode[STATES] = {
         SP_MODE_IDLE, /* stopped */

@@ -54,7 +54,7 @@ typedef struct {
 outcome_t modes_fire(state_t *state, event_t event, unsigned holding);
 
 /* Return the SP_MODE_* of a state for the status message. */
-uint8_t modes_told(state_t state);
+uint8_t modes_wire_mode(state_t state);
 
 /* Return whether the state has a plan. */
 static inline bool modes_planning(state_t state)

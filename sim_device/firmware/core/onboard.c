@@ -141,7 +141,7 @@ static uint8_t phase(const onboard_t *plan)
     return phases[at];
 }
 
-void onboard_tell(const onboard_t *plan, sp_planner_state_t *out)
+void onboard_state(const onboard_t *plan, sp_planner_state_t *out)
 {
     const paper_t *const paper = &plan->paper;
     const bool returns = paper->at == AT_RETURN;

@@ -57,6 +57,6 @@ velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings
 const char *onboard_finish_reason(const onboard_t *plan);
 
 /* Return the paper's variables and the target point; without a target, the robot's position. */
-void onboard_tell(const onboard_t *plan, sp_planner_state_t *out);
+void onboard_state(const onboard_t *plan, sp_planner_state_t *out);
 
 #endif

@@ -42,7 +42,7 @@ static void decide(log_t *log, const char *kind, const char *what, const char *w
     text_add(line, why);
 }
 
-static void tell_blocked(log_t *log, const leg_t *leg, leg_end_t reason)
+static void log_blocked(log_t *log, const leg_t *leg, leg_end_t reason)
 {
     text_t *const line = log_begin(log, SP_LOG_LEVEL_INFO);
     text_add(line, "blocked: ");
@@ -127,7 +127,7 @@ static bool back_off(paper_t *paper, float heading_rad)
 }
 
 /* Begin the next part of the lane or side step in progress; return false if it is done. */
-static bool go_on(paper_t *paper, const leg_result_t *result)
+static bool continue_lane(paper_t *paper, const leg_result_t *result)
 {
     const bool lane = paper->at == AT_LANE || paper->at == AT_OCCLUDED_LANE;
     switch (paper->part) {
@@ -264,7 +264,7 @@ static void sweep_occluded(paper_t *paper, log_t *log)
 static void after_recovery_back(paper_t *paper, log_t *log)
 {
     if (is_short(paper)) {
-        tell_blocked(log, &paper->main, paper->ended.reason);
+        log_blocked(log, &paper->main, paper->ended.reason);
     }
     paper->occluded = paper->ended.pose;
     paper->until_m = offset_m(paper, &paper->leave) - 0.5f * paper->width_m;
@@ -284,7 +284,7 @@ static void after_occluded_step(paper_t *paper, log_t *log)
     const bool blocked = is_short(paper);
     paper->occluded = paper->ended.pose;
     if (blocked) {
-        tell_blocked(log, &paper->main, paper->ended.reason);
+        log_blocked(log, &paper->main, paper->ended.reason);
     }
     if (stuck(paper, &paper->occluded_lane, blocked) != NULL) {
         begin_return(paper, log);
@@ -301,7 +301,7 @@ static void after_return(
     if (paper->part == PART_MAIN) {
         paper->ended = *result;
         if (leg_blocked(result->reason)) {
-            tell_blocked(log, &paper->leg, result->reason);
+            log_blocked(log, &paper->leg, result->reason);
         }
         if (back_off(paper, pose->heading_rad)) {
             return;
@@ -327,7 +327,7 @@ static void after_step(paper_t *paper, log_t *log)
 {
     const bool blocked = is_short(paper);
     if (blocked) {
-        tell_blocked(log, &paper->main, paper->ended.reason);
+        log_blocked(log, &paper->main, paper->ended.reason);
     }
     paper->finish_reason = stuck(paper, &paper->lane, blocked);
     if (paper->finish_reason != NULL) {
@@ -361,7 +361,7 @@ bool paper_next(paper_t *paper, const leg_result_t *result, const pose_t *pose, 
         after_return(paper, result, pose, log);
         return true;
     }
-    if (go_on(paper, result)) {
+    if (continue_lane(paper, result)) {
         return true;
     }
     switch (paper->at) {

@@ -49,7 +49,7 @@ void session_hello(firmware_t *firmware, int64_t now_us)
 }
 
 /* Answer a host that uses an unknown session: report identity and boot at once. */
-static void strange(firmware_t *firmware, int64_t now_us)
+static void answer_unknown_session(firmware_t *firmware, int64_t now_us)
 {
     if (!firmware->strange_known || now_us - firmware->strange_us >= STRANGE_PERIOD_US) {
         firmware->strange_known = true;
@@ -82,7 +82,7 @@ static void report_troubles(firmware_t *firmware)
     }
 }
 
-static void tell_crash(firmware_t *firmware)
+static void log_crash(firmware_t *firmware)
 {
     const board_crash_t *const crash = board_identity(firmware->board)->crash;
     if (crash == NULL) {
@@ -129,7 +129,7 @@ static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
         text_add(line, "session with ");
         text_add_foreign(line, hello->name, hello->name_length);
         report_troubles(firmware);
-        tell_crash(firmware);
+        log_crash(firmware);
     }
     session_hello(firmware, now_us);
     return true;
@@ -138,7 +138,7 @@ static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
 static void reply_time(firmware_t *firmware, const sp_time_request_t *request, int64_t arrived_us)
 {
     if (firmware->session_id == 0) {
-        strange(firmware, arrived_us);
+        answer_unknown_session(firmware, arrived_us);
         return;
     }
     const sp_time_reply_t reply = {request->ping, (uint32_t)arrived_us};
@@ -181,7 +181,7 @@ static void setpoint(
     firmware_t *firmware, const sp_velocity_setpoint_t *wanted, int64_t extra, int64_t arrived_us)
 {
     if (firmware->session_id == 0) {
-        strange(firmware, arrived_us);
+        answer_unknown_session(firmware, arrived_us);
     } else if (firmware->negotiated && firmware->control.state == STATE_VELOCITY
         && !control_velocity(&firmware->control, wanted, extra, arrived_us)) {
         firmware->stale++;

@@ -113,7 +113,7 @@ void hmac_key(hmac_key_t *key, const uint8_t *bytes, size_t length)
     key_block(key->outer, bytes, length, OUTER);
 }
 
-static void go_on(sha256_t *hash, const uint32_t state[8])
+static void start_from(sha256_t *hash, const uint32_t state[8])
 {
     memcpy(hash->state, state, sizeof hash->state);
     hash->length = SHA256_BLOCK;
@@ -121,13 +121,13 @@ static void go_on(sha256_t *hash, const uint32_t state[8])
 
 void hmac_begin(const hmac_key_t *key, sha256_t *hash)
 {
-    go_on(hash, key->inner);
+    start_from(hash, key->inner);
 }
 
 void hmac_end(const hmac_key_t *key, sha256_t *hash, uint8_t digest[SHA256_SIZE])
 {
     sha256_end(hash, digest);
-    go_on(hash, key->outer);
+    start_from(hash, key->outer);
     sha256_add(hash, digest, SHA256_SIZE);
     sha256_end(hash, digest);
 }

@@ -43,7 +43,7 @@ static void side_tick(side_t *side, pull_t pull, pull_t other)
 }
 
 /* Clear a fault when the counts agree for long enough, as in bring-up mode. */
-static void forgive(signs_t *signs)
+static void clear_agreeing(signs_t *signs)
 {
     unsigned gone = 0;
     if (signs->left.agrees >= AGREES_TICKS) {
@@ -82,7 +82,7 @@ void signs_tick(signs_t *signs, pull_t left, pull_t right)
     side_tick(&signs->left, left, right);
     side_tick(&signs->right, right, left);
     if (signs->bits != 0) {
-        forgive(signs);
+        clear_agreeing(signs);
     } else {
         signs->bits = verdict(&signs->left, &signs->right);
     }

@@ -76,7 +76,7 @@ static int status(const firmware_t *firmware, uint8_t *payload)
     const control_t *const control = &firmware->control;
     const uint32_t left_ms =
         watchdog_left_us(control_watchdog(control), firmware->now_us) / 1000u;
-    const sp_status_t message = {modes_told(control->state), control->latch.cause,
+    const sp_status_t message = {modes_wire_mode(control->state), control->latch.cause,
         control_faults(control),
         (uint8_t)(left_ms < TIME_TO_LIVE_MS_MAX ? left_ms : TIME_TO_LIVE_MS_MAX),
         firmware->load_percent};

@@ -51,7 +51,7 @@ static float measure_both(wheels_t *wheels, const board_encoders_t *counts)
     return first ? PERIOD_S : smaller(since_s, SINCE_MAX_S);
 }
 
-static void let_go(wheel_t *wheel)
+static void release_wheel(wheel_t *wheel)
 {
     wheel->integral = 0.0f;
     wheel->stalled = 0;
@@ -67,7 +67,7 @@ static float control(wheel_t *wheel, float target_m_s, float scale, float since_
     } else if (target_m_s < -LEAST_TARGET_M_S) {
         base -= ROBOT_FRICTION;
     } else if (absolute(speed) < REST_M_S) {
-        let_go(wheel);
+        release_wheel(wheel);
         return 0.0f;
     }
     if (far > STALL_TARGET_M_S && absolute(speed) < 0.1f * far) {
@@ -125,8 +125,8 @@ duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s,
 void wheels_coast(wheels_t *wheels, const board_encoders_t *counts, duties_t duties)
 {
     (void)measure_both(wheels, counts);
-    let_go(&wheels->left);
-    let_go(&wheels->right);
+    release_wheel(&wheels->left);
+    release_wheel(&wheels->right);
     wheels->left.duty = duties.left;
     wheels->right.duty = duties.right;
     wheels->v_m_s = 0.0f;
@@ -135,13 +135,13 @@ void wheels_coast(wheels_t *wheels, const board_encoders_t *counts, duties_t dut
 }
 
 /* Return a duty nearer to 0; `target_m_s` was the wheel's last ramp value. */
-static float let_fall(const wheels_t *wheels, wheel_t *wheel, float target_m_s)
+static float falling_duty(const wheels_t *wheels, wheel_t *wheel, float target_m_s)
 {
     if (!wheels->released) {
         const float periods = absolute(target_m_s) / wheels->v_step_m_s + RELEASE_PERIODS;
         wheel->fall = absolute(wheel->duty) / periods;
     }
-    let_go(wheel);
+    release_wheel(wheel);
     wheel->duty = towards(wheel->duty, 0.0f, wheel->fall);
     return wheel->duty;
 }
@@ -151,8 +151,8 @@ duties_t wheels_release(wheels_t *wheels, const board_encoders_t *counts)
     const float turn = wheels->half_base_m * wheels->yaw_rate_rad_s;
     (void)measure_both(wheels, counts);
     const duties_t duties = {
-        let_fall(wheels, &wheels->left, wheels->v_m_s - turn),
-        let_fall(wheels, &wheels->right, wheels->v_m_s + turn),
+        falling_duty(wheels, &wheels->left, wheels->v_m_s - turn),
+        falling_duty(wheels, &wheels->right, wheels->v_m_s + turn),
     };
     wheels->v_m_s = towards(wheels->v_m_s, 0.0f, wheels->v_step_m_s);
     wheels->yaw_rate_rad_s =

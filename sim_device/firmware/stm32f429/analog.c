@@ -20,7 +20,7 @@ static const struct {
 static uint32_t to_come; /* remaining conversions of all rounds, a millisecond ago */
 static uint32_t fresh_us; /* time of the last new ones */
 
-static void go_round(void) {
+static void start_rounds(void) {
     dma_stream_t *const stream = &DMA2->stream[0];
     ADC1->cr2 = 0; /* the next round begins with the first channel */
     stream->cr = 0;
@@ -62,7 +62,7 @@ void analog_start(void) {
     for (unsigned i = 0; i < 3u; i++) {
         ADC1->sqr[i] = order[i];
     }
-    go_round();
+    start_rounds();
 }
 
 /* 13.8.1: after an overrun the ADC requests no DMA until OVR is cleared and the stream is set up
@@ -71,7 +71,7 @@ void analog_start(void) {
 void analog_millisecond(void) {
     const uint32_t left = DMA2->stream[0].ndtr;
     if ((ADC1->sr & ADC_SR_OVR) != 0) {
-        go_round();
+        start_rounds();
     } else if (left != to_come) {
         fresh_us = uptime_us();
     }

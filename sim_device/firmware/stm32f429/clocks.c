@@ -4,7 +4,7 @@
 
 #define HSE_TURNS 200000u /* of a loop of about ten cycles at 16 MHz: 0.1 s */
 
-static bool waits_for(const volatile uint32_t *at, uint32_t mask, uint32_t value) {
+static bool wait_until(const volatile uint32_t *at, uint32_t mask, uint32_t value) {
     for (uint32_t i = 0; i < HSE_TURNS; i++) {
         if ((*at & mask) == value) {
             return true;
@@ -30,7 +30,7 @@ bool clocks_start(void) {
     RCC->cr |= RCC_CR_HSEBYP; /* 6.3.1: while HSEON is off */
 #endif
     RCC->cr |= RCC_CR_HSEON;
-    const bool crystal = waits_for(&RCC->cr, RCC_CR_HSERDY, RCC_CR_HSERDY);
+    const bool crystal = wait_until(&RCC->cr, RCC_CR_HSERDY, RCC_CR_HSERDY);
     const uint32_t divider = crystal ? BOARD_HSE_MHZ : 16u;
     RCC->pllcfgr = divider | 336u << 6 | 7u << 24 | /* P is 00: by two */
                    (crystal ? RCC_PLLCFGR_SRC_HSE : 0u);
@@ -38,9 +38,9 @@ bool clocks_start(void) {
     /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. */
     FLASH->acr = FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
     RCC->cfgr = RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2;
-    if (waits_for(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY)) {
+    if (wait_until(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY)) {
         RCC->cfgr |= RCC_CFGR_SW_PLL;
-        (void)waits_for(&RCC->cfgr, RCC_CFGR_SWS_MASK, RCC_CFGR_SWS_PLL);
+        (void)wait_until(&RCC->cfgr, RCC_CFGR_SWS_MASK, RCC_CFGR_SWS_PLL);
     }
     TIM2->psc = TIMER_APB1_HZ / 1000000u - 1u;
     TIM2->arr = 0xFFFFFFFFu;
@@ -73,7 +73,7 @@ uint32_t boot_id(const uint8_t uid[12]) {
     RNG->cr = RNG_CR_EN;
     uint32_t drawn[2] = {0, 0};
     for (unsigned i = 0; i < 2u; i++) {
-        if (waits_for(&RNG->sr, RNG_SR_DRDY | RNG_SR_FAULTS, RNG_SR_DRDY)) {
+        if (wait_until(&RNG->sr, RNG_SR_DRDY | RNG_SR_FAULTS, RNG_SR_DRDY)) {
             drawn[i] = RNG->dr;
         }
     }
@@ -90,32 +90,32 @@ uint32_t boot_id(const uint8_t uid[12]) {
 
 enum { MODE_INPUT, MODE_OUTPUT, MODE_ALTERNATE, MODE_ANALOG };
 
-static void two_bits(reg_t *reg, unsigned pin, uint32_t value) {
+static void set_two_bits(reg_t *reg, unsigned pin, uint32_t value) {
     *reg = (*reg & ~(3u << (2u * pin))) | value << (2u * pin);
 }
 
 void pin_input(unsigned port, unsigned pin, pull_t pull) {
-    two_bits(&GPIO(port)->pupdr, pin, pull);
-    two_bits(&GPIO(port)->moder, pin, MODE_INPUT);
+    set_two_bits(&GPIO(port)->pupdr, pin, pull);
+    set_two_bits(&GPIO(port)->moder, pin, MODE_INPUT);
 }
 
-void pin_output(unsigned port, unsigned pin) { two_bits(&GPIO(port)->moder, pin, MODE_OUTPUT); }
+void pin_output(unsigned port, unsigned pin) { set_two_bits(&GPIO(port)->moder, pin, MODE_OUTPUT); }
 
 void pin_alternate(unsigned port, unsigned pin, unsigned function, pull_t pull, bool open_drain) {
     gpio_regs_t *const gpio = GPIO(port);
     const unsigned shift = 4u * (pin % 8u);
     gpio->afr[pin / 8u] = (gpio->afr[pin / 8u] & ~(15u << shift)) | (uint32_t)function << shift;
     gpio->otyper = (gpio->otyper & ~(1u << pin)) | (open_drain ? 1u << pin : 0u);
-    two_bits(&gpio->pupdr, pin, pull);
-    two_bits(&gpio->ospeedr, pin, 1u); /* medium: 25 MHz */
-    two_bits(&gpio->moder, pin, MODE_ALTERNATE);
+    set_two_bits(&gpio->pupdr, pin, pull);
+    set_two_bits(&gpio->ospeedr, pin, 1u); /* medium: 25 MHz */
+    set_two_bits(&gpio->moder, pin, MODE_ALTERNATE);
 }
 
-void pin_analog(unsigned port, unsigned pin) { two_bits(&GPIO(port)->moder, pin, MODE_ANALOG); }
+void pin_analog(unsigned port, unsigned pin) { set_two_bits(&GPIO(port)->moder, pin, MODE_ANALOG); }
 
 void pin_open_drain(unsigned port, unsigned pin) {
     GPIO(port)->otyper |= 1u << pin;
-    two_bits(&GPIO(port)->moder, pin, MODE_OUTPUT);
+    set_two_bits(&GPIO(port)->moder, pin, MODE_OUTPUT);
 }
 
 void pin_write(unsigned port, unsigned pin, bool high) {

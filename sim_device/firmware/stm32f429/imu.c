@@ -167,7 +167,7 @@ void dma1_stream0_handler(void) {
     newest.sampled_us = stamp_us;
 }
 
-static void start_anew(void) {
+static void restart(void) {
     DMA1->stream[0].cr = 0;
     bus_free();
     failed = identified = false;
@@ -201,7 +201,7 @@ void imu_millisecond(void) {
     }
     irq_restore(state);
     if (broken) {
-        start_anew();
+        restart();
     }
 }
 
