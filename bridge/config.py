@@ -1,7 +1,7 @@
 """The robot file: TOML to a checked :class:`RobotModel`.
 
-Every key of the model may stand in the file, ranges in tables of their own; rules of
-supervision stand in tables ``[supervise.NAME]`` (:mod:`bridge.supervise.settings`)::
+The file may contain every key of the model, and a table for each range sensor. Rules of
+supervision are in tables ``[supervise.NAME]`` (:mod:`bridge.supervise.settings`)::
 
     name = "my sweeper"
     wheel_diameter_m = 0.0648

@@ -81,7 +81,7 @@ class ArgumentError(BridgeError, ValueError):
 
 
 class ParameterError(BridgeError):
-    """A parameter that there is not, or a value that it does not take."""
+    """An unknown parameter, or a value that the parameter does not accept."""
 
     exit_status = 2
 

@@ -1,4 +1,4 @@
-/* A complete device on top of the generated C: hellos until a host agrees, streams, setpoints with
+/* A complete device on top of the generated C: hellos until a handshake, streams, setpoints with
  * a time to live, commands that are executed once, and a stop that stays latched.
  *
  * Build it with sweepctl_protocol.c (`sweepctl generate c --out DIR`) and your own board.h

@@ -57,10 +57,10 @@ LINK_S = 4.0
 """Maximum time until the link counts as fast enough for the first motion, s; four pings take 0.4 s.
 """
 SILENT_NS = 100_000_000
-"""Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
-judges a silence, within a second."""
+"""Minimum silence in which the link is not evaluated, ns: ten frames of the fastest stream. The
+session itself detects a silence within a second."""
 _INCOMPATIBLE = frozenset({EventKind.INCOMPATIBLE, EventKind.VERSION})
-"""Failures of a session in which a device answers and does not agree."""
+"""Failures of a session with a device that answers but is incompatible."""
 M = TypeVar("M", bound="Message")
 R = TypeVar("R")
 
@@ -78,7 +78,7 @@ class Desk:
         timeout_s: float = 10.0,
         records: BenchRecords | None = None,
     ) -> None:
-        """Agree with the device; nothing moves.
+        """Open a session with the device; nothing moves.
 
         ``key`` signs motion commands if the device has a key.
 
@@ -139,7 +139,7 @@ class Desk:
 
     @property
     def ready(self) -> bool:
-        """Whether both ends agree."""
+        """Whether the session is ready."""
         return self.session.state is State.READY
 
     @property
@@ -386,7 +386,7 @@ class Desk:
     def stop(self, cause: StopCause = StopCause.SESSION_END) -> None:
         """Latch a stop; returns once the device has confirmed it.
 
-        Where the session gets no confirmation, or is lost, the stop is sent without it.
+        If the session is lost or gets no confirmation, the stop is sent without a session.
 
         Raises:
             DeviceLostError: the device has not confirmed it.

@@ -64,7 +64,7 @@ class FolderIndex:
     """The index of one folder; close it after use."""
 
     def __init__(self, folder: Path) -> None:
-        """Open or make the index; where the folder cannot be written it is kept in memory.
+        """Open or make the index. If the folder is read-only, the index is kept in memory.
 
         Raises:
             IndexDamagedError: the index exists and is no index.

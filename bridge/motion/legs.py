@@ -74,7 +74,7 @@ class Rest:
 class FollowWall:
     """Drive along the wall on one side, by that side's infrared.
 
-    It ends at an obstacle ahead, where the wall is lost, after ``distance_m``, or when the planner
+    It ends at an obstacle ahead, when the wall is lost, after ``distance_m``, or when the planner
     cancels it.
     """
 

@@ -1,7 +1,7 @@
 """The robot's dimensions, limits and sensor mounts.
 
-Defaults are the paper's values; where the paper is silent they are common parts of a
-robot of this size. A robot file (TOML) may override any of them, see ``bridge.config``.
+Defaults are the paper's values. Values that the paper does not give are those of common parts of
+a robot of this size. A robot file (TOML) may override any of them, see ``bridge.config``.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class StepResponse(NamedTuple):
         return late - self._first_s(0.1) if math.isfinite(late) else math.inf
 
     def settled_s(self, band: float) -> float:
-        """When the value came within ``band`` (its unit) of the target for good; inf: never."""
+        """Return the time after which the value stays within ``band`` of the target, s; or inf."""
         outside = [
             t for t, v in zip(self.time_s, self.value, strict=True) if abs(v - self.target) > band
         ]

@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message, MessageSpec
 
 DUPLICATE_US = 500_000
-"""A frame equal to the last of its identifier within this is that frame again: stamps and
-transfer ids come back no sooner."""
+"""Time within which an equal frame with the same identifier is a duplicate, µs. Stamps and transfer
+ids repeat only later."""
 _SPAN32, _HALF32 = 1 << 32, 1 << 31
 _VERSION = PROTOCOL_VERSION << 4
 _ID_SIZE = 2

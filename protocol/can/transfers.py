@@ -81,7 +81,7 @@ def segments(data: bytes, transfer_id: int) -> list[bytes]:
 
 
 class TransferResult(Enum):
-    """What a segment was."""
+    """Result for one segment."""
 
     PART = "part"
     """Accepted; more segments follow."""
@@ -118,7 +118,7 @@ class Reassembler:
         return sum(len(o.data) for o in self._open.values())
 
     def feed(self, can_id: int, data: bytes, now_us: int) -> bytes | TransferResult:
-        """Take a frame; give the content that it completes, or what it was."""
+        """Take a frame; return the content that it completes, or its result."""
         if not data:
             return TransferResult.STRAY
         piece, tail = data[:-1], data[-1]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Codec:
-    """Encodes and decodes a catalogue's messages, as far as the peer agrees.
+    """Encodes and decodes the messages that host and device share.
 
     If the peer declares other fields of a message, :meth:`limit` sets the number of our fields that
     it shares. Missing fields become None. Additional fields of the peer are skipped and counted.

@@ -183,7 +183,7 @@ def _match(chain: Sequence[int], peer_count: int, peer_chain: int) -> Match:
 
 
 def _judged(comparison: MessageComparison, other_enums: set[str]) -> MessageComparison:
-    """A message whose shared fields use an enumeration with other values is another message."""
+    """Mark a message as different if its shared fields use an enumeration with other values."""
     shared = comparison.spec.fields[: comparison.shared_fields]
     used = {f.enum.__name__ for f in shared if f.enum is not None} & other_enums
     if not used:

@@ -121,7 +121,7 @@ class MessageSpec:
     rate: RateClass
     default_hz: float
     bootstrap: bool
-    """True: needed for agreement itself. It never changes and is decoded before agreement."""
+    """True: needed for the handshake. It never changes and is decoded before the negotiation."""
     to_all: bool
     """True: may be addressed to node 0, which is every device."""
     minimal: bool

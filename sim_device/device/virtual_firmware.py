@@ -281,8 +281,7 @@ class Firmware:
         spec = codec.catalogue.by_type.get(question.described_type)
         if spec is not None and spec.direction is Direction.HOST and not spec.bootstrap:
             # An older host leaves out our last fields; a different host does not send them at all.
-            # Fields that agreement itself needs never change; otherwise agreement would be
-            # impossible.
+            # Fields that the handshake itself needs never change; otherwise it would fail.
             fewer = question.field_count < len(spec.fields)
             codec.limit(spec.type_id, question.field_count if fewer else None)
 

@@ -138,7 +138,7 @@ def _ports(command: click.Command) -> list[str]:
 
 
 def rejections(path: tuple[str, ...], name: str, value: str) -> list[str]:
-    """Names of the option that the command's parser refuses; none is run."""
+    """Return the options that the command's parser rejects, without running it."""
     try:
         ALL[path].make_context(path[-1], [name, value, *_ports(ALL[path])])
     except click.MissingParameter:

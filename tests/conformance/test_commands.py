@@ -75,12 +75,12 @@ def test_before_the_handshake_everything_but_stop_is_rejected(device: Probe) -> 
         if device.has(type(message)):
             reason = device.refusal(make)
             assert reason in {NackReason.NO_SESSION, NackReason.UNKNOWN_COMMAND}, (
-                f"{type(message).__name__} before agreement: {reason}"
+                f"{type(message).__name__} before the handshake: {reason}"
             )
 
 
 def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: Probe) -> None:
-    """The stop that came in between must hold, though the same clear_stop comes again."""
+    """The stop in between must hold, although the same clear_stop arrives again."""
     device.handshake()
     device.stop()
     device.free()
@@ -97,7 +97,7 @@ def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: 
 
 
 def test_a_command_that_comes_again_late_is_not_carried_out_again(device: Probe) -> None:
-    """Sixteen others came in between, and the device keeps sixteen replies."""
+    """Sixteen other commands came in between, and the device keeps sixteen replies."""
     device.handshake()
     device.stop()
     command_id = device.next_id()

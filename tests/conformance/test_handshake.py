@@ -1,4 +1,4 @@
-"""Hello and agreement: identity of the device, and its declarations."""
+"""Hello and handshake: identity of the device, and its declarations."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_nothing_is_streamed_before_the_handshake(device: Probe) -> None:
 
 
 def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
-    """Such as one that was recorded: it is answered, so that its host learns of this boot."""
+    """A recorded hello, for example: the answer contains the present boot id."""
     hello = device.handshake()
     for boot_id in (0, hello.boot_id ^ 1):
         mark = len(device.heard)

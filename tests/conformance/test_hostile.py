@@ -70,7 +70,7 @@ def pings_answered(device: Probe, mark: int) -> list[int]:
 
 
 def quiet(device: Probe) -> None:
-    """A session that is agreed, at a standstill, with few streams in the way."""
+    """Open a session at a standstill, with few streams."""
     device.handshake()
     device.stop()
 
@@ -348,7 +348,7 @@ def test_a_devices_own_message_is_passed_over(device: Probe) -> None:
 
 
 def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
-    """Every other message for all devices is passed over: nothing changes, nobody answers."""
+    """The device ignores every other message to all: nothing changes, and there is no answer."""
     device.handshake()
     device.enter(Mode.VELOCITY)
     before = device.status()

@@ -33,7 +33,7 @@ lag and our own pauses."""
 
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
-    """Free, in a driving mode, at rest, with encoders that come often."""
+    """Clear the stop and enter a driving mode, at rest, with frequent encoders."""
     device.handshake()
     device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.enter(mode)
@@ -248,7 +248,7 @@ def test_another_session_ends_it_and_latches(device: Probe) -> None:
 
 
 def test_it_keeps_to_its_top_speed(device: Probe) -> None:
-    """Asked for ten times what its parameters allow, it turns as fast as they allow."""
+    """At ten times its parameter's limit, it turns as fast as the limit allows."""
     device.handshake()
     device.needs(SetParameter)
     known = {p.name.split()[0]: p for p in every(device)}

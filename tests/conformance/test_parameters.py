@@ -205,7 +205,7 @@ def needs_reboot(parameter: ParameterValue) -> bool:
 
 
 def restore(device: Probe, found: list[ParameterValue]) -> None:
-    """Put the device's own values back, store them, and boot it with them."""
+    """Restore the device's own values, save them, and reboot."""
     device.handshake()
     rejected = [p for p in found if put(device, p, p.value) is not None]
     saved = device.refusal(SaveParameters) is None

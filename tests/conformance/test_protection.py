@@ -43,7 +43,7 @@ off by 1 %."""
 
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
-    """Free, in a driving mode, with encoders that come often."""
+    """Clear the stop and enter a driving mode, with frequent encoders."""
     device.handshake()
     device.refusal(lambda i: SetStreamRate(i, 0x13, 1000))
     device.enter(mode)

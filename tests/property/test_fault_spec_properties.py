@@ -26,13 +26,13 @@ def specs(draw: st.DrawFn) -> FaultSpec:
 
 
 def read_or_rejected(text: str, *, timed: bool = True) -> FaultSpec | None:
-    """The fault; None where it was refused, in one line that keeps the text."""
+    """Return the fault; None if it was rejected, in one line that quotes the text."""
     rejections: list[FaultSpecError] = []
     try:
         return parse_fault(text) if timed else parse_fault_now(text)
     except FaultSpecError as error:
         rejections.append(error)
-    assert [refusal.text for refusal in rejections] == [text]
+    assert [rejection.text for rejection in rejections] == [text]
     assert len(str(rejections[0]).splitlines()) == 1
     return None
 

@@ -1,4 +1,4 @@
-"""The line in time: bytes kept, in order, no faster than the baud rate, delivered as stated."""
+"""The line keeps bytes and their order, is no faster than the baud rate, and is on time."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ class Drive:
         ]
 
     def negotiated(self) -> list[SessionReady]:
-        """Each agreement."""
+        """Return the event of each complete handshake."""
         return [e for _, e in self.events if isinstance(e, SessionReady)]
 
 

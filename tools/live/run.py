@@ -148,7 +148,7 @@ class LiveResult:
     summary: dict[str, Any]
     exit_status: int
     complaints: list[str]
-    """Lines about what went wrong."""
+    """Lines about failures."""
     negotiated: bool = True
     """The handshake succeeded; otherwise there is no log and nothing to sum up."""
 

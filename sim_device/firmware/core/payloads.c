@@ -10,7 +10,7 @@ void payloads_reset(payloads_t *payloads)
 void payloads_described(payloads_t *payloads, const sp_describe_t *question)
 {
     const uint8_t type = question->described_type;
-    /* A bootstrap message is never shortened: agreement itself needs all its fields. */
+    /* A bootstrap message is never shortened: the handshake needs all its fields. */
     if (sp_direction(type) == SP_FROM_HOST && !sp_is_bootstrap(type)) {
         const bool fewer = question->field_count < sp_field_count(type);
         payloads->known_fields[type] = fewer ? (uint8_t)(question->field_count + 1u) : 0u;

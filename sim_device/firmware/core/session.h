@@ -1,4 +1,4 @@
-/* The session with one host: its identity, agreement, and its permission to move the robot. */
+/* The session with one host: its identity, handshake, and its permission to move the robot. */
 #ifndef SESSION_H
 #define SESSION_H
 
@@ -13,8 +13,8 @@ void session_tick(firmware_t *firmware);
 /* Send the device's hello. */
 void session_hello(firmware_t *firmware, int64_t now_us);
 
-/* Send the scale of the IMU's counts: after each hello once a host has agreed, and once a second.
- */
+/* Send the scale of the IMU's counts: after each hello once the handshake is complete,
+ * and once a second. */
 void session_imu_info(firmware_t *firmware, int64_t now_us);
 
 #endif

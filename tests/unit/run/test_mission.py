@@ -156,7 +156,7 @@ def test_a_host_that_signs_is_asked_about_the_key(signed: bool, text: str) -> No
 def test_no_status_is_no_reason_to_wait_for_ever() -> None:
     mission = planned()
     mission.step(None, "imu", 100.0)
-    assert phase(mission) is Phase.WAITING, "before agreement the session keeps the time"
+    assert phase(mission) is Phase.WAITING, "before the handshake the session keeps the time"
     mission.on_ready(100.0)
     mission.step(None, "imu", 100.0)
     mission.step(None, "imu", 100.0 + DATA_TIMEOUT_S)

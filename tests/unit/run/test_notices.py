@@ -86,9 +86,9 @@ def test_a_low_battery_is_noticed_once_and_a_dip_is_not() -> None:
 
 def test_a_loss_is_noticed_once_until_the_device_is_back() -> None:
     run = Watched()
-    lost, agreeing, ready = EventKind.LOST, EventKind.NEGOTIATING, EventKind.READY
+    lost, negotiating, ready = EventKind.LOST, EventKind.NEGOTIATING, EventKind.READY
     assert run.take(session(1.0, lost)) == [NoticeKind.DEVICE_LOST]
-    assert run.take(session(2.0, agreeing), session(3.0, lost)) == []
+    assert run.take(session(2.0, negotiating), session(3.0, lost)) == []
     assert run.take(session(4.0, ready), session(5.0, lost)) == [NoticeKind.DEVICE_LOST]
 
 

@@ -1,4 +1,4 @@
-"""Older, newer, missing and different declarations, agreed on by two real ends."""
+"""Negotiation of older, newer, missing and different declarations by two real ends."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def test_a_bootstrap_message_that_lacks_fields_fails_too(of: type[Message], fiel
 
 @pytest.mark.parametrize("p", [0.0, 0.3])
 def test_negotiation_costs_a_question_a_message(p: float) -> None:
-    """Each answer once set off four questions, which set off four answers each."""
+    """In the past, each answer caused four questions, which caused four answers each."""
 
     def lossy() -> Wire:
         return Lossy(Pipe(3_000), p, random.Random(5))
@@ -200,7 +200,7 @@ def test_negotiation_costs_a_question_a_message(p: float) -> None:
     assert len(questions) <= (2 if p == 0.0 else 8) * len(CATALOGUE.specs)
 
 
-def test_a_device_that_was_flashed_anew_is_not_read_with_the_old_schema() -> None:
+def test_a_reflashed_device_needs_a_new_negotiation() -> None:
     ours = catalogue(more=[OtherSetpoint])
     host = session_end(catalogue=ours)
     ends = Ends(host, sweeper())

@@ -398,5 +398,5 @@ def test_the_hello_of_a_session_is_data_for_the_log() -> None:
     assert hellos[-1].session_id == host.session.session_id
     ends.run(1.0)
     later = [d.received.message for d in host.of(Data)][len(reported) :]
-    assert not any(isinstance(m, Hello) for m in later), "no hello once both agree"
+    assert not any(isinstance(m, Hello) for m in later), "no hello after the handshake"
     assert len(later) > 150

@@ -29,7 +29,7 @@ MIXED_US = (1, 999, 20_000, 7, 13_337)
 
 
 def host_words(boot_id: int) -> list[tuple[int, bytes]]:
-    """Return a host's messages and times: agreement, enabling, three seconds of setpoints."""
+    """Return a host's messages and times: handshake, enabling, three seconds of setpoints."""
     link = Link(Direction.HOST)
     printed: list[tuple[int, bytes]] = []
 

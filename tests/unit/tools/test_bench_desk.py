@@ -22,7 +22,7 @@ PORT = "/dev/robot"
 
 
 class Desk(nullcontext[None]):
-    """A desk that has agreed."""
+    """A desk with a session."""
 
     def __init__(self, *_: object, **__: object) -> None:
         super().__init__(None)

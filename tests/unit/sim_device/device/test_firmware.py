@@ -101,7 +101,7 @@ def test_frames_for_another_node_are_not_obeyed_nor_count_as_a_host() -> None:
     assert bench.cause() is StopCause.LINK, "it is for one device alone"
     assert bench.send(StopAll(), node=0) == []
     assert bench.cause() is StopCause.OPERATOR
-    assert kinds(bench.run(0.01)) == ["Status"], "its answer, though nobody has agreed"
+    assert kinds(bench.run(0.01)) == ["Status"], "its answer, even before a handshake"
 
 
 def _ping_node(bench: Bench, node: int) -> None:
