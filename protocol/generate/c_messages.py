@@ -31,7 +31,7 @@ _WIDTHS = {"u16": "u16", "i16": "u16", "u32": "u32"}
 
 
 def enums(catalogue: Catalogue) -> str:
-    """Names of values, once each, in the order of first use."""
+    """Return the names of values, once each, in the order of first use."""
     found: dict[str, type[IntEnum]] = {}
     for spec in catalogue:
         for field in spec.fields:
@@ -69,7 +69,7 @@ def latch_rule(catalogue: Catalogue) -> str:
 
 
 def to_all(catalogue: Catalogue) -> str:
-    """Which messages may have node 0."""
+    """Return the function that is true for messages that may have node 0."""
     return _one_of(
         "/* Whether a message may be addressed to SP_NODE_ALL. A device passes over every other\n"
         " * message for that node, as it does over those for another node. */\n",
@@ -79,7 +79,7 @@ def to_all(catalogue: Catalogue) -> str:
 
 
 def needs_tag(catalogue: Catalogue) -> str:
-    """Which messages a device with a key takes with a tag only."""
+    """Return the function that is true for messages that need a tag on a device with a key."""
     return _one_of(
         "/* Whether a device that has a key takes a message only with its tag. */\n",
         "sp_needs_tag",
@@ -88,7 +88,7 @@ def needs_tag(catalogue: Catalogue) -> str:
 
 
 def may_have_tag(catalogue: Catalogue) -> str:
-    """Which messages a host with a key signs."""
+    """Return the function that is true for messages that a host with a key signs."""
     return _one_of(
         "/* Whether a host that has a key signs a message. */\n",
         "sp_may_have_tag",
@@ -97,7 +97,7 @@ def may_have_tag(catalogue: Catalogue) -> str:
 
 
 def _one_of(comment: str, name: str, specs: list[MessageSpec]) -> str:
-    """A function that is true of the types of these messages."""
+    """Return a function that is true for the types of these messages."""
     cases = [guarded(spec, f"    case SP_TYPE_{upper(spec)}:\n") for spec in specs]
     return (
         f"{comment}static inline bool {name}(uint8_t type)\n"
@@ -111,12 +111,12 @@ def _one_of(comment: str, name: str, specs: list[MessageSpec]) -> str:
 
 
 def switch_macro(spec: MessageSpec) -> str | None:
-    """Name of the macro that leaves the message out; None for what is always there."""
+    """Return the macro that excludes the message; None if it is always included."""
     return None if spec.bootstrap else f"SP_WITH_{upper(spec)}"
 
 
 def switches(catalogue: Catalogue) -> str:
-    """Default of every switch."""
+    """Return the default of every switch."""
     out = []
     for spec in catalogue:
         macro = switch_macro(spec)
@@ -127,7 +127,7 @@ def switches(catalogue: Catalogue) -> str:
 
 
 def guarded(spec: MessageSpec, body: str) -> str:
-    """``body`` only where the message is wanted."""
+    """Return ``body`` under the condition that the message is included."""
     macro = switch_macro(spec)
     return body if macro is None else f"#if {macro}\n{body}#endif\n"
 
@@ -136,7 +136,7 @@ def guarded(spec: MessageSpec, body: str) -> str:
 
 
 def declaration(spec: MessageSpec) -> str:
-    """Constants, struct, prototypes and inline helpers of one message."""
+    """Return constants, struct, prototypes and inline helpers of one message."""
     name, big = spec.name, upper(spec)
     sender = "device" if spec.direction is Direction.DEVICE else "host"
     rate = f", {spec.default_hz:g} Hz" if spec.rate is RateClass.STREAM else ""
@@ -230,7 +230,7 @@ def _si(spec: MessageSpec) -> Iterator[str]:
 
 
 def definition(spec: MessageSpec) -> str:
-    """Encode and decode of one message."""
+    """Return the functions that encode and decode one message."""
     name = spec.name
     return guarded(spec, lines([*_encode(spec, name), "", *_decode(spec, name)]))
 
@@ -280,7 +280,7 @@ def _decode(spec: MessageSpec, name: str) -> Iterator[str]:
         yield "    (void)payload;\n    (void)length;"
         yield "    message->nothing = 0;\n    return true;\n}"
         return
-    # Of a bootstrap message more may follow: it is how its own successor would look.
+    # A bootstrap message may be longer: a later version may extend it.
     if spec.text_field is not None:
         yield f"    if (length < {size} || SP_PAYLOAD_MAX < length) {{"
     else:
@@ -314,7 +314,10 @@ def _get(spec: MessageSpec, field: Field, at: int) -> Iterator[str]:
 
 
 def table_rows(catalogue: Catalogue) -> str:
-    """Type, fields and fixed size of each message; the type's top bit: the device sends it."""
+    """Return type, fields and fixed size of each message.
+
+    The type's top bit: the device sends it.
+    """
     out = []
     for spec in catalogue:
         who = " | SP_DEVICE_BIT" if spec.direction is Direction.DEVICE else ""
@@ -324,14 +327,14 @@ def table_rows(catalogue: Catalogue) -> str:
 
 
 def chain_rows(catalogue: Catalogue) -> str:
-    """Chain values of each message, before the first field and after each."""
+    """Return the chain values of each message, before the first field and after each."""
     return "".join(
         guarded(spec, _chain_rows(spec.name, catalogue.chains[spec.type_id])) for spec in catalogue
     )
 
 
 def enum_members(catalogue: Catalogue) -> str:
-    """How many members each enumeration has, where a message that uses it is wanted."""
+    """Return the number of members of each enumeration, if a message that uses it is included."""
     return "".join(
         _guarded_enum(catalogue, e, f"    {len(e.members)}u, /* {e.name} */\n")
         for e in catalogue.enums.values()
@@ -339,14 +342,14 @@ def enum_members(catalogue: Catalogue) -> str:
 
 
 def enum_rows(catalogue: Catalogue) -> str:
-    """Chains of the enumerations."""
+    """Return the chains of the enumerations."""
     return "".join(
         _guarded_enum(catalogue, e, _chain_rows(e.name, e.chain)) for e in catalogue.enums.values()
     )
 
 
 def _guarded_enum(catalogue: Catalogue, enum: EnumSpec, body: str) -> str:
-    """``body`` only where a message that uses the enumeration is wanted."""
+    """Return ``body`` under the condition that a message with the enumeration is included."""
     macros = [
         switch_macro(spec)
         for spec in catalogue
@@ -363,7 +366,7 @@ def _chain_rows(name: str, chain: Sequence[int]) -> str:
 
 
 def size_rows(catalogue: Catalogue) -> str:
-    """Sizes of each message's fields."""
+    """Return the sizes of each message's fields."""
     return "".join(
         guarded(s, "    " + "".join(f"{f.wire.size}u, " for f in s.fields) + f"/* {s.name} */\n")
         for s in catalogue
@@ -371,5 +374,5 @@ def size_rows(catalogue: Catalogue) -> str:
 
 
 def bootstrap_cases(catalogue: Catalogue) -> str:
-    """Labels of the messages that never change."""
+    """Return the labels of the bootstrap messages."""
     return "".join(f"    case SP_TYPE_{upper(s)}:\n" for s in catalogue if s.bootstrap)

@@ -35,7 +35,7 @@ TAG = "auth_tag"
 _PLAIN_UNITS = {"percent": "%", "us": "us"}
 """Units of unscaled fields that are shown; other units only describe the encoding."""
 _PLAIN_SIGNS = str.maketrans({'"': "'", "±": "+-", "°": "deg", "×": "x", "–": "-", "’": "'"})
-"""A double quote cannot be written within a text at all."""
+"""Replacements of characters outside ASCII, and of the double quote, which no text can contain."""
 
 
 class Signal(NamedTuple):
@@ -63,7 +63,7 @@ class Frame(NamedTuple):
     sender: str
     receiver: str
     cycle_ms: int
-    """0: it comes with others."""
+    """Period, ms; 0: sent with other frames."""
     doc: str
     signals: tuple[Signal, ...]
 
@@ -71,7 +71,7 @@ class Frame(NamedTuple):
 def render(
     catalogue: Catalogue = CATALOGUE, node: int = 1, imu: ImuScale = NOMINAL
 ) -> dict[str, str]:
-    """The database of device ``node`` (1-15), by its file name; ``imu`` is its IMU's scale.
+    """Return the database of device ``node`` (1-15), by its file name; ``imu`` is its IMU's scale.
 
     Raises:
         FieldRangeError: there is no such node.
@@ -222,11 +222,11 @@ def _signal_line(signal: Signal) -> str:
 
 
 def _number(value: float) -> str:
-    """The shortest text that reads back as the same double."""
+    """Return the shortest text that reads back as the same double."""
     return str(int(value)) if value.is_integer() else repr(value)
 
 
 def _quoted(text: str) -> str:
-    """One line in double quotes, of ASCII: readers differ in the encoding that they expect."""
+    """Return one line in double quotes, in ASCII because readers expect different encodings."""
     plain = " ".join(text.split()).translate(_PLAIN_SIGNS).encode("ascii", "replace").decode()
     return f'"{plain}"'
