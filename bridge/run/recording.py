@@ -85,7 +85,7 @@ class Tally:
         """Earliest time of the next record."""
 
     def take(self, now_ns: int) -> tuple[int, int, str, dict[str, int | str]]:
-        """Return and reset the frames, bytes, errors as text and all of it as data."""
+        """Return number of frames, bytes, errors as text, and all of these as data; then reset."""
         counts, length = self.counts, self.length
         frames = counts.total()
         kinds = next(iter(counts))

@@ -127,7 +127,7 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
     content = size - CRC.size
     register = np.full(count, zlib.crc32(bytes(content)), np.uint32)
     for column in range(content):
-        # Bytes are never out of bounds; mode "wrap" skips the check, a third of the time.
+        # Bytes are never out of bounds. Mode "wrap" skips the check and saves a third of the time.
         register ^= _EFFECTS[content - 1 - column].take(body[:, column], mode="wrap")
     stored = np.ascontiguousarray(body[:, content:]).view("<u4").ravel()
     equal: NDArray[np.bool_] = register == stored

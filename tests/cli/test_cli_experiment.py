@@ -133,7 +133,7 @@ def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float
 
 @pytest.mark.realtime
 def test_interrupted_before_the_report_it_reports_where_the_runs_are(two_jobs: Path) -> None:
-    """The report never ends, in a process whose runs are done."""
+    """The report takes forever in this process, whose runs are done."""
     script = """
         import sys, time
         from tools.experiment import output

@@ -70,7 +70,7 @@ def test_a_duty_expires_and_does_not_latch(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_duties_are_capped(device: Probe) -> None:
-    """All and half of the duty turn a wheel equally fast."""
+    """Full and half duty turn a wheel at the same speed."""
     ready(device)
     speeds = []
     for duty in (0.5, 1.0):

@@ -190,7 +190,7 @@ def test_garbage_leaves_it_alive(device: Probe) -> None:
 
 @pytest.mark.link("uart")
 def test_mutated_frames_leave_it_alive(device: Probe) -> None:
-    """Frames of a host, cut, joined, with bytes changed, inserted and removed."""
+    """The frames are a host's, cut or joined, with bytes changed, inserted or removed."""
     quiet(device)
     rng = random.Random(SEED)
     sent = 0
@@ -274,7 +274,7 @@ def test_a_duplicate_frame_counts_once(device: Probe) -> None:
 
 @pytest.mark.link("can")
 def test_random_frames_leave_it_alive(device: Probe) -> None:
-    """Frames of any length and identifier, except those of harmful commands."""
+    """The frames have any length and identifier, except those of harmful commands."""
     quiet(device)
     rng = random.Random(SEED)
     types = [

@@ -104,7 +104,7 @@ def test_it_follows_a_setpoint(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_an_expired_setpoint_ramps_to_rest_and_does_not_latch(device: Probe) -> None:
-    """Time requests and telemetry continue meanwhile: they do not feed the watchdog."""
+    """Time requests and telemetry continue, but they do not feed the watchdog."""
     ready(device)
     last_us = turning(device, 0.5)
     check_rested(device, last_us, EXPIRY_S + RAMP_S)
@@ -160,7 +160,7 @@ def test_the_counter_may_skip_and_wrap(device: Probe) -> None:
 
 
 def test_stale_setpoints_are_dropped(device: Probe) -> None:
-    """A backlog that arrives at once moves nothing: expired setpoints are rejected."""
+    """A backlog of setpoints that arrives at once moves nothing, because they have expired."""
     ready(device)
     before = device.counters().stale
     mark = newest_us(device)

@@ -131,7 +131,7 @@ def test_a_stop_ends_it(device: Probe) -> None:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_a_silent_host_ends_it(device: Probe) -> None:
-    """The host supervises: without a host the robot must not drive."""
+    """A host that supervises the run must be present: without it the robot must not drive."""
     start(device)
     assert phase_becomes(device, DRIVING)
     device.session_id = 0

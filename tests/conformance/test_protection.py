@@ -79,7 +79,7 @@ def parameter(device: Probe, name: str) -> ParameterValue:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_the_drivers_are_disabled_at_rest(device: Probe) -> None:
-    """Disabled in idle, and half a second after a latched stop has come to rest."""
+    """The drivers are disabled in idle, and half a second after a latched stop has come to rest."""
     ready(device)
     assert not faults(device) & Fault.DRIVERS_OFF, "they are disabled in a driving mode"
     device.keep_saying(lambda: device.setpoint(0.0, 0.8), 0.4)
@@ -99,7 +99,7 @@ def test_the_drivers_are_disabled_at_rest(device: Probe) -> None:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_encoders_that_agree_with_their_motors_are_no_fault(device: Probe) -> None:
-    """Reversals on the spot, as hard as setpoints allow; the device checks each sign."""
+    """The robot reverses on the spot as hard as setpoints allow; the device checks each sign."""
     ready(device)
     for yaw_rad_s in (1.0, -1.0, 1.0, -1.0):
         mark = device.counts()[-1]
@@ -188,7 +188,7 @@ def test_its_clock_is_a_crystals_or_it_reports_that_it_is_not(device: Probe) -> 
 
 
 def test_a_crash_comes_with_its_record(device: Probe) -> None:
-    """Program counter, link register, CFSR and uptime, in a log line after the hello."""
+    """The log line after the hello has program counter, link register, CFSR and uptime."""
     hello = device.handshake()
     device.needs(hello.reset_cause == ResetCause.CRASH, "its last reset was no crash")
     device.until(lambda: bool(device.of(LogText)), 1.0)

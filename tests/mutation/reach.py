@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def lines_run(path: Path) -> Iterator[set[int]]:
-    """Collect the lines of one file that run meanwhile."""
+    """Collect the lines of one file that run within the context."""
     name = str(path)
     lines: set[int] = set()
 

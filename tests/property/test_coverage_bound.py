@@ -52,7 +52,7 @@ def test_no_run_is_ever_left_of_the_bound(plan: FloorPlan, planner: str) -> None
 
 
 def test_a_run_may_beat_the_reference_time() -> None:
-    """So the report must not call it a bound."""
+    """The report must therefore not call that time a bound."""
     made = make_planner("recovery", MODEL, random.Random(1))
     plan = corridor(12.0, 0.7)
     run = run_fast(plan, made, MODEL, seed=1, noise=LEVELS["typical"], max_time_s=300.0)

@@ -25,7 +25,10 @@ deliveries = st.lists(
 @given(deliveries)
 @settings(max_examples=60)
 def test_random_bytes_neither_break_nor_move_the_device(pieces: list[tuple[bytes, int]]) -> None:
-    """Even valid frames of every kind: motion needs clear, mode and setpoints in this order."""
+    """The bytes include valid frames of every kind.
+
+    Motion needs clear, mode and setpoints in this order.
+    """
     device = sweeper()
     now_us = 0
     for data, wait_us in pieces:

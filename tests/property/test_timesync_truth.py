@@ -156,7 +156,7 @@ def test_over_many_runs_the_bound_of_a_declared_link_is_below_a_tenth_of_a_milli
 
 
 def test_a_declaration_that_is_not_true_is_seen_to_be_dishonest() -> None:
-    """So nothing is declared unless it is known."""
+    """A wrong declaration makes the bound wrong, so only known delays may be declared."""
     sync = TimeSync(round(UP_FLOOR_US * 1000), 3_000_000)
     ratios, _, _ = run(1, 20.0, 1_000.0, 0, sync=sync)
     assert sum(ratio > 1.0 for ratio in ratios) > 0.5 * len(ratios)

@@ -217,7 +217,7 @@ class VelocitySetpoint(Message):
 
 @pytest.mark.parametrize("shared", [None, 6, 5, 4, 3])
 def test_a_host_s_message_in_several_frames(tmp_path: Path, shared: int | None) -> None:
-    """Also from a host that knows fewer of its fields, and so sends fewer frames."""
+    """The host may know fewer fields of the message, and then sends fewer frames."""
     plain = CATALOGUE.by_name["velocity_setpoint"].cls
     catalogue = Catalogue([VelocitySetpoint, *(m for m in ALL_MESSAGES if m is not plain)])
     grown = catalogue.spec(VelocitySetpoint)

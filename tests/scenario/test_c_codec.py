@@ -397,7 +397,7 @@ measurement (encode 1.4 to 2.3, decode 0.83 to 1.4, with zig, clang and gcc)."""
 
 
 def test_a_frame_costs_about_as_much_as_its_check_bit_by_bit(generated: Generated) -> None:
-    """A ratio within one process, in CPU time: the machine's speed and other work cancel out."""
+    """CPU times of one process are compared, so the machine's speed and other work cancel out."""
     program = generated.adapter("adapter_fast", flags=("-O2",)).program
     rounds = []
     for _ in range(5):

@@ -92,7 +92,10 @@ def test_a_range_sensor_against_a_tape(
 
 
 def test_a_calibrated_device_sends_corrected_ranges() -> None:
-    """In virtual time, over a boot: the device sends 2.88 m as 0.9 times that and 5 cm."""
+    """The device sends 0.9 times 2.88 m plus 5 cm, also after a boot.
+
+    The run is in virtual time.
+    """
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     desk, _ = desk_on(device)
     with desk:

@@ -362,7 +362,7 @@ def ids(data: bytes) -> list[int]:
 
 
 def test_a_frame_of_another_machine_is_taken_only_with_lan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sender's address decides: here one of a foreign network."""
+    """The sender's address decides. Here it is in a foreign network."""
     frame = pack_message(can.Message(arbitration_id=0x123, data=b"x", is_extended_id=False))
 
     class Network(socket.socket):
@@ -381,7 +381,7 @@ def test_a_frame_of_another_machine_is_taken_only_with_lan(monkeypatch: pytest.M
 
 
 def test_a_drive_over_socketcan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All our code above python-can: its own in-process bus replaces the kernel's."""
+    """The test runs all our code above python-can, whose in-process bus replaces the kernel's."""
     asked: list[dict[str, object]] = []
 
     def opened(**options: object) -> can.BusABC:

@@ -80,12 +80,12 @@ def test_errors_of_the_very_covariance_have_a_nees_of_3() -> None:
 
 
 def test_the_interval_is_the_runs_own_spread() -> None:
-    """Student's t of 3: 3.182; a standard deviation of 1.291 over two."""
+    """The interval uses Student's t of 3 (3.182) and a standard deviation of 1.291 over two."""
     assert average([1.0, 2.0, 3.0, 4.0]) == pytest.approx((2.5, 3.182 * 1.291 / 2.0), abs=1e-3)
 
 
 def test_the_truth_is_of_the_samples_own_moment() -> None:
-    """Without noise 3 mm and 0.6° remain; 20 ms late would be 1.5 mm more, and in a turn 2°."""
+    """Without noise 3 mm and 0.6° remain. A truth 20 ms late would add 1.5 mm, and 2° in a turn."""
     run = estimate_errors(ROOM, "none", 1, every_s=0.5)
     off = np.abs([t.error for t in run])
     assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.003

@@ -118,7 +118,7 @@ def test_hmac(
 
 
 def test_the_same_frames_are_taken(ask: Callable[[Sequence[str]], list[str]]) -> None:
-    """Authentic, changed, replayed, reordered, of another session: on UART and CAN."""
+    """Frames are authentic, changed, replayed, reordered or of another session: UART and CAN."""
     rng = random.Random(4)
     host, device = Authenticator(KEY), Authenticator(KEY)
     lines = ["key " + " ".join(f"{word:x}" for word in key_words(KEY))]
@@ -269,7 +269,7 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
 
 
 def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
-    """It outlives a save of the parameters; only a tagged command removes it."""
+    """A key outlives a save of the parameters. Only a tagged command removes it."""
     host = Host(Link(Direction.HOST), KEY, 2)
     host.handshake()
     host.send(SetKey(1, 0, 0, 0, 0))  # without a tag

@@ -36,7 +36,10 @@ def test_interrupt_rings_and_the_line_s_queue(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(12))
 def test_no_script_breaks_it(seed: int) -> None:
-    """Sessions with bytes changed, removed and duplicated: no sanitizer reports an error."""
+    """Scripts are sessions with changed, removed and duplicated bytes.
+
+    No sanitizer reports an error.
+    """
     rng = random.Random(seed)
     writer = Writer(can=seed % 3 == 0)
     writer.begin()
@@ -87,7 +90,7 @@ def test_the_static_checkers_are_content() -> None:
 
 
 def test_connect_accepts_it_on_a_desk(tmp_path: Path) -> None:
-    """In real time on a pseudo-terminal: both ends agree, nothing is lost."""
+    """On a pseudo-terminal in real time, the handshake completes and nothing is lost."""
     sources = [KIT / "core" / "main.c", KIT / "board_host" / "desk.c"]
     program = compile_kit(tmp_path / "desk", wire(tmp_path), sources)
     check_that_connect_accepts(program, tmp_path)

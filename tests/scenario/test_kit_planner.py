@@ -125,7 +125,7 @@ def python_twin(plan: FloorPlan) -> list[Message]:
 
 
 def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) -> None:
-    """The same decisions in the same order, and equal lanes: obstacle, occluded region, end."""
+    """Both make the same decisions in the same order, and have equal lanes."""
     start(robot)
     track = CoverageMeter(plan, RobotModel(), 0.01).track()
     while robot.reported.state == RUNNING and robot.now_us < 300_000_000:

@@ -128,7 +128,10 @@ def test_the_graver_of_two_stops_that_coincide_is_latched() -> None:
 
 
 def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
-    """It has the stamp of another clock; the host that clears it drives on in its session."""
+    """The stranger's stop has a stamp of another clock.
+
+    The host clears it and drives on in its session.
+    """
     writer = Writer()
     writer.begin()
     writer.drive(900, 0, 3)
@@ -241,7 +244,7 @@ def test_a_battery_that_runs_empty() -> None:
 
 
 def test_rangers_that_lie() -> None:
-    """An ultrasonic that is constant during a drive, an infrared that is during a turn."""
+    """The ultrasonic is constant during a drive, or an infrared is constant during a turn."""
     writer = Writer()
     writer.begin()
     left = right = 0

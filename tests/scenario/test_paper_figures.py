@@ -43,7 +43,7 @@ def test_table_2_comes_out() -> None:
 
 @pytest.mark.nightly
 def test_case_2_is_around_94_percent() -> None:
-    """The paper's value: a point and a half off in the mean, two and a half for any run."""
+    """The mean may be off the paper's value by a point and a half, any run by two and a half."""
     bodies = [run("case-2", "paper", "paper", seed)["body_free"] for seed in range(3)]
     assert fmean(bodies) == pytest.approx(PAPER_SHARES["case-2"][0], abs=0.015)
     assert bodies == pytest.approx([PAPER_SHARES["case-2"][0]] * 3, abs=0.025)
@@ -69,7 +69,7 @@ def test_an_oblique_start_is_hardly_a_run() -> None:
 
 @pytest.mark.nightly
 def test_read_strictly_it_ends_at_the_first_blocked_step() -> None:
-    """A diamond blocks a step: the other interpretation continues, and the table has both."""
+    """A diamond blocks a step. The other interpretation continues; the table has both."""
     found = {planner: run("layout:diamond", planner, "none") for planner in ("paper", STRICT_END)}
     shares = {planner: row["mouth_sweepable"] for planner, row in found.items()}
     assert 0.20 < shares[STRICT_END] < 0.35, "as expected of a column"

@@ -63,7 +63,7 @@ def probe(device: Emulated) -> Probe:
 @CROSS
 @pytest.mark.parametrize("name", BOARDS)
 def test_size_and_stack(built: Path, name: str) -> None:
-    """A quarter of each memory at most, and a bounded stack within its reserve."""
+    """The firmware uses at most a quarter of each memory, and its stack fits its reserve."""
     took, board = taken(built, name), BOARDS[name]
     assert 10_000 < took.flash < board.flash / 4
     assert took.ram + took.reserve < board.ram / 4
@@ -248,7 +248,7 @@ def test_a_stop_holds_until_it_is_cleared(device: Emulated) -> None:
     ],
 )
 def test_a_reset_is_reported_and_latched(device: Emulated, fault: str, cause: ResetCause) -> None:
-    """A reset from outside, and the chip's own watchdog on a program that hangs."""
+    """The reset is from outside, or by the chip's own watchdog on a program that hangs."""
     host = probe(device)
     try:
         before = host.handshake()

@@ -27,7 +27,10 @@ def test_a_simulated_run(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 def test_a_run_on_a_bad_line(tmp_path: Path) -> None:
-    """Damaged bytes, lost frames, a reboot: the session behaves the same again."""
+    """The line damages bytes and loses frames, and the device reboots.
+
+    The session behaves the same again.
+    """
     log = tmp_path / "bad.mcap"
     done = sweepctl(
         *("simulate", "empty", "--planner", "u-shape", "--max-time", "20", "--out", log, "--json"),

@@ -240,7 +240,7 @@ def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
 def test_its_clock_does_not_jump_as_the_playing_begins(
     log: Path, min_ms: float, max_ms: float
 ) -> None:
-    """Its first hello is stamped before the time of a host's agreement is known."""
+    """The first hello is stamped before the time of a host's handshake is known."""
     rng = random.Random(1)
     device, session, sync = replay_device(LogReader(log)), Session(lambda: 99), TimeSync()
     up: deque[tuple[int, bytes]] = deque()

@@ -149,7 +149,7 @@ def test_path(figures: Figures, reported: dict[str, Any]) -> None:
 
 
 def test_time_to_nine_tenths(tmp_path: Path) -> None:
-    """In a room of which the paper's algorithm sweeps more than that."""
+    """The paper's algorithm sweeps more than nine tenths of this room."""
     log = tmp_path / "run.mcap"
     done = sweepctl("simulate", "case-2", "--planner", "paper", "--json", "--out", log)
     run = Recorded(log, done)
@@ -165,7 +165,7 @@ def test_repeat_ratio(figures: Figures, reported: dict[str, Any]) -> None:
 
 
 def test_equation_8(recorded: Recorded, figures: Figures, reported: dict[str, Any]) -> None:
-    """Lanes as the planner reports them, by its own odometry."""
+    """The planner reports the lanes by its own odometry."""
     lanes = [
         json.loads(value.data_json)["distance_m"]
         for _, value in decoded(recorded.log, "/events")
@@ -187,7 +187,7 @@ def test_duration(recorded: Recorded, reported: dict[str, Any]) -> None:
 
 
 def test_pose_error(recorded: Recorded, poses: list[Pose], reported: dict[str, Any]) -> None:
-    """The estimate against the truth of the same time, as far as the log's stamps allow."""
+    """Estimate and truth of the same time are compared, as far as the log's stamps allow."""
     truth = {round(t * 50): (x, y) for t, x, y, _ in poses}
     errors = []
     for plain, value in decoded(recorded.log, "/pose"):

@@ -63,7 +63,10 @@ def test_the_page_counts_what_was_missed_and_what_was_false() -> None:
 
 @pytest.mark.parametrize(("reported_m", "true"), [(1.02, False), (0.98, False), (1.04, True)])
 def test_an_alarm_over_d_is_held_against_the_true_lane(reported_m: float, *, true: bool) -> None:
-    """A metre ahead within 5 s, and 2 cm back; the turn before it is not of the lane."""
+    """The robot went a metre ahead within 5 s, and 2 cm back.
+
+    The turn before it is not part of the lane.
+    """
     sink = Alarms()
     ways = [(1.0, -3.0), (2.0, 0.0), (3.0, 0.4), (6.0, 1.0), (6.5, 0.98)]
     for at_s, x in ways:

@@ -234,7 +234,7 @@ def slowed() -> tuple[Ends, Host, Collector]:
 
 
 def test_full_speed_comes_back_only_once_the_device_reported_that_it_stands() -> None:
-    """Its report is lost again and again: until it arrives, the top speed stays low."""
+    """The report is lost repeatedly. Until it arrives, the top speed stays low."""
     ends, host, _ = slowed()
     parameters = ends.device.firmware.parameters
     slow = parameters.value("max_speed")

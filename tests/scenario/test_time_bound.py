@@ -105,7 +105,10 @@ def test_at_an_adapter_of_16_ms_it_is_true_too() -> None:
 
 
 def test_a_way_that_is_longer_than_the_other_is_no_error_where_it_is_declared() -> None:
-    """3 ms more from the device: undeclared, half of that is in the bound, which is correct too."""
+    """The delay from the device is 3 ms longer.
+
+    Undeclared, half of that is in the bound, which is correct too.
+    """
     slow_up = "latency@0:ms=3,way=up"
     _, inside, p95_ms = listen(1_000, -60.0, (ON_THE_LINE_NS, ON_THE_LINE_NS + 3_000_000), slow_up)
     assert inside >= 0.999

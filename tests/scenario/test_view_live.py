@@ -186,7 +186,7 @@ def test_a_follower_sees_each_message_once_whatever_the_moment(tmp_path: Path) -
 
 
 def test_a_replay_keeps_the_times_of_the_log(tmp_path: Path) -> None:
-    """With its own clock: every message comes with its batch, never before its time."""
+    """Every message comes with its batch, never before its time."""
     log = tmp_path / "run.mcap"
     writer = RunWriter(log, run_info())
     for record in run(0.0, 5.0):

@@ -229,7 +229,7 @@ def test_ctrl_c_while_the_port_is_gone(scene: Scene) -> None:
 
 
 def test_a_full_port_gets_nothing_old(scene: Scene) -> None:
-    """0.8 s without taking a byte: shorter than every timeout, longer than 50 ms."""
+    """The port takes no byte for 0.8 s: shorter than every timeout, longer than 50 ms."""
     scene.at(4.0, lambda: setattr(scene.port, "full", True))
     scene.at(4.8, lambda: setattr(scene.port, "full", False))
     scene.at(6.0, lambda: scene.pump.request_end(CTRL_C))

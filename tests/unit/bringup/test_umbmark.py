@@ -73,7 +73,7 @@ def test_a_perfect_robot_ends_where_it_began() -> None:
 
 
 def test_the_closed_form_is_borensteins_to_the_first_order() -> None:
-    """Small errors: α = 90° (1 - 1/E_b), and β = L (E_d - 1)/b for nearly equal wheels."""
+    """For small errors and nearly equal wheels, α = 90° (1 - 1/E_b) and β = L (E_d - 1)/b."""
     wide = borenstein(MODEL, both(1.0, 1.001), SIDE_M)
     assert wide.alpha_rad == pytest.approx(0.5 * math.pi * 0.001, rel=0.02)
     assert wide.beta_rad == pytest.approx(0.0, abs=1e-5)
@@ -84,7 +84,7 @@ def test_the_closed_form_is_borensteins_to_the_first_order() -> None:
 
 
 def test_signs_of_the_return_errors() -> None:
-    """As in the source's figures for each error alone."""
+    """The signs are those of the source's figures for each error alone."""
     a = 0.5 * math.pi * 0.002  # opposite of over-rotation: the base is wider than given
     wide = benchmark(MODEL, both(1.0, 1.002))
     for got in (wide.clockwise[0], wide.counter_clockwise[0]):

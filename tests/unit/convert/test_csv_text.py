@@ -87,7 +87,7 @@ def test_integers(tmp_path: Path, dtype: str) -> None:
 
 
 def test_times_are_those_of_the_calendar(tmp_path: Path) -> None:
-    """Leap years, century years, the same second again, and before 1970."""
+    """The times include leap years, century years, the same second again, and times before 1970."""
     days = np.arange("1677-09-22", "2262-04-11", dtype="M8[D]").astype("M8[ns]").view(np.int64)
     within = RNG.integers(0, 86_400_000_000_000, len(days))
     close = 1_700_000_000_000_000_000 + np.arange(0, 3_000_000_000, 7_654_321)

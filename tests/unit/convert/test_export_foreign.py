@@ -42,7 +42,7 @@ def protobuf_log(path: Path, *messages: Message) -> None:
 
 
 def test_protobuf_of_other_programs(tmp_path: Path) -> None:
-    """Omitted defaults, enumerations, texts of any length, lists of messages."""
+    """The messages have omitted defaults, enumerations, long texts and lists of messages."""
     levels: list[Any] = [0, 1, 5, 3] * 30
     logs = [
         Log(level=level, message="x" * i + "é", name="", line=i) for i, level in enumerate(levels)

@@ -223,7 +223,7 @@ def test_of_what_is_left_only_pieces_that_hold_a_disc_are_holes() -> None:
 
 
 def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
-    """A swept hall with a hole at its far end, or the same floor in a sliver."""
+    """A swept hall has a hole at its far end, or the same floor in a sliver."""
     for rows, cols, taken in ((5, 5, True), (2, 13, False)):
         pose = Pose2(0.0, 0.0, 0.0)
         memory = EvidenceMap(RobotModel(), RecoveryOptions(), pose)

@@ -89,7 +89,7 @@ def test_paper_remembers_what_u_shape_leaves() -> None:
 
 
 def test_strict_end_leaves_most_of_case_1() -> None:
-    """Contact sensing and an end at the first blocked step: far from the paper's tables."""
+    """An end at the first blocked step gives results far from the paper's tables."""
     world = KinematicWorld(CASE_1, MODEL, random.Random(0))
     done = run_plan(world, PaperPlanner(MODEL, PaperOptions(end="blocked_step")), 2000.0)
     assert done.finish_reason is not None

@@ -119,7 +119,7 @@ def test_missing_numbers_without_damage_are_an_overrun() -> None:
 
 @pytest.mark.parametrize("cut", [0, 3], ids=["between frames", "inside a frame"])
 def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
-    """As in a recovered log without one chunk: it may end in the middle of a frame."""
+    """The log was recovered without one chunk, so the gap may begin in the middle of a frame."""
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, every_ms=4, count=400)
@@ -271,7 +271,7 @@ def test_every_fault_of_the_emulator_has_its_patient() -> None:
 
 
 def test_a_healthy_run_whose_turns_follow_each_other_closely_is_not_accused() -> None:
-    """At 30.9 s a turn of +1.8 rad/s is followed by one of -0.5: the counts are 25 ms late."""
+    """At 30.9 s a turn of +1.8 rad/s is followed by one of -0.5; the counts are 25 ms late."""
     (patient,) = [p for p in PATIENTS if p.name == "well, driving"]
     assert visit(patient, 1).found == []
 

@@ -105,7 +105,10 @@ def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
 
 
 def test_nees_lies_within_its_chi_square_bounds() -> None:
-    """Sum of 24 runs' NEES of 3 numbers: chi-square of 72; 99.8 % of it lies in (41, 113)."""
+    """The NEES of 3 numbers, summed over 24 runs, is chi-square of 72.
+
+    99.8 % of it lies in (41, 113).
+    """
     runs = [run_model(seed) for seed in range(RUNS)]
     nees = [float(error @ np.linalg.solve(p, error)) for error, p, _ in runs]
     assert 41.0 < sum(nees) < 113.0
@@ -116,9 +119,10 @@ def test_nees_lies_within_its_chi_square_bounds() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_through_the_virtual_body_at_typical(seed: int) -> None:
-    """Round a room near its walls for a minute and a half; its errors are not the model's own.
+    """The robot drives round a room near its walls for a minute and a half.
 
-    The bounds: 1.5 cm and 0.7°, and a NEES at most that of 3 numbers.
+    Its errors are not the model's own. The bounds: 1.5 cm and 0.7°, and a NEES at most that of 3
+    numbers.
     """
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", seed)
     alone = DeadReckoning(MODEL, drive.estimator.pose)
@@ -136,7 +140,7 @@ def test_through_the_virtual_body_at_typical(seed: int) -> None:
 
 
 def test_walls_estimate_wheel_scale_and_the_bias_of_motion() -> None:
-    """From the second round on: in the first, the wall ahead has no known direction."""
+    """Only the second round counts: in the first, the wall ahead has no known direction."""
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
     drive.rest(2.0)
     before = drive.estimator.ekf.wheel_scale_sigma
@@ -168,7 +172,7 @@ def test_without_noise_nothing_is_left_that_grows() -> None:
 
 
 def test_dead_reckoning_is_the_papers() -> None:
-    """A square of exact quarter turns: 1 m lanes by the encoders, headings by the gyro."""
+    """The path is a square: 1 m lanes by the encoders, exact quarter turns by the gyro."""
     reckoning = DeadReckoning(MODEL, ORIGIN)
     bias, t, left = 0.02, 0.0, 0.0
     for _ in range(50):
@@ -210,7 +214,10 @@ def slip(monitor: SlipMonitor, along_m_sqrt_m: float) -> None:
 
 
 def test_more_slip_inflates_more() -> None:
-    """As measured below 1.7 mm/√m; above it, more of the slip is common to both wheels."""
+    """Inflation is as measured below 1.7 mm/√m.
+
+    Above it, more of the slip is common to both wheels.
+    """
     expected = {0.0004: (0.5, 0.4), 0.001: (1.0, 1.0), 0.0034: (6.8, 3.0), 0.01: (22.0, 3.0)}
     for along_m, (slippery, of_the_mean) in expected.items():
         monitor = SlipMonitor(0.001)
@@ -273,7 +280,7 @@ def test_surprises_scale_the_noise_to_what_the_errors_are(variance: float, seed:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_errors_as_large_as_the_models_leave_the_scale_near_one(seed: int) -> None:
-    """Not exactly one: it is limited from below there, and fluctuates upwards."""
+    """The scale is not exactly one: it is limited from below there and fluctuates upwards."""
     assert 1.0 < settled(NoiseScale(25.0), 1.0, seed) < 1.6
 
 

@@ -182,7 +182,7 @@ def test_grazing_adds_standard_deviation_with_the_root_of_the_path() -> None:
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("level", ["typical", "harsh"])
 def test_the_estimate_follows_a_sweeper_that_slips_along_a_wall(side: int, level: str) -> None:
-    """Independent plant and shell: some 10 cm along a wall, the heading 10° into it."""
+    """The robot slips some 10 cm along a wall, its heading 10° into it (independent plant)."""
     y = 1.5 + side * (1.5 - MODEL.radius_m - 0.004)
     drive = SimDrive(
         room((0.6, y, math.radians(side * 10.0)), walls=box(0.0, 0.0, 4.0, 3.0)), level, 3

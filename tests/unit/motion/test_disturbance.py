@@ -65,7 +65,7 @@ def test_bridging_ends_when_the_wheels_agree_again() -> None:
 
 
 def test_a_turning_body_carries_its_velocity_in_the_room() -> None:
-    """Half a turn at constant velocity in the room: the forward velocity becomes backward."""
+    """In half a turn at constant velocity in the room, the forward velocity becomes backward."""
     bridge = InertialBridge(0.1)
     for _ in range(1000):
         bridge.push(0.0, 0.0, math.pi, 0.001)
@@ -152,7 +152,7 @@ def test_a_stall_is_reported_and_its_wheels_are_not_used() -> None:
 
 
 def test_a_stall_that_was_none_costs_no_way() -> None:
-    """A jerk in which inertia loses all speed, of a robot that rolls on and then speeds up."""
+    """The robot rolls on and then speeds up, after a jerk in which inertia loses all speed."""
     drive = SimDrive(room((5.0, 5.0, 0.0)), "typical", 5, walls=False)
     drive.rest(2.0)
     for _ in range(100):
@@ -181,7 +181,7 @@ def test_wheels_that_turn_away_from_what_was_met_are_believed(into: float) -> No
 
 
 def test_a_bump_of_a_robot_that_turns_on_the_spot_has_no_way_back() -> None:
-    """Neither direction is known to lead away from the obstacle."""
+    """It is not known in which direction the obstacle lies."""
     for v_m_s in (0.03, -0.03):
         bridge = InertialBridge(0.002)
         bridge.push(0.0, 5.0, 0.0, 0.01)
@@ -212,7 +212,7 @@ def test_a_slipping_wheel_is_reported_and_the_other_used(side: int) -> None:
 
 @pytest.mark.parametrize("level", ["paper", "typical"])
 def test_no_false_alarm_in_a_minute_of_ordinary_driving(level: str) -> None:
-    """Starts, stops, turns and lanes without smoothing; harder than any planner drives."""
+    """Starts, stops, turns and lanes without smoothing are harder than any planner drives."""
     drive = SimDrive(room((5.0, 5.0, 0.0)), level, 6, walls=False)
     drive.rest(2.0)
     for heading in (0.0, 0.5, 1.0, 1.5, 0.0):

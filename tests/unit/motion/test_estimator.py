@@ -72,7 +72,7 @@ def test_circle_across_the_counter_wrap_comes_back() -> None:
 
 
 def test_the_bias_follows_the_chips_temperature_after_two_standstills() -> None:
-    """A slope of 0.02 °/s for a degree, and 3 °C a minute; 0.06 °/s in the last of three."""
+    """The slope is 0.02 °/s per degree, at 3 °C a minute: 0.06 °/s in the last of three minutes."""
     slope, rate_c_s = math.radians(0.02), 0.05
     off = {}
     for reported in (False, True):
@@ -197,7 +197,7 @@ def test_covariance_grows_with_the_way_and_is_symmetric_and_positive() -> None:
 
 
 def test_heading_error_is_consistent_with_its_covariance() -> None:
-    """Bias from a noisy rest, and more of it in motion: the error must match the sigma."""
+    """The bias is from a noisy rest, and larger in motion. The error must match the sigma."""
     shift = DriftModel().motion_bias_rad_s
     ratios = []
     for seed in range(40):

@@ -29,7 +29,7 @@ def test_an_update_is_kalmans() -> None:
 
 
 def test_a_held_state_counts_with_its_variance_and_stays() -> None:
-    """Schmidt's filter, by hand: s = 4 + 1 + 4, gains 4/9 and, held, 0."""
+    """Schmidt's filter by hand: s = 4 + 1 + 4; the gains are 4/9, and 0 for the held state."""
     joint_covariance = JointCovariance((4.0, 1.0))
     row = np.array([[1.0, 1.0]])
     step = joint_covariance.update((0, 1), row, np.array([9.0]), np.array([[4.0]]), held=(1,))

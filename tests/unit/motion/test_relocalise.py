@@ -156,7 +156,7 @@ def test_the_error_stays_bounded_round_after_round(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("degrees", [4.0, 12.0, 30.0])
 def test_rotated_obstacles_never_do_more_harm_than_the_gate(seed: int, degrees: float) -> None:
-    """Boxes at angles that look orthogonal, on the inner side of the round."""
+    """The boxes are on the inner side of the round, at angles that look orthogonal."""
     obstacles = [box(0.9, 0.68, degrees), box(1.9, 0.66, -degrees), box(2.3, 1.3, degrees)]
     obstacles += [box(1.5, 1.72, degrees / 2), box(0.68, 1.2, degrees)]
     world = World(seed, obstacles, range_m=0.0015)
@@ -226,7 +226,7 @@ def seen_oblique() -> tuple[Driven, WallMap]:
 
 
 def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
-    """Although place and heading are correlated: the heading is held, and so is the wall's."""
+    """Place and heading are correlated, but the heading is held, and so is the wall's."""
     driven, walls = seen_oblique()
     estimator = driven.estimator
     estimator.ekf.propagate_covariance()
@@ -245,7 +245,7 @@ def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
 
 
 def test_one_uncertain_direction_counts_once_for_a_whole_approach() -> None:
-    """However often the range is read, 0.01 rad of the wall on a lever of 0.4 m stay 4 mm."""
+    """An error of 0.01 rad of the wall at a lever of 0.4 m stays 4 mm for any number of reads."""
     driven, walls = seen_oblique()
     estimator = driven.estimator
     lever_m = estimator.pose.y_m - START.y_m

@@ -54,7 +54,7 @@ def test_a_bearing_is_taken_up_without_overshoot(degrees: float) -> None:
 
 
 def test_the_bearing_gain_is_the_quickest_that_bears_twice_the_dead_time() -> None:
-    """With the rotary's Td: 30° settle in 0.76 s, and overshoot by 2.5 % at twice the dead time."""
+    """With the rotary's Td, 30° settle in 0.76 s; at twice the dead time 2.5 % overshoot."""
     angle, td_s = math.radians(30.0), ROTARY_GAINS.td_s
     fit = []
     for kp in (2.0, 3.0, 4.0, 5.0, 6.0, 8.0):
@@ -92,7 +92,10 @@ def test_near_the_wall_it_comes_slowly(step_m: float) -> None:
 
 
 def test_the_integral_keeps_to_columns_and_costs_overshoot() -> None:
-    """20 mm: 5 mm past the line; without it 1 mm, and 13 mm off a column of 0.3 m."""
+    """Along a column of 0.3 m, the gap is 13 mm too large without the integral.
+
+    With it, a step of 20 mm overshoots by 5 mm instead of 1 mm.
+    """
     without = replace(FOLLOW_TUNING, integral_s=math.inf)
     assert abs(column_stand_off_m(MODEL, 0.3)) < 0.003
     assert column_stand_off_m(MODEL, 0.3, without) > 0.010
@@ -111,7 +114,7 @@ def test_a_slack_yaw_or_a_short_range_swings(change: dict[str, float], overshoot
 
 
 def test_a_stiff_yaw_swings_where_the_line_is_slow() -> None:
-    """At three times the dead time: so the yaw gain is 4 and not 8, which looks better here."""
+    """Three times the dead time makes it swing: the yaw gain is therefore 4, not 8."""
     late_s = 3.0 * DEAD_S
     given = wall_step(MODEL, 0.02, dead_s=late_s)
     stiff = wall_step(MODEL, 0.02, replace(FOLLOW_TUNING, yaw_gain_s=8.0), dead_s=late_s)

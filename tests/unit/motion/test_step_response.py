@@ -72,7 +72,7 @@ def test_the_distance_gain_brakes_within_its_share_of_the_limit() -> None:
 
 
 def test_the_lag_of_the_experiment_is_the_virtual_sweepers() -> None:
-    """63 % of a step of 0.1 m/s: the ramp of wheel control, lag and dead time together."""
+    """63 % of a step of 0.1 m/s includes the ramp of wheel control, lag and dead time."""
     drive = SimDrive(room((5.0, 5.0, 0.0)), "none", 1, walls=False)
     drive.rest(1.0)
     ticks = 0
@@ -181,7 +181,7 @@ def observe(drive: SimDrive) -> Observation:
 
 
 def test_seven_cycles_at_paper_noise_end_some_millimetres_off() -> None:
-    """Fig. 15: 7 mm in the paper; the controllers' own share is in it here."""
+    """The paper's Fig. 15 has 7 mm, which includes the controllers' own share."""
     run = drive_cycles(1)
     assert [point.cycle for point in run] == list(range(1, PAPER_CYCLES + 1))
     assert run[-1].time_s > 120.0

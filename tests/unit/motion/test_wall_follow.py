@@ -100,7 +100,7 @@ def follow(  # noqa: PLR0913 - a room, a start and a command
 
 @pytest.mark.parametrize("degrees", [-20.0, 0.0, 10.0])
 def test_the_track_learns_the_walls_direction(degrees: float) -> None:
-    """A wall at y = 0.24 - along·tan, passed on the left with exact readings."""
+    """A wall at y = 0.24 - along·tan is passed on the left with exact readings."""
     mount, track = MODEL.infrared_left, WallTrack(MODEL.infrared_left)
     yaw = degrees * DEGREE
     x = 0.0
@@ -162,7 +162,7 @@ def test_it_comes_to_the_set_distance(noise: WorldNoise, side: Side, degrees: fl
 
 
 def test_the_line_of_a_wall_that_begins_at_a_corner_may_be_nearer_than_the_rim() -> None:
-    """At 45° off it, before the corner: only the path gives the distance."""
+    """The heading is 45° off the wall before its corner, so only the path gives the distance."""
     track = WallTrack(MODEL.infrared_left)
     track.begin(0.11, -45.0 * DEGREE, 0.1)
     first = track.distance_m
@@ -173,7 +173,10 @@ def test_the_line_of_a_wall_that_begins_at_a_corner_may_be_nearer_than_the_rim()
 
 
 def test_a_noisy_sensor_keeps_it_off_the_wall() -> None:
-    """3 mm of noise for 600 readings: twice the part above 1.5 mm; a good sensor adds nothing."""
+    """The noise is 3 mm for 600 readings. The gap grows by twice the part above 1.5 mm.
+
+    A good sensor adds nothing.
+    """
     rng = random.Random(7)
     noisy, good = RangingNoise(), RangingNoise()
     for _ in range(600):
@@ -218,7 +221,7 @@ def test_a_wall_ahead_blocks_it_before_it_is_touched() -> None:
 @pytest.mark.parametrize("noise", [IDEAL, TYPICAL])
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_it_goes_round_a_box(noise: WorldNoise, side: Side) -> None:
-    """Four outer corners and back to the start, at the set distance all the time."""
+    """The round has four outer corners and ends at the start, at the set distance all the time."""
     y = 2.5 - RADIUS_M - 0.05 if side is Side.LEFT else 3.5 + RADIUS_M + 0.05
     block = box(2.5, 2.5, 3.5, 3.5)
     run = follow((2.6, y, 0.0), side, 0.05, 40.0, obstacles=(block,), noise=noise)
@@ -298,7 +301,7 @@ def test_something_ahead_blocks_at_once(obs: Observation) -> None:
 
 
 def test_an_echo_out_of_nothing_slows_and_the_next_blocks() -> None:
-    """20 Hz: a reading is held for two or three steps, which make it no more certain."""
+    """A reading (20 Hz) is held for two or three steps, which make it no more certain."""
     follower = WallFollower(MODEL, Side.LEFT, 0.05)
     fast = follower.step(sees(0.11, front_m=0.60), STEP_S)
     for _ in range(3):
@@ -313,7 +316,7 @@ def test_an_echo_out_of_nothing_slows_and_the_next_blocks() -> None:
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_from_a_touch_on_it_goes_slowly_for_eight_centimetres(side: Side) -> None:
-    """Also if the infrared detects the wall at once: its direction is not known yet."""
+    """The direction of the wall is not known yet, even if the infrared detects the wall at once."""
     follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
     follower.go_round(0.0, RADIUS_M)
     speeds = []
@@ -342,7 +345,7 @@ def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() 
 def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(
     side: Side, *, taught: bool
 ) -> None:
-    """The track has a heading 15° off the wall, or no direction yet: the shell has priority."""
+    """The track has a heading 15° off the wall, or no direction yet. The shell has priority."""
     follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
     left = side is Side.LEFT
     range_m, pose, yaw_rad = 0.06, ORIGIN, 0.0
@@ -362,7 +365,7 @@ def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_a_leg_that_is_touched_on_the_way_round_is_turned_from(side: Side) -> None:
-    """On the spot, away from it, until the bumper is free; then round it again."""
+    """It turns away on the spot until the bumper is free, then goes round the leg again."""
     follower = WallFollower(MODEL, side, 0.0005)
     follower.go_round(0.05, RADIUS_M + 0.01)
     left = side is Side.LEFT

@@ -51,7 +51,7 @@ def test_long_walls_are_square_though_their_angle_is_less_sure() -> None:
 
 
 def test_two_frames_of_square_walls_become_one() -> None:
-    """A pair that looks oblique to the first until both have been followed for long enough."""
+    """The pair looks oblique to the first pair until both have been followed for long enough."""
     room = Room()
     first = (line(math.pi / 2, 0.5), line(0.0, 0.8))
     for measurement in first:
@@ -93,7 +93,7 @@ def test_the_headings_variance_is_that_against_the_orthogonal_walls() -> None:
 
 @pytest.mark.parametrize(("span_m", "hides"), [(0.2, False), (0.6, True)])
 def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hides: bool) -> None:
-    """An oblique box that was just passed does not give the uncertainty of the lanes' heading."""
+    """The oblique box was just passed. It does not give the uncertainty of the lanes' heading."""
     room = Room()
     for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
         room.walls.see_line(measurement)

@@ -79,7 +79,10 @@ def test_the_ultrasonic_corrects_along_its_view() -> None:
 
 
 def test_a_surface_of_unknown_direction_does_not_update_the_wheels() -> None:
-    """Oblique by 5°, its range shrinks by 4 permille less than the path: no error of the tyres."""
+    """The range to a wall 5° oblique shrinks by 4 permille less than the path.
+
+    This is no error of the tyres.
+    """
     room = Room()
     mount = MODEL.ultrasonic
     scale = room.filter.wheel_scale_sigma
@@ -95,7 +98,7 @@ def test_a_surface_of_unknown_direction_does_not_update_the_wheels() -> None:
     ("degrees", "known"), [(0.0, True), (5.0, True), (8.0, False), (97.0, False)]
 )
 def test_an_echo_oblique_to_the_rooms_walls_is_no_wall(degrees: float, *, known: bool) -> None:
-    """It may be an edge within the cone, whose place changes."""
+    """Such an echo may be from an edge within the cone, whose place changes."""
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.walls.see_line(line(0.0, 0.8))
@@ -272,7 +275,7 @@ def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
 
 
 def test_uncertainty_of_a_walls_direction_moves_its_far_end() -> None:
-    """A place 2 cm in front of a wall, 1 m from the part known to a degree, may well be on it."""
+    """With a direction known to a degree, a place 1 m along and 2 cm off may be on the wall."""
     room = Room()
     room.walls.see_line(line(0.0, 0.8)._replace(var_normal=DEGREE**2))
     room.believe(0.0, 1.0, 0.0)

@@ -67,7 +67,7 @@ def test_a_wall_observation_is_the_walls_line_from_the_last_place(degrees: float
 
 
 def test_a_wall_observations_variance_is_that_of_its_errors() -> None:
-    """Over many noisy passes at 10 cm, where the sigma is 1.5 and 1.2 mm together."""
+    """The many noisy passes are at 10 cm, where the two sigmas of 1.5 and 1.2 mm add."""
     measurements = [drive_by(0.2, 0.0, noise_m=0.0019, seed=seed) for seed in range(300)]
     seen = [s for s in measurements if s is not None]
     assert len(seen) > 295
@@ -117,7 +117,7 @@ def test_with_lateral_slip_a_flat_wall_seems_bowed(
 
 @pytest.mark.parametrize(("slip_m_sqrt_m", "known"), [(0.001, 0), (0.002, 0), (0.0038, 1)])
 def test_lateral_slip_is_as_the_wheels_show(slip_m_sqrt_m: float, known: int) -> None:
-    """3.5 mm of bow over 0.3 m: more than a good floor explains, not more than a slippery one."""
+    """A bow of 3.5 mm over 0.3 m is possible on a slippery floor, but not on a good one."""
     estimator = PoseEstimator(MODEL, ORIGIN)
     relocaliser = Relocaliser(MODEL, estimator)
     free = {"bumper_left": False, "bumper_right": False}

@@ -19,7 +19,10 @@ RADIUS_M = MODEL.radius_m
 
 
 def test_contact_implies_lateral_slip() -> None:
-    """Pressed to the wall at 3°, the distance is constant; the heading into it must be kept."""
+    """At 3° pressed against the wall, the distance is constant.
+
+    The heading into it must be kept.
+    """
     track = WallTrack(MODEL.infrared_left)
     heading = math.radians(3.0)
     reads = RADIUS_M - MODEL.infrared_left.y_m

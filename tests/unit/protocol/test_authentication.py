@@ -200,7 +200,7 @@ def test_every_flipped_bit_is_rejected() -> None:
 
 
 def test_the_flag_alone_is_worth_nothing() -> None:
-    """The length of a plain frame, with the flag of a signed one."""
+    """The frame has the flag of a signed one and the length of a plain one."""
     host = Link(Direction.HOST)
     host.send(SetMode(1, 1), 0, node=1, flags=1)
     assert rejected(keyed(Link(Direction.DEVICE)), host.data_to_send())

@@ -185,7 +185,7 @@ def test_bits_of_known_frames() -> None:
 
 
 def test_bus_load_at_default_rates_is_below_thirty_percent() -> None:
-    """Streams both ways, fast pings and ten log lines a second, on 500 kbit/s."""
+    """The load includes streams both ways, fast pings and ten log lines a second, on 500 kbit/s."""
     rows = loads()
     nominal = sum(row.bits_per_s for row in rows) / BITRATE
     worst = sum(row.worst_bits_per_s for row in rows) / BITRATE

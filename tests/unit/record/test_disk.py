@@ -134,7 +134,7 @@ def test_no_room_for_so_much_as_the_end_or_the_head(tmp_path: Path, size: int) -
 
 
 def test_a_disk_that_is_full_in_truth() -> None:
-    """The real device that is always full."""
+    """/dev/full is a device that is always full."""
     with pytest.raises(LogWriteError, match="cannot write /dev/full: No space left on device"):
         RunWriter(Path("/dev/full"), run_info(), force=True)
 

@@ -124,7 +124,7 @@ EVENTS = st.lists(
 def test_whatever_is_pressed_it_never_drives_long_alone(
     events: list[tuple[str, str, float, float, bool]], *, releases: bool
 ) -> None:
-    """Without a further event everything is at rest, and the limits hold all the time."""
+    """Without a further event everything comes to rest, and the limits are always kept."""
     drive_mode, now_s = dead_man(releases=releases), 0.0
     for what, key, wait_s, share, held in events:
         now_s += wait_s

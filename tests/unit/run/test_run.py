@@ -228,7 +228,7 @@ def test_a_killed_host_and_its_successor() -> None:
 
 @pytest.mark.parametrize("host_first_us", [200_000, 3_600_000_000])
 def test_a_successor_on_another_clock(host_first_us: int) -> None:
-    """A delay by the old host's clock means nothing for the new one's frames."""
+    """A delay by the old host's clock does not apply to the new host's frames."""
     ends, _ = started()
     ends.host_first_us = host_first_us
     second = spinning_host(clear_stop=True)

@@ -12,7 +12,7 @@ from tools.virtual.run import run_virtual
 
 
 def test_the_host_follows_the_chip_as_it_warms_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """6 °C in all with a time constant of 300 s: 0.39 °C in 20 s, minus half a second of filter."""
+    """6 °C with a time constant of 300 s give 0.39 °C in 20 s, less half a second of filter."""
     reported: list[float] = []
     warm = Ekf.warm
 

@@ -63,7 +63,7 @@ def test_a_port_that_vanishes_is_a_loss_at_once() -> None:
 
 
 def test_a_port_that_is_back_is_asked_at_once() -> None:
-    """Not after the two seconds for which a silent line is left alone by then."""
+    """The session does not wait the two seconds for which a silent line is left alone by then."""
     ends, host = ready()
     unplug(ends)
     ends.run(20.0)

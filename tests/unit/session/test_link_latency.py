@@ -305,7 +305,7 @@ def test_the_turnaround_of_the_device_does_not_count() -> None:
 
 
 def test_a_claimed_turnaround_hides_no_slow_link() -> None:
-    """The device stamps both ends of it: an implausibly long one is not accepted."""
+    """The device reports the turnaround itself, so an implausibly long one is not accepted."""
     assert judged(10, 10, 10, 10, turnaround_ms=200) is not None
     assert judged(10, 10, 10, 10, turnaround_ms=120) is None, "40 ms of it are"
     assert judged(10, 10, 10, 10, turnaround_ms=131) is not None

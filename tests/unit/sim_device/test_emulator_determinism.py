@@ -107,7 +107,7 @@ def test_another_process_gives_the_same(hash_seed: str) -> None:
 
 
 def test_the_runs_are_worth_comparing() -> None:
-    """It drives, with noise, and the faults had an effect."""
+    """The robot drives, with noise, and the faults have an effect."""
     heard = here(11, faults=False)
     assert len(heard) > 10_000
     kinds = {event.spec.name for event in Link(Direction.HOST).receive(heard, 0)}  # type: ignore[union-attr]  # all of them intact
@@ -121,5 +121,5 @@ def test_another_seed_gives_another_result(*, faults: bool) -> None:
 
 
 def test_how_often_it_is_stepped_changes_nothing() -> None:
-    """A real-time loop steps when it has time; a simulation when something is due."""
+    """A real-time loop steps when it has time, a simulation when something is due."""
     assert device_bytes(11, faults=True, steps_us=MIXED_US) == here(11, faults=True)

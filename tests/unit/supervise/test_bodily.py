@@ -114,7 +114,7 @@ def test_a_jolt_of_long_ago_is_no_lift() -> None:
 
 
 def test_vibration_and_a_bias_are_no_jolt() -> None:
-    """40 mg of vibration and 100 mg of bias, and no floor."""
+    """The vibration is 40 mg and the bias 100 mg, without floor under the sensor."""
     walk = Walk(Lifted())
     for number in range(200):
         up = round(G_LSB * (1.10 + (0.12 if number % 3 == 0 else -0.06)))
@@ -210,7 +210,7 @@ def test_a_touch_that_creeps_along_is_one(made_m: float, after_s: float, counts:
 
 
 def test_a_wall_that_is_followed_slowly_is_no_run_of_bumps() -> None:
-    """3 cm/s, and the switch closes every 0.3 s: each contact is measured from the one before."""
+    """At 3 cm/s the switch closes every 0.3 s. Each contact is measured from the one before."""
     walk = Walk(rule := Bump(BumpRule()))
     for _ in range(100):
         walk.step(5, left_m=0.0006, right_m=0.0006, range=reading(contacts=LEFT))
@@ -315,7 +315,10 @@ def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
 
 
 def test_a_slanting_fence() -> None:
-    """A triangle whose long side is y = 2 - x / 2: the robot crosses it away from the corners."""
+    """The fence is a triangle with its long side on y = 2 - x / 2.
+
+    The robot crosses it away from the corners.
+    """
     corners = ((0.0, 0.0), (4.0, 0.0), (0.0, 2.0))
     for x, y, outside in ((2.0, 0.9, False), (2.0, 1.1, True), (3.0, 0.4, False), (3.0, 0.6, True)):
         assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside

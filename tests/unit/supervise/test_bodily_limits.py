@@ -43,7 +43,7 @@ def leaning(degrees: float) -> Imu:
     ids=lambda value: type(value).__name__.lower(),
 )
 def test_nothing_is_grave_of_itself(rule: Condition, *, held: bool) -> None:
-    """A device without floor that sets every fault bit, ``LIFTED`` included."""
+    """The device sees no floor and sets every fault bit, including ``LIFTED``."""
     assert rule.grave is False
     assert Walk(rule).step(3, imu=imu(), range=reading(1.0)) is False
     assert rule.grave is False
@@ -53,7 +53,7 @@ def test_nothing_is_grave_of_itself(rule: Condition, *, held: bool) -> None:
 
 
 def test_to_lean_by_the_limit_is_not_to_lean_by_more() -> None:
-    """4 of 5 upright, 3 across: the angle whose cosine is exactly 0.8."""
+    """Gravity is 4 of 5 upright and 3 across: the angle whose cosine is exactly 0.8."""
     rule = Tilt(TiltRule(angle_deg=math.degrees(math.acos(0.8))))
     walk = Walk(rule)
     sample = imu(3000, 0, 4000)
@@ -65,7 +65,7 @@ def test_to_lean_by_the_limit_is_not_to_lean_by_more() -> None:
 
 
 def test_a_sample_counts_once_however_long_it_is_shown() -> None:
-    """A tenth of the way to 20° per sample of 20 ms."""
+    """Each sample of 20 ms moves the mean by a tenth of the way to 20°."""
     walk = Walk(rule := Tilt(TiltRule(angle_deg=1.5)))
     walk.step(50, imu=imu())
     shock = leaning(20.0)
@@ -160,7 +160,7 @@ def test_the_fence_is_where_it_is_and_not_before() -> None:
 
 
 def test_of_a_fences_sides_the_left_and_the_lower_belong_to_it() -> None:
-    """So fences side by side leave no gap, and a corner's height is no special place."""
+    """Fences side by side then leave no gap, and a corner's height is no special place."""
     corners = ((0.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (1.0, 3.0), (0.0, 3.0))
     for x, y, outside in (
         *((0.0, 1.5, False), (2.0, 1.5, True), (1.5, 1.0, False), (0.5, 3.0, True)),
@@ -171,7 +171,7 @@ def test_of_a_fences_sides_the_left_and_the_lower_belong_to_it() -> None:
 
 
 def test_a_slanting_fence_that_stands_higher() -> None:
-    """A triangle whose long side is y = 5 - x / 2."""
+    """The fence is a triangle with its long side on y = 5 - x / 2."""
     corners = ((0.0, 3.0), (4.0, 3.0), (0.0, 5.0))
     for x, y, outside in ((2.0, 3.9, False), (2.0, 4.1, True), (3.0, 3.4, False), (3.0, 3.6, True)):
         assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside

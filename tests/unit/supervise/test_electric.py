@@ -37,7 +37,7 @@ def test_a_wheel_that_stands_under_current_stalls() -> None:
 
 @pytest.mark.parametrize(("way_m", "stands"), [(0.00385, True), (0.0043, False)])
 def test_a_wheel_stands_below_2_cm_s(way_m: float, *, stands: bool) -> None:
-    """4 mm between two readings at 5 Hz, in either direction, on either side."""
+    """The limit is 4 mm between two readings at 5 Hz, in either direction, on either side."""
     for side, sign in (("left_m", 1), ("left_m", -1), ("right_m", 1), ("right_m", -1)):
         walk = Walk(rule := stall())
         first = power()
@@ -174,7 +174,7 @@ def test_what_the_device_reports_of_its_sensors(fault: Fault) -> None:
 
 
 def test_registers_that_do_not_change_while_the_wheels_turn() -> None:
-    """A second of turning on the spot by 0.25 rad/s."""
+    """The robot turns on the spot for a second at 0.25 rad/s."""
     walk = Walk(rule := Sensor())
     way_m = 0.5 * 0.23 * 0.25 * STEP_S
     walk.step(1, imu=imu(mark=1))
@@ -217,7 +217,10 @@ def test_nothing_is_grave_of_itself(rule: Condition) -> None:
 
 
 def test_a_wheel_that_makes_4_mm_does_not_stand() -> None:
-    """In one step, so that the sum is exact; the test sets the measured values."""
+    """The distance is made in one step, so that the sum is exact.
+
+    The test sets the measured values.
+    """
     for way_m, stands in ((0.004, False), (0.00399, True)):
         rule, measured = stall(), Measured(MODEL)
         inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, power=power())
@@ -271,7 +274,7 @@ def test_a_device_is_silent_only_after_its_time() -> None:
 
 
 def test_registers_stand_still_for_a_second_of_turning() -> None:
-    """In steps of an eighth of a second, which add up exactly; by more than 0.2 rad/s."""
+    """The steps of an eighth of a second add up exactly; the rate is above 0.2 rad/s."""
     sample, measured = imu(), Measured(MODEL)
     inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, imu=sample)
     measured.step_s = 0.125

@@ -331,7 +331,10 @@ def test_a_pause_may_last_its_whole_limit() -> None:
 
 
 def test_a_step_of_0_3_s_is_no_gap() -> None:
-    """The right rim leads by 26 cm: known for a step of 0.3 s, unknown beyond."""
+    """The right rim leads by 26 cm.
+
+    The motion is known for a step of 0.3 s, and unknown for a longer one.
+    """
     for gap_s, printed in ((0.3, 1), (0.3001, 0)):
         supervisor = Supervisor(
             MODEL, settings_from({"slip": {"reaction": "report", "after_s": 0.0}})
@@ -385,7 +388,7 @@ def test_a_robot_that_was_moved_by_hand_has_not_slipped() -> None:
 
 
 def test_a_gap_ends_a_run_towards_an_echo() -> None:
-    """Twice 0.25 m that closed by half: half a metre is evidence, a quarter each is not."""
+    """Half a metre in one run is evidence; two runs of 0.25 m are not."""
     for gap_s, printed in ((0.0, 1), (1.0, 0)):
         run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
         count = 0

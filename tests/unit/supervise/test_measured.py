@@ -101,7 +101,7 @@ def test_slip_is_what_the_wheels_turn_beyond_the_gyro_smoothed_over_0_3_s() -> N
 
 @pytest.mark.parametrize("late_s", [-0.020, -0.010, 0.0, 0.010, 0.020])
 def test_samples_that_come_late_are_no_slip(late_s: float) -> None:
-    """A turn of 1.8 rad/s changes into the opposite one at 5.5 rad/s²; counts have this age."""
+    """A turn of 1.8 rad/s reverses at 5.5 rad/s². The counts are this old."""
     measured, slips = Measured(MODEL), []
     for seen in swing(late_s, slip_m_s=0.0):
         measured.step(seen)
@@ -160,7 +160,10 @@ def test_restart_forgets() -> None:
 
 
 def test_the_longest_step_that_counts_is_0_3_s() -> None:
-    """Exactly at the limit, of the step and of the counts; from time 0, so that it is exact."""
+    """Step and counts are exactly at the limit.
+
+    Times begin at 0, so that the difference is exact.
+    """
     for limit_s, way in ((0.3, 40.0), (0.3000001, 0.0)):
         measured = Measured(MODEL)
         for time_s, counts in ((0.0, 0), (limit_s, 40)):

@@ -82,7 +82,7 @@ def test_nothing_is_grave_and_nothing_held_without_a_planner() -> None:
 
 @pytest.mark.parametrize(("way_m", "found"), [(1.0, False), (1.0001, True)])
 def test_d_may_be_off_by_its_limit(way_m: float, *, found: bool) -> None:
-    """An eighth of a metre, and 0.875 m reported."""
+    """The limit is an eighth of a metre, and 0.875 m is reported."""
     hand = Hand(distance_m=0.125)
     after = planner(TURN, distance=875, previous=875, case=1)
     assert hand.lane(way_m, after) is found
@@ -118,7 +118,7 @@ def test_a_lane_begins_where_the_odometry_was() -> None:
 
 
 def test_the_estimates_way_is_along_any_heading() -> None:
-    """3-4-5: half a metre along the lane, whatever the lateral distance."""
+    """By 3-4-5 the robot moves half a metre along the lane, whatever the lateral distance."""
     hand = Hand()
     start = Pose2(2.0, 3.0, 0.9272952180016122)  # atan2(4, 3)
     hand.at(0.0, planner(TURN), start)
@@ -142,7 +142,10 @@ def test_the_estimates_way_is_along_any_heading() -> None:
 def test_how_much_path_becomes_uncertain(
     slip_m_s: float, contacts: int | None, *, found: bool
 ) -> None:
-    """D is 9 cm off: 3 cm are allowed, 6.25 cm are uncertain, by slip for 0.25 s or by a push."""
+    """D is 9 cm off.
+
+    3 cm are allowed, and 6.25 cm are uncertain by slip for 0.25 s or by a push.
+    """
     hand = Hand()
     hand.at(0.0, planner(TURN))
     hand.at(0.25, planner(LANE))
@@ -155,7 +158,7 @@ def test_how_much_path_becomes_uncertain(
 
 
 def test_a_slip_inflates_from_its_limit_on() -> None:
-    """2 s of 12 mm/s, and slightly more: 2.4 cm."""
+    """The slip is 2 s of 12 mm/s (2.4 cm), and slightly more."""
     for slip_m_s, found in ((0.012, True), (0.01201, False)):
         hand = Hand()
         hand.at(0.0, planner(TURN))
@@ -167,7 +170,7 @@ def test_a_slip_inflates_from_its_limit_on() -> None:
 
 
 def test_a_push_inflates_by_the_wheels_mean() -> None:
-    """One wheel turns 8 cm, the other none: 4 cm."""
+    """One wheel turns 8 cm and the other none, so the mean is 4 cm."""
     for off_mm, found in ((65, False), (75, True)):
         hand = Hand()
         hand.at(0.0, planner(TURN))
@@ -242,7 +245,7 @@ def test_every_limit_of_a_case(distance: int, cases: set[int]) -> None:
 
 @pytest.mark.parametrize(("equal_m", "cases"), [(0.25, {0, 1}), (0.2489, {0})])
 def test_equal_may_differ_by_its_limit(equal_m: float, cases: set[int]) -> None:
-    """A quarter of a metre apart, exactly; minus the millimetre of rounding."""
+    """The values are exactly a quarter of a metre apart, minus the millimetre of rounding."""
     before = planner(LANE, turns=1, distance=1000, previous=1000, case=1)
     for case in (0, 1):
         hand = Hand(equal_m=equal_m)
@@ -300,7 +303,7 @@ def test_what_may_be_measured_of_a_claim(
 
 
 def test_a_longer_time_between_tests_allows_more() -> None:
-    """4 s at rest: 12 cm; a tested interval is not counted again."""
+    """4 s at rest allow 12 cm. An interval that was tested is not counted again."""
     hand = Hand(motion_s=2.0)
     hand.at(0.0, reported := planner(PAUSED))
     hand.measured.travel_m = 0.12

@@ -129,7 +129,7 @@ def test_an_option_is_judged_like_the_file() -> None:
 
 
 def test_the_defaults_as_the_page_has_them() -> None:
-    """Figures of docs/supervise.md, repeated on purpose."""
+    """The figures of docs/supervise.md are repeated here on purpose."""
     rules = SuperviseSettings()
     graded = {
         name: (rule.reaction.name, rule.after_s, rule.then.name, rule.then_s)

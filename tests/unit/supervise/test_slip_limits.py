@@ -71,7 +71,7 @@ def test_a_run_may_bend_by_its_limit() -> None:
 
 
 def test_a_range_may_jump_by_3_cm_beyond_the_way_made() -> None:
-    """It increases as fast as the robot drives; then by 0.53 m over half a metre."""
+    """The range increases as fast as the robot drives, then by 0.53 m over half a metre."""
     for range_m, held in ((0.63, True), (0.631, False)):
         hand = Hand()
         for number in range(11):
@@ -80,7 +80,7 @@ def test_a_range_may_jump_by_3_cm_beyond_the_way_made() -> None:
 
 
 def test_to_stand_is_not_to_be_sounded_again() -> None:
-    """Seven places and forty readings: too few for a result."""
+    """Seven places with forty readings are too few for a result."""
     hand = Hand()
     for number in range(7):
         for _ in range(6):
@@ -88,7 +88,7 @@ def test_to_stand_is_not_to_be_sounded_again() -> None:
 
 
 def test_a_run_is_of_the_last_0_3_m() -> None:
-    """A metre that closes correctly, then 0.34 m that close by at most half."""
+    """The range closes correctly for a metre, then by at most half for 0.34 m."""
     hand = Hand()
     range_m, way_m, held = 2.5, 0.0, False
     for number in range(136):

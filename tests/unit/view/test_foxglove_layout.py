@@ -100,7 +100,7 @@ def test_the_room_shows_topics_that_foxglove_draws(
 
 
 def test_foxgloves_own_parsers_read_the_log(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """With Foxglove's compiled schemas, not with the one in the file."""
+    """Foxglove's compiled schemas are used, not those in the file."""
     log = short_runs(tmp_path_factory)[0].log
     counts = dict.fromkeys(OWN_PARSERS, 0)
     with log.open("rb") as file:

@@ -151,7 +151,7 @@ def paper_runs() -> list[Ends]:
 
 
 def test_paper_level_ends_as_far_off_as_the_papers_robot(paper_runs: list[Ends]) -> None:
-    """Median of 20 seeds, by dead reckoning alone."""
+    """The result is the median of 20 seeds, by dead reckoning alone."""
     assert all(26.0 < run.path_m < 28.0 for run in paper_runs)
     assert 5.0 <= statistics.median(run.plain_mm for run in paper_runs) <= 9.0
     assert statistics.median(run.drift_deg_s for run in paper_runs) < 0.0014

@@ -66,7 +66,7 @@ def test_a_lifted_robots_wheels_turn_and_it_stays_until_it_is_set_down() -> None
 
 
 def test_wheels_in_the_air_are_quicker() -> None:
-    """Without the robot's mass: m·r²/2 less inertia at each wheel."""
+    """In the air the robot's mass is missing: each wheel has m·r²/2 less inertia."""
     body = plant(CENTRE, chassis=Chassis(mass_kg=3.0, caster_drag_n=0.0))
     body.faults.lifted = True
     body.set_duty(0.5, 0.5)
@@ -77,7 +77,7 @@ def test_wheels_in_the_air_are_quicker() -> None:
 
 
 def test_a_wheel_that_asks_for_more_than_traction_spins() -> None:
-    """7 N at each wheel and 3 kg: at most 4.67 m/s², whatever the motors' torque."""
+    """7 N at each wheel and 3 kg allow at most 4.67 m/s², whatever the motors' torque."""
     body = plant(CENTRE, chassis=Chassis(caster_drag_n=0.0, mass_kg=3.0))
     body.set_duty(1.0, 1.0)
     body.advance_ms(30)
@@ -150,7 +150,10 @@ def test_an_obstacle_with_no_way_out_holds_it_until_it_is_gone() -> None:
 
 
 def test_it_is_never_pushed_through_a_wall_that_stood() -> None:
-    """A shelf beside it is 20 mm thick; a box on the other side could only push it through."""
+    """A shelf beside the robot is 20 mm thick.
+
+    Only a box on the other side could push it through.
+    """
     shelf = box(10.17, 9.0, 10.19, 11.0)
     body = plant(room((10.0, 10.0, 0.0), obstacles=(shelf,)))
     body.replace_world(_world(shelf, box(9.0, 9.0, 10.1, 11.0)))

@@ -86,7 +86,7 @@ def test_a_wrong_value_is_named_in_one_line(key: str, value: object, names: str)
 
 
 def test_a_carpet_drags_on_the_wheels_that_stand_on_it() -> None:
-    """Half of 4 N at each wheel reduces its speed by F·r·R/K²."""
+    """Each wheel takes half of 4 N, which reduces its speed by F·r·R/K²."""
     body = on(carpets=(Carpet(box(5.0, 5.0, 15.0, 15.0), 4.0, 0.0),))
     body.set_duty(CRUISE, CRUISE)
     body.advance_ms(2000)
@@ -197,7 +197,7 @@ def test_beside_a_threshold_nothing_is_felt() -> None:
 
 
 def test_the_inertial_sensor_feels_the_tilt() -> None:
-    """At rest with the caster on top of a bar: nose up, g·sin(pitch) ahead."""
+    """With the caster on top of a bar, the nose is up: at rest it shows g·sin(pitch) ahead."""
     body = on(thresholds=bar(0.003, 10.0 + Chassis().caster_x_m))
     body.advance_ms(100)
     before = body.inertial

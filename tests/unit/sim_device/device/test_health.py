@@ -75,7 +75,7 @@ class Bench(WireHost):
 
 @pytest.mark.parametrize("noise", ["none", "paper", "typical", "harsh"])
 def test_a_sound_device_has_none(noise: str) -> None:
-    """Rest, drive, turn in place, run into a wall, back off and turn again."""
+    """The robot rests, drives, turns in place, runs into a wall, backs off and turns again."""
     plan = room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.4, 2.4))
     bench = Bench(plan, noise)
     for v_m_s, yaw_rad_s, duration_s in (

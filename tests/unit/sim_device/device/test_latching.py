@@ -90,7 +90,7 @@ def test_setpoints_while_latched_or_idle_are_nothing() -> None:
 
 
 def test_the_latch_alone_holds_the_wheels() -> None:
-    """Even if a fault handler does nothing else."""
+    """The latch must be enough even if a fault handler does nothing else."""
     bench = Bench()
     bench.free()
     bench.run(0.5, bench.drive)

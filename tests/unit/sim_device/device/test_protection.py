@@ -108,7 +108,7 @@ class Bench(WireHost):
 def test_duties_only_fall_once_nothing_asks_for_speed(
     ending: str, v_m_s: float, yaw_rad_s: float, fault: str
 ) -> None:
-    """Whatever the encoders report: they are reversed at its beginning."""
+    """The encoders are reversed at the beginning: duties must fall whatever they report."""
     bench = Bench(noise="none")
     bench.drive(1.0, v_m_s, yaw_rad_s)
     if ending == "stop":
@@ -234,7 +234,7 @@ def test_both_reversed_are_both_named() -> None:
     ],
 )
 def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) -> None:
-    """One wheel at a time, without a stop: a person stands beside it."""
+    """One wheel turns at a time, without a stop, because a person stands beside it."""
     bench = Bench(mode=Mode.BRINGUP)
     setattr(bench.device.sensors.faults, fault, True)
     bench.duty(1.0, 0.35, 0.0)

@@ -180,7 +180,7 @@ def test_a_rail_that_falls_again_while_it_boots(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_flat_battery_switches_it_off_and_a_full_one_on() -> None:
-    """With the plant's own battery and rail, whatever stops it first."""
+    """The plant's own battery and rail decide, whichever of them fails first."""
     host = free()
     drive(host, 1.0)
     host.device.plant.set_charge(0.0)

@@ -72,7 +72,7 @@ def test_a_new_session_measures_anew() -> None:
 
 @pytest.mark.parametrize("drift_ppm", [-200, -100, 0, 100, 200])
 def test_two_crystals_never_make_a_fresh_setpoint_stale(drift_ppm: int) -> None:
-    """Five simulated hours across four wraps of both clocks, with the jitter of a 1 ms adapter."""
+    """Five simulated hours have four wraps of both clocks, and the jitter of a 1 ms adapter."""
     rng = random.Random(drift_ppm)
     fresh = Freshness()
     worst = 0.0

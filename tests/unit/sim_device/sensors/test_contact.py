@@ -126,7 +126,7 @@ def test_the_floor_is_missed_as_soon_as_a_cliff_sensor_is_over_the_cliff() -> No
 @pytest.mark.parametrize("aside_mm", range(0, 130, 3))
 @pytest.mark.parametrize("side", [-1, 1])
 def test_no_wheel_drives_straight_over_a_cliff_that_no_sensor_saw(aside_mm: int, side: int) -> None:
-    """A pit 40 cm long whose side is this far beside the path."""
+    """The pit is 40 cm long, and its side is this far beside the path."""
     low, high = sorted((1.0 + side * 0.001 * aside_mm, 1.0 + side * 0.5))
     pit = ((0.8, low), (1.2, low), (1.2, high), (0.8, high))
     device = CliffSensor(RADIUS_M)

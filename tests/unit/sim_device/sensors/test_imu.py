@@ -119,7 +119,7 @@ def test_registers_change_at_the_output_rate(config: ImuConfig, period_ms: float
 
 @pytest.mark.parametrize(("dlpf", "delay_ms"), [(3, 4.8), (4, 8.3), (5, 13.4), (6, 18.6)])
 def test_the_filter_has_the_register_maps_group_delay(dlpf: int, delay_ms: float) -> None:
-    """For a rate that grows evenly, every filter shows the value of its delay ago."""
+    """For a rate that rises evenly, every filter shows the rate of its delay ago."""
     growth = 100.0  # °/s per s
     body = Scripted(heading_deg=lambda t: 0.5 * growth * t * t)
     device = chip(body, config=ImuConfig(dlpf=dlpf))
@@ -208,7 +208,10 @@ def test_the_bias_follows_the_temperature_in_a_straight_line() -> None:
 
 
 def test_warming_moves_the_typical_bias_less_within_a_lane_than_motion_does() -> None:
-    """The main error after a calibration is motion's 0.01 °/s, in 20 s of the first minute."""
+    """After a calibration the main error is motion's 0.01 °/s.
+
+    The lane is 20 s of the first minute.
+    """
     typical = NOISE_LEVELS["typical"]
     fastest_c_s = 6.0 / 300.0
     assert typical.gyro_tempco_deg_s_c * fastest_c_s * 20.0 < 0.2 * typical.gyro_motion_bias_deg_s

@@ -48,9 +48,9 @@ def within(count: int, of: int, p: float, sigmas: float = 4.0) -> bool:
 
 
 def test_a_reading_is_that_of_the_last_ping_whose_echo_is_back() -> None:
-    """A robot drives towards a wall at 0.2 m/s, read at 20 Hz.
+    """The robot drives towards a wall at 0.2 m/s and is read at 20 Hz.
 
-    Compared with the ping's own time.
+    Readings are compared with the range at the ping's own time.
     """
     device, start_m, v = sonar(), 2.0, 0.2
     readings = []
@@ -126,7 +126,7 @@ def test_a_walkers_leg_is_seen_where_it_is_nearest() -> None:
 
 
 def test_the_blind_angle_of_a_wall_is_its_mirrors_and_half_the_cone() -> None:
-    """27° and 7.5°: found by turning in front of a wall in steps of a tenth of a degree."""
+    """27° and 7.5° are found by turning in front of a wall in steps of a tenth of a degree."""
     device = sonar()
     seen = [
         angle
