@@ -171,9 +171,7 @@ def test_the_source_of_a_value_is_printed_when_it_is_used(home: Path) -> None:
         ("noise =", "not valid TOML"),
     ],
 )
-def test_what_is_wrong_is_named_and_a_key_is_not_printed(
-    home: Path, text: str, printed: str
-) -> None:
+def test_errors_are_named_without_printing_a_key(home: Path, text: str, printed: str) -> None:
     local(home, text)
     done = sweepctl("simulate", "empty")
     assert done.status == 2
@@ -183,7 +181,7 @@ def test_what_is_wrong_is_named_and_a_key_is_not_printed(
     assert len(done.err.splitlines()) == 1
 
 
-def test_stop_works_whatever_the_files_contain(home: Path) -> None:
+def test_stop_works_with_any_files(home: Path) -> None:
     local(home, "[defaults]\nnois = 1\n")
     assert parameters(stop, "/dev/ttyX")["port"] == "/dev/ttyX"
     assert "sweepctl.toml" in sweepctl("stop", "/dev/none").err

@@ -103,7 +103,7 @@ def test_a_note_alone_is_no_trouble(folder: Path) -> None:
     assert sweepctl("doctor", capture, "--json").json["healthy"]
 
 
-def test_what_is_no_log(folder: Path) -> None:
+def test_invalid_logs(folder: Path) -> None:
     done = sweepctl("doctor", folder)
     assert done.status == 2
     assert "is a folder" in done.line
@@ -124,7 +124,7 @@ def test_what_is_no_log(folder: Path) -> None:
         (__file__, "--listen", "is a file"),
     ],
 )
-def test_what_does_not_go_together(target: str, option: str, reported: str) -> None:
+def test_conflicting_options(target: str, option: str, reported: str) -> None:
     done = sweepctl("doctor", target, option)
     assert done.status == 2
     assert option in done.line

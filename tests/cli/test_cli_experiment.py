@@ -54,7 +54,7 @@ def test_the_same_to_the_digit_in_one_process_and_in_two(two_jobs: Path, tmp_pat
         assert (tmp_path / name).read_bytes() == (two_jobs / name).read_bytes()
 
 
-def test_what_is_done_is_not_run_again(two_jobs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_runs_are_not_repeated(two_jobs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: object) -> None:
         raise AssertionError("ran again")
 
@@ -77,7 +77,7 @@ def wait_for_a_line(path: Path, process: subprocess.Popen[str]) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_and_sigterm_keep_what_is_done(tmp_path: Path, number: signal.Signals) -> None:
+def test_ctrl_c_and_sigterm_keep_finished_results(tmp_path: Path, number: signal.Signals) -> None:
     process = start(
         *("experiment", "compare", "--rooms", "case-1", "--planners", "u-shape", "--seeds", "200"),
         *("--max-time", "3", "--jobs", "1", "--out", tmp_path),
@@ -96,7 +96,9 @@ def test_ctrl_c_and_sigterm_keep_what_is_done(tmp_path: Path, number: signal.Sig
 @pytest.mark.realtime
 @pytest.mark.parametrize("first_s", [0.0, 0.05])
 @pytest.mark.parametrize("between_s", [0.0, 0.02, 0.1])
-def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float) -> None:
+def test_two_signals_at_once_end_the_runs_too(
+    tmp_path: Path, first_s: float, between_s: float
+) -> None:
     """As from ``timeout``, which signals the process and its group, while the workers start.
 
     The last lines show what the second signal interrupted, and the status must match them: runs
@@ -132,7 +134,7 @@ def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float
 
 
 @pytest.mark.realtime
-def test_interrupted_before_the_report_it_reports_where_the_runs_are(two_jobs: Path) -> None:
+def test_an_interrupt_before_the_report_names_the_folder_of_the_runs(two_jobs: Path) -> None:
     """The report takes forever in this process, whose runs are done."""
     script = """
         import sys, time
@@ -164,7 +166,7 @@ def test_interrupted_before_the_report_it_reports_where_the_runs_are(two_jobs: P
     ]
 
 
-def test_a_run_that_fails_is_named_and_the_others_go_on(tmp_path: Path) -> None:
+def test_a_failed_run_is_named_and_the_others_continue(tmp_path: Path) -> None:
     good = Trial("case-1", "u-shape", "none", 0, 1.0)
     bad = Trial("case-1", "no-such-planner", "none", 0, 1.0)
     outcome = runs.run_all(Store(tmp_path, "1"), [bad, good], 1)

@@ -176,7 +176,9 @@ def test_switched_while_it_runs(device: Path) -> None:
         ((), "nothing to do"),
     ],
 )
-def test_what_the_control_rejects(device: Path, arguments: tuple[str, ...], message: str) -> None:
+def test_requests_that_the_control_socket_rejects(
+    device: Path, arguments: tuple[str, ...], message: str
+) -> None:
     done = sweepctl("fault", device, *arguments)
     assert (done.status, done.out) == (2, "")
     assert message in done.line

@@ -92,7 +92,7 @@ class Asked(Robot):
         (("param", "get", "max_speed"), "get_parameter", "the command was not done"),
     ],
 )
-def test_what_ctrl_c_cuts_off_is_not_done(
+def test_a_command_interrupted_by_ctrl_c_does_not_exit_with_0(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     arguments: tuple[str, ...],
@@ -117,7 +117,7 @@ def test_an_awaited_boot_is_reported_as_under_way(
     assert json.loads(printed.out)["exit_status"] == 1
 
 
-def test_what_a_device_may_have_done_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_possibly_executed_command_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     class Host:
         """A session whose device does not answer before Ctrl-C."""
 

@@ -138,7 +138,7 @@ SCHEMA: dict[str, Any] = {
         ([], "$: [] is not object"),
     ],
 )
-def test_the_check_finds_what_is_wrong(value: object, text: str | None) -> None:
+def test_the_check_finds_errors(value: object, text: str | None) -> None:
     found = list(problems(value, SCHEMA, SCHEMA))
     assert len(found) == (text is not None)
     assert text is None or text in found[0]

@@ -28,7 +28,7 @@ def truncated(log: Path, tmp_path: Path) -> Path:
     return path
 
 
-def test_info_counts_what_is_there(log: Path) -> None:
+def test_info_counts_the_messages(log: Path) -> None:
     done = sweepctl("info", log, "--json")
     assert (done.status, done.err) == (0, "")
     reported = {topic["topic"]: topic["count"] for topic in done.json["topics"]}

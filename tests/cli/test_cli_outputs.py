@@ -94,7 +94,7 @@ def test_a_screenshot_that_cannot_be_written_is_one_line(
         screenshot.take_at_rest(Still(), tmp_path / "shot.png", Path("/proc/none/x.png"))  # type: ignore[arg-type]
 
 
-def test_an_export_that_is_interrupted_reports_what_it_left(
+def test_an_interrupted_export_reports_its_partial_files(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(*_: object, **__: object) -> None:

@@ -236,7 +236,7 @@ class Condition:
 """
 
 
-def test_a_rule_that_raises_is_disabled_and_the_run_goes_on(site: Path) -> None:
+def test_a_rule_that_raises_is_disabled_and_the_run_continues(site: Path) -> None:
     install(site, "bad-rule", {"rules": {"bad": "bad:Rule"}}, {"bad": RULE})
     run = ("simulate", "empty", "--planner", "u-shape", "--max-time", "5", "--out", "r.mcap")
     done = sweepctl_with(site, *run, "--supervise-rule", "bad.reaction=stop")

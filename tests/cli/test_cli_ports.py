@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_the_udev_rule_is_printed_as_it_is() -> None:
+def test_the_udev_rule_is_printed_unchanged() -> None:
     result = sweepctl("ports", "--udev-rule")
     assert result.status == 0
     assert result.err == ""
@@ -33,7 +33,7 @@ def test_a_port_that_is_named_is_listed_and_not_opened(tmp_path: Path) -> None:
     assert (port["found"], port["note"]) == (None, None)
 
 
-def test_stopping_where_there_is_nothing(tmp_path: Path) -> None:
+def test_stopping_a_port_without_a_device(tmp_path: Path) -> None:
     result = sweepctl("stop", str(tmp_path / "ttyUSB0"))
     assert result.status == 3
     assert "does not exist" in result.err
@@ -74,7 +74,7 @@ def test_a_key_file_is_its_owners_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "zz" * 16, "00" * 15, "00" * 17, "\x00\xff", "é"])
-def test_what_is_no_key(tmp_path: Path, text: str) -> None:
+def test_invalid_keys(tmp_path: Path, text: str) -> None:
     path = tmp_path / "robot.key"
     path.write_text(text, encoding="utf-8")
     path.chmod(0o600)

@@ -123,7 +123,7 @@ def beyond(end: str, by: int) -> str:
 
 
 @pytest.mark.parametrize("option", RANGES, ids=lambda o: " ".join((*o.path, o.name)))
-def test_the_range_on_the_page_is_the_commands_own(option: Range) -> None:
+def test_the_ranges_on_the_page_are_those_of_the_command(option: Range) -> None:
     """A value beyond either end is rejected by the option's name; both ends are accepted."""
     for value in (beyond(option.low, -1), beyond(option.high, 1)):
         assert option.name in rejections(option.path, option.name, value), value

@@ -76,7 +76,7 @@ def test_robot_check_prints_each_problem_on_a_line_with_the_nearest_key(tmp_path
     assert (found["valid"], found["exit_status"], len(found["problems"])) == (False, 2, 4)
 
 
-def test_robot_check_warns_of_what_will_not_work_well(tmp_path: Path) -> None:
+def test_robot_check_warns_of_unsuitable_values(tmp_path: Path) -> None:
     path = tmp_path / "near.toml"
     path.write_text("[infrared_left]\ny_m = 0.14\n")
     done = sweepctl("robot", "check", str(path))

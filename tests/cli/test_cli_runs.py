@@ -105,7 +105,7 @@ def test_json_has_every_column_and_the_files_that_cannot_be_read(runs: Path) -> 
         (("heatmap", "--out", "x.html", "--where", "0"), "no selected run has a known room"),
     ],
 )
-def test_what_is_wrong_is_one_line(runs: Path, words: tuple[str, ...], text: str) -> None:
+def test_an_error_is_one_line(runs: Path, words: tuple[str, ...], text: str) -> None:
     done = sweepctl("runs", *words)
     assert done.status == 2
     assert text in done.line
@@ -148,7 +148,7 @@ def test_compare_shows_medians_by_group(runs: Path) -> None:
     assert (again.status, "c.png exists" in again.line) == (1, True)
 
 
-def test_the_heat_map_counts_what_no_run_swept(runs: Path, tmp_path: Path) -> None:
+def test_the_heat_map_counts_unswept_floor(runs: Path, tmp_path: Path) -> None:
     (runs / "broken.mcap").write_text("no log")
     found = json.loads(sweepctl("runs", "heatmap", "--out", "m.png", "--json").out)
     (room,) = found["rooms"]

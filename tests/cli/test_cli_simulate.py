@@ -132,7 +132,7 @@ def test_an_existing_log_is_not_replaced(folder: Path) -> None:
     assert log.read_bytes() == first
 
 
-def test_the_same_out_twice_is_one_run(folder: Path) -> None:
+def test_the_same_out_option_twice_is_one_run(folder: Path) -> None:
     out = ("--out", folder / "a.mcap", "--out", folder / "a.mcap")
     done = sweepctl("simulate", "empty", "--max-time", "1", "--json", *out)
     assert done.json["outcome"] == "timeout"

@@ -159,7 +159,7 @@ def test_a_folder_that_may_not_be_entered_is_reported(tmp_path: Path) -> None:
     assert done.stderr == "sweepctl: cannot write wire/sweepctl_protocol.h: Permission denied\n"
 
 
-def test_a_path_that_cannot_be_is_looked_at_without_an_error(tmp_path: Path) -> None:
+def test_an_impossible_path_causes_no_exception(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "circle").symlink_to("circle")
     for name in ("n" * 300, "file/below", "circle", "circle/below", "nothing", "a\0b"):
@@ -171,7 +171,7 @@ def test_a_path_that_cannot_be_is_looked_at_without_an_error(tmp_path: Path) -> 
     assert is_folder(tmp_path)
 
 
-def test_outputs_in_a_circle_of_links_are_looked_at(tmp_path: Path) -> None:
+def test_outputs_in_a_circle_of_links_are_checked(tmp_path: Path) -> None:
     (tmp_path / "circle").symlink_to("circle")
     from bridge.record.errors import LogWriteError  # noqa: PLC0415 - for this test only
 
@@ -189,7 +189,7 @@ def test_a_log_is_named_after_a_room_of_any_name(
         assert log_path(None, name) != path
 
 
-def test_a_shipped_room_is_read_whatever_stands_in_the_way(
+def test_a_shipped_room_is_read_with_any_files_in_the_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "case-1").symlink_to("case-1")

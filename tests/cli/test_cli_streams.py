@@ -78,7 +78,7 @@ def test_without_a_stdout_it_does_its_work(log: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("size", ["²", "٣", "9" * 5000, "0", "-1", ""])
 @pytest.mark.parametrize("name", ["COLUMNS", "LINES"])
-def test_a_size_that_is_no_number_is_passed_over(
+def test_a_size_that_is_no_number_is_ignored(
     name: str, size: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(name, size)
@@ -92,7 +92,7 @@ def test_a_size_that_is_a_number_counts(monkeypatch: pytest.MonkeyPatch) -> None
     assert VisibleConsole().width == 77
 
 
-def test_info_shortens_long_values_and_names_what_is_unknown(
+def test_info_shortens_long_values_and_names_unknown_ones(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     known = dict.fromkeys((*_SUMMARY, "outcome", "reason"))

@@ -58,7 +58,7 @@ def test_view_converts_it(log: Path, tmp_path: Path) -> None:
     assert (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
-def test_a_replay_has_what_the_log_has(log: Path) -> None:
+def test_a_replay_has_the_content_of_the_log(log: Path) -> None:
     reader = LogReader(log)
     recording = load(reader)
     assert recording.imu_info == NOMINAL.info()

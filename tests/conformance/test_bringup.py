@@ -45,7 +45,7 @@ def spin(device: Probe, left: float, right: float, seconds: float) -> tuple[int,
 
 
 @pytest.mark.slow
-def test_each_duty_turns_its_wheel_its_way(device: Probe) -> None:
+def test_each_duty_turns_its_wheel_in_its_direction(device: Probe) -> None:
     ready(device)
     left, right = spin(device, -DUTY, DUTY, 0.4)
     assert left < -MOVED

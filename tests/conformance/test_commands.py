@@ -79,7 +79,7 @@ def test_before_the_handshake_everything_but_stop_is_rejected(device: Probe) -> 
             )
 
 
-def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: Probe) -> None:
+def test_a_repeated_command_is_answered_but_not_executed_again(device: Probe) -> None:
     """The stop in between must hold, although the same clear_stop arrives again."""
     device.handshake()
     device.stop()
@@ -96,7 +96,7 @@ def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: 
     assert device.status().stop_cause == OPERATOR, "it was carried out twice"
 
 
-def test_a_command_that_comes_again_late_is_not_carried_out_again(device: Probe) -> None:
+def test_a_command_repeated_late_is_not_executed_again(device: Probe) -> None:
     """Sixteen other commands came in between, and the device keeps sixteen replies."""
     device.handshake()
     device.stop()
@@ -111,7 +111,7 @@ def test_a_command_that_comes_again_late_is_not_carried_out_again(device: Probe)
     assert device.status().stop_cause == OPERATOR, "it was carried out twice"
 
 
-def test_a_repeated_refusal_stays_a_refusal(device: Probe) -> None:
+def test_a_repeated_rejection_stays_a_rejection(device: Probe) -> None:
     device.handshake()
     device.stop()
     command_id = device.next_id()

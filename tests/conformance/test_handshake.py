@@ -182,7 +182,7 @@ def test_enumerations_are_those_of_the_catalogue(device: Probe) -> None:
     assert unknown == DescribeEnumReply(1, UNKNOWN, 0)
 
 
-def test_the_catalogues_hash_is_that_of_what_is_described(device: Probe) -> None:
+def test_the_catalogue_hash_matches_the_descriptions(device: Probe) -> None:
     hello = device.greet()
     answers = described(device, [Describe(t, 0xFE) for t in range(MAX_TYPE + 1)])
     known = {t: a for t, a in answers.items() if a.field_count != UNKNOWN}

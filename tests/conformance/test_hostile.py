@@ -318,7 +318,7 @@ def still_itself(device: Probe) -> None:
 
 
 @pytest.mark.parametrize("type_id", UNKNOWN_TYPES)
-def test_an_unknown_type_is_passed_over(device: Probe, type_id: int) -> None:
+def test_an_unknown_type_is_ignored(device: Probe, type_id: int) -> None:
     quiet(device)
     device.ping()
     mark = len(device.heard)
@@ -333,7 +333,7 @@ def test_an_unknown_type_is_passed_over(device: Probe, type_id: int) -> None:
     assert not answers, f"it answered {answers}"
 
 
-def test_a_devices_own_message_is_passed_over(device: Probe) -> None:
+def test_a_devices_own_message_is_ignored(device: Probe) -> None:
     quiet(device)
     mark = len(device.heard)
     spec = CATALOGUE.by_class[Encoders]
@@ -381,7 +381,7 @@ def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
     assert device.status().stop_cause == StopCause.NONE
 
 
-def test_another_nodes_messages_are_passed_over(device: Probe) -> None:
+def test_another_nodes_messages_are_ignored(device: Probe) -> None:
     device.handshake()
     device.free()
     other = 15 if device.node != 15 else 14

@@ -247,7 +247,7 @@ def test_another_session_ends_it_and_latches(device: Probe) -> None:
     assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.LINK)
 
 
-def test_it_keeps_to_its_top_speed(device: Probe) -> None:
+def test_the_top_speed_is_never_exceeded(device: Probe) -> None:
     """At ten times its parameter's limit, it turns as fast as the limit allows."""
     device.handshake()
     device.needs(SetParameter)

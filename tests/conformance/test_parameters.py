@@ -99,7 +99,7 @@ def test_a_repeated_set_does_not_undo_a_later_one(device: Probe) -> None:
     assert get(device, number).value == parameter.value, "it was carried out twice"
 
 
-def test_what_is_out_of_range_is_rejected(device: Probe) -> None:
+def test_out_of_range_values_are_rejected(device: Probe) -> None:
     device.handshake()
     for p in writable(every(device)):
         wrong: list[int] = []
@@ -124,7 +124,7 @@ def test_another_kind_is_rejected(device: Probe) -> None:
         assert reason is NackReason.BAD_VALUE, f"{p.name} as {kind.name}: {reason}"
 
 
-def test_what_is_not_there_is_rejected(device: Probe) -> None:
+def test_missing_objects_are_rejected(device: Probe) -> None:
     device.handshake()
     count = every(device)[0].parameter_count
     for number in {count, 255}:
@@ -139,7 +139,7 @@ def test_what_is_not_there_is_rejected(device: Probe) -> None:
         assert device.refusal(write) is NackReason.UNKNOWN_PARAMETER
 
 
-def test_what_is_read_only_stays(device: Probe) -> None:
+def test_read_only_parameters_do_not_change(device: Probe) -> None:
     device.handshake()
     found = [p for p in every(device) if p.flags & ParameterFlag.READ_ONLY]
     device.needs(bool(found), "every parameter can be set")
@@ -185,7 +185,7 @@ def test_saved_values_survive_a_reboot_and_others_do_not(device: Probe) -> None:
 
 
 @pytest.mark.slow
-def test_a_factory_reset_forgets_what_was_saved(device: Probe) -> None:
+def test_a_factory_reset_erases_saved_values(device: Probe) -> None:
     """The device's own values are put back and saved again, whatever comes of the check."""
     device.handshake()
     found = writable(every(device))

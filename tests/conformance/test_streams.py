@@ -175,7 +175,7 @@ def test_at_rest_the_imu_feels_the_earth_and_nothing_else(device: Probe) -> None
     assert turning < 10.0, f"{turning:.1f} deg/s at rest; MPU6050 allows 20 before calibration"
 
 
-def test_what_a_count_of_the_imu_is_worth_is_said_after_hello_and_each_second(
+def test_the_imu_scale_is_sent_after_hello_and_each_second(
     device: Probe,
 ) -> None:
     device.handshake()
@@ -210,7 +210,7 @@ def test_sequence_numbers_count_every_frame(device: Probe) -> None:
 
 
 @pytest.mark.link("uart")
-def test_what_it_writes_is_what_another_codec_reads(device: Probe) -> None:
+def test_another_codec_reads_its_bytes(device: Probe) -> None:
     """The whole capture by a second codec that shares no code with ours."""
     device.handshake()
     device.forget()

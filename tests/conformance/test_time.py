@@ -33,7 +33,7 @@ def test_a_reply_is_sent_after_the_request_came(device: Probe) -> None:
     assert taken[len(taken) // 2] <= WORST_US, f"answered after {taken} us"
 
 
-def test_the_devices_stay_is_part_of_the_round_trip(device: Probe) -> None:
+def test_the_devices_turnaround_is_part_of_the_round_trip(device: Probe) -> None:
     device.handshake()
     for ping in pings(device, 10):
         stay_us = since(ping.reached_us, ping.replied_us)

@@ -97,14 +97,14 @@ captures = st.lists(_parts, max_size=12).map(b"".join)
 @example(b"\0" + b"\x11" * 254 + b"\0")
 @example(b"\0" + b"\x11" * 255 + b"\0\x02\x01\0\xff")
 @example(b"\0" + b"\xff" + b"\x11" * 254 + b"\0")
-def test_a_capture_holds_what_the_streaming_parser_finds(stream: bytes) -> None:
+def test_a_capture_equals_the_streaming_parsers_result(stream: bytes) -> None:
     result = decode_capture(stream)
     assert batched(result) == streamed(stream)
     assert result.bytes_seen == len(stream)
 
 
 @given(captures, st.integers(1, 700), st.lists(st.integers(0, 5000), max_size=20))
-def test_it_holds_the_same_however_it_is_cut(
+def test_the_result_is_independent_of_the_chunks(
     stream: bytes, chunk_bytes: int, places: list[int]
 ) -> None:
     expected = batched(decode_capture(stream))
@@ -117,7 +117,7 @@ def test_it_holds_the_same_however_it_is_cut(
 
 @settings(max_examples=25)
 @given(st.lists(st.tuples(st.integers(0, 2**16), captures), min_size=1, max_size=3))
-def test_long_captures_take_the_quick_way_to_the_same(parts: list[tuple[int, bytes]]) -> None:
+def test_long_captures_use_the_fast_path_with_equal_results(parts: list[tuple[int, bytes]]) -> None:
     stream = b""
     for seed, odd in parts:  # enough frames of one length for the check by columns
         rng = np.random.default_rng(seed)

@@ -142,7 +142,7 @@ def random_message(spec: MessageSpec, rng: random.Random) -> Message:
     double=st.sampled_from([0.0, 0.1, 0.5]),
     swap=st.sampled_from([0.0, 0.05, 0.3]),
 )
-def test_no_wrong_message_whatever_happens_to_frames(
+def test_no_wrong_message_after_any_frame_damage(
     sends: Direction, seed: int, loss: float, double: float, swap: float
 ) -> None:
     rng = random.Random(seed)

@@ -40,7 +40,7 @@ DRAWN = [generate_room(seed, np.random.default_rng(seed), kind) for seed, kind i
 
 @pytest.mark.parametrize("planner", ["recovery", "u-shape"])
 @pytest.mark.parametrize("plan", [*CORRIDORS, *DRAWN], ids=lambda plan: plan.name)
-def test_no_run_is_ever_left_of_the_bound(plan: FloorPlan, planner: str) -> None:
+def test_no_run_beats_the_time_bound(plan: FloorPlan, planner: str) -> None:
     made = make_planner(planner, MODEL, random.Random(1))
     run = run_fast(plan, made, MODEL, seed=1, noise=LEVELS["typical"], max_time_s=300.0)
     meter = CoverageMeter(plan, MODEL, 0.01)

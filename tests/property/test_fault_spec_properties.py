@@ -38,7 +38,7 @@ def read_or_rejected(text: str, *, timed: bool = True) -> FaultSpec | None:
 
 
 @given(specs())
-def test_what_is_written_is_read(spec: FaultSpec) -> None:
+def test_written_bytes_are_read(spec: FaultSpec) -> None:
     assert parse_fault(spec.text) == spec
 
 

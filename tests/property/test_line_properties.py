@@ -143,7 +143,9 @@ def frame(can_id: int, length: int) -> bytes:
     st.sampled_from([10_000, 125_000, 500_000, 1_000_000]),
     st.lists(st.tuples(st.integers(0, 5_000), st.integers(0, 8)), max_size=30),
 )
-def test_a_bus_takes_each_frame_s_time(bitrate: int, sent: list[tuple[int, int]]) -> None:
+def test_a_bus_is_busy_for_the_duration_of_each_frame(
+    bitrate: int, sent: list[tuple[int, int]]
+) -> None:
     channel = CanChannel(bitrate, 0, lambda record: [record])
     writes = [(pause_us, frame(i, length)) for i, (pause_us, length) in enumerate(sent)]
     arrivals = run(channel, writes)
@@ -159,7 +161,7 @@ def test_a_bus_takes_each_frame_s_time(bitrate: int, sent: list[tuple[int, int]]
             assert at[can_id] - 1e-3 <= arrival.at_us <= at[can_id] + len(sent)
 
 
-def test_a_bus_sends_a_damaged_frame_again_and_drops_what_finds_no_room() -> None:
+def test_a_bus_repeats_a_damaged_frame_and_drops_frames_without_room() -> None:
     tries: list[bytes] = []
 
     def damage(record: bytes) -> list[bytes] | None:

@@ -95,7 +95,7 @@ def test_smoothing_never_exceeds_the_acceleration_nor_the_inputs(
 
 
 @given(angles, angles)
-def test_rotary_turns_the_short_way(target: float, yaw: float) -> None:
+def test_rotary_turns_in_the_shorter_direction(target: float, yaw: float) -> None:
     rate = RotaryController(1.5, 4.0).update(target, yaw, 0.02)
     short = math.remainder(target - yaw, math.tau)
     assert abs(rate) <= 1.5

@@ -95,7 +95,7 @@ def test_any_payload_decodes_or_raises_payload_error(spec: MessageSpec, payload:
     data=st.data(),
     wrong=st.sampled_from(["above", "below", "float", "text", "none"]),
 )
-def test_encode_rejects_what_does_not_fit_and_names_it(data: st.DataObject, wrong: str) -> None:
+def test_encode_rejects_values_out_of_range_by_name(data: st.DataObject, wrong: str) -> None:
     type_id, values = data.draw(wire.typed_values.filter(lambda drawn: bool(drawn[1])))
     name, kind = data.draw(st.sampled_from([row[:2] for row in ref.LAYOUTS[type_id][2]]))
     if kind in RANGES:
@@ -124,7 +124,7 @@ def test_encode_rejects_what_does_not_fit_and_names_it(data: st.DataObject, wron
     flags=st.integers(-1, 17),
     size=st.one_of(st.integers(0, 300), st.sampled_from([MAX_PAYLOAD, MAX_PAYLOAD + 1])),
 )
-def test_a_header_carries_what_fits_and_rejects_the_rest(
+def test_a_header_rejects_values_out_of_range(
     node: int, type_id: int, flags: int, size: int
 ) -> None:
     values = {"node": (node, 15), "type_id": (type_id, 0x7E), "flags": (flags, 15)}
@@ -178,7 +178,7 @@ def test_an_older_peer_gives_and_gets_the_shared_fields(
 
 
 @given(cut_messages(), st.binary(min_size=1, max_size=20))
-def test_a_newer_peer_s_fields_are_passed_over_and_counted(
+def test_a_newer_peers_fields_are_skipped_and_counted(
     case: tuple[MessageSpec, dict[str, object], int], extra: bytes
 ) -> None:
     spec, values, _ = case

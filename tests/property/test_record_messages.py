@@ -36,7 +36,7 @@ def parse(layout: FlatMessage, data: bytes) -> Any:  # noqa: ANN401 - a class ma
 
 
 @given(typed_values, nodes, seqs, t_us_values, st.none() | st.integers(0, 2**63))
-def test_a_device_message_shows_what_was_on_the_link(
+def test_a_device_message_equals_the_bytes_on_the_link(
     typed: tuple[int, dict[str, object]], node: int, seq: int, t_us: int, bound_ns: int | None
 ) -> None:
     type_id, values = typed

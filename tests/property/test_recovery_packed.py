@@ -96,7 +96,7 @@ def around(there: NDArray[Any]) -> NDArray[Any]:
 
 
 @given(acts)
-def test_packing_what_was_unpacked_gives_the_same_bytes(
+def test_packing_after_unpacking_gives_the_same_bytes(
     reported: list[tuple[str, tuple[float, float, float], float, bool]],
 ) -> None:
     memory = remembered(reported)

@@ -109,7 +109,7 @@ def test_how_time_is_split_changes_nothing(
 
 
 @given(drive=DRIVE)
-def test_in_the_open_the_path_is_what_the_wheels_rolled(
+def test_without_contact_the_path_equals_the_wheels_travel(
     drive: list[tuple[float, float, int]],
 ) -> None:
     body = plant(room((0.0, 0.0, 0.0), walls=box(-50.0, -50.0, 50.0, 50.0)))

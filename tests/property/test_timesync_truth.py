@@ -134,7 +134,7 @@ def test_a_declared_delay_makes_the_bound_small_and_it_stays_honest(
 
 @given(st.integers(0, 10_000), st.floats(-100.0, 100.0))
 @settings(max_examples=3)
-def test_with_nothing_declared_the_floors_are_what_is_left(seed: int, drift_ppm: float) -> None:
+def test_without_a_declaration_the_minimum_delays_remain(seed: int, drift_ppm: float) -> None:
     """Half of their sum is in the bound, half of their difference in the error."""
     ratios, bounds, _ = run(seed, drift_ppm, 1_000.0, 0)
     errors = [r * b for r, b in zip(ratios[-len(bounds) :], bounds, strict=True)]
@@ -155,7 +155,7 @@ def test_over_many_runs_the_bound_of_a_declared_link_is_below_a_tenth_of_a_milli
     assert inside >= 0.999 * count
 
 
-def test_a_declaration_that_is_not_true_is_seen_to_be_dishonest() -> None:
+def test_a_wrong_declared_delay_makes_the_bound_wrong() -> None:
     """A wrong declaration makes the bound wrong, so only known delays may be declared."""
     sync = TimeSync(round(UP_FLOOR_US * 1000), 3_000_000)
     ratios, _, _ = run(1, 20.0, 1_000.0, 0, sync=sync)

@@ -26,7 +26,7 @@ def bringup(monkeypatch: pytest.MonkeyPatch, answers: str, *arguments: str | Pat
     return sweepctl("bringup", *arguments)
 
 
-def test_it_asks_before_it_turns_a_wheel_and_reports_what_it_saw(
+def test_it_asks_before_it_turns_a_wheel_and_reports_the_result(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     with Served() as served:

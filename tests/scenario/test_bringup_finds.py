@@ -66,7 +66,7 @@ def wrongs(found: list[Finding]) -> set[tuple[str, str]]:
     return {(f.step, f.text.split(" (")[0]) for f in found if f.ok is False}
 
 
-def test_a_robot_wired_as_it_should_be_passes_every_look() -> None:
+def test_a_correctly_wired_robot_passes_every_check() -> None:
     stand = Stand()
     found = brought_up(stand)
     assert [(f.step, f.ok) for f in found] == [(step, True) for step in ALL_STEPS], found
@@ -121,7 +121,7 @@ IMU_WRONG = {
 @pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize("noise", NOISE_LEVELS)
 @pytest.mark.parametrize("wrong", IMU_WRONG)
-def test_miswired_axes_are_named_whatever_the_noise(wrong: str, noise: str, seeds: range) -> None:
+def test_miswired_axes_are_named_at_any_noise(wrong: str, noise: str, seeds: range) -> None:
     for seed in seeds:
         found = brought_up(Stand(wrong, seed=seed, noise=noise), "rest", "axes")
         assert wrongs(found) == IMU_WRONG[wrong], seed
@@ -130,9 +130,7 @@ def test_miswired_axes_are_named_whatever_the_noise(wrong: str, noise: str, seed
 
 @pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize("noise", NOISE_LEVELS)
-def test_a_robot_that_nobody_turns_is_not_blamed_for_its_gyro_bias(
-    noise: str, seeds: range
-) -> None:
+def test_a_gyro_bias_at_rest_is_not_reported_as_a_turn(noise: str, seeds: range) -> None:
     for seed in seeds:
         device = VirtualSweeper(PLAN, noise=noise, seed=seed)
         person = Scripted(confirm=lambda text: "Turn" in text, choose=lambda _text: "n")
@@ -162,7 +160,7 @@ def test_axes_are_left_out_while_the_robot_is_moved() -> None:
     assert sum("the robot was moved: the z rate" in text for text in person.reported) > 1
 
 
-def test_a_knock_is_not_taken_for_a_tilt() -> None:
+def test_a_knock_is_not_reported_as_a_tilt() -> None:
     """Half a second with one side raised counts; a blow of 2 g along the wrong axis does not."""
     stand = Stand()
     felt = stand.device.sensors.imu
@@ -250,7 +248,7 @@ def test_a_bus_does_as_well_as_a_line() -> None:
     assert wire.closed
 
 
-def test_a_person_who_quits_leaves_a_robot_that_stands() -> None:
+def test_quitting_leaves_the_robot_stopped() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     desk, wire = desk_on(device)
     with desk:
@@ -266,7 +264,7 @@ def test_a_person_who_quits_leaves_a_robot_that_stands() -> None:
     assert InterruptedByPersonError.exit_status == 1
 
 
-def test_the_wire_is_given_back_even_where_the_stop_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_wire_is_released_even_if_the_stop_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     desk, wire = desk_on(VirtualSweeper(PLAN, noise="none", seed=1))
     desk.enable(Mode.VELOCITY)
 

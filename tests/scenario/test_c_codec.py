@@ -250,7 +250,7 @@ def test_c_allows_the_payload_lengths_that_python_allows(adapter: Adapter) -> No
                 assert answer == f"ok {kept.hex() or '-'}", (spec.name, len(payload))
 
 
-def test_c_does_not_write_beyond_what_a_frame_holds(adapter: Adapter) -> None:
+def test_c_does_not_write_beyond_a_frame(adapter: Adapter) -> None:
     spec = CATALOGUE.by_name["log_text"]
     size, log_text = spec.layout.size, spec.type_id
     fits, beyond = "61" * (241 - size), "61" * (242 - size)
@@ -291,7 +291,7 @@ def damaged_stream(rng: random.Random) -> bytes:
     return bytes(out) + b"\0"  # the adapter's parser restarts for each line
 
 
-def test_c_finds_what_the_python_parser_finds(each_adapter: Adapter) -> None:
+def test_c_and_python_parsers_agree(each_adapter: Adapter) -> None:
     rng = random.Random(5)
     streams = [damaged_stream(rng) for _ in range(STREAMS)]
     questions = []
@@ -350,7 +350,7 @@ def test_c_describes_every_enumeration(adapter: Adapter) -> None:
         assert answer == " ".join(map(str, reply))
 
 
-def test_a_minimal_build_reports_what_it_lacks(tmp_path: Path) -> None:
+def test_a_minimal_build_reports_missing_messages(tmp_path: Path) -> None:
     kept = Catalogue(s.cls for s in SPECS if s.minimal)
     assert kept.hash != CATALOGUE.hash
     adapter = generate(tmp_path, built=kept).adapter(flags=("-DSP_MINIMAL",))

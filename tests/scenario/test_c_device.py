@@ -227,7 +227,7 @@ def test_it_sends_hello_once_a_second_until_the_handshake(device: Device) -> Non
     )
 
 
-def test_it_streams_what_the_board_measures(device: Device) -> None:
+def test_it_streams_the_boards_readings(device: Device) -> None:
     bench = Bench(device)
     bench.open()
     before = len(bench.heard(Imu)), len(bench.heard(Encoders))
@@ -258,7 +258,7 @@ def test_it_drives_only_when_asked_and_as_long_as_setpoints_are_fresh(device: De
     assert bench.status().faults == 0
 
 
-def test_a_setpoint_that_was_long_on_its_way_does_not_count(device: Device) -> None:
+def test_a_delayed_setpoint_is_rejected(device: Device) -> None:
     bench = Bench(device)
     bench.open()
     bench.start()
@@ -276,7 +276,7 @@ def test_a_setpoint_that_was_long_on_its_way_does_not_count(device: Device) -> N
     assert moves(3, 0)
 
 
-def test_what_is_addressed_to_all_neither_drives_nor_releases_it(device: Device) -> None:
+def test_messages_to_all_neither_drive_nor_release_it(device: Device) -> None:
     bench = Bench(device)
     bench.open()
     link = bench.session.link
@@ -375,7 +375,7 @@ def test_a_repeated_command_is_answered_and_not_carried_out_again(device: Device
         bench.run(0.1)
 
 
-def test_what_it_does_not_do_is_rejected(device: Device) -> None:
+def test_unsupported_commands_are_rejected(device: Device) -> None:
     bench = Bench(device)
     bench.open()
     session = bench.session

@@ -100,7 +100,7 @@ def test_a_wheel_that_slips_in_the_second_squares_refutes_the_result(
     assert f"new squares is {1000 * found.verified.worst_m:.1f} mm" in found.refuted
 
 
-def test_a_good_robot_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_correct_robot_is_not_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     found = calibrated(
         wrong_wheels(monkeypatch, 1, NoiseLevel(name="none")),
         Asked(side_m=0.6, runs=1, straight=False),
@@ -111,7 +111,7 @@ def test_a_good_robot_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.model.wheel_diameter_m == MODEL.wheel_diameter_m
 
 
-def test_what_is_in_the_way_ends_it_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_obstacle_ends_it_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     device = wrong_wheels(monkeypatch, 1, NoiseLevel(name="none"))
     with pytest.raises(StoppedForSafetyError, match="side of the square ended"):
         calibrated(device, Asked(side_m=5.0, runs=1, straight=False, speed_m_s=0.25))

@@ -227,7 +227,7 @@ class FullNetwork(VirtualBus):
         super().send(msg, timeout)
 
 
-def test_what_the_system_does_not_take_is_not_counted_as_sent() -> None:
+def test_unsent_frames_are_not_counted_as_sent() -> None:
     """With full network buffers the rest goes back to the line, which reports it."""
     joined: list[FullNetwork] = []
 
@@ -296,7 +296,7 @@ def test_datagrams_that_are_no_frames_do_not_end_the_port() -> None:
         assert port.garbled == len(NO_FRAMES)
 
 
-def test_what_is_no_data_frame_never_reaches_the_device() -> None:
+def test_only_data_frames_reach_the_device() -> None:
     """An error frame has an identifier and data as well: those of the controller's report."""
     group = "239.74.163.6"
     with (
@@ -341,7 +341,7 @@ def own_addresses() -> list[str]:
 
 
 @pytest.mark.parametrize("lan", [False, True])
-def test_only_what_is_sent_to_the_group_is_on_the_bus(lan: bool) -> None:  # noqa: FBT001 - of a test
+def test_only_datagrams_to_the_group_are_on_the_bus(lan: bool) -> None:  # noqa: FBT001 - of a test
     """A datagram to an address of this machine is no frame, whatever its sender."""
     join = partial(MulticastBus, lan=lan)
     with (

@@ -259,7 +259,7 @@ def test_every_frame_is_on_record_and_stamps_are_the_devices() -> None:
     assert not [e for e in sink.of(EventRecord) if e.kind in {"rejected", "damaged"}]
 
 
-def test_a_rebooted_device_is_heard_again() -> None:
+def test_messages_of_a_rebooted_device_are_received() -> None:
     host = session_end(link=CanLink)
     ends = BusEnds(host, sweeper(link=CanLink))
     assert ends.run(3.0, lambda: host.session.state is State.READY)

@@ -141,7 +141,7 @@ def check_command(words: list[str]) -> None:
             assert word.partition("=")[0] in known, f"{words[1]} has no {word}"
 
 
-def test_the_workflow_names_what_there_is() -> None:
+def test_the_workflow_names_existing_commands() -> None:
     text = (EXAMPLES / "github-actions.yml").read_text()
     assert "\t" not in text
     steps = steps_of(text)
@@ -183,7 +183,7 @@ def test_the_workflows_figure_holds() -> None:
     assert verdict(0.9, "timeout") == 1
 
 
-def test_the_script_names_what_there_is() -> None:
+def test_the_script_names_existing_commands() -> None:
     found = commands((EXAMPLES / "emulated-run.sh").read_text(), "sweepctl")
     reported = [words for words in found if len(words) > 2]
     assert [words[1] for words in reported] == ["emulate", "connect"]
@@ -193,11 +193,11 @@ def test_the_script_names_what_there_is() -> None:
 
 
 @pytest.mark.parametrize("link", re.findall(r"\]\(([^)#]+)\)", PAGE.read_text()))
-def test_the_page_links_to_what_is_there(link: str) -> None:
+def test_the_page_links_exist(link: str) -> None:
     assert (PAGE.parent / link).exists(), link
 
 
-def test_the_page_shows_the_example_as_it_is() -> None:
+def test_the_page_shows_the_example_unchanged() -> None:
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     example = (EXAMPLES / "test_my_controller.py").read_text()
     without_types = re.sub(

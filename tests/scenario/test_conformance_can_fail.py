@@ -33,14 +33,14 @@ AT_ONCE = 4
 FOUND_BY = {
     "reciting": {"test_describe_matches_the_catalogue"},
     "shy": {"test_hello_once_a_second_until_the_handshake"},
-    "eager": {"test_a_repeated_command_is_answered_again_and_not_carried_out_again"},
+    "eager": {"test_a_repeated_command_is_answered_but_not_executed_again"},
     "forgetful": {"test_a_stop_is_latched_and_leaves_every_mode"},
     "batching": {"test_stamps_advance_and_are_of_the_sampling"},
     "lossy": {"test_sequence_numbers_count_every_frame"},
     "persistent": {"test_an_expired_setpoint_ramps_to_rest_and_does_not_latch"},
     "trusting": {"test_a_damaged_frame_is_counted_and_not_obeyed"},
     "transmitonly": {"test_a_silent_host_is_a_lost_link"},
-    "careless": {"test_another_nodes_messages_are_passed_over"},
+    "careless": {"test_another_nodes_messages_are_ignored"},
     "obliging": {"test_node_0_is_for_stop_hello_and_time_alone"},
     "newest": {"test_the_graver_of_two_stops_that_coincide_is_latched"},
     "fickle": {"test_saved_values_survive_a_reboot_and_others_do_not"},
@@ -139,7 +139,7 @@ def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future
         assert devices.wait(30) == 0
 
 
-def test_every_defect_is_looked_for() -> None:
+def test_every_defect_has_its_check() -> None:
     assert FOUND_BY.keys() == DEFECTS.keys() - {"sound", *STATES}
     assert IN_STATE.keys() == set(STATES)
 
@@ -222,7 +222,7 @@ def _in_session(control: Path) -> bool:
     return bool(counts["line"]["from_host"] > 500)
 
 
-def test_a_port_where_nobody_answers_is_one_line(tmp_path: Path) -> None:
+def test_a_port_without_an_answer_is_one_line(tmp_path: Path) -> None:
     """The port is given as users type it: an existing path as a separate word."""
     master, slave = os.openpty()
     plugin = [] if INSTALLED else ["-p", "sweepctl_pytest"]

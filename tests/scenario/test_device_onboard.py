@@ -101,7 +101,7 @@ def test_it_rests_first_and_then_drives_from_its_own_origin() -> None:
     assert host.status.setpoint_remaining == 0, "nobody's setpoints move it"
 
 
-def test_paused_it_stands_and_goes_on_along_its_line() -> None:
+def test_after_a_pause_it_continues_along_its_line() -> None:
     host = driving()
     heading = host.device.truth.heading_rad
     assert host.plan(PAUSE) is None
@@ -119,7 +119,7 @@ def test_paused_it_stands_and_goes_on_along_its_line() -> None:
     assert host.device.truth.heading_rad == pytest.approx(heading, abs=0.02)
 
 
-def test_aborted_it_stands_and_cannot_be_resumed() -> None:
+def test_an_aborted_plan_stops_and_cannot_be_resumed() -> None:
     host = driving()
     assert host.plan(ABORT) is None
     host.run(RAMP_US / 1e6 + 0.3)
@@ -217,7 +217,7 @@ def test_every_planner_of_the_registry_and_no_other() -> None:
     assert host.plan(PlannerAction(0), 9) is NackReason.UNSUPPORTED
 
 
-def test_what_is_asked_out_of_place_is_rejected() -> None:
+def test_requests_in_a_wrong_state_are_rejected() -> None:
     host = WireHost(sweeper())
     assert host.plan(START) is NackReason.NO_SESSION
     host.join()
@@ -261,7 +261,7 @@ def test_the_planner_receives_the_uncertain_floor(monkeypatch: pytest.MonkeyPatc
     assert 0.0 < seen[-1].heading_sigma_rad < math.radians(2.0)
 
 
-def test_telemetry_is_what_it_always_is() -> None:
+def test_telemetry_does_not_change() -> None:
     host = driving()
     before = {kind: len(host.of(kind)) for kind in (Encoders, Status, Sync, Hello)}
     host.run(2.0)

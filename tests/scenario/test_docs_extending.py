@@ -103,7 +103,7 @@ def test_the_page_can_be_followed(tree: Path) -> None:
     assert "`dust`" in (tree / "docs" / "protocol" / "PROTOCOL.md").read_text()
 
 
-def test_the_page_explains_what_it_shows() -> None:
+def test_the_page_explains_its_figures() -> None:
     found = steps(PAGE.read_text(encoding="utf-8"))
     assert sum(isinstance(step, Edit) for step in found) == 4
     assert sum(isinstance(step, str) for step in found) == 7

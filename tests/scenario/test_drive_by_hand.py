@@ -81,7 +81,7 @@ def pad_event(kind: int, number: int, value: int) -> bytes:
     return struct.pack("<IhBB", 0, value, kind, number)
 
 
-def test_a_held_key_or_stick_drives_until_it_is_let_go(served: Served, tmp_path: Path) -> None:
+def test_a_held_key_or_stick_drives_until_its_release(served: Served, tmp_path: Path) -> None:
     pad = tmp_path / "js0"
     os.mkfifo(pad)
     keeper = os.open(pad, os.O_RDWR)
@@ -133,7 +133,7 @@ def test_connect_shows_and_starts_only_when_asked_twice(served: Served, tmp_path
     assert latched(served) == StopCause.OPERATOR
 
 
-def test_the_viewers_address_is_shown_while_the_run_goes_on(served: Served, tmp_path: Path) -> None:
+def test_the_viewers_address_is_shown_during_the_run(served: Served, tmp_path: Path) -> None:
     with OnTerminal("connect", served.port, "--serve", cwd=tmp_path) as terminal:
         terminal.shows("run waiting")
         _, picture = terminal.drawn.split(b"\x1b[?1049h", 1)  # on the alternate screen

@@ -221,7 +221,7 @@ def test_a_packet_cut_by_the_capture_is_marked(dissect: Dissect) -> None:
     assert (seen.get("damage"), seen.experts) == ("cut", {"cut"})
 
 
-def test_peers_with_fewer_and_more_fields_show_what_they_share(
+def test_peers_with_fewer_and_more_fields_use_the_shared_ones(
     dissect: Dissect,
 ) -> None:
     older, newer, bare = (

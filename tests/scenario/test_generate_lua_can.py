@@ -116,7 +116,7 @@ def check_transfer(group: list[Seen], spec: MessageSpec, message: Message, t_us:
     assert_message(last, spec, message)
 
 
-def test_a_tag_shows_its_counter_and_whose_it_is(dissect: Dissect) -> None:
+def test_a_tag_is_shown_with_counter_and_sender(dissect: Dissect) -> None:
     link = CanLink(Direction.HOST)
     link.key = Authenticator(bytes(range(16)))
     link.key.begin(1, 2, 0x0012_3456)
@@ -209,7 +209,7 @@ def piece(tail: int, content: bytes = b"1234567", t_us: int = 0) -> Packet:
         ([piece(0xE3, b"\x10")], ["single"], "length"),
     ],
 )
-def test_segments_are_judged_one_by_one(
+def test_segments_are_checked_one_by_one(
     packets: list[Packet], kinds: list[str], damage: str | None, dissect: Dissect
 ) -> None:
     seen = dissect(SOCKETCAN, packets)

@@ -171,7 +171,7 @@ def test_a_terminal_that_takes_nothing_holds_up_nothing(
     assert whole(log)["summary"]["reason"] == "ended by SIGTERM"
 
 
-def test_a_picture_goes_on_when_its_reader_is_back(served: Served, tmp_path: Path) -> None:
+def test_drawing_continues_when_the_reader_is_back(served: Served, tmp_path: Path) -> None:
     with OnTerminal("connect", served.port, "--out", tmp_path / "r.mcap", cwd=tmp_path) as terminal:
         terminal.shows("run waiting")
         terminal.stand_still()

@@ -30,7 +30,7 @@ def test_the_nominal_scale_is_that_of_the_catalogue() -> None:
     assert ImuConfig().scale == NOMINAL
 
 
-def test_a_sample_reads_the_same_whatever_its_scale() -> None:
+def test_a_sample_has_the_same_si_value_with_any_scale() -> None:
     scale = ImuScale.of(ImuInfo(81_920_000, 655_000, 1_000_000, -1000))
     assert scale is not None
     reader = ImuReader()

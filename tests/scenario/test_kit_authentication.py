@@ -303,7 +303,7 @@ def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
 
 
 @pytest.mark.parametrize("signs", [False, True])
-def test_only_what_is_signed_keeps_a_session_alive(signs: bool) -> None:  # noqa: FBT001 - a parameter of the test
+def test_only_signed_frames_keep_a_session_alive(signs: bool) -> None:  # noqa: FBT001 - a parameter of the test
     """Anyone can send hellos; only the host can send a signed time request."""
     host = Host(Link(Direction.HOST), KEY, 2)
     host.handshake()

@@ -148,7 +148,7 @@ def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
 
 
 @pytest.mark.parametrize("state", sorted(WAYS))
-def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int) -> None:
+def test_every_command_for_all_devices_is_ignored_in_every_state(state: int) -> None:
     """A stop and a hello may: node 0 then addresses this one device."""
     commands = [c for c in COMMANDS if not isinstance(c, Stop | HostHello)]
     commands += [GetParameter(0, SPEED), SetParameter(0, SPEED, 2, NEW), SaveParameters(0)]
@@ -174,7 +174,7 @@ def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int)
 
 
 @pytest.mark.parametrize("state", [VELOCITY, ONBOARD, RUNNING, PAUSED, BRINGUP, IDLE])
-def test_every_command_as_it_is_lifted(state: int) -> None:
+def test_every_command_while_it_is_lifted(state: int) -> None:
     """The floor disappears in this state: motion stops, and nothing can start in the air."""
     writer = Numbered()
     for command in COMMANDS:
@@ -215,7 +215,7 @@ def test_a_wheel_that_does_not_turn(current_ma: int, fault: str) -> None:
         (7, 0, 16384, 0, 0, 0, 0),  # repeats
     ],
 )
-def test_a_gyro_that_cannot_be_believed(imu: tuple[int, int, int, int, int, int, int]) -> None:
+def test_an_implausible_gyro(imu: tuple[int, int, int, int, int, int, int]) -> None:
     """Onboard it stops the plan; with a host it is reported."""
     writer = Numbered()
     lively = [(i % 3, 0, 16384 + i % 2, 0, 0, 0, i % 4) for i in range(250)]
@@ -323,7 +323,7 @@ def test_a_supply_lost_while_saving_leaves_the_old_values_or_the_new(again: bool
     assert found == sorted(found, key=(old, NEW).index), "once it stands, it stays"
 
 
-def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() -> None:
+def test_saved_values_survive_a_reboot_but_no_factory_reset() -> None:
     writer = Writer()
     writer.begin()
     writer.inform(SetMode(1, Mode.IDLE))
@@ -348,7 +348,7 @@ def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() 
 VELOCITY_SETPOINT, STOP, FLAG_AUTHENTICATED = 0x02, 0x01, 1
 
 
-def test_what_claims_a_tag_is_rejected_without_a_key_but_for_a_stop() -> None:
+def test_a_tagged_frame_is_rejected_without_a_key_except_a_stop() -> None:
     writer = Numbered()
     writer.go(VELOCITY)
     for counter in range(1, 5):
@@ -365,7 +365,7 @@ def test_what_claims_a_tag_is_rejected_without_a_key_but_for_a_stop() -> None:
 
 
 @pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])
-def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(*, can: bool) -> None:
+def test_questions_about_a_hello_cannot_lock_hosts_out(*, can: bool) -> None:
     for fields in range(5):
         writer = Writer(can=can)
         writer.inform(Describe(0x04, fields))

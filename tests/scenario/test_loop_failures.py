@@ -110,7 +110,7 @@ def once_driving(emulated: Emulated, then: Callable[[], None]) -> threading.Thre
 
 
 @pytest.mark.realtime
-def test_what_another_shell_asks_wrongly_does_not_end_a_run(
+def test_an_invalid_request_of_another_shell_does_not_end_a_run(
     emulated: Emulated, tmp_path: Path
 ) -> None:
     rejected: list[str] = []
@@ -142,7 +142,7 @@ def test_what_another_shell_asks_wrongly_does_not_end_a_run(
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("apart_s", [0.0, 0.002, 0.02])
-def test_a_stop_beside_ctrl_c_is_latched_where_it_is_called_confirmed(
+def test_a_stop_reported_as_confirmed_during_ctrl_c_is_latched(
     emulated: Emulated, tmp_path: Path, apart_s: float
 ) -> None:
     reported: list[bool] = []

@@ -85,7 +85,7 @@ def test_a_terminal_shows_the_dashboard_of_an_idle_robot(served: Served, tmp_pat
     assert list(tmp_path.iterdir()) == [], "nothing is recorded"
 
 
-def test_what_does_not_go_with_it_is_rejected(served: Served) -> None:
+def test_conflicting_options_are_rejected(served: Served) -> None:
     for words in (("imu",), ("--raw",)):
         done = sweepctl("monitor", served.port, "--handshake", *words)
         assert (done.status, "omit TYPE and --raw" in done.line) == (2, True)

@@ -116,7 +116,7 @@ def test_lines_for_people(line: Line) -> None:
     assert line.written() == b""
 
 
-def test_what_cannot_be_asked_for() -> None:
+def test_impossible_requests() -> None:
     assert "unknown message" in sweepctl("monitor", "/dev/null", "imuu").line
     assert sweepctl("monitor", "/dev/null", "imuu").status == 2
     assert sweepctl("monitor", "/dev/none-such").status == 3

@@ -30,7 +30,7 @@ def event_in(path: Path) -> dict[str, Any]:
     return event
 
 
-def test_a_failing_command_is_in_the_log_and_the_run_goes_on(tmp_path: Path) -> None:
+def test_a_failing_command_is_logged_and_the_run_continues(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     with Emulator(tmp_path, "--fault", "battery-flat@1") as device:
         failing = ("--on", "battery-low", "sleep 0.5; echo no broker >&2; exit 4")

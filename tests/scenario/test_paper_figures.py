@@ -68,7 +68,7 @@ def test_an_oblique_start_is_hardly_a_run() -> None:
 
 
 @pytest.mark.nightly
-def test_read_strictly_it_ends_at_the_first_blocked_step() -> None:
+def test_the_strict_reading_ends_at_the_first_blocked_step() -> None:
     """A diamond blocks a step. The other interpretation continues; the table has both."""
     found = {planner: run("layout:diamond", planner, "none") for planner in ("paper", STRICT_END)}
     shares = {planner: row["mouth_sweepable"] for planner, row in found.items()}

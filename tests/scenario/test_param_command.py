@@ -69,7 +69,7 @@ def test_list_get_set_save(port: str, served: Served) -> None:
     assert "cruise_speed: 0.15 -> 0.2 m/s" in done.err
 
 
-def test_what_is_rejected_reports_why(port: str, served: Served) -> None:
+def test_a_rejection_reports_its_reason(port: str, served: Served) -> None:
     before = served.device.firmware.parameters.value("max_speed")
     too_fast = param("set", port, "max_yaw_rate", "1.5", "max_speed", "50")
     assert too_fast.status == 2

@@ -58,7 +58,7 @@ def test_a_velocity_is_followed(sweeper):
     assert sweeper.range.latest is not None and sweeper.power.latest is not None
 
 @pytest.mark.sweeper(room="empty", noise="none")
-def test_a_velocity_is_let_go(sweeper):
+def test_a_velocity_expires(sweeper):
     sweeper.enable()
     sweeper.drive(0.1, 0.0)
     sweeper.run(3.0)
@@ -175,9 +175,7 @@ WRONG = {
 }
 
 
-def test_what_is_wrong_is_one_line(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_is_one_line(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     for fixture in ("sweeper", "sweeper_port"):
         cases = "\n".join(
             f"@pytest.mark.sweeper({argument})\ndef test_{name}({fixture}): pass\n"
@@ -237,7 +235,7 @@ def test_a_package_of_the_users_own_may_be_called_tools(
     result.stdout.fnmatch_lines(["sweepctl's package 'tools' is hidden by another of that name: *"])
 
 
-def test_a_user_without_the_fixtures_sees_nothing_of_it(
+def test_the_plugin_has_no_effect_without_its_fixtures(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The user's own option --port stays in effect."""

@@ -72,7 +72,7 @@ def test_size_and_stack(built: Path, name: str) -> None:
 
 
 @CROSS
-def test_the_core_has_no_variables_of_its_own(built: Path) -> None:
+def test_the_core_has_no_global_variables(built: Path) -> None:
     """The caller owns its state: only ``main`` has a device."""
     folder = built / "CMakeFiles" / "board_f405_qemu.dir" / "core"
     sizes = run([tool("arm-none-eabi-size"), *sorted(folder.glob("*.obj"))]).decode().splitlines()
@@ -85,7 +85,7 @@ def test_the_core_has_no_variables_of_its_own(built: Path) -> None:
 
 
 @CROSS
-def test_it_is_kept_by_what_it_is_made_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_key_covers_the_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     reported: list[str] = []
     elf = firmware_elf(tmp_path, reported.append)
     assert elf.read_bytes().startswith(b"\x7fELF")
@@ -98,7 +98,7 @@ def test_it_is_kept_by_what_it_is_made_of(tmp_path: Path, monkeypatch: pytest.Mo
         firmware_elf(tmp_path)
 
 
-def test_what_is_missing_is_named(tmp_path: Path) -> None:
+def test_missing_parts_are_named(tmp_path: Path) -> None:
     process = start("emulate", "--target", "qemu", cwd=tmp_path, env={"PATH": "/nonexistent"})
     done = end(process)
     assert (done.status, done.out) == (3, "")
@@ -125,7 +125,7 @@ def test_a_program_for_another_chip(tmp_path: Path) -> None:
         (["--fault", "clock-drift@3"], "keeps its own time"),
     ],
 )
-def test_what_it_cannot_do_is_rejected(built: Path, arguments: list[str], why: str) -> None:
+def test_unsupported_requests_are_rejected(built: Path, arguments: list[str], why: str) -> None:
     program = built / "board_f405_qemu.elf"
     done = sweepctl("emulate", "--target", "qemu", "--firmware", program, *arguments)
     assert (done.status, done.out) == (2, "")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 
-def test_a_device_boots_anew_and_is_back(tmp_path: Path) -> None:
+def test_a_rebooted_device_reconnects(tmp_path: Path) -> None:
     with Emulator(tmp_path) as device:
         first = sweepctl("reboot", device.port, "--json")
         again = sweepctl("reboot", device.port, "--json")

@@ -92,7 +92,7 @@ def test_a_kill_loses_half_a_second_at_most(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file size limits are a Unix thing")
-def test_a_full_disk_keeps_what_was_recorded(tmp_path: Path) -> None:
+def test_a_full_disk_keeps_the_recorded_part(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     done = subprocess.run(
         [sys.executable, "-c", script(_FULL), str(path)],

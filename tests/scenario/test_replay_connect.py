@@ -84,7 +84,7 @@ def test_it_sends_hello_and_waits_for_a_handshake(log: Path) -> None:
     assert len(messages(peer.wait(1.0))) > 150
 
 
-def test_it_answers_what_is_addressed_to_it(log: Path) -> None:
+def test_it_answers_only_messages_addressed_to_it(log: Path) -> None:
     """Node 0 is for stop, hello and time alone; messages for another node are ignored."""
     peer = Peer(replay_device(LogReader(log)))
     asked = [HostHello(0, 5, 0, 0, "me"), TimeRequest(3), Stop(7, 4), SetMode(8, 1)]
@@ -140,7 +140,7 @@ def test_it_stops_and_cannot_be_driven(log: Path) -> None:
     assert (nack.command_id, nack.reason) == (12, NackReason.UNSUPPORTED)
 
 
-def test_after_its_end_the_robot_stands(log: Path) -> None:
+def test_the_robot_is_at_rest_after_the_end(log: Path) -> None:
     device = replay_device(LogReader(log))
     peer = Peer(device)
     peer.send(HostHello(0, 5, 0, 1, "me"))
@@ -152,7 +152,7 @@ def test_after_its_end_the_robot_stands(log: Path) -> None:
     assert len({m for m in after if type(m).__name__ == "Encoders"}) == 1
 
 
-def test_damaged_bytes_come_again(tmp_path: Path) -> None:
+def test_damaged_bytes_are_reproduced(tmp_path: Path) -> None:
     log = tmp_path / "bad.mcap"
     sweepctl(
         *("simulate", "empty", "--planner", "u-shape", "--max-time", "5", "--out", log, "--json"),
@@ -202,7 +202,7 @@ def test_the_live_bridge_runs_on_it(tmp_path: Path) -> None:
     assert again == recorded[begin : begin + len(again)]
 
 
-def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
+def test_files_that_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
     for options in (
         ("--pty-link", "x"),
         ("--link", "pty", "--speed", "2"),

@@ -168,7 +168,7 @@ def test_a_port_that_is_not_there() -> None:
         bridge.open("/dev/no-such-port")
 
 
-def test_a_port_on_which_nobody_answers() -> None:
+def test_a_port_without_an_answer() -> None:
     with PtyPort() as silent:
         with pytest.raises(NoDeviceError, match=silent.path):
             bridge.open(silent.path, timeout_s=0.3)
@@ -200,7 +200,7 @@ def test_a_velocity_holds_for_half_a_second() -> None:
     assert drive.target == HALT
 
 
-def test_a_velocity_that_is_repeated_goes_on() -> None:
+def test_a_repeated_velocity_stays_in_effect() -> None:
     drive = ManualDrive()
     for i in range(200):
         command = VelocityCommand(0.001 * i, 0.0)
@@ -388,7 +388,7 @@ def test_a_stop_of_a_closed_robot_is_sent_all_the_same(emulated: Emulated) -> No
         robot.enable(clear_stop=True)
 
 
-def test_a_stop_from_another_program_beside_an_end_in_order(emulated: Emulated) -> None:
+def test_a_stop_from_another_program_during_an_orderly_end(emulated: Emulated) -> None:
     """A program that gets the confirmation of the stop finds the stop latched."""
     for _ in range(5):
         robot = bridge.open(emulated.port)
@@ -435,7 +435,7 @@ def test_a_program_records_and_the_log_is_whole(emulated: Emulated, tmp_path: Pa
     assert json.loads(second.attachments["summary.json"])["log"].endswith("again.mcap")
 
 
-def test_a_log_has_the_time_of_its_beginning_and_no_step_in_it(
+def test_clock_changes_do_not_shift_times_within_a_log(
     emulated: Emulated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The system clock is set before the first log, and once more while it is written."""

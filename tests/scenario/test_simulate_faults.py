@@ -30,7 +30,7 @@ def faults(log: Path) -> list[tuple[float, str, str]]:
     return found
 
 
-def test_what_was_injected_is_on_record(tmp_path: Path) -> None:
+def test_injected_faults_are_logged(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     done = simulate(
         log, "--fault", "bit-flips@3:1:rate=0.01", "--fault", "wheel-slip@4.5:0.25:left"
@@ -86,7 +86,7 @@ def test_a_fault_after_the_end_changes_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", ["clock-drift@1:ppm=500", "clock-jump@3:ms=-50"])
-def test_the_truth_is_kept_whatever_the_devices_clock_does(tmp_path: Path, fault: str) -> None:
+def test_the_truth_is_logged_with_any_device_clock(tmp_path: Path, fault: str) -> None:
     """True poses are logged, and compared with the estimate, by true time."""
     log = tmp_path / "run.mcap"
     reported = simulate(log, "--fault", fault, max_time_s=8.0).json

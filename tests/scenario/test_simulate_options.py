@@ -44,7 +44,7 @@ def metadata(log: Path) -> dict[str, str]:
         (("--planner-option", "side=left", "--supervise"), "cannot be used with --supervise"),
     ],
 )
-def test_what_cannot_be_is_rejected_before_a_log_is_made(
+def test_impossible_values_are_rejected_before_a_log_is_made(
     tmp_path: Path, arguments: tuple[str, ...], reported: str
 ) -> None:
     log = tmp_path / "run.mcap"

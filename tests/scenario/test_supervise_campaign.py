@@ -38,7 +38,7 @@ def test_a_run_without_any_raises_no_alarm() -> None:
     assert outcome.alarms == []
 
 
-def test_the_page_counts_what_was_missed_and_what_was_false() -> None:
+def test_the_page_counts_missed_hazards_and_false_alarms() -> None:
     hazard = HAZARDS[0]
     caught = Outcome(Job("case-1", "paper", 1, hazard=hazard), at_s=10.0)
     caught.alarms = [Alarm(9.0, "stall", ""), Alarm(11.5, "slip", ""), Alarm(12.0, "stall", "")]
@@ -62,7 +62,7 @@ def test_the_page_counts_what_was_missed_and_what_was_false() -> None:
 
 
 @pytest.mark.parametrize(("reported_m", "true"), [(1.02, False), (0.98, False), (1.04, True)])
-def test_an_alarm_over_d_is_held_against_the_true_lane(reported_m: float, *, true: bool) -> None:
+def test_an_alarm_about_d_is_compared_with_the_true_lane(reported_m: float, *, true: bool) -> None:
     """The robot went a metre ahead within 5 s, and 2 cm back.
 
     The turn before it is not part of the lane.
@@ -79,7 +79,7 @@ def test_an_alarm_over_d_is_held_against_the_true_lane(reported_m: float, *, tru
     assert lane_way_m([], 0.0, 1.0) != lane_way_m([], 0.0, 1.0), "nan: not known"
 
 
-def test_a_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_an_interrupted_campaign_continues(tmp_path: Path) -> None:
     path = tmp_path / "kept.jsonl"
     done = Outcome(Job("case-1", "paper", 1, hazard=HAZARDS[0]), at_s=10.0, ending="so")
     done.alarms = [Alarm(12.0, "stall", "it stands")]

@@ -102,7 +102,7 @@ def test_a_loss_ends_the_plan_on_the_device_and_the_run() -> None:
     assert ending(host).exit_status == 3, "nobody has confirmed the stop"
 
 
-def test_a_loss_that_is_not_judged_ends_the_run_when_the_device_is_back() -> None:
+def test_a_loss_without_a_decision_ends_the_run_at_the_reconnection() -> None:
     ends, host, _ = started(rule="silence.reaction=off")
     assert ends.run(8.0, lambda: ends.moving and host.mission.phase is Phase.DRIVING)
     ends.to_device.cut = ends.to_host.cut = True
@@ -122,7 +122,7 @@ def test_a_plan_that_is_aborted_by_others_ends_the_run() -> None:
     assert ending(host).exit_status == 5
 
 
-def test_a_planner_that_the_device_lacks_is_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planner_that_the_device_lacks_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim_device.device.control.planner_name", lambda _number: None)
     ends, host, _ = started()
     assert ends.run(4.0, lambda: host.mission.done)
@@ -233,7 +233,7 @@ def slowed() -> tuple[Ends, Host, Collector]:
     return ends, host, sink
 
 
-def test_full_speed_comes_back_only_once_the_device_reported_that_it_stands() -> None:
+def test_full_speed_returns_only_after_the_device_reported_standstill() -> None:
     """The report is lost repeatedly. Until it arrives, the top speed stays low."""
     ends, host, _ = slowed()
     parameters = ends.device.firmware.parameters
@@ -252,7 +252,7 @@ def test_full_speed_comes_back_only_once_the_device_reported_that_it_stands() ->
 
 
 @pytest.mark.parametrize("how", ["refused", "lost"])
-def test_a_top_speed_that_could_not_be_given_back_is_reported(
+def test_a_top_speed_that_could_not_be_restored_is_reported(
     how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends, host, sink = slowed()

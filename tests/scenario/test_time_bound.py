@@ -104,7 +104,7 @@ def test_at_an_adapter_of_16_ms_it_is_true_too() -> None:
     assert p95_ms < 0.2
 
 
-def test_a_way_that_is_longer_than_the_other_is_no_error_where_it_is_declared() -> None:
+def test_asymmetric_delays_cause_no_error_if_declared() -> None:
     """The delay from the device is 3 ms longer.
 
     Undeclared, half of that is in the bound, which is correct too.

@@ -167,7 +167,7 @@ def test_the_viewer_sends_no_analytics() -> None:
 # ---- following and pacing ------------------------------------------------------------------
 
 
-def test_a_follower_sees_each_message_once_whatever_the_moment(tmp_path: Path) -> None:
+def test_a_follower_reads_each_message_once_at_any_time(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     writer = RunWriter(log, run_info())
     follower = Follower(log, {"/pose", "/device/imu"})

@@ -77,7 +77,7 @@ def test_rerun_draws_the_log_without_our_code(log: Path, tmp_path: Path) -> None
     assert found["/ros/joint_states/velocity", "Scalars:scalars"] == counts["/ros/joint_states"]
 
 
-def test_what_we_save_holds_the_run_and_its_layout(log: Path, tmp_path: Path) -> None:
+def test_a_saved_recording_holds_the_run_and_its_layout(log: Path, tmp_path: Path) -> None:
     rrd = tmp_path / "run.rrd"
     reader = open_viewer(log, save=rrd)
     assert not reader.truncated
@@ -112,7 +112,7 @@ def test_a_cut_log_is_shown_as_far_as_it_goes(log: Path, tmp_path: Path) -> None
     assert 0.3 * whole < found["/world/robot", "Transform3D:translation"] < 0.7 * whole
 
 
-def test_what_cannot_be_shown_is_one_line(
+def test_a_file_that_cannot_be_shown_is_one_line(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(LogReadError, match="No such file"):
@@ -140,7 +140,7 @@ def test_a_viewer_that_fails_reports_why(log: Path, monkeypatch: pytest.MonkeyPa
         open_viewer(log, serve_web=True)
 
 
-def test_without_rerun_it_reports_what_to_install(
+def test_without_rerun_it_reports_the_install_command(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)

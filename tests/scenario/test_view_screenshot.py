@@ -51,7 +51,7 @@ class Proxy:
 
 
 @pytest.mark.needs("vulkan")
-def test_the_window_shows_room_and_swept_floor_and_asks_nobody(
+def test_the_window_shows_room_and_swept_floor_without_network_requests(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log, png = tmp_path / "run.mcap", tmp_path / "view.png"

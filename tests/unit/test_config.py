@@ -73,7 +73,7 @@ def test_values_reach_the_model() -> None:
         ("wheel_base_m = 0.4", "wheel_base_m"),
     ],
 )
-def test_what_is_wrong_is_named(text: str, key: str) -> None:
+def test_errors_are_named(text: str, key: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_robot(text)
     assert key in str(caught.value)
@@ -180,9 +180,7 @@ def test_a_robot_that_cannot_work_is_rejected_by_name(text: str, key: str) -> No
         ("", None),
     ],
 )
-def test_what_will_not_work_well_is_a_caution_with_its_number(
-    text: str, printed: str | None
-) -> None:
+def test_unsuitable_values_are_cautions_with_numbers(text: str, printed: str | None) -> None:
     found = robot_cautions(parse_robot(text))
     if printed is None:
         assert found == []

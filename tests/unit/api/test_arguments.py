@@ -40,7 +40,7 @@ NOBODY = "/nowhere/at/all"
         ("wait_for_link", {"timeout_s": -1}, "timeout_s = -1: must be a number of seconds, 0"),
     ],
 )
-def test_it_is_named_with_its_value_and_what_it_must_be(
+def test_the_error_names_the_value_and_the_valid_ones(
     call: str, arguments: dict[str, Any], problem: str
 ) -> None:
     robot = Robot.__new__(Robot)  # no device is contacted
@@ -70,7 +70,7 @@ def test_nothing_is_opened(options: dict[str, Any], problem: str) -> None:
     assert str(caught.value).startswith(problem)
 
 
-def test_what_is_right_reaches_the_port() -> None:
+def test_a_valid_request_reaches_the_port() -> None:
     with pytest.raises(PortError):
         bridge.open(NOBODY, node=15, baud=115_200, key=bytes(range(16)), timeout_s=0)
 

@@ -20,7 +20,7 @@ from tools.virtual.sweeper import SimulatedSweeper
 
 
 @pytest.mark.parametrize("name", ["imu", "encoders", "range", "power", "status", "planner"])
-def test_help_names_what_a_robot_measures(name: str) -> None:
+def test_help_names_a_robots_measurements(name: str) -> None:
     found = getattr(Robot, name)
     assert isinstance(found, property)
     assert found.__doc__

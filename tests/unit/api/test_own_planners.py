@@ -42,7 +42,7 @@ def without(name: str) -> object:
 
 
 @pytest.mark.parametrize("name", ["start", "next", "drain_events", "state"])
-def test_what_is_missing_is_named(name: str) -> None:
+def test_missing_parts_are_named(name: str) -> None:
     with pytest.raises(PlannerError, match=rf"Mine is no planner: it lacks {name}"):
         PlanRunner(without(name), MODEL)  # type: ignore[arg-type]  # it is none
 
@@ -115,7 +115,7 @@ def test_a_leg_with_a_wrong_field_ends_the_run_as_a_fault_that_names_it(
 
 
 @pytest.mark.parametrize("leg", [(0.0, 1.0), None])
-def test_what_is_no_leg_ends_the_run_as_a_fault_that_names_it(leg: object) -> None:
+def test_an_invalid_leg_ends_the_run_as_a_fault_that_names_it(leg: object) -> None:
     summary = SimulatedSweeper(Settings()).clean(Once(leg))
     assert summary["outcome"] == "fault"
     assert f"Once gave {leg!r}; a leg is one of Drive, Turn, GoTo, Rest" in summary["reason"]

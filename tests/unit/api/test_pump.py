@@ -172,7 +172,7 @@ def test_a_signal_between_two_lines_is_not_lost(scene: Scene) -> None:
     assert scene.host.mission.ending == CTRL_C
 
 
-def test_a_duration_does_not_hide_that_nobody_answers(scene: Scene) -> None:
+def test_a_duration_does_not_hide_a_missing_device(scene: Scene) -> None:
     scene.port.silent = True
     scene.pump.end_after(1.0)
     scene.pump.run()
@@ -191,7 +191,7 @@ def test_a_duration_ends_the_run(scene: Scene) -> None:
     assert 5.0 <= scene.time_s < 5.2
 
 
-def test_a_port_that_vanishes_is_looked_for_and_given_up(scene: Scene) -> None:
+def test_a_vanished_port_is_searched_and_then_lost(scene: Scene) -> None:
     scene.at(4.0, lambda: setattr(scene.port, "gone", True))
     scene.pump.run()
     ending = scene.host.mission.ending
@@ -228,7 +228,7 @@ def test_ctrl_c_while_the_port_is_gone(scene: Scene) -> None:
     assert scene.time_s < 5.3
 
 
-def test_a_full_port_gets_nothing_old(scene: Scene) -> None:
+def test_a_full_port_receives_no_old_bytes(scene: Scene) -> None:
     """The port takes no byte for 0.8 s: shorter than every timeout, longer than 50 ms."""
     scene.at(4.0, lambda: setattr(scene.port, "full", True))
     scene.at(4.8, lambda: setattr(scene.port, "full", False))
@@ -302,7 +302,7 @@ def test_a_sink_that_fails_stops_the_robot(scene: Scene) -> None:
     assert scene.port.device.firmware.latch.cause is StopCause.SUPERVISE
 
 
-def test_the_interpreters_exit_stops_the_robot_and_goes_on(scene: Scene) -> None:
+def test_the_interpreters_exit_stops_the_robot_and_then_exits(scene: Scene) -> None:
     def leave() -> None:
         raise SystemExit(7)
 
@@ -357,7 +357,7 @@ def test_an_operators_stop_beside_a_crash_is_the_one_that_is_latched(scene: Scen
 # ---- actions of other threads ---------------------------------------------------------------
 
 
-def test_an_exception_of_a_call_is_its_askers(scene: Scene) -> None:
+def test_an_exception_of_a_call_is_raised_in_the_caller(scene: Scene) -> None:
     answers: list[Future[None]] = []
     scene.at(4.0, lambda: answers.append(scene.pump.call(crash)))
     scene.at(5.0, lambda: scene.pump.request_end(CTRL_C))
@@ -368,7 +368,7 @@ def test_an_exception_of_a_call_is_its_askers(scene: Scene) -> None:
     assert scene.kinds().count("failed") == 1, "and it is not silent"
 
 
-def test_a_call_that_nobody_waits_for_any_more_is_not_made(scene: Scene) -> None:
+def test_an_abandoned_call_is_not_made(scene: Scene) -> None:
     made: list[int] = []
     scene.at(4.0, lambda: scene.pump.call(lambda: made.append(1)).cancel())
     scene.at(5.0, lambda: scene.pump.request_end(CTRL_C))

@@ -162,7 +162,7 @@ def test_the_operators_decisions_reach_the_log_all_of_them() -> None:
 # ---- the run in other threads -------------------------------------------------------------------
 
 
-def test_a_snapshot_does_not_change_while_the_run_goes_on() -> None:
+def test_a_snapshot_does_not_change_during_the_run() -> None:
     host, ends = made()
     assert ends.run(8.0, lambda: ends.moving)
     seen = host.snapshot(ends.host_ns)
@@ -203,7 +203,7 @@ def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
     assert together(loop, look, look) == []
 
 
-def test_the_dashboard_outlives_what_it_cannot_draw() -> None:
+def test_the_dashboard_survives_values_that_it_cannot_draw() -> None:
     seen = made()[0].snapshot()
     broken = seen._replace(hello=object())  # type: ignore[arg-type]  # cannot be drawn
     shown = [seen]

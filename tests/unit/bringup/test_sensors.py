@@ -59,7 +59,7 @@ def test_two_distances_give_scale_and_offset() -> None:
     )
 
 
-def test_what_the_device_corrects_already_is_counted_in() -> None:
+def test_the_devices_own_correction_is_included() -> None:
     """Raw r, the device sends 1.1 r - 0.01, the truth is 1.05 r + 0.002."""
     points = [Point(1.05 * r + 0.002, 1.1 * r - 0.01, 0.0, 40) for r in (0.1, 0.3)]
     found = fit(points, 1.1, -0.01)
@@ -73,7 +73,7 @@ def test_one_distance_gives_an_offset_alone() -> None:
     assert found.offset_m == pytest.approx(-0.007)
 
 
-def test_what_cannot_be_is_rejected() -> None:
+def test_impossible_values_are_rejected() -> None:
     with pytest.raises(BridgeError, match="from the face of the sensor"):
         fit([Point(0.1, 0.2, 0.0, 40), Point(0.2, 0.5, 0.0, 40)])
     with pytest.raises(BridgeError, match="the same at every distance"):

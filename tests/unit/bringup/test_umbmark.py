@@ -133,7 +133,7 @@ def test_one_direction_is_not_enough() -> None:
         borenstein(MODEL, [true_square(1.0, 1.0, clockwise=True)], SIDE_M)
 
 
-def test_the_scale_of_a_straight_way() -> None:
+def test_the_scale_of_a_straight_path() -> None:
     counts = [(1560, 1560)] * 10  # ten turns of the wheel
     reported_m = 10.0 * math.pi * MODEL.wheel_diameter_m
     assert straight_scale(MODEL, counts, 1.01 * reported_m) == pytest.approx(1.01)

@@ -39,7 +39,7 @@ def test_equal_values_do_not_differ_for_their_rounding() -> None:
     assert differences(device(), MODEL) == []
 
 
-def test_what_differs_is_reported_with_both_values() -> None:
+def test_differences_are_reported_with_both_values() -> None:
     found = differences(device(wheel_base_m=0.2345, counts_per_turn=1440), MODEL)
     rounded = struct.unpack("<f", struct.pack("<f", 0.2345))[0]
     assert found == [
@@ -64,7 +64,7 @@ def test_a_value_is_changed_where_it_stands() -> None:
     assert edited(FILE, {"ultrasonic.x_m": 0.12}) == FILE.replace("0.11", "0.12")
 
 
-def test_what_is_new_is_added_in_its_place() -> None:
+def test_new_keys_are_added_in_place() -> None:
     text = edited(FILE, {"wheel_diameter_m": 0.0651, "infrared_left.y_m": 0.09})
     model = parse_robot(text)
     assert (model.name, model.wheel_base_m) == ("bert", 0.23)

@@ -107,7 +107,7 @@ def test_info_of_captures(tmp_path: Path, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.parametrize("content", [b"", b"hello\n" * 99, bytes(1000), b"\xff" * 5000])
-def test_what_holds_nothing_of_a_sweeper(tmp_path: Path, content: bytes) -> None:
+def test_captures_without_a_sweepers_frames(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "file"
     path.write_bytes(content)
     with pytest.raises(LogReadError, match=r"not an MCAP file or a candump log, and has no frame"):
@@ -145,7 +145,7 @@ def test_hostile_captures_take_no_more_memory_than_they_have_bytes(
     assert maximum < 3 * path.stat().st_size + 2_000_000
 
 
-def test_a_moment_that_no_clock_can_have_is_passed_over(tmp_path: Path) -> None:
+def test_an_impossible_time_is_ignored(tmp_path: Path) -> None:
     path = tmp_path / "candump.log"
     path.write_text("(9999999999.0) can0 123#00\n" + CANDUMP_LOG)
     with readable(path) as made:

@@ -97,7 +97,7 @@ def test_times_are_those_of_the_calendar(tmp_path: Path) -> None:
     assert found == [str(t).replace("T", " ") + "Z" for t in values.view("M8[ns]")]
 
 
-def test_texts_bytes_lists_and_what_is_not_there(tmp_path: Path) -> None:
+def test_texts_bytes_lists_and_absent_values(tmp_path: Path) -> None:
     texts = ["plain", 'a "quoted" one', "two\nlines", "a, b", "", None, "é→x", "cr\r", '"'] * 3
     held = [b"", b"\x00\xff", None, bytes(range(256)), b"a"] * 9
     numbers = [[1.5, float("nan"), -1e300], [], [0.0], [0.1, 0.1, 0.1], None] * 9

@@ -177,7 +177,9 @@ def test_the_command(log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["parquet", "csv"])
-def test_a_full_disk_is_reported_with_what_is_written(log: Path, tmp_path: Path, name: str) -> None:
+def test_a_full_disk_is_reported_with_the_written_part(
+    log: Path, tmp_path: Path, name: str
+) -> None:
     out = tmp_path / "tables"
     out.mkdir()
     (out / f"pose.{name}").symlink_to("/dev/full")

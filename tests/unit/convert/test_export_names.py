@@ -38,7 +38,7 @@ def log_of(path: Path, topics: list[str]) -> Path:
     return path
 
 
-def test_every_topic_has_a_table_of_its_own_within_the_folder(tmp_path: Path) -> None:
+def test_every_topic_has_its_own_table_in_the_folder(tmp_path: Path) -> None:
     log = log_of(tmp_path / "odd.mcap", ODD)
     out = tmp_path / "tables"
     result = export(log, out)
@@ -80,7 +80,7 @@ def test_a_table_that_exists_is_reported_before_any_is_written(tmp_path: Path) -
     assert len(list(out.iterdir())) == 3
 
 
-def test_of_a_log_without_a_summary_too(tmp_path: Path) -> None:
+def test_a_log_without_a_summary_works_too(tmp_path: Path) -> None:
     log = log_of(tmp_path / "three.mcap", ["/a", "/b", "/c"])
     data = log.read_bytes()
     log.write_bytes(data[: data.rfind(b"\x0f\x04\0\0\0\0\0\0\0")])

@@ -67,7 +67,7 @@ def test_a_ros_map_has_the_place_of_its_origin_and_the_size_of_its_cells(tmp_pat
     assert len(plan.walls) == len(table) == 4
 
 
-def test_the_start_is_where_there_is_most_room_or_as_asked(tmp_path: Path) -> None:
+def test_the_start_is_the_widest_place_or_the_given_one(tmp_path: Path) -> None:
     path = ros_map(tmp_path, flat())
     plan = read(path)
     nearest = min(

@@ -96,7 +96,7 @@ def without(everything: list[Message], lost: list[Message]) -> list[Message]:
     return left
 
 
-def test_a_whole_file_stays_as_it_is(log: Path, tmp_path: Path) -> None:
+def test_a_complete_file_is_not_changed(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     result = recover(log, out)
     assert (result.losses, result.whole, result.undeclared) == ([], True, 0)
@@ -195,7 +195,7 @@ def test_without_a_summary_such_messages_keep_their_bytes(log: Path, tmp_path: P
     assert result.undeclared == sum(topic.startswith("/undeclared/") for topic, _, _ in kept) > 100
 
 
-def test_a_cut_file_keeps_what_is_whole(log: Path, tmp_path: Path) -> None:
+def test_a_truncated_file_keeps_its_complete_part(log: Path, tmp_path: Path) -> None:
     data = log.read_bytes()
     offset, length = chunks(data)[-3]
     broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
@@ -255,7 +255,7 @@ def test_messages_outside_chunks(tmp_path: Path) -> None:
     assert len(kept) > 0.45 * len(everything)
 
 
-def test_a_cut_chunk_gives_what_still_unpacks(tmp_path: Path) -> None:
+def test_a_truncated_chunk_keeps_its_unpackable_part(tmp_path: Path) -> None:
     path, out = tmp_path / "foreign.mcap", tmp_path / "out.mcap"
     everything = foreign(path, compression=CompressionType.ZSTD)
     data = path.read_bytes()

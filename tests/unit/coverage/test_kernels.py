@@ -49,7 +49,7 @@ def test_depth_is_that_of_a_search_of_all_pairs() -> None:
         assert deepest(mask) == pytest.approx(float(apart.min(axis=1).max()))
 
 
-def test_a_look_at_the_figures_under_way_leaves_the_end_as_it_is() -> None:
+def test_reading_intermediate_figures_does_not_change_the_result() -> None:
     room = '{"name": "a", "walls": [[0,0],[2,0],[2,2],[0,2]], "obstacles": [], "start": [0.5,1,0]}'
     meter = CoverageMeter(parse_floorplan(room), RobotModel())
     path = [(0.02 * i, 0.5 + 0.004 * i, 1.0, 0.0) for i in range(251)]

@@ -36,7 +36,7 @@ def test_each_call_is_a_part_of_one_decision(timed: Run) -> None:
     assert len(planner.decisions) < len(planner.calls_ns)
 
 
-def test_a_decision_is_as_long_as_the_robot_stands_for_its_search(timed: Run) -> None:
+def test_a_decision_lasts_as_long_as_the_standstill_for_its_search(timed: Run) -> None:
     searched = [decision for decision in timed.planner.decisions if decision.searched]
     handed_over = [decision for decision in timed.planner.decisions if not decision.searched]
     assert len(searched) > 20
@@ -70,7 +70,7 @@ def test_a_planner_that_keeps_all_is_the_planner() -> None:
     assert not forgetful.context.map.tried.any()
 
 
-def test_a_block_remembers_what_half_of_its_cells_hold() -> None:
+def test_a_block_stores_the_majority_of_its_cells() -> None:
     layer = np.zeros((8, 6), dtype=np.uint8)
     layer[:4, :2] = 1
     layer[4:, 0] = layer[4:7, 1] = 1

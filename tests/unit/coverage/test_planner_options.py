@@ -23,7 +23,7 @@ from bridge.motion.robot_model import RobotModel
 MODEL = RobotModel()
 
 
-def test_what_is_not_given_stays_as_it_is() -> None:
+def test_omitted_values_stay_unchanged() -> None:
     assert parse_options(PaperOptions, ()) == PaperOptions()
     assert parse_options(PaperOptions, ["equal_tolerance_m=0.01"]) == PaperOptions(
         equal_tolerance_m=0.01

@@ -104,7 +104,7 @@ def test_lanes_alternate_and_step_left_by_w() -> None:
     assert right.log[-2][:2] == ("lane", -0.16)
 
 
-def test_case_2_an_obstacle_starts_the_count_anew() -> None:
+def test_case_2_an_obstacle_restarts_the_count() -> None:
     planner = paper()
     run = Corridor(planner, [2.0, 2.0, 1.0], {})
     assert run.of("lane")[-1].data["case"] == 2
@@ -119,7 +119,7 @@ def test_a_difference_of_the_diameter_or_less_is_no_case() -> None:
     assert [e.data["case"] for e in edge.of("lane")] == [1, 2, 3]
 
 
-def test_case_3_goes_back_by_w_times_t_sweeps_up_and_returns() -> None:
+def test_case_3_drives_back_by_w_times_t_sweeps_and_returns() -> None:
     # lanes at 0 and .16 complete, at .32 to .80 before an obstacle, at .96 past it
     lanes = [2.0, 2.0, 0.5, 0.5, 0.5, 0.5, 2.0]
     planner = paper()
@@ -175,7 +175,7 @@ def test_the_ways_of_counting_differ(options: PaperOptions, turns: int) -> None:
         (PaperOptions(count_turns="on_equal", between="reset"), 0),
     ],
 )
-def test_what_lies_between_the_cases_is_an_option(options: PaperOptions, turns: int) -> None:
+def test_differences_between_the_cases_are_an_option(options: PaperOptions, turns: int) -> None:
     planner = paper(options)
     Corridor(planner, [2.0, 2.0, 1.9], {})
     assert planner.state.turn_count == turns
@@ -328,7 +328,7 @@ def test_runner_halts_while_paused_and_after_the_end() -> None:
     assert runner.finish_reason is None
 
 
-def test_runner_survives_a_planner_that_asks_for_nothing() -> None:
+def test_runner_survives_a_planner_without_legs() -> None:
     runner = PlanRunner(Circling(), MODEL)
     for k in range(400):
         command = runner.step(seen(Pose2(0, 0, 0), 0.02 * k))

@@ -70,7 +70,7 @@ def test_a_second_bump_there_does_not_confirm_a_guess() -> None:
     assert not memory.wall.any()
 
 
-def test_both_bumper_switches_show_that_it_stands_ahead() -> None:
+def test_both_bumper_switches_mean_an_obstacle_ahead() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=True)
     assert np.argwhere(memory.wall).tolist() == [list(at(memory, 0.165, 0.0))]
@@ -96,7 +96,7 @@ def test_evidence_on_the_other_side_does_not_count() -> None:
     assert memory.contact_rad(HERE, left=True, right=False) == pytest.approx(math.radians(38.5))
 
 
-def test_a_wall_that_is_followed_is_not_what_was_met() -> None:
+def test_a_followed_wall_is_not_the_contact() -> None:
     """A convex wall abeam on the right, and an unknown obstacle ahead of it to the right."""
     memory = empty()
     standing(memory, -75.0, 0.002)
@@ -113,7 +113,7 @@ def test_a_wall_that_is_followed_is_not_what_was_met() -> None:
     assert math.degrees(followed) == pytest.approx(25.0)
 
 
-def test_doubting_bumps_keeps_what_was_seen() -> None:
+def test_clearing_bumps_keeps_observed_evidence() -> None:
     memory = empty()
     memory.add_point(0.5, 0.5)
     standing(memory, 0.0)

@@ -99,7 +99,7 @@ def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -
         assert len(edges.marks) == left
 
 
-def test_what_is_abandoned_is_gone() -> None:
+def test_abandoned_targets_are_removed() -> None:
     edges = Cliffs(GEOMETRY)
     edges.add(ORIGIN, nowhere)
     edges.add(Pose2(1.0, 0.0, 0.0), nowhere)
@@ -127,7 +127,7 @@ def driven(*, to_m: float = 0.0, way_m: float, y_m: float = 0.01) -> EvidenceMap
     return memory
 
 
-def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> None:
+def test_the_wheels_avoid_possibly_missing_floor_even_where_the_axle_was() -> None:
     memory = driven(way_m=0.5)
     assert open_at(memory, -0.03, 0.01)
     memory.add_cliff(ORIGIN)
@@ -156,7 +156,7 @@ def test_where_the_robot_was_beside_a_spot_there_is_floor(y_m: float, marks: int
     assert len(memory.cliffs.marks) == marks
 
 
-def test_floor_beyond_opens_what_was_shut() -> None:
+def test_floor_beyond_clears_a_forbidden_place() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     memory.add_cliff(ORIGIN)
     beside_m = ASIDE_M + GEOMETRY.cliff_m - 0.03
@@ -247,7 +247,7 @@ def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
     assert context.map.cliffs.poses == [Pose2(0.41, 0.0, 0.0)]
 
 
-def test_backing_off_ends_where_no_floor_comes() -> None:
+def test_backing_off_ends_if_no_floor_is_found() -> None:
     """A person holds the robot up."""
     context = context_at(seen(ORIGIN))
     part = drive(context, Drive(0.0, 2.0, purpose="lane"))

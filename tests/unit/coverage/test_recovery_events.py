@@ -49,7 +49,7 @@ def test_every_chosen_lane_is_reported_as_ended(driven: FastRun) -> None:
         assert {"blocked", end} & set(reported), reported
 
 
-def test_lanes_report_what_they_swept_and_the_end_what_is_left(driven: FastRun) -> None:
+def test_lanes_report_swept_area_and_the_end_reports_the_rest(driven: FastRun) -> None:
     swept_cm2 = sum(
         float(event.data["new_cm2"]) for _, event in driven.events if event.kind == "lane-end"
     )
@@ -98,7 +98,7 @@ def test_a_heading_that_was_hardly_uncertain_or_hardly_helped_is_not_reported() 
 
 
 @pytest.mark.parametrize("reason", [StopReason.RANGE, StopReason.BUMPER, StopReason.CLIFF])
-def test_what_ended_a_lane_early_is_reported_once_as_an_obstacle_there(reason: StopReason) -> None:
+def test_an_obstacle_that_ended_a_lane_is_reported_once(reason: StopReason) -> None:
     context, leg = context_at(), Drive(0.0, 1.0, purpose="lane")
     context.lookout.observe(observed(0.0))
     part = drive(context, leg)
@@ -113,7 +113,7 @@ def test_what_ended_a_lane_early_is_reported_once_as_an_obstacle_there(reason: S
     ]
 
 
-def test_what_ends_a_leg_is_reported_with_its_place() -> None:
+def test_the_end_of_a_leg_is_reported_with_its_place() -> None:
     leg = Drive(0.0, 1.0, purpose="lane")
     result = LegResult(leg, StopReason.RANGE, 0.5, 2.0, Pose2(0.5, 0.25, 0.0))
     ended = events.lane_ended(result, 0.0123)
@@ -132,7 +132,7 @@ def test_what_ends_a_leg_is_reported_with_its_place() -> None:
         (True, False, "occluded region partly swept"),
     ],
 )
-def test_what_going_back_gave(reason: str, *, arrived: bool, closed: bool) -> None:
+def test_result_of_a_recovery(reason: str, *, arrived: bool, closed: bool) -> None:
     occlusion = OccludedRegion(4, 0.0, 0.0, 0.0, 1.0, -0.1)
     reported = events.recovery_ended(occlusion, 0.02, arrived=arrived, closed=closed)
     assert (reported.kind, reported.reason) == ("recovery-end", reason)

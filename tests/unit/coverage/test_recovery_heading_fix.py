@@ -64,7 +64,7 @@ def in_slices(search: Generator[None, None, Found]) -> tuple[Found, int]:
 
 
 @pytest.mark.parametrize("slice_cells", [10**9, 300])
-def test_the_shortest_way_to_one_of_some_points_is_found_in_slices(slice_cells: int) -> None:
+def test_the_shortest_path_to_one_of_several_points_is_found_in_slices(slice_cells: int) -> None:
     options = RecoveryOptions(slice_cells=slice_cells)
     chooser, memory, here = Chooser(options), swept_lane(options), Pose2(2.0, 0.0, 0.0)
     points = [(-3.0, 0.0), (0.0, 0.01), (0.4, 0.0)]
@@ -155,7 +155,7 @@ def test_a_corner_gone_round_parts_a_stretch_and_a_wriggle_does_not(rate: float,
         (StopReason.RANGE, 0.30, False),
     ],
 )
-def test_what_is_met_near_the_walls_beginning_is_that_wall(
+def test_a_contact_near_the_start_of_a_wall_is_that_wall(
     reason: StopReason, short_m: float, *, there: bool
 ) -> None:
     context = followed((0.0, 0.0), (1.2, 0.0))
@@ -300,7 +300,7 @@ def test_uncertainty_that_no_wall_reduces_does_not_delay_the_robot(sure: float) 
     assert run.time_s < sure + 30.0 * len(begun)
 
 
-def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again() -> None:
+def test_a_wall_that_was_fruitless_twice_is_not_visited_again() -> None:
     run = Uncertain(room(), cured_from=99, deg_s=0.1, apart_s=0.01)
     assert len(run.measurements) >= 6
     assert run.starts < run.max_starts

@@ -57,12 +57,12 @@ def test_a_block_far_off_does_not_count_against_the_target(x_m: float, *, blamed
     assert blames(x_m, arrived=False) is blamed
 
 
-def test_a_place_that_gave_nothing_is_blamed_wherever_the_robot_ended() -> None:
+def test_a_fruitless_target_is_marked_wherever_the_robot_ended() -> None:
     assert blames(0.0, arrived=True)
     assert not blames(0.0, arrived=True, new_cells=100)
 
 
-def test_it_is_spared_eight_times_in_a_row_so_that_the_plan_comes_to_an_end() -> None:
+def test_a_target_is_spared_at_most_eight_times_so_that_the_plan_ends() -> None:
     assert [blames(0.0, arrived=False, fruitless_before=n) for n in (0, 7, 8, 19)] == [
         False,
         False,
@@ -128,7 +128,7 @@ def test_a_place_that_blocks_seven_times_is_cleared_before_the_target_is_abandon
     assert reported["clear"] == 3
 
 
-def test_when_nothing_is_left_to_forget_the_far_place_is_blamed_and_then_it_ends() -> None:
+def test_without_evidence_to_clear_the_target_is_abandoned_and_then_it_ends() -> None:
     planner = Blocked()
     end, reported = planner.run(100)
     assert end == "enclosed: no target is reachable"
@@ -211,7 +211,7 @@ class Wavering(Blocked):
         return False
 
 
-def test_what_is_found_after_bumps_were_cleared_is_tried() -> None:
+def test_a_target_found_after_clearing_bumps_is_tried() -> None:
     planner = Wavering()
     _, reported = planner.run(23)
     assert reported["clear"] == 1

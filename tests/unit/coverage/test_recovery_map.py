@@ -75,7 +75,7 @@ def test_evidence_is_revocable_and_leaves_no_trace() -> None:
     assert inflated.sum() == 0
 
 
-def test_a_beam_frees_what_it_passes_and_marks_what_it_meets() -> None:
+def test_a_beam_clears_passed_cells_and_marks_its_hit() -> None:
     wall, inflated = layers(9, 30, 2)
     add_wall(wall, inflated, 4, 10, 2, 2.0)
     beam(wall, inflated, 2.5, 4.5, 1.0, 0.0, 15.0, 18.0, 2, 2.0)
@@ -95,7 +95,7 @@ def test_where_the_body_is_nothing_else_is() -> None:
     assert visited[10, 10] == 1
 
 
-def test_a_bump_forbids_only_what_every_contact_would() -> None:
+def test_a_bump_forbids_only_cells_common_to_all_possible_contacts() -> None:
     (blocked,) = layers(41, 41, 1)
     # both halves: a contact within 10° of straight ahead; the footprint's radius is 8 cells
     bump_area(blocked, 20.5, 20.5, math.radians(-10), math.radians(10), 8.0)
@@ -190,7 +190,7 @@ def test_the_packed_map_holds_two_bits_a_cell() -> None:
     assert kept.size_bytes < 40_000
 
 
-def test_what_was_packed_elsewhere_is_not_put_into_a_map() -> None:
+def test_a_map_packed_elsewhere_is_rejected() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
     far = EvidenceMap(MODEL, RecoveryOptions(), Pose2(9.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="outside of the map"):

@@ -112,7 +112,7 @@ class AtDoor:
 
 
 @pytest.mark.parametrize("left", [True, False])
-def test_what_blocks_the_robot_twice_is_followed_on_the_side_of_contact(*, left: bool) -> None:
+def test_an_obstacle_that_blocks_twice_is_followed_on_the_side_of_contact(*, left: bool) -> None:
     planner = AtDoor()
     legs, reported = planner.goes(left=left, right=not left)
     assert not any(isinstance(leg, FollowWall) for leg in legs)
@@ -127,7 +127,7 @@ def test_what_blocks_the_robot_twice_is_followed_on_the_side_of_contact(*, left:
     assert (follow.left, follow.touching) == (left, True)
 
 
-def test_a_wall_met_square_or_seen_leads_nowhere() -> None:
+def test_a_perpendicular_or_visible_wall_gives_no_bearing() -> None:
     planner = AtDoor()
     for _ in range(4):
         assert "passage-sought" not in planner.goes(left=True, right=True)[1]
@@ -166,7 +166,7 @@ def test_occupied_cells_are_counted_about_a_point() -> None:
     assert memory.occupied(0.0, 0.0, 0.5) == 0
 
 
-def test_what_may_lead_to_a_passage_is_followed_farther_though_it_is_swept() -> None:
+def test_a_swept_wall_is_followed_farther_if_it_may_lead_to_a_passage() -> None:
     assert AtDoor().follows(0.25) == pytest.approx(0.3, abs=0.03)
     assert AtDoor().follows(0.4) == pytest.approx(0.45, abs=0.03)
     planner = AtDoor()
@@ -177,7 +177,7 @@ def test_what_may_lead_to_a_passage_is_followed_farther_though_it_is_swept() -> 
     assert planner.follows(0.25) == pytest.approx(0.3, abs=0.03)
 
 
-def test_a_bump_on_the_way_does_not_end_it_before() -> None:
+def test_a_bump_during_the_transit_does_not_end_it_early() -> None:
     for followed_m, goes_on in ((0.3, True), (0.5, False)):
         assert AtDoor().goes_on(followed_m) is goes_on
 
@@ -194,7 +194,7 @@ def parted(cells: int) -> EvidenceMap:
     return memory
 
 
-def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
+def test_evidence_that_separates_the_robot_from_its_past_encloses_it() -> None:
     for cells, shut_in in ((60, True), (40, False)):
         chooser = Chooser(OPTIONS)
         assert chooser.choose(parted(cells), HERE, 0.0) is None
@@ -206,7 +206,7 @@ def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
     assert not chooser.shut_in
 
 
-def test_a_trail_that_a_wall_seen_since_runs_along_does_not_count() -> None:
+def test_a_trail_along_a_wall_seen_later_does_not_count() -> None:
     """The robot's place was wrong there: only a true visit makes it passable."""
     for layer in ("inflated", "blocked"):
         memory = parted(60)
@@ -285,7 +285,7 @@ def test_a_place_is_followed_once_on_a_side_until_there_is_new_floor() -> None:
     assert sought(left=True)
 
 
-def test_a_place_is_judged_from_where_the_path_to_it_was_blocked() -> None:
+def test_a_target_is_rated_from_the_place_of_the_block() -> None:
     choice = Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=0.06)
     for blocked_m, walked_m, blamed in ((0.0, 0.95, False), (0.9, 0.05, True)):
         planner = AtDoor()

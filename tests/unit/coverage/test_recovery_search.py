@@ -120,14 +120,14 @@ def test_beside_a_wall_is_dear_and_the_wall_shut() -> None:
     assert open_[4, 4] == 2  # the robot was there, whatever the evidence
 
 
-def test_the_reason_identifies_what_was_done() -> None:
+def test_the_reason_identifies_the_action() -> None:
     _, done = window(swept=at(2, 2), tried=at(3, 3, 2), wall=at(4, 4, 2))
     assert (done[2, 2], done[3, 3], done[4, 4]) == (SWEPT, GIVEN_UP, OCCUPIED)
     _, done = window(tried=at(3, 3), wall=at(4, 4))
     assert not done.any()  # one fruitless attempt, one reading: not yet
 
 
-def test_targets_are_what_the_mouth_reaches_from_where_the_axle_can_be() -> None:
+def test_targets_are_cells_that_the_mouth_reaches() -> None:
     dist = np.full((30, 30), -1, dtype=np.int32)
     dist[10:20, 10:20] = 50
     dist[12, 12] = 200
@@ -158,7 +158,7 @@ def test_the_perimeter_pass_begins_beside_the_unswept_wall() -> None:
     assert abs(best.bearing_rad + 0.5 * math.pi) < 0.2
 
 
-def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
+def test_the_path_has_few_corners_with_free_lines_between() -> None:
     open_ = floor(42, 42)
     open_[10:, 20] = 0
     dist = reach(open_, 35, 5)
@@ -186,7 +186,7 @@ def best_lane(target: np.ndarray, here: tuple[float, float]) -> BestLane:
     return best
 
 
-def test_the_lane_beside_what_is_swept_is_taken_before_one_that_leaves_a_sliver() -> None:
+def test_a_lane_beside_swept_floor_is_preferred_to_one_that_leaves_a_sliver() -> None:
     target = np.zeros((60, 100), dtype=np.uint8)
     target[10:50, 10:90] = 1
     best = best_lane(target, (10.0, 8.0))
@@ -208,7 +208,7 @@ def seen(pose: Pose2) -> Observation:
     return AT_REST._replace(time_s=pose.x_m, pose=pose, v_m_s=0.2)
 
 
-def test_of_what_is_left_only_pieces_that_hold_a_disc_are_holes() -> None:
+def test_only_remaining_pieces_that_hold_a_disc_are_holes() -> None:
     target = np.zeros((30, 30), dtype=np.uint8)
     target[2:5, 2:28] = 1  # a sliver of 6 cm
     target[10:14, 10:14] = 1
@@ -222,7 +222,7 @@ def test_of_what_is_left_only_pieces_that_hold_a_disc_are_holes() -> None:
     assert keep_holes(target, hole, 4) == 14, "twice is once"
 
 
-def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
+def test_a_hole_is_worth_returning_for_but_a_sliver_is_not() -> None:
     """A swept hall has a hole at its far end, or the same floor in a sliver."""
     for rows, cols, taken in ((5, 5, True), (2, 13, False)):
         pose = Pose2(0.0, 0.0, 0.0)

@@ -24,7 +24,7 @@ def test_a_course_is_heading_and_way() -> None:
 @pytest.mark.parametrize(
     ("bend_deg", "fast"), [(0.0, True), (9.0, True), (-9.0, True), (12.0, False)]
 )
-def test_only_a_slight_bend_is_gone_through(bend_deg: float, *, fast: bool) -> None:
+def test_only_a_slight_bend_is_driven_without_a_stop(bend_deg: float, *, fast: bool) -> None:
     bend = math.radians(bend_deg)
     corner = (1.0, 0.0)
     onwards = (1.0 + math.cos(bend), math.sin(bend))
@@ -36,7 +36,7 @@ def test_only_a_slight_bend_is_gone_through(bend_deg: float, *, fast: bool) -> N
     assert abs(bend) < BEND_RAD - math.radians(3.0) or not fast
 
 
-def test_before_a_perimeter_pass_it_is_slow_whatever_the_wall_direction() -> None:
+def test_it_is_slow_before_a_perimeter_pass_for_any_wall_direction() -> None:
     for heading_deg in (0.0, 180.0):
         assert end_speed(choice("perimeter", heading_deg, (1.0, 0.0)), 0, 0.0) < 0.06
 

@@ -39,7 +39,7 @@ def test_a_rest_lasts_until_the_bias_is_sure() -> None:
     assert not rest.held
 
 
-def test_a_rest_that_helps_nothing_ends_and_is_not_begun_again_at_once() -> None:
+def test_a_rest_without_effect_ends_and_is_not_repeated_at_once() -> None:
     rest = GyroRest()
     times = [0.1 * k for k in range(400) if rest.holds(seen(0.1 * k, UNCERTAIN))]
     assert 2.0 < sum(t < 20.0 for t in times) * 0.1 < 3.0

@@ -79,7 +79,7 @@ def test_paper_on_case_2(noise: WorldNoise) -> None:
     assert meter(CASE_2).measure(done.poses).coverage.body_free == pytest.approx(0.94, abs=0.02)
 
 
-def test_paper_remembers_what_u_shape_leaves() -> None:
+def test_paper_revisits_the_floor_that_u_shape_leaves() -> None:
     coverage = {
         name: meter(CASE_1).measure(run(CASE_1, name, 0, IDEAL).poses).coverage.body_free
         for name in ("paper", "u-shape")

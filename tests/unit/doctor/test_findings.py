@@ -197,7 +197,7 @@ def test_a_boot_and_its_cause(cause: ResetCause, kind: str) -> None:
     assert line.kinds == ([] if kind == "reset" else [kind]), "of before: a note"
 
 
-def test_what_the_device_counts_and_reports() -> None:
+def test_counts_and_reports_of_the_device() -> None:
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, count=60)
@@ -270,7 +270,7 @@ def test_every_fault_of_the_emulator_has_its_patient() -> None:
     assert uncovered() == set()
 
 
-def test_a_healthy_run_whose_turns_follow_each_other_closely_is_not_accused() -> None:
+def test_a_healthy_run_with_close_turns_has_no_finding() -> None:
     """At 30.9 s a turn of +1.8 rad/s is followed by one of -0.5; the counts are 25 ms late."""
     (patient,) = [p for p in PATIENTS if p.name == "well, driving"]
     assert visit(patient, 1).found == []
@@ -286,7 +286,7 @@ def test_the_error_of_a_drift_covers_it(ppm: int) -> None:
         assert figures["drift_ppm"] == pytest.approx(ppm, abs=figures["drift_error_ppm"])
 
 
-def test_a_drift_is_not_judged_in_two_seconds() -> None:
+def test_two_seconds_are_too_short_for_a_drift() -> None:
     examination = examine(Visit("short", ("clock-drift@0:ppm=495",), seconds=2.0), 1)
     assert examination.conclude() == []
     assert examination.figures()["drift_error_ppm"] is None

@@ -44,7 +44,7 @@ def frame(**values: object) -> SimpleNamespace:
     return SimpleNamespace(**{"can_id": 0x121, "data": b"abc", "outgoing": False, **values})
 
 
-def test_bus_frames_that_are_none_are_left_out() -> None:
+def test_invalid_bus_frames_are_left_out() -> None:
     odd = [
         frame(can_id="engine"),
         frame(can_id=-1),
@@ -59,7 +59,7 @@ def test_bus_frames_that_are_none_are_left_out() -> None:
     )
 
 
-def test_bytes_that_are_none_are_left_out() -> None:
+def test_invalid_bytes_are_left_out() -> None:
     odd = [SimpleNamespace(data="text"), SimpleNamespace(data=None), SimpleNamespace(), None]
     line = [("/raw/uart/rx", message) for message in (SimpleNamespace(data=b"\x00\x01"), *odd)]
     assert examined(*line).wire.bytes_in == 2

@@ -239,7 +239,7 @@ def test_figures_of_a_wandering_run_against_exact_geometry() -> None:
     assert report.coverage.mouth_free == pytest.approx(mouth.area / floor.area, abs=6e-4)
 
 
-def test_scattered_points_measure_what_centres_cannot() -> None:
+def test_scattered_points_measure_better_than_centres() -> None:
     raster = Raster((0.0, 0.0, 2.0, 2.0), 0.01)
     centred = Raster((0.0, 0.0, 2.0, 2.0), 0.01, scatter=False)
     corners = box(0.2051, 0.2051, 1.7951, 1.7951)

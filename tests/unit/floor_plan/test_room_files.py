@@ -56,7 +56,7 @@ def test_cautions_are_no_part_of_the_room() -> None:
     assert spelt.to_json() == misspelt.to_json()
 
 
-def test_a_key_that_stands_twice_is_a_caution() -> None:
+def test_a_repeated_key_is_a_caution() -> None:
     text = room(obstacles=[TABLE])[:-1] + ', "obstacles": []}'
     assert parse_floorplan(text).cautions == (
         '"obstacles" stands twice in the room file; the last one counts',

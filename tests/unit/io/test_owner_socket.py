@@ -125,7 +125,7 @@ def test_only_this_user_may_enter(owner: OwnerSocket, runtime: Path) -> None:
     assert stat.S_IMODE((runtime / "sweepctl").stat().st_mode) == 0o700
 
 
-def test_a_refusal_keeps_its_reason_and_status(owner: OwnerSocket, port: str) -> None:
+def test_a_rejection_keeps_its_reason_and_status(owner: OwnerSocket, port: str) -> None:
     with pytest.raises(OwnerRejectedError, match="not now") as rejected:
         ask(port, {"do": "refuse"})
     assert rejected.value.exit_status == 5
@@ -142,7 +142,7 @@ def test_nothing_is_left_behind(port: str, runtime: Path) -> None:
         ask(port, {"do": "echo"})
 
 
-def test_what_a_killed_owner_left_is_replaced(port: str, runtime: Path) -> None:
+def test_files_of_a_killed_owner_are_replaced(port: str, runtime: Path) -> None:
     where = folder()
     dead = socket.socket(socket.AF_UNIX)
     dead.bind(str(where / "999999999-0.sock"))  # no process has this number
@@ -173,7 +173,7 @@ def test_an_owner_that_ends_does_not_take_its_successors_names(port: str) -> Non
         assert has_owner(port)
 
 
-def test_watching_goes_on_until_the_run_is_over(owner: OwnerSocket, port: str) -> None:
+def test_watching_continues_until_the_run_is_over(owner: OwnerSocket, port: str) -> None:
     assert [status["shown"] for status in watch(port, hz=50.0)] == [1, 2, 3, 4], "the end too"
     with pytest.raises(OwnerRejectedError, match="hz"):
         next(watch(port, hz=0.0))
@@ -188,7 +188,7 @@ def _raw(owner: OwnerSocket) -> socket.socket:
 
 
 @pytest.mark.parametrize("line", [b"hello\n", b"[1]\n", b"\xff\xfe\n", b"[" * 2000 + b"\n"])
-def test_what_is_no_request_is_rejected(owner: OwnerSocket, line: bytes) -> None:
+def test_invalid_requests_are_rejected(owner: OwnerSocket, line: bytes) -> None:
     with _raw(owner) as client, client.makefile("rb") as answers:
         client.sendall(line)
         answer = json.loads(answers.readline())
@@ -229,7 +229,7 @@ def test_many_requests_on_one_line_are_answered_in_their_order(owner: OwnerSocke
         sending.join()
 
 
-def test_lines_that_are_no_requests_are_rejected_by_the_thousand(owner: OwnerSocket) -> None:
+def test_thousands_of_invalid_lines_are_rejected(owner: OwnerSocket) -> None:
     with _raw(owner) as client, client.makefile("rb") as answers:
         for _ in range(10):
             client.sendall(b"\n" * 500)
@@ -344,7 +344,7 @@ def test_a_stop_passes_clients_that_do_not_read(owner: OwnerSocket, port: str) -
         client.close()
 
 
-def test_the_oldest_that_has_asked_for_nothing_gives_way(owner: OwnerSocket, port: str) -> None:
+def test_the_oldest_client_without_a_request_is_closed(owner: OwnerSocket, port: str) -> None:
     with _raw(owner) as asking:
         asking.sendall(b'{"do": "echo"}\n')
         assert json.loads(asking.recv(4096))["ok"] is True
@@ -389,7 +389,7 @@ def test_a_folder_that_others_may_enter_is_not_used(runtime: Path, port: str) ->
     assert not has_owner(port)
 
 
-def test_a_runtime_folder_that_others_may_enter_is_passed_over(
+def test_a_runtime_folder_open_to_others_is_not_used(
     runtime: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     runtime.chmod(0o777)

@@ -82,7 +82,7 @@ def test_without_an_end_it_runs_until_it_is_stopped(port: Port) -> None:
     assert port.waits_s == [MAX_WAIT_S] * 3
 
 
-def test_what_is_due_goes_out_at_its_moment(port: Port) -> None:
+def test_due_bytes_are_sent_on_time(port: Port) -> None:
     engine = Due(BEGAN_NS + 30 * MS)
     sent: list[tuple[bytes, int]] = []
     end_ns = HostNs(BEGAN_NS + 31 * MS)

@@ -70,7 +70,7 @@ def test_an_address_without_a_host_or_a_port_is_reported_before_it_is_opened(nam
         ("can:foo:bar", "unknown CAN interface 'foo'; use slcan, socketcan"),
     ],
 )
-def test_a_name_of_the_right_form_is_answered_with_what_is_missing(name: str, text: str) -> None:
+def test_a_valid_port_name_gets_the_actual_error(name: str, text: str) -> None:
     assert text in reported(name)
 
 
@@ -81,7 +81,7 @@ def test_a_name_of_the_right_form_is_answered_with_what_is_missing(name: str, te
         *("can:socketcan:can0", "socket://[::1]:5000", "socket://robot:5000?logging=debug"),
     ],
 )
-def test_what_can_be_a_port_is_let_pass(name: str) -> None:
+def test_a_possible_port_name_is_accepted(name: str) -> None:
     assert tcp_mistake(name) is None
 
 
@@ -98,5 +98,5 @@ def test_a_path_is_no_misspelling(name: str) -> None:
         ("can:socketcand:x", "cannot open can:socketcand:x: "),
     ],
 )
-def test_whatever_a_library_raises_for_a_name_is_reported_in_a_line(name: str, text: str) -> None:
+def test_any_library_exception_for_a_name_is_one_line(name: str, text: str) -> None:
     assert text in reported(name)

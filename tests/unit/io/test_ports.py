@@ -90,7 +90,7 @@ def test_a_vanished_port_is_reported_by_name(wire: Pty) -> None:
         (b"boot of something\n\x00\x10\x11\n", " is gone: it was unplugged"),
     ],
 )
-def test_a_port_that_ends_gives_the_reason_that_it_heard(sent: bytes, reason: str) -> None:
+def test_a_closed_port_reports_the_peers_reason(sent: bytes, reason: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         name = f"socket://127.0.0.1:{server.getsockname()[1]}"
         with SerialPort(name) as port:
@@ -127,7 +127,7 @@ def test_a_busy_port_names_its_owner(wire: Pty) -> None:
         ("nonsense://x", "is not a port"),
     ],
 )
-def test_what_cannot_be_opened_is_one_line(name: str, word: str) -> None:
+def test_a_port_that_cannot_be_opened_is_one_line(name: str, word: str) -> None:
     with pytest.raises(PortError) as caught:
         SerialPort(name)
     assert word in str(caught.value)

@@ -222,7 +222,7 @@ def test_a_port_that_is_not_there(tmp_path: Path) -> None:
 # ---- access -----------------------------------------------------------------------------
 
 
-def test_denied_access_reports_what_to_do(line: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_denied_access_reports_the_remedy(line: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     def denied(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 

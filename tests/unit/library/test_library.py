@@ -49,7 +49,7 @@ def read_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def test_a_run_is_listed_with_what_its_log_holds(tmp_path: Path) -> None:
+def test_a_run_is_listed_with_the_figures_of_its_log(tmp_path: Path) -> None:
     write_log(tmp_path / "a.mcap", seed=4, coverage=0.93)
     (row,) = listed(tmp_path)
     assert tuple(row) == NAMES
@@ -190,7 +190,7 @@ def test_marks_survive_an_index_of_another_version(tmp_path: Path) -> None:
     assert row["planner"] == "paper"
 
 
-def test_an_index_that_is_none_is_named_and_kept(tmp_path: Path) -> None:
+def test_an_invalid_index_is_named_and_kept(tmp_path: Path) -> None:
     write_log(tmp_path / "a.mcap")
     (tmp_path / FILE_NAME).write_bytes(b"no database at all, but long enough" * 40)
     with pytest.raises(IndexDamagedError, match="delete it to make a new one"):

@@ -154,7 +154,7 @@ def test_walls_estimate_wheel_scale_and_the_bias_of_motion() -> None:
     assert drive.estimator.wheel_scale == pytest.approx(mean, abs=0.003)
 
 
-def test_without_noise_nothing_is_left_that_grows() -> None:
+def test_without_noise_no_error_grows() -> None:
     """A range belongs to an older place than the pose.
 
     Without this distinction the room would grow.
@@ -239,7 +239,7 @@ def test_slip_and_vibration_leave_the_scales_uncertain() -> None:
         assert with_sigma == pytest.approx(expected, rel=0.03)
 
 
-def test_of_the_gyros_walk_only_what_vibration_makes_grows_with_it() -> None:
+def test_only_the_vibration_part_of_the_gyro_walk_grows() -> None:
     """With the cube: 0.005 °/√s is the chip's own, at rest as in motion."""
     for vibration_m_s2, grown in ((0.15, 1.0), (0.30, 8.0)):
         estimator = PoseEstimator(MODEL, ORIGIN)
@@ -271,7 +271,7 @@ def settled(scale: NoiseScale, variance: float, seed: int) -> float:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("variance", [4.0, 9.0])
-def test_surprises_scale_the_noise_to_what_the_errors_are(variance: float, seed: int) -> None:
+def test_innovations_scale_the_noise_to_the_errors(variance: float, seed: int) -> None:
     scale = NoiseScale(25.0)
     assert settled(scale, variance, seed) == pytest.approx(variance, rel=0.25)
     # It returns to one once the errors are small again.

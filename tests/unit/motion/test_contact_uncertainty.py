@@ -82,9 +82,7 @@ def test_inertial_evidence_after_a_bump_is_kept() -> None:
 
 @pytest.mark.parametrize("speed_m_s", [0.06, 0.15, 0.2])
 @pytest.mark.parametrize("pressed", [1, 3])
-def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(
-    speed_m_s: float, pressed: int
-) -> None:
+def test_after_a_bumper_release_the_wheels_path_counts(speed_m_s: float, pressed: int) -> None:
     """By inertia a jerk looks like a stop, but the robot rolls on: the wheels' path counts."""
     drive, contact = struck(speed_m_s)
     for k in range(8):
@@ -101,7 +99,7 @@ def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(
     assert sigma_m < 0.02
 
 
-def test_a_free_bumper_does_not_clear_what_it_never_felt() -> None:
+def test_a_free_bumper_does_not_clear_evidence_outside_its_range() -> None:
     drive, contact = struck(0.06)
     for _ in range(8):
         contact.update(left=False, right=False, grazing=False)
@@ -136,7 +134,7 @@ def struck(speed_m_s: float) -> tuple[SimDrive, ContactUncertainty]:
     return drive, contact
 
 
-def test_after_a_gap_in_the_readings_one_readings_way_is_taken_for_the_touch() -> None:
+def test_after_a_gap_one_readings_path_counts_as_contact() -> None:
     pushed = Pushed()
     pushed.go([0.2], left=True, right=False)
     assert abs(pushed.estimator.pose.y_m - START.y_m) == pytest.approx(SLIDE_ASIDE * 0.02)

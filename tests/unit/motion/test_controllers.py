@@ -105,7 +105,7 @@ def test_range_ahead_ignores_one_outlier_and_believes_two() -> None:
     assert ahead.update(0.301, 0.0, 0.05) == pytest.approx(0.301)
 
 
-def test_range_ahead_forgets_after_silence() -> None:
+def test_range_ahead_resets_after_missing_echoes() -> None:
     ahead = RangeAhead()
     ahead.update(0.5, 0.0, 0.05)
     for _ in range(6):

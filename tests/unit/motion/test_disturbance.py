@@ -86,7 +86,7 @@ def test_a_bridge_that_never_agrees_is_a_stall_where_the_body_stands() -> None:
 
 
 @pytest.mark.parametrize("follows", [True, False])
-def test_a_body_that_gains_speed_as_its_wheels_do_stands_no_more(*, follows: bool) -> None:
+def test_a_stall_ends_when_body_and_wheels_gain_equal_speed(*, follows: bool) -> None:
     bridge = InertialBridge(0.06)
     bridge.push(-5.0, 0.0, 0.0, 0.01)  # grazed: inertia loses speed that the wheels still measure
     for _ in range(30):
@@ -170,7 +170,7 @@ def test_a_stall_that_was_none_costs_no_way() -> None:
 
 
 @pytest.mark.parametrize("into", [1.0, -1.0])
-def test_wheels_that_turn_away_from_what_was_met_are_believed(into: float) -> None:
+def test_wheels_that_turn_away_from_an_obstacle_count(into: float) -> None:
     """A start too gentle for the accelerometer: by inertia alone the robot would stand still."""
     bridge = InertialBridge(0.1 * into)
     bridge.push(-10.0 * into, 0.0, 0.0, 0.01)
@@ -180,7 +180,7 @@ def test_wheels_that_turn_away_from_what_was_met_are_believed(into: float) -> No
     assert bridge.given_back_m == pytest.approx(-0.0018 * into), "what they went back meanwhile"
 
 
-def test_a_bump_of_a_robot_that_turns_on_the_spot_has_no_way_back() -> None:
+def test_a_bump_during_a_turn_in_place_has_no_known_direction() -> None:
     """It is not known in which direction the obstacle lies."""
     for v_m_s in (0.03, -0.03):
         bridge = InertialBridge(0.002)

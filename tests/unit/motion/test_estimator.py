@@ -63,7 +63,7 @@ class Drive:
         return pose.x_m - self.x, pose.y_m - self.y, turn
 
 
-def test_circle_across_the_counter_wrap_comes_back() -> None:
+def test_a_circle_across_the_counter_wrap_closes() -> None:
     drive = Drive()
     drive.run(2.0, 0.0, 0.0)
     drive.run(4 * math.pi, 0.2, 0.5)
@@ -183,7 +183,7 @@ def test_speed_and_standstill() -> None:
     assert drive.estimator.at_rest
 
 
-def test_covariance_grows_with_the_way_and_is_symmetric_and_positive() -> None:
+def test_covariance_grows_with_the_path_and_stays_symmetric_positive() -> None:
     drive = Drive(0, noise=SIGMA)
     drive.run(2.0, 0.0, 0.0)
     traces = []

@@ -164,7 +164,7 @@ def test_go_to_reaches_its_point(x: float, y: float) -> None:
     assert driver.world.truth.distance_m(Pose2(x, y, 0.0)) < 0.012
 
 
-def test_go_to_stops_before_what_stands_in_the_way() -> None:
+def test_go_to_stops_before_an_obstacle() -> None:
     box = ((2.8, 1.6), (3.0, 1.6), (3.0, 2.4), (2.8, 2.4))
     driver = Driver(world_at(2.0, 2.0, obstacles=(box,)))
     result = driver.run(GoTo(3.5, 2.0, stop_range_m=0.05))
@@ -262,7 +262,7 @@ def test_a_drive_that_flows_hands_its_speed_on_without_a_jump(end_m_s: float) ->
 
 
 @pytest.mark.parametrize("met", ["bumper_left", "bumper_right", "cliff"])
-def test_what_a_way_meets_at_its_end_is_not_rolled_into(met: str) -> None:
+def test_a_contact_at_the_end_of_a_path_stops_the_robot(met: str) -> None:
     """The previous leg ended in motion: neither a turn nor a brake may continue it."""
     driver = Driver(world_at(1.0, 2.0))
     driver.run(Drive(0.0, 0.6, end_m_s=0.12))

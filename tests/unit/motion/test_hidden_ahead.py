@@ -46,7 +46,7 @@ def drive(
     return speeds
 
 
-def test_a_leg_beside_the_beam_is_met_slowly() -> None:
+def test_a_leg_beside_the_beam_is_approached_slowly() -> None:
     hidden = HiddenAhead(MODEL, DECEL)
     # 8 cm off the axis it leaves the cone 0.61 m before the sensor, and contact is at 0.139 m
     speeds = drive(hidden, (1.2, 0.08), 1.2 - 0.139)
@@ -56,7 +56,7 @@ def test_a_leg_beside_the_beam_is_met_slowly() -> None:
     assert slow * 0.004 < 0.05  # slow for the last centimetres only
 
 
-def test_what_the_body_passes_does_not_slow_it() -> None:
+def test_passed_obstacles_do_not_slow_it() -> None:
     hidden = HiddenAhead(MODEL, DECEL)
     assert min(drive(hidden, (1.9, 0.20), 1.9)) == math.inf
 
@@ -76,9 +76,7 @@ def test_after_a_turn_its_position_is_unknown() -> None:
 
 
 @pytest.mark.parametrize(("aside_m", "released_m"), [(0.05, 0.134), (0.10, 0.096), (0.13, 0.046)])
-def test_what_is_not_touched_where_it_should_have_been_is_not_there(
-    aside_m: float, released_m: float
-) -> None:
+def test_a_missing_expected_contact_clears_the_obstacle(aside_m: float, released_m: float) -> None:
     hidden = HiddenAhead(MODEL, DECEL)
     speeds = drive(hidden, (1.2, aside_m), 1.2)
     slow = [k for k, speed in enumerate(speeds) if speed < math.inf]

@@ -8,7 +8,7 @@ import pytest
 from bridge.motion.estimation.joint_covariance import JointCovariance
 
 
-def test_an_augmented_state_is_correlated_with_what_it_was_made_of() -> None:
+def test_an_augmented_state_is_correlated_with_its_sources() -> None:
     joint_covariance = JointCovariance((4.0, 1.0))
     first = joint_covariance.augment((0,), np.array([[1.0]]), np.array([[0.5]]))
     assert first == 2
@@ -44,7 +44,7 @@ def test_a_held_state_counts_with_its_variance_and_stays() -> None:
     assert joint_covariance.p == pytest.approx(joseph)
 
 
-def test_what_two_held_states_have_in_common_stays() -> None:
+def test_the_correlation_of_two_held_states_stays() -> None:
     """As Joseph's form gives it with their gains zero, for any covariance."""
     rng = np.random.default_rng(1)
     root = rng.normal(size=(5, 5))

@@ -34,7 +34,7 @@ MODEL = RobotModel()
         (0, 32768, -32768),
     ],
 )
-def test_encoder_delta_takes_the_short_way(previous: int, current: int, delta: int) -> None:
+def test_encoder_delta_wraps_to_the_nearest(previous: int, current: int, delta: int) -> None:
     assert encoder_delta(previous, current) == delta
 
 

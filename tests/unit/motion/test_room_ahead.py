@@ -23,23 +23,21 @@ def is_blocked(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
     return found
 
 
-def test_room_is_what_is_beyond_the_stop_range() -> None:
+def test_room_ahead_is_the_range_beyond_the_stop_range() -> None:
     room = RoomAhead(STOP_M)
     assert room.update(0.30, MIN_M, STEP_S) == pytest.approx(0.25)
     assert room.update(0.04, MIN_M, STEP_S) == pytest.approx(-0.01)
     assert room.update(None, MIN_M, STEP_S) == math.inf
 
 
-def test_a_wall_that_came_near_bars_at_once_and_an_echo_out_of_nothing_with_the_next() -> None:
+def test_a_nearer_wall_blocks_at_once_but_a_new_echo_with_the_next_reading() -> None:
     assert is_blocked(0.10, 0.06, 0.051, None) == [False, False, True, False]
     assert is_blocked(0.40, 0.051, 0.39, 0.38) == [False, False, False, False]
     assert is_blocked(0.40, 0.051, 0.050) == [False, False, True]
     assert is_blocked(0.051) == [True], "it may have begun there"
 
 
-def test_a_leg_that_answers_now_and_then_is_believed_and_two_strange_echoes_far_apart_are_not() -> (
-    None
-):
+def test_intermittent_echoes_of_a_leg_count_but_two_distant_outliers_do_not() -> None:
     assert is_blocked(0.40, 0.051, 0.40, 0.051) == [False, False, False, True]
     assert is_blocked(0.40, 0.051, *([0.40, 0.41] * 3), 0.051) == [False] * 9
 

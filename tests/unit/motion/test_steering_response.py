@@ -45,7 +45,7 @@ def test_the_rise_is_read_off_the_series_and_a_step_never_taken_up_has_none() ->
 
 
 @pytest.mark.parametrize("degrees", [5.0, 20.0, 30.0, -30.0, 44.0, 60.0, 90.0, 150.0])
-def test_a_bearing_is_taken_up_without_overshoot(degrees: float) -> None:
+def test_a_bearing_settles_without_overshoot(degrees: float) -> None:
     response = bearing_step(MODEL, math.radians(degrees))
     assert response.overshoot < 0.005
     # at most 1.5 rad/s, and an end that falls with exp(-4 t)
@@ -53,7 +53,7 @@ def test_a_bearing_is_taken_up_without_overshoot(degrees: float) -> None:
     assert response.settled_s(BEARING_BAND_RAD) < 0.65 + math.radians(abs(degrees)) / 1.5
 
 
-def test_the_bearing_gain_is_the_quickest_that_bears_twice_the_dead_time() -> None:
+def test_the_bearing_gain_is_the_fastest_stable_at_twice_the_dead_time() -> None:
     """With the rotary's Td, 30° settle in 0.76 s; at twice the dead time 2.5 % overshoot."""
     angle, td_s = math.radians(30.0), ROTARY_GAINS.td_s
     fit = []
@@ -72,7 +72,7 @@ def test_the_bearing_gain_is_the_quickest_that_bears_twice_the_dead_time() -> No
 
 @pytest.mark.parametrize("step_m", [0.02, -0.02, 0.01, -0.01, 0.04])
 @pytest.mark.parametrize("speed_m_s", [CRUISE_M_S, 1.2 * CRUISE_M_S])
-def test_a_walls_distance_is_taken_up(step_m: float, speed_m_s: float) -> None:
+def test_the_distance_to_a_wall_settles(step_m: float, speed_m_s: float) -> None:
     """The integral, needed for round columns, overshoots by up to 6 mm."""
     response = wall_step(MODEL, step_m, speed_m_s=speed_m_s)
     assert response.overshoot * abs(step_m) < 0.0065
@@ -82,7 +82,7 @@ def test_a_walls_distance_is_taken_up(step_m: float, speed_m_s: float) -> None:
 
 
 @pytest.mark.parametrize("step_m", [0.02, 0.04])
-def test_near_the_wall_it_comes_slowly(step_m: float) -> None:
+def test_the_approach_is_slow_near_the_wall(step_m: float) -> None:
     """A perimeter is driven 0.5 mm off: the last centimetre at 15 mm/s, a gentle contact."""
     gap_m = RecoveryOptions().perimeter_gap_m
     response = wall_step(MODEL, step_m, gap_m=gap_m, speed_m_s=1.2 * CRUISE_M_S)
@@ -91,7 +91,7 @@ def test_near_the_wall_it_comes_slowly(step_m: float) -> None:
     assert 0.0 < max(across) < 0.017
 
 
-def test_the_integral_keeps_to_columns_and_costs_overshoot() -> None:
+def test_the_integral_follows_columns_but_overshoots() -> None:
     """Along a column of 0.3 m, the gap is 13 mm too large without the integral.
 
     With it, a step of 20 mm overshoots by 5 mm instead of 1 mm.
@@ -155,7 +155,7 @@ def drive_leg(level: str, seed: int, leg: Leg, start: Pose2) -> list[Pose2]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_body_takes_up_a_bearing_as_the_plant_does(seed: int) -> None:
+def test_the_body_settles_on_a_bearing_like_the_plant(seed: int) -> None:
     angle = math.radians(30.0)
     x, y = 1.0 + math.cos(angle), 1.0 + math.sin(angle)
     poses = drive_leg("typical", seed, GoTo(x, y), Pose2(1.0, 1.0, 0.0))
@@ -175,7 +175,7 @@ def test_the_body_takes_up_a_bearing_as_the_plant_does(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_body_takes_up_a_walls_distance_as_the_plant_does(seed: int) -> None:
+def test_the_body_settles_on_a_walls_distance_like_the_plant(seed: int) -> None:
     y = 4.0 - MODEL.radius_m - 0.05
     leg = FollowWall(left=True, gap_m=0.05, distance_m=2.5)
     poses = drive_leg("typical", seed, leg, Pose2(1.0, y - 0.02, 0.0))

@@ -132,7 +132,7 @@ def test_the_track_turns_with_the_robot() -> None:
     assert track.expected_m() == pytest.approx(expected)
 
 
-def test_another_surface_is_not_taken() -> None:
+def test_a_different_surface_is_not_followed() -> None:
     track = WallTrack(MODEL.infrared_right)
     track.begin(0.10, 0.0, 0.01)
     assert not track.take(0.16, 4.0, 0.02)
@@ -315,7 +315,7 @@ def test_an_echo_out_of_nothing_slows_and_the_next_blocks() -> None:
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
-def test_from_a_touch_on_it_goes_slowly_for_eight_centimetres(side: Side) -> None:
+def test_after_a_touch_it_drives_slowly_for_eight_centimetres(side: Side) -> None:
     """The direction of the wall is not known yet, even if the infrared detects the wall at once."""
     follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
     follower.go_round(0.0, RADIUS_M)
@@ -331,7 +331,7 @@ def test_from_a_touch_on_it_goes_slowly_for_eight_centimetres(side: Side) -> Non
     assert min(v for x, v in speeds if x > 0.084) > 0.2
 
 
-def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() -> None:
+def test_a_wall_abeam_that_presses_a_bumper_is_avoided_for_half_a_second() -> None:
     follower = WallFollower(MODEL, Side.LEFT, 0.0)
     touching = sees(0.06, bumper=(True, False))
     steps = [follower.step(touching, STEP_S) for _ in range(30)]
@@ -342,7 +342,7 @@ def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 @pytest.mark.parametrize("taught", [True, False])
-def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(
+def test_a_pressed_bumper_turns_it_away_slowly_for_any_wall_estimate(
     side: Side, *, taught: bool
 ) -> None:
     """The track has a heading 15° off the wall, or no direction yet. The shell has priority."""
@@ -364,7 +364,7 @@ def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
-def test_a_leg_that_is_touched_on_the_way_round_is_turned_from(side: Side) -> None:
+def test_a_touched_chair_leg_is_turned_away_from(side: Side) -> None:
     """It turns away on the spot until the bumper is free, then goes round the leg again."""
     follower = WallFollower(MODEL, side, 0.0005)
     follower.go_round(0.05, RADIUS_M + 0.01)
@@ -378,7 +378,7 @@ def test_a_leg_that_is_touched_on_the_way_round_is_turned_from(side: Side) -> No
     assert free.command.v_m_s > 0.05
 
 
-def test_speed_respects_the_way_left_to_a_wall_ahead() -> None:
+def test_speed_respects_the_distance_to_a_wall_ahead() -> None:
     speeds = []
     for front_m in (2.0, 0.3, 0.15, 0.10):
         step = WallFollower(MODEL, Side.LEFT, 0.05).step(sees(0.11, front_m=front_m), STEP_S)

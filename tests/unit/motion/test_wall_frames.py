@@ -92,7 +92,7 @@ def test_the_headings_variance_is_that_against_the_orthogonal_walls() -> None:
 
 
 @pytest.mark.parametrize(("span_m", "hides"), [(0.2, False), (0.6, True)])
-def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hides: bool) -> None:
+def test_the_wall_frame_that_was_seen_most_counts(span_m: float, *, hides: bool) -> None:
     """The oblique box was just passed. It does not give the uncertainty of the lanes' heading."""
     room = Room()
     for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
@@ -107,7 +107,7 @@ def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hide
     assert (room.walls.heading_sigma_rad < 0.25 * DEGREE < inflate) is hides
 
 
-def test_a_frame_of_which_more_is_seen_later_counts_then() -> None:
+def test_a_wall_frame_counts_once_more_of_it_is_seen() -> None:
     room = Room()
     oblique = 20.0 * DEGREE
     box = (line(math.pi / 2 + oblique, 0.4, 0.4), line(oblique, 0.4, 0.4))

@@ -136,7 +136,7 @@ def test_a_surface_far_outside_the_uncertainty_is_another() -> None:
     assert len(room.walls.walls) == 2
 
 
-def test_the_wall_itself_is_believed_against_too_sure_an_estimate() -> None:
+def test_the_wall_corrects_an_over_confident_estimate() -> None:
     """A segment in front of the wall cannot be another wall: the estimate was wrong."""
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
@@ -147,7 +147,7 @@ def test_the_wall_itself_is_believed_against_too_sure_an_estimate() -> None:
     assert room.filter.way_noise.value > 1.0
 
 
-def test_memory_is_bounded_and_a_restart_forgets() -> None:
+def test_memory_is_bounded_and_a_restart_clears_it() -> None:
     room = Room()
     for i in range(3 * MAX_WALLS):
         room.walls.see_line(line(0.03 * i, 0.3 + 0.11 * i))
@@ -174,7 +174,7 @@ def test_the_joint_covariance_stays_positive() -> None:
     assert p[THETA, THETA] > 0.0
 
 
-def test_a_wall_that_the_map_holds_twice_still_gives_the_heading() -> None:
+def test_a_wall_mapped_twice_still_gives_the_heading() -> None:
     room = Room()
     for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
         room.walls.see_line(measurement)
@@ -191,7 +191,7 @@ def test_a_wall_that_the_map_holds_twice_still_gives_the_heading() -> None:
     assert abs(room.filter.pose.theta_rad) < 0.2 * DEGREE
 
 
-def test_of_two_walls_that_may_be_meant_none_is_taken() -> None:
+def test_an_ambiguous_wall_is_not_used() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.inflate(0.0, 4.0 * DEGREE)  # so that they are not found to be parallel
@@ -250,7 +250,7 @@ def test_a_place_that_the_ultrasonic_saw_on_a_wall_is_that_wall(
 
 
 @pytest.mark.parametrize("off_m", [-0.01, 0.01])
-def test_the_ultrasonic_takes_such_a_place_for_the_wall_as_well(off_m: float) -> None:
+def test_the_ultrasonic_assigns_such_a_place_to_the_wall_too(off_m: float) -> None:
     room = marked()
     room.believe(0.0, 0.45, 0.0)
     room.inflate(0.01, 0.0)
@@ -261,7 +261,7 @@ def test_the_ultrasonic_takes_such_a_place_for_the_wall_as_well(off_m: float) ->
     assert [wall.measurements for wall in room.walls.walls] == [2, 1]
 
 
-def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
+def test_a_place_in_front_of_a_wall_or_beside_it_is_not_of_the_wall() -> None:
     before, beside = marked(before_m=0.025), marked()
     beside.walls.walls[0].high_m = 0.15  # known up to 25 cm from that place
     for room in (before, beside):

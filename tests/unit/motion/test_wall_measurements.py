@@ -143,7 +143,7 @@ def test_a_brownian_path_bows_as_much_as_is_thought() -> None:
     assert float(bows.std()) == pytest.approx(WANDER_BOW, rel=0.05)
 
 
-def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:
+def test_readings_in_a_fast_turn_are_skipped_and_end_nothing() -> None:
     side = SideMeasurement(MODEL.infrared_left)
     for i in range(31):
         quick = i % 5 == 3

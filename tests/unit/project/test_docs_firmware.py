@@ -55,7 +55,7 @@ def test_it_names_all_that_driving_needs() -> None:
     assert needed == set(re.findall(r"`([a-z_]+)`", paragraph))
 
 
-def test_the_minimal_set_and_range_are_what_driving_needs() -> None:
+def test_the_minimal_set_and_range_suffice_for_driving() -> None:
     for name in ("imu", "encoders", "status", "velocity_setpoint", "clear_stop", "set_mode"):
         assert f"#define SP_WITH_{name.upper()} SP_WITH_REST" not in HEADER
     assert "#define SP_WITH_RANGE SP_WITH_REST" in HEADER
@@ -108,7 +108,7 @@ FAILURES: dict[str, Callable[[], Failed]] = {
 
 
 @pytest.mark.parametrize("kind", FAILURES)
-def test_what_the_host_complains_of_is_explained(kind: str) -> None:
+def test_every_error_of_the_host_is_explained(kind: str) -> None:
     """The page has the error's words for users; the test causes each kind of failure."""
     failed = FAILURES[kind]()
     assert failed.kind == kind

@@ -104,7 +104,7 @@ def test_only_a_busy_machine_gives_another_try(
 
 
 @pytest.mark.parametrize("share", [BUSY + 0.1, BUSY - 0.1], ids=["busy", "idle"])
-def test_what_fails_beside_others_on_a_busy_machine_is_judged_alone(
+def test_a_failure_beside_others_on_a_busy_machine_is_repeated_alone(
     pytester: pytest.Pytester, share: float
 ) -> None:
     pytester.makeconftest(CONFTEST.format(share=share))

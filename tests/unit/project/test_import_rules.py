@@ -72,7 +72,7 @@ def strangers(source: str, allowed: set[str]) -> set[str]:
 
 
 @pytest.mark.parametrize("package", ALLOWED)
-def test_pure_package_imports_only_what_is_allowed(package: str) -> None:
+def test_pure_package_imports_only_allowed_modules(package: str) -> None:
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     found = {}

@@ -31,7 +31,7 @@ def late(us: int, *, now: int = 3) -> bool:
 '''
 
 
-def test_what_is_changed_and_what_is_not() -> None:
+def test_changed_and_unchanged_code() -> None:
     found = {mutant.name for mutant in mutants(SOURCE)}
     assert {
         "module: 250 -> 251",
@@ -48,14 +48,14 @@ def test_what_is_changed_and_what_is_not() -> None:
     assert mutants(SOURCE, frozenset({"late"})) == mutants(SOURCE)[:3]
 
 
-def test_each_mutant_is_one_change_and_has_a_name_of_its_own() -> None:
+def test_each_mutant_is_one_change_with_a_unique_name() -> None:
     made = mutants(LATCH.path.read_text(), LATCH.exclude)
     assert len({mutant.name for mutant in made}) == len(made) > 50
     few = made[::20]
     assert len({mutant.source for mutant in (*few, *made[1::20])}) == 2 * len(few)
 
 
-def test_what_is_listed_as_equivalent_is_a_mutant_and_has_its_proof() -> None:
+def test_every_listed_equivalent_is_a_mutant_with_a_proof() -> None:
     listed = equivalents()
     assert listed.keys() <= {target.name for target in TARGETS}
     for target in TARGETS:
@@ -72,7 +72,7 @@ def test_the_lines_of_a_change_are_those_of_its_statement_or_of_its_head() -> No
     assert lines == {"a < b": range(2, 4), "return a + b": range(4, 6), "a + b": range(4, 6)}
 
 
-def test_a_run_that_was_broken_off_goes_on(tmp_path: Path) -> None:
+def test_an_interrupted_run_continues(tmp_path: Path) -> None:
     path = tmp_path / "kept.jsonl"
     Kept(path).add(LATCH, "0123", "late: a -> b", killed=False)
     assert Kept(path).of(LATCH, "0123") == {"late: a -> b": False}
@@ -80,7 +80,7 @@ def test_a_run_that_was_broken_off_goes_on(tmp_path: Path) -> None:
     assert Kept(None).of(LATCH, "0123") == {}
 
 
-def test_a_share_of_the_latchs_mutants_is_killed_and_what_changes_nothing_is_not() -> None:
+def test_a_share_of_the_latchs_mutants_is_killed_except_equivalents() -> None:
     # In a separate process, which has not imported the target.
     made = [mutant.name for mutant in mutants(LATCH.path.read_text(), LATCH.exclude)]
     share = 20

@@ -538,7 +538,7 @@ def test_compiled_and_pure_give_the_same(source: Path) -> None:
     )
 
 
-def test_what_does_not_fit_is_rejected() -> None:
+def test_values_out_of_range_are_rejected() -> None:
     m: Any = compiled("bridge.coverage.recovery.evidence_kernels")
     layer = np.zeros((5, 6), np.uint8)
     for wrong in (layer.astype(np.int32), layer[0], layer.T, layer[:, ::2]):

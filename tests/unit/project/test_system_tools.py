@@ -218,7 +218,7 @@ def test_every_tool_has_a_package_and_every_program_one_tool() -> None:
         tool_named("tsark")
 
 
-def test_every_workflow_runs_what_a_person_can_run() -> None:
+def test_every_workflow_runs_commands_that_people_can_run() -> None:
     """A workflow calls `.ci/run`, on the system whose packages the registry names."""
     workflows = list((ROOT / ".github" / "workflows").glob("*.yml"))
     assert len(workflows) > 1

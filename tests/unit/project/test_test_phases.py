@@ -101,7 +101,7 @@ def test_a_phase_that_breaks_off_is_named_and_fails_the_run(tmp_path: Path) -> N
         (FAILS, 1, "2 passed, 1 failed, 1 skipped"),
     ],
 )
-def test_what_a_busy_machine_fails_is_run_again_alone_and_counted_once(
+def test_a_failure_on_a_busy_machine_is_run_again_alone_and_counted_once(
     tmp_path: Path, real: str, status: int, closing: str
 ) -> None:
     ended, printed = run(tmp_path, PASSES, real, share=1.0)

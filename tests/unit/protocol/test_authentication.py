@@ -92,7 +92,7 @@ def test_a_signed_message_on_a_bus_byte_for_byte() -> None:
     assert tag == struct.pack("<H", 0xFFFF) + wanted
 
 
-def test_what_it_costs() -> None:
+def test_cost_of_a_tag() -> None:
     plain, signed = Link(Direction.HOST), keyed(Link(Direction.HOST))
     for link in (plain, signed):
         link.send(VelocitySetpoint(1, 2, 200, 1), 0, node=1)
@@ -100,7 +100,7 @@ def test_what_it_costs() -> None:
 
 
 @pytest.mark.parametrize("spec", CATALOGUE.specs, ids=lambda s: s.name)
-def test_what_needs_a_tag(spec: object) -> None:
+def test_messages_that_need_a_tag(spec: object) -> None:
     cls, direction = spec.cls, spec.direction  # type: ignore[attr-defined]  # a message's
     free = {Stop, StopAll, HostHello, TimeRequest, Describe, DescribeEnum}
     guarded = direction is Direction.HOST and cls not in free
@@ -242,7 +242,7 @@ def test_keys() -> None:
         Authenticator(b"short")
 
 
-def test_random_trailers_are_never_taken() -> None:
+def test_random_trailers_are_never_accepted() -> None:
     rng, device = random.Random(5), begun()
     assert not any(device.check(b"covered", rng.randbytes(12)) for _ in range(2000))
     assert not any(device.check_can([(1, b"x")], rng.randbytes(8)) for _ in range(2000))

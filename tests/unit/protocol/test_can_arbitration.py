@@ -105,7 +105,7 @@ SENDERS = [(t_us, sends) for t_us in (0, 16, 1_000_000, 0xFFFF_FFFF) for sends i
 @pytest.mark.parametrize(
     "frame", [CanFrame(0, b""), CanFrame(0x015, bytes(7)), CanFrame(0x7FF, b"\xff" * 8)]
 )
-def test_a_frame_is_as_long_as_the_bus_load_takes_it_for(frame: CanFrame) -> None:
+def test_frame_lengths_match_the_bus_load_table(frame: CanFrame) -> None:
     outcome = on_the_bus(frame)
     assert (outcome.done, outcome.errors) == ([0], [])
     assert outcome.bits == frame_bits(frame)

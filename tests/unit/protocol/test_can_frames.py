@@ -132,7 +132,7 @@ def test_the_slow_part_goes_with_the_first_and_then_once_a_second() -> None:
     assert sent_at == [0, 1_000_000, 2_000_000]
 
 
-def test_sync_counts_frames_as_they_leave_whatever_its_sender_thought() -> None:
+def test_sync_counts_frames_in_the_order_of_leaving() -> None:
     frames = frames_of(DEVICE, LogText(0, "x" * 20), Sync(0), Imu(1, 2, 3, 4, 5, 6, 7), Sync(0))
     counts = [int.from_bytes(bytes.fromhex(f[12:]), "little") for f in frames if f[:4] == "101#"]
     assert counts == [frames.index(f) + 1 for f in frames if f[:4] == "101#"]

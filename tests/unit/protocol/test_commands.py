@@ -101,7 +101,7 @@ def test_a_command_is_due_at_once_and_an_answer_ends_it() -> None:
     assert sender.round_trip.smoothed_us == 2_000
 
 
-def test_a_refusal_gives_its_reason() -> None:
+def test_a_rejection_gives_its_reason() -> None:
     sender = CommandSender()
     sender.issue(mode, MODE, 0)
     sender.due(0)
@@ -110,7 +110,7 @@ def test_a_refusal_gives_its_reason() -> None:
     assert not outcome.timed_out
 
 
-def test_the_first_reason_is_not_taken_for_silence() -> None:
+def test_the_first_reason_is_not_reported_as_silence() -> None:
     outcome = Outcome(SetMode(1, 1), accepted=False, reason=NackReason.UNKNOWN_COMMAND)
     assert not outcome.timed_out  # its value is 0
 
@@ -164,7 +164,7 @@ def test_a_reply_to_something_else_changes_nothing(reply: Ack | Nack) -> None:
     assert not sender.idle
 
 
-def test_a_second_reply_is_passed_over() -> None:
+def test_a_second_reply_is_ignored() -> None:
     sender = CommandSender()
     sender.issue(mode, MODE, 0)
     sender.due(0)
@@ -172,7 +172,7 @@ def test_a_second_reply_is_passed_over() -> None:
     assert sender.reply(Nack(1, MODE, 1), 6) is None
 
 
-def test_an_earlier_session_s_reply_does_not_answer_what_was_never_sent() -> None:
+def test_an_earlier_sessions_reply_does_not_answer_an_unsent_command() -> None:
     sender = CommandSender()
     sender.issue(mode, MODE, 0)
     assert sender.reply(Ack(1, MODE), 0) is None
@@ -208,7 +208,7 @@ def test_ids_wrap_and_pass_over_the_one_that_still_waits() -> None:
     assert sender.issue(mode, MODE, 0) == 0
 
 
-def test_cancel_forgets_everything() -> None:
+def test_cancel_removes_everything() -> None:
     sender = CommandSender()
     sender.issue(mode, MODE, 0)
     sender.issue(stop, STOP, 0, forever=True)
@@ -250,7 +250,7 @@ def test_a_command_is_carried_out_and_a_repeat_only_answered() -> None:
     assert act.count == 1
 
 
-def test_a_refusal_is_repeated_as_it_was() -> None:
+def test_a_rejection_is_repeated_unchanged() -> None:
     log = CommandLog()
     reject, accept = Acts(NackReason.UNKNOWN_COMMAND), Acts()
     first = log.once(9, MODE, SetMode(3, 1), reject)
@@ -267,7 +267,7 @@ def test_another_session_or_type_is_no_repeat() -> None:
     assert act.count == 3
 
 
-def test_the_last_sixteen_are_kept_and_what_is_older_is_not_carried_out_again() -> None:
+def test_the_last_sixteen_are_kept_and_older_ones_are_not_executed_again() -> None:
     log, act = CommandLog(), Acts()
     assert REMEMBERED == 16
     for command_id in range(17):
@@ -280,7 +280,7 @@ def test_the_last_sixteen_are_kept_and_what_is_older_is_not_carried_out_again() 
 
 
 @pytest.mark.parametrize("first_id", [0, 0xFFF8])
-def test_a_late_command_is_carried_out_once_whatever_came_in_between(first_id: int) -> None:
+def test_a_late_command_is_executed_once_after_any_other_commands(first_id: int) -> None:
     """Later replies with older ids do not displace its own."""
     log, act = CommandLog(), Acts()
     newest, late = 17, [*range(1, 8)]

@@ -95,7 +95,7 @@ def test_a_newer_device_obeys_commands_that_lack_its_last_field() -> None:
     assert pair.ends.device.firmware.mode is Mode.VELOCITY
 
 
-def test_what_one_host_left_out_the_next_may_send() -> None:
+def test_the_next_host_may_send_fields_that_the_last_left_out() -> None:
     """The known part of a command is valid until the end of the host's session."""
     device = catalogue(more=[LongerMode])
     pair = Pair(device=device)

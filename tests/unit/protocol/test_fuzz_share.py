@@ -44,7 +44,7 @@ def fuzz(target: str, into: Path, *options: str) -> subprocess.CompletedProcess[
 
 
 @pytest.mark.parametrize("target", list(TARGETS))
-def test_what_earlier_searches_found_breaks_nothing(target: str) -> None:
+def test_the_fuzzing_corpus_passes(target: str) -> None:
     inputs = corpus(target)
     assert len(inputs) > 5
     assert len(set(inputs)) == len(inputs)
@@ -57,7 +57,7 @@ def corpus(target: str) -> list[bytes]:
     return [bytes.fromhex(line) for line in path.read_text(encoding="ascii").splitlines()]
 
 
-def test_a_search_begins_with_what_is_kept_and_adds_what_it_finds(tmp_path: Path) -> None:
+def test_a_search_starts_from_the_corpus_and_adds_its_findings(tmp_path: Path) -> None:
     found = tmp_path / "found"
     done = fuzz("can", found, "-runs=3000", "-seed=3", "-reload=0")
     assert done.returncode == 0, done.stderr[-3000:]
@@ -67,7 +67,7 @@ def test_a_search_begins_with_what_is_kept_and_adds_what_it_finds(tmp_path: Path
     assert len(inputs) > seeds > len(corpus("can"))
 
 
-def test_what_is_kept_reaches_as_much_with_fewer(tmp_path: Path) -> None:
+def test_the_kept_corpus_reaches_as_much_with_fewer_inputs(tmp_path: Path) -> None:
     """A hundred inputs that reach nothing new, and long ones, are not kept."""
     for number in range(100):
         (tmp_path / f"same-{number}").write_bytes(b"\x1f" + bytes(number))

@@ -28,7 +28,7 @@ def test_each_writes_its_files_and_names_them(
 
 
 @pytest.mark.parametrize("name", sorted(set(GENERATORS) - {"md"}))
-def test_what_is_written_is_what_is_rendered(name: str, tmp_path: Path) -> None:
+def test_written_files_equal_the_rendered_text(name: str, tmp_path: Path) -> None:
     assert run(["generate", name, "--out", str(tmp_path)]) == 0
     assert {p.name: p.read_text(encoding="utf-8") for p in tmp_path.iterdir()} == render(name)
 
@@ -71,7 +71,7 @@ def test_wrong_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -
     assert line.endswith("(see sweepctl generate --help)")
 
 
-def test_a_node_of_ones_own(tmp_path: Path) -> None:
+def test_dbc_of_another_node(tmp_path: Path) -> None:
     assert run(["generate", "dbc", "--out", str(tmp_path), "--node", "3"]) == 0
     assert {p.name: p.read_text(encoding="utf-8") for p in tmp_path.iterdir()} == render(
         "dbc", node=3

@@ -163,7 +163,7 @@ def arrows(title: str) -> set[tuple[str, str, str]]:
     }
 
 
-def test_the_session_is_drawn_as_it_is() -> None:
+def test_the_session_diagram_matches_the_table() -> None:
     drawn = arrows("The host's session")
     assert drawn == {(o.value, w, n.value) for (o, w), n in TRANSITIONS.items() if o is not n}
 

@@ -94,7 +94,7 @@ def test_a_logged_message_reads_back_by_the_compiled_text(tmp_path: Path) -> Non
     }
 
 
-def test_what_a_field_means_stands_beside_it() -> None:
+def test_each_field_has_its_meaning_as_a_comment() -> None:
     text = render("proto")["sweepctl.proto"]
     assert "// Distance ahead; 65535: no echo (1/1000 m a step)." in text
     assert "// 0 idle, 1 velocity, 2 bringup, 3 onboard." in text

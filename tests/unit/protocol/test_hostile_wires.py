@@ -46,7 +46,7 @@ def test_a_pipe_keeps_order_and_takes_its_time() -> None:
     assert pipe.next_us() is None
 
 
-def test_order_of_composition_decides_what_is_lost() -> None:
+def test_order_of_composition_decides_the_loss() -> None:
     single = b"".join(through(Lossy(Chunked(Pipe(), 1), p=0.2, rng=Random(1))))
     assert len(single) == pytest.approx(0.8 * 200 * 100, rel=0.02)
     whole = through(Chunked(Lossy(Pipe(), p=0.2, rng=Random(1)), 1))
@@ -91,7 +91,7 @@ def test_cut_tail_keeps_a_beginning() -> None:
     assert len({len(p) for p in pieces}) > 50
 
 
-def test_duplicating_doubles_and_garbage_stands_before() -> None:
+def test_duplication_repeats_bytes_and_garbage_precedes_them() -> None:
     assert through(Duplicating(Pipe(), p=1.0, rng=Random(2)), 3) == [DATA] * 6
     noisy = through(Garbage(Pipe(), p=1.0, rng=Random(2), longest=9), 5)
     assert noisy[1::2] == [DATA] * 5
@@ -121,7 +121,7 @@ def test_delayed_gives_the_next_deadline() -> None:
     assert wire.pull(13) == [b"a"]
 
 
-def test_dead_loses_what_arrives_meanwhile() -> None:
+def test_a_dead_line_loses_its_bytes() -> None:
     wire = Dead(Pipe(), 10, 20)
     got: list[int] = []
     for now_us in range(30):

@@ -52,7 +52,7 @@ def sequence(data: bytes) -> list[int]:
 # ---- sending ------------------------------------------------------------------------------
 
 
-def test_what_one_end_sends_the_other_receives() -> None:
+def test_each_end_receives_the_others_messages() -> None:
     ours, theirs = host(), device()
     ours.send(Stop(5, 4), 77, node=0, flags=2)
     assert ours.has_data
@@ -78,7 +78,7 @@ def test_the_first_of_a_queue_gets_the_leading_zero_and_only_it() -> None:
         assert b"\0\0" not in data
 
 
-def test_latest_replaces_what_still_waits_and_keeps_the_rest() -> None:
+def test_latest_replaces_a_waiting_message_and_keeps_the_rest() -> None:
     link, peer = host(), device()
     link.send(VelocitySetpoint(1, 0, 200, 0), 0, node=1, latest=True)
     link.send(SetMode(1, 1), 0, node=1)
@@ -138,7 +138,7 @@ def test_the_other_side_s_message_is_rejected() -> None:
         (Hello(0, b"short", 0, 0, 0, 0, 0, 0, 0, ""), {"node": 1}, FieldRangeError),
     ],
 )
-def test_what_cannot_be_sent_is_rejected_at_once_and_leaves_no_trace(
+def test_an_invalid_message_is_rejected_at_once_without_a_trace(
     message: Message, options: dict[str, int], error: type[LocalError]
 ) -> None:
     link = device()
@@ -186,7 +186,7 @@ def test_an_echo_is_rejected_and_does_not_change_the_sequence() -> None:
     assert (ours.statistics.lost, ours.statistics.frames_in) == (0, 2)
 
 
-def test_another_version_is_rejected_whatever_its_type() -> None:
+def test_another_version_is_rejected_for_any_type() -> None:
     ours = host()
     data = ref.frame_bytes(
         version=3, flags=1, node=1, type_id=0x10, seq=9, t_us=0, payload=bytes(4)
@@ -255,7 +255,7 @@ def test_unknown_and_disabled_types_keep_their_place_in_the_sequence() -> None:
     assert (ours.statistics.lost, ours.statistics.frames_in) == (0, 4)
 
 
-def test_each_device_has_a_sequence_of_its_own() -> None:
+def test_each_device_has_its_own_sequence() -> None:
     one, two, ours = device(), device(), host()
     for i in range(50):
         ours.receive(frames(one, Sync(i), node=1)[0])
@@ -264,7 +264,7 @@ def test_each_device_has_a_sequence_of_its_own() -> None:
     assert ours.statistics.lost == 0
 
 
-def test_a_host_has_one_sequence_whatever_node_its_frames_name() -> None:
+def test_a_host_has_one_sequence_for_all_nodes() -> None:
     ours, theirs = host(), device()
     for i in range(50):
         theirs.receive(frames(ours, SetMode(i, 1), node=1)[0])
@@ -350,7 +350,7 @@ def test_labels_never_raise() -> None:
         (0, 0x8000_0000, -0x8000_0000),
     ],
 )
-def test_elapsed_us_is_the_shortest_way_between_two_stamps(
+def test_elapsed_us_is_the_nearest_difference_of_two_stamps(
     since: int, until: int, expected: int
 ) -> None:
     assert elapsed_us(since, until) == expected

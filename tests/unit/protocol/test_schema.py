@@ -237,7 +237,7 @@ def test_questions_are_few_and_asked_again_until_answered() -> None:
     assert not comparison.complete
 
 
-def test_what_was_not_asked_and_what_comes_twice_is_passed_over() -> None:
+def test_unexpected_and_repeated_answers_are_ignored() -> None:
     comparison = Comparison(Catalogue([Power]))
     assert not comparison.answer(describe(CATALOGUE, Describe(0x13, 7)))
     assert not comparison.answer(DescribeEnumReply(1, 2, 3))

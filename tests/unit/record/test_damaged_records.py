@@ -81,7 +81,7 @@ def test_a_full_line_of_them_makes_five_records_in_a_second_and_loses_none(kind:
     assert b"".join(r.data for r in sink.of(RawBytes) if not r.outgoing) == sent
 
 
-def test_the_record_names_what_was_wrong_and_shows_the_first() -> None:
+def test_the_record_names_the_errors_and_shows_the_first_bytes() -> None:
     sink = Collector()
     records = HostRecords(sink, 0, "")
     first = DamagedFrame(Damage.CRC, 100, 40, bytes(range(1, 41)))

@@ -139,7 +139,7 @@ def test_a_disk_that_is_full_in_truth() -> None:
         RunWriter(Path("/dev/full"), run_info(), force=True)
 
 
-def test_what_is_held_has_no_name_and_goes_with_the_file(tmp_path: Path) -> None:
+def test_the_reserve_file_has_no_name_and_ends_with_the_log(tmp_path: Path) -> None:
     file = open_log_file(tmp_path / "log", force=False)
     assert [p.name for p in tmp_path.iterdir()] == ["log"]
     file.close()
@@ -150,7 +150,7 @@ def test_what_is_held_has_no_name_and_goes_with_the_file(tmp_path: Path) -> None
     held.close()
 
 
-def test_stop_or_go_on_when_the_log_fails(tmp_path: Path) -> None:
+def test_stop_or_continue_when_the_log_fails(tmp_path: Path) -> None:
     reported: list[tuple[Severity, str, str, str]] = []
     for stop in (True, False):
         disk = Disk(300_000)
@@ -313,7 +313,7 @@ def test_a_later_file_that_exists_is_reported_at_once(tmp_path: Path) -> None:
     writer.close()
 
 
-def test_what_lies_beside_the_first_file_and_is_not_of_its_run(tmp_path: Path) -> None:
+def test_files_of_other_runs_beside_the_first_file(tmp_path: Path) -> None:
     """An earlier longer run, replaced by a shorter one; a file that only has a beginning."""
     path = tmp_path / "run.mcap"
     for seconds, opened_ns in ((40, EPOCH_NS), (20, EPOCH_NS + 1)):

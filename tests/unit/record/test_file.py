@@ -103,7 +103,7 @@ def test_a_whole_run_is_indexed(tmp_path: Path) -> None:
     assert found == expected
 
 
-def test_rows_and_messages_of_many_chunks_stand_in_the_order_in_which_they_came(
+def test_rows_and_messages_keep_their_order_over_many_chunks(
     tmp_path: Path,
 ) -> None:
     records: list[Record] = []

@@ -94,7 +94,7 @@ def test_a_damaged_chunk_is_stepped_over_and_named(log: Path, tmp_path: Path) ->
     assert not reader.truncated
 
 
-def test_what_is_no_log_is_rejected_in_one_line(tmp_path: Path) -> None:
+def test_an_invalid_log_is_rejected_in_one_line(tmp_path: Path) -> None:
     other = tmp_path / "other.mcap"
     for content, reason in ((b"", "not an MCAP"), (b"\x00" * 100, "not an MCAP")):
         other.write_bytes(content)
@@ -151,7 +151,7 @@ def test_a_few_messages_at_one_moment_have_no_rate(tmp_path: Path) -> None:
     assert rates == {"/two": None, "/burst": None, "/slow": pytest.approx(0.2)}
 
 
-def test_describe_counts_what_the_run_wrote(log: Path, tmp_path: Path) -> None:
+def test_describe_counts_the_runs_messages(log: Path, tmp_path: Path) -> None:
     records = list(synthetic_run())
     description = describe(log)
     assert description.whole

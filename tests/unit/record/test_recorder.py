@@ -113,7 +113,7 @@ class FailingWriter(RunWriter):
         super().write(record)
 
 
-def test_the_first_failure_stays_and_what_came_before_it_is_whole(tmp_path: Path) -> None:
+def test_the_first_failure_stays_and_earlier_records_are_complete(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorder = ThreadedRecorder(FailingWriter(path, run_info()))
     for i in range(20):

@@ -44,7 +44,7 @@ RUN: dict[str, Any] = {
 }
 
 
-def test_ours_is_read_as_it_is() -> None:
+def test_our_own_messages_are_read_unchanged() -> None:
     found = read_summary(json.dumps(RUN).encode())
     assert found == RUN
     assert is_run(RUN)
@@ -77,7 +77,7 @@ def test_numbers_that_no_json_has_are_null() -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"[1]", b"3", b"\xff\xfe", b"{", b"[" * 100_000])
-def test_what_is_no_object_is_none(data: bytes) -> None:
+def test_a_value_that_is_no_object_gives_none(data: bytes) -> None:
     assert read_summary(data) is None
 
 

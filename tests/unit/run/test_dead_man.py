@@ -74,7 +74,7 @@ def test_a_held_key_drives_until_it_comes_up() -> None:
     assert drive_mode.wanted(4.96) == HALT
 
 
-def test_two_held_keys_make_a_curve_and_one_goes_on() -> None:
+def test_two_held_keys_make_a_curve_and_one_continues_alone() -> None:
     drive_mode = dead_man(releases=True)
     drive_mode.press("up", 0.0)
     drive_mode.press("left", 0.1)
@@ -83,14 +83,14 @@ def test_two_held_keys_make_a_curve_and_one_goes_on() -> None:
     assert drive_mode.wanted(0.35) == VelocityCommand(0.2, 0.0)
 
 
-def test_a_terminal_that_hangs_lets_go() -> None:
+def test_a_hung_terminal_releases_the_keys() -> None:
     drive_mode = dead_man(releases=True)
     drive_mode.press("down", 0.0)
     assert drive_mode.wanted(HELD_S).v_m_s == pytest.approx(-0.2)
     assert drive_mode.wanted(HELD_S + 0.01) == HALT
 
 
-def test_the_other_way_wins_at_once() -> None:
+def test_the_opposite_direction_wins_at_once() -> None:
     drive_mode = dead_man(releases=True)
     drive_mode.press("up", 0.0)
     drive_mode.press("down", 0.1)
@@ -121,7 +121,7 @@ EVENTS = st.lists(
 
 @settings(max_examples=60, deadline=None)
 @given(events=EVENTS, releases=st.booleans())
-def test_whatever_is_pressed_it_never_drives_long_alone(
+def test_with_any_keys_it_never_drives_long_without_an_event(
     events: list[tuple[str, str, float, float, bool]], *, releases: bool
 ) -> None:
     """Without a further event everything comes to rest, and the limits are always kept."""
@@ -168,7 +168,7 @@ def test_sticks_and_buttons_of_the_kernels_events() -> None:
     assert pad.feed(event(0x81, 1, 1)) is False, "its state at opening is no press"
 
 
-def test_a_device_file_drives_and_its_end_lets_go(tmp_path: Path) -> None:
+def test_a_gamepad_drives_and_its_loss_releases_all(tmp_path: Path) -> None:
     path = str(tmp_path / "js0")
     os.mkfifo(path)
     seen: list[Sticks] = []
@@ -236,7 +236,7 @@ def run(person: Operator, start_s: float, steps: int) -> VelocityCommand:
     return command
 
 
-def test_a_plan_is_held_taken_over_and_goes_on() -> None:
+def test_a_plan_is_paused_taken_over_and_resumed() -> None:
     person = operator()
     assert run(person, 0.0, 30).v_m_s > 0.05
     person.pause()
@@ -266,7 +266,7 @@ def test_by_hand_from_the_beginning_nothing_moves_alone() -> None:
     assert 0.0 < first.v_m_s <= MODEL.max_accel_m_s2 * 0.02 + 1e-9, "it starts gently"
 
 
-def test_nobody_drives_ahead_into_what_is_touched() -> None:
+def test_no_motion_ahead_into_a_contact() -> None:
     person = operator(manual=True, plan=False)
     person.dead_man.press("up", 0.0)
     assert person.step(observed(0.0, bumped=True)).v_m_s == 0.0

@@ -49,7 +49,7 @@ def test_two_keys_add_up_whichever_comes_first() -> None:
         ("k", "i", VelocityCommand(0.2, 0.0)),
     ],
 )
-def test_the_newer_of_two_that_oppose_each_other_counts(
+def test_the_newer_of_two_opposite_keys_counts(
     first: str, second: str, wanted: VelocityCommand
 ) -> None:
     both = hand(releases=True)
@@ -88,7 +88,7 @@ def test_a_stick_drives_for_half_a_second_while_its_button_is_held() -> None:
     assert pad.wanted(8.5) == HALT, "and stays ended"
 
 
-def test_a_stick_stops_when_its_button_is_released_or_all_is_let_go() -> None:
+def test_a_stick_stops_when_its_button_or_everything_is_released() -> None:
     pad = hand(releases=True)
     pad.stick(0.5, 0.5, 8.0, held=True)
     pad.stick(0.5, 0.5, 8.1, held=False)
@@ -111,7 +111,7 @@ def test_after_a_stick_fell_silent_keys_drive_again() -> None:
     ("value", "share"),
     [(7.0, 1.0), (-7.0, -1.0), (float("inf"), 1.0), (float("nan"), 0.0), (0.5, 0.5)],
 )
-def test_what_a_stick_reports_is_bounded(value: float, share: float) -> None:
+def test_stick_values_are_bounded(value: float, share: float) -> None:
     pad = hand(releases=False)
     pad.stick(value, value, 8.0, held=True)
     assert pad.wanted(8.0) == VelocityCommand(0.2 * share, share)

@@ -36,11 +36,11 @@ def test_each_is_reported_once_oldest_first() -> None:
     assert kinds_after((BUMP, SLIP)) == [["bump", "slip_left"]]
 
 
-def test_of_a_new_estimator_too() -> None:
+def test_a_new_estimator_works_too() -> None:
     assert kinds_after((BUMP,), (), (AGAIN,)) == [["bump"], [], ["bump"]]
 
 
-def test_a_host_reports_what_its_robot_bumps_into() -> None:
+def test_a_host_reports_its_robots_bumps() -> None:
     """A chair's leg, 52° off the bow, at 0.2 m/s, 2 s after the start."""
     sink = Events()
     room = generate_room(105, np.random.default_rng([0x5EED, 105]), "legs")

@@ -248,7 +248,7 @@ def test_lost_for_good_is_a_fault(watching: bool) -> None:  # noqa: FBT001 - two
     assert (ending(mission).outcome, ending(mission).exit_status) == ("fault", 3)
 
 
-def test_watching_goes_on_when_the_device_is_back() -> None:
+def test_watching_continues_when_the_device_is_back() -> None:
     mission = Mission(None)
     mission.on_ready(0.0)
     mission.on_status(status(StopCause.OPERATOR), 1.0)
@@ -333,7 +333,7 @@ def test_a_graver_stop_right_after_the_end_is_still_sent() -> None:
     assert (phase(mission), mission.ending) == (Phase.DONE, STOP)
 
 
-def test_an_operators_stop_is_sent_beside_what_the_device_latched_by_itself() -> None:
+def test_an_operators_stop_is_sent_despite_the_devices_own_latch() -> None:
     mission = driving()
     mission.on_status(status(StopCause.HARDWARE), 4.0)
     mission.request_end(STOP, 4.1)

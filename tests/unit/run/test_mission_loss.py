@@ -85,7 +85,7 @@ def go_on(mission: Mission, at_s: float, cause: StopCause = StopCause.LINK) -> N
     mission.step(AT_REST, None, at_s + 2.0)
 
 
-def test_what_a_mission_begins_with() -> None:
+def test_initial_state_of_a_mission() -> None:
     mission = made()
     assert (mission.phase, mission.done, mission.ending) == (Phase.WAITING, False, None)
     assert (mission.asking, mission.stop_confirmed) == (False, False)
@@ -162,7 +162,7 @@ def test_a_stop_that_was_rejected_is_not_confirmed() -> None:
     assert (mission.done, mission.stop_confirmed) == (True, False)
 
 
-def test_a_stop_is_waited_for_as_long_as_it_takes_and_no_longer() -> None:
+def test_the_wait_for_a_stop_ends_with_its_confirmation() -> None:
     mission = driving()
     mission.request_end(Ending("stopped", "so", 0), 17.0)
     assert mission.step(AT_REST, None, 18.0) is None
@@ -189,7 +189,7 @@ def test_after_its_end_nothing_begins_a_second_one() -> None:
 @pytest.mark.parametrize(
     ("message", "what"), [(ClearStop(1, 1), "clear stop"), (SetMode(1, 1), "velocity mode")]
 )
-def test_what_was_rejected_or_not_answered_is_named(
+def test_rejected_and_unanswered_commands_are_named(
     message: ClearStop | SetMode, what: str
 ) -> None:
     for reason, text in ((None, f"the device did not answer {what}"), (NackReason.FAULT, None)):
@@ -233,7 +233,7 @@ def test_a_status_is_waited_for_from_when_there_is_a_plan_and_a_device() -> None
     assert ending(away) is None, "no device yet"
 
 
-def test_a_status_is_waited_for_anew_after_a_loss() -> None:
+def test_a_new_status_is_awaited_after_a_loss() -> None:
     mission = made(resume=Resume.AUTO)
     mission.on_ready(0.0)
     mission.step(None, None, 1.0)
@@ -286,7 +286,7 @@ def test_an_end_without_a_device_waits_for_nothing() -> None:
     assert mission.drive_ended_s == 18.0
 
 
-def test_asked_and_answered_it_goes_on_with_its_plan() -> None:
+def test_after_the_answer_the_plan_continues() -> None:
     mission = driving(plan := Plan(), resume=Resume.ASK)
     assert mission.resume(17.0) is False, "nothing was asked"
     mission.on_lost(18.0)
@@ -324,7 +324,7 @@ def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
     assert plan.printed == ["held", "released"]
 
 
-def test_a_second_loss_takes_the_question_back() -> None:
+def test_a_second_loss_cancels_the_question() -> None:
     mission = driving(resume=Resume.ASK)
     mission.on_lost(18.0)
     mission.on_ready(20.0)
@@ -335,7 +335,7 @@ def test_a_second_loss_takes_the_question_back() -> None:
     assert ending(mission) == Ending("fault", "the device was lost for 30 s", 3)
 
 
-def test_a_question_that_nobody_answers_ends_the_run() -> None:
+def test_an_unanswered_question_ends_the_run() -> None:
     mission = driving(resume=Resume.ASK)
     mission.on_lost(18.0)
     mission.on_ready(20.0)
@@ -359,7 +359,7 @@ def test_nothing_is_asked_while_it_drives_or_waits() -> None:
     assert mission.resume(1.0) is False
 
 
-def test_a_simulated_run_goes_on_by_itself() -> None:
+def test_a_simulated_run_continues_by_itself() -> None:
     mission = driving(plan := Plan(), resume=Resume.AUTO)
     mission.on_lost(18.0)
     mission.on_ready(20.0)

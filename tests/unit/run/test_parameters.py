@@ -35,7 +35,7 @@ def test_a_float() -> None:
 
 
 @pytest.mark.parametrize("value", [0.2, 2.1, math.inf, math.nan, 1e300, "fast", "nan"])
-def test_what_a_float_does_not_take(value: float | str) -> None:
+def test_values_that_a_float_rejects(value: float | str) -> None:
     with pytest.raises(ParameterError, match="top_speed"):
         reported(2).raw(value)
 
@@ -52,7 +52,7 @@ def test_a_whole_number_is_whole() -> None:
         counts.raw(1560.5)
 
 
-def test_what_cannot_be_set() -> None:
+def test_values_that_cannot_be_set() -> None:
     with pytest.raises(ParameterError, match="read-only"):
         reported(0, 0b100, 1, 1, 1, 15).raw(2)
 

@@ -93,7 +93,7 @@ def test_the_stop_goes_out_before_any_listener_runs() -> None:
     assert [s for s in ends.sent if isinstance(s.message, Stop)]
 
 
-def test_ctrl_c_while_the_device_is_not_heard_still_sends_a_stop() -> None:
+def test_ctrl_c_with_a_silent_device_still_sends_a_stop() -> None:
     ends, host = started()
     ends.to_host.cut = True
     assert ends.run(3.0, lambda: host.session.state is State.LOST)
@@ -150,7 +150,7 @@ def test_a_reboot_while_driving_ends_the_run() -> None:
     assert not ends.moving
 
 
-def test_a_reboot_while_watching_keeps_the_pose_and_goes_on() -> None:
+def test_a_reboot_during_monitoring_keeps_the_pose_and_continues() -> None:
     ends, host = started()
     ends.run(3.0)
     pose = host.estimator.pose
@@ -275,7 +275,7 @@ def test_watching_moves_nothing() -> None:
     assert not [s for s in ends.sent if isinstance(s.message, VelocitySetpoint)]
 
 
-def test_what_went_wrong_is_on_record() -> None:
+def test_failures_are_logged() -> None:
     sink = Collector()
     host = spinning_host(sink)
     ends = Ends(HostEnd(host), sweeper())

@@ -104,7 +104,7 @@ def test_another_schema_is_distinguished() -> None:
     assert (last.again, last.other_schema) == (True, True)
 
 
-def test_another_device_is_never_taken_for_it() -> None:
+def test_another_device_is_never_accepted_instead() -> None:
     ends, host = ready()
     unplug(ends)
     ends.run(1.5)
@@ -159,7 +159,7 @@ def test_nothing_moves_before_a_person_confirms(gone_s: float) -> None:
     assert ends.device.firmware.mode is Mode.VELOCITY
 
 
-def test_nobody_answers() -> None:
+def test_no_device_answers() -> None:
     ends, host, _ = driving(Resume.ASK)
     unplug(ends)
     ends.run(2.0)
@@ -206,7 +206,7 @@ def test_an_operators_stop_is_not_cleared_by_going_on() -> None:
     assert "cause: operator" in host.mission.ending.reason
 
 
-def test_a_simulated_run_may_go_on_by_itself() -> None:
+def test_a_simulated_run_may_continue_by_itself() -> None:
     ends, host, sink = driving(Resume.AUTO)
     unplug(ends)
     ends.run(2.0)
@@ -216,7 +216,7 @@ def test_a_simulated_run_may_go_on_by_itself() -> None:
     assert "same_boot" in kinds(sink)
 
 
-def test_a_run_without_motion_just_goes_on() -> None:
+def test_a_run_without_motion_continues() -> None:
     sink = Collector()
     host = Host(RobotModel(), sink, HostOptions(0), Mission(None), lambda: 5)
     ends = Ends(HostEnd(host), sweeper())

@@ -117,7 +117,7 @@ def test_a_key_that_the_device_does_not_ask_for_is_not_used() -> None:
     assert not end.session.link.key.begun
 
 
-def test_a_restarted_host_and_a_rebooted_device_sign_anew() -> None:
+def test_a_restarted_host_and_a_rebooted_device_restart_signing() -> None:
     ends, _ = both(KEY, KEY)
     second = host(KEY)
     ends.restart_host(second)
@@ -256,7 +256,7 @@ def test_the_key_is_on_the_link_once_and_never_printed() -> None:
     assert KEY[4:8] not in link.heard
 
 
-def test_a_run_reports_what_it_lacks() -> None:
+def test_a_run_reports_missing_values() -> None:
     runner = spinning_host()
     ends = Ends(HostEnd(runner), device(KEY))
     assert ends.run(5.0, lambda: runner.mission.phase is Phase.DONE)

@@ -188,7 +188,7 @@ def test_a_delay_shorter_than_four_pings_stops_nothing() -> None:
     assert host.mission.phase is Phase.DRIVING
 
 
-def test_a_delay_that_goes_away_in_time_lets_the_run_begin() -> None:
+def test_a_run_begins_if_the_delay_ends_before_the_timeout() -> None:
     host, line = spinning_host(), Line(150)
     ends = joined(host, line)
     ends.run(2.0)
@@ -234,7 +234,7 @@ def test_motion_waits_for_four_answers() -> None:
     assert len([s for s in pings if s.at_us < ends.setpoints_us()]) >= 4 * 9
 
 
-def test_a_plan_of_the_device_that_nobody_supervises_is_stopped_too() -> None:
+def test_an_unsupervised_onboard_plan_is_stopped_too() -> None:
     host, line = host_with(Mission(None)), Line(1)
     ends = joined(host, line)
     ends.run(2.0)
@@ -262,7 +262,7 @@ def test_the_bench_moves_nothing_over_a_slow_link() -> None:
     assert wire.device.firmware.mode is Mode.IDLE
 
 
-def test_the_bench_stops_what_moves_when_the_link_becomes_slow() -> None:
+def test_bring_up_stops_motion_when_the_link_becomes_slow() -> None:
     desk, wire = desk_on(sweeper())
     desk.enable(Mode.VELOCITY)
     desk.steer(lambda: (0.1, 0.0))
@@ -321,7 +321,7 @@ def test_a_turnaround_longer_than_the_round_trip_hides_nothing(turnaround_us: in
     assert trip.trouble(1000 * MS) is not None
 
 
-def test_a_new_session_is_measured_anew() -> None:
+def test_a_new_session_is_measured_again() -> None:
     trip = RoundTrip()
     trip.begin(0)
     for sent_ns in range(0, 400 * MS, 100 * MS):

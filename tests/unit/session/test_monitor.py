@@ -47,7 +47,7 @@ def test_a_message_is_reported_with_its_units_and_names() -> None:
     assert one.raw == bytes.fromhex("d20450ff05")
 
 
-def test_both_directions_are_heard_in_their_order() -> None:
+def test_both_directions_are_received_in_order() -> None:
     host = Link(Direction.HOST)
     host.send(Stop(9, StopCause.OPERATOR), 0, node=3)
     stop = host.data_to_send()
@@ -60,7 +60,7 @@ def test_both_directions_are_heard_in_their_order() -> None:
     assert seen[1].fields["cause"] == "operator"
 
 
-def test_however_the_bytes_are_cut_the_same_is_heard() -> None:
+def test_the_split_of_the_bytes_does_not_change_the_messages() -> None:
     stream = RANGE + b"noise\0" + RANGE
     whole = Monitor().receive(stream, HostNs(0))
     monitor = Monitor()
@@ -81,7 +81,7 @@ def test_broken_bytes_are_given_whole_and_counted_once() -> None:
     assert "not a frame (crc)" in seen[0].text
 
 
-def test_a_type_that_nobody_declared_is_reported_once() -> None:
+def test_an_undeclared_type_is_reported_once() -> None:
     monitor = Monitor()
     seen = monitor.receive(framed(1, 0x7A, 0, 0, b"\1\2"), HostNs(0))
     assert [(s.kind, s.name, s.raw) for s in seen] == [("rejected", "type", b"\1\2")]
@@ -128,7 +128,7 @@ def test_a_device_with_another_catalogue_is_named() -> None:
     assert monitor.foreign_catalogues == {2: 0x1234}
 
 
-def test_a_bus_is_heard_in_both_directions() -> None:
+def test_a_bus_receives_both_directions() -> None:
     device, host = CanLink(Direction.DEVICE), CanLink(Direction.HOST)
     device.send(Sync(1), 1_000_000, node=5)
     device.send(Encoders(10, 20), 1_010_000, node=5)

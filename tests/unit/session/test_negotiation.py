@@ -108,7 +108,7 @@ def test_an_older_device_lacks_our_last_field() -> None:
     assert 15_000 < next(iter(message)) <= 17_000
 
 
-def test_a_newer_devices_fields_are_passed_over_and_counted() -> None:
+def test_a_newer_devices_fields_are_skipped_and_counted() -> None:
     host = session_end(catalogue=catalogue(more=[LonelyPower]))
     ends = Ends(host, sweeper())
     (difference,) = negotiated(host, ends).differences
@@ -140,7 +140,7 @@ def test_a_message_that_the_device_does_not_have() -> None:
     assert difference.report() == "fan: the device does not have it; disabled"
 
 
-def test_a_message_that_only_the_device_has_is_passed_over() -> None:
+def test_a_message_that_only_the_device_has_is_ignored() -> None:
     host = session_end(catalogue=catalogue(less=[LinkCounters]))
     ends = Ends(host, sweeper())
     assert negotiated(host, ends).differences == ()
@@ -225,7 +225,7 @@ def test_a_device_without_our_setpoint_is_not_driven() -> None:
     assert ends.moving_us < 0
 
 
-def test_what_driving_needs() -> None:
+def test_requirements_of_driving() -> None:
     def differ(cls: type[Message], match: Match, fields: int) -> MessageComparison:
         return MessageComparison(specify(cls), match, fields)
 

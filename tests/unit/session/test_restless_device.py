@@ -130,7 +130,7 @@ def test_one_that_calms_down_completes_the_handshake() -> None:
     assert session.state is State.READY
 
 
-def test_a_session_never_goes_on_with_a_boot_that_was_not_greeted() -> None:
+def test_a_session_never_continues_with_an_ungreeted_boot() -> None:
     """Neither its answers nor its data count before the host has greeted this boot."""
     session, device = opened(), Fickle(CHANGES["boot"])
     run(session, device, SECOND_NS, 0.5)

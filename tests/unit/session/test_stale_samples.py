@@ -259,7 +259,7 @@ def test_an_observer_sees_a_clock_that_was_set_and_then_current_data(seconds: fl
     assert host.state.stale(ends.host_ns / 1e9) is None
 
 
-def test_the_bench_stops_what_moves_on_frozen_counts() -> None:
+def test_bring_up_stops_motion_on_frozen_counts() -> None:
     desk, wire = desk_on(sweeper())
     desk.enable(Mode.VELOCITY)
     desk.steer(lambda: (0.1, 0.0))
@@ -308,7 +308,7 @@ def test_a_stream_later_than_the_others_by_much_is_old_from_the_first_sample() -
     assert times.taken_s[Range] == pytest.approx(1.49, abs=0.01)
 
 
-def test_abandoned_targets_are_judged_anew() -> None:
+def test_abandoned_targets_are_rated_again() -> None:
     times = SampleTimes()
     times.take(Imu, 90 * SECOND_US, 1.0)
     times.forget()

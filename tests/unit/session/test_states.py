@@ -83,7 +83,7 @@ def test_silence() -> None:
     assert alone().kind == "silence"
 
 
-def test_garbage_names_how_much_came() -> None:
+def test_garbage_reports_the_number_of_bytes() -> None:
     failed = alone(bytes(range(200)))
     assert failed.kind == "garbage"
     assert "baud" in failed.text
@@ -116,7 +116,7 @@ def _recoded(body: bytes) -> bytes:
     return bytes(cobs.encode(body + crc32(body).to_bytes(4, "little"))) + b"\0"
 
 
-def test_a_device_that_is_heard_but_never_answers_is_given_up() -> None:
+def test_a_device_that_sends_but_never_answers_is_lost() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
     ends.to_device.cut = True  # our TX wire is broken; it sends hellos at 1 Hz forever
@@ -140,7 +140,7 @@ def test_a_session_opens_within_a_fifth_of_a_second() -> None:
     assert negotiated.differences == ()
 
 
-def test_another_device_on_the_port_is_not_taken_for_ours() -> None:
+def test_another_device_on_the_port_is_not_accepted() -> None:
     host = session_end()
     ends = Ends(host, sweeper(seed=1))
     ready(ends, host)
@@ -221,7 +221,7 @@ def test_a_device_that_lost_the_session_repeats_the_handshake() -> None:
     assert ends.device.firmware.negotiated
 
 
-def test_reopening_forgets_the_device_of_before() -> None:
+def test_reopening_resets_the_previous_device() -> None:
     host = session_end()
     ends = Ends(host, sweeper(seed=1))
     ready(ends, host)
@@ -234,7 +234,7 @@ def test_reopening_forgets_the_device_of_before() -> None:
     assert host.of(Failed) == []
 
 
-def test_only_the_node_asked_for_is_heard() -> None:
+def test_only_messages_of_the_requested_node_are_returned() -> None:
     host = SessionEnd(Session(lambda: 1, node=3))
     ends = Ends(host, sweeper(node=2))
     assert ends.run(4.0, lambda: host.session.state is State.FAILED)
@@ -351,7 +351,7 @@ def test_a_stop_is_obeyed_without_a_session() -> None:
     assert ends.run(0.5, lambda: ends.device.firmware.latch.cause is StopCause.OPERATOR)
 
 
-def test_commands_of_a_restarted_host_are_not_taken_for_repeats() -> None:
+def test_commands_of_a_restarted_host_are_no_repeats() -> None:
     """It counts its command ids from 1 again, like its predecessor."""
     ends = Ends(first := session_end(), sweeper())
     ready(ends, first)

@@ -114,7 +114,7 @@ def test_the_node_that_confirms_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     assert (event.frame.node, event.frame.seq, event.frame.t_us) == (NODE_ALL, 0, 0)
 
 
-def test_whoever_sends_it_the_bytes_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bytes_are_the_same_from_every_sender(monkeypatch: pytest.MonkeyPatch) -> None:
     """So that two senders on one bus never disturb each other."""
     line = Line(lambda _: None)
     line.now_ns += 123_456_789
@@ -142,7 +142,7 @@ def test_another_device_s_confirmation_is_not_enough(monkeypatch: pytest.MonkeyP
     )
 
 
-def test_it_is_repeated_each_25_ms_until_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_stop_is_repeated_every_25_ms_until_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 0
 
     def after_three(event: Received) -> Status | None:
@@ -166,7 +166,7 @@ def test_it_is_repeated_each_25_ms_until_confirmed(monkeypatch: pytest.MonkeyPat
     ],
     ids=["silent", "another message", "free", "latched before, with a lesser cause"],
 )
-def test_what_is_no_confirmation_is_none(
+def test_other_messages_are_no_confirmation(
     answer: Callable[[Received], Message | None], whose: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     line = Line(answer)
@@ -180,7 +180,7 @@ def test_what_is_no_confirmation_is_none(
     assert line.now_ns - BEGAN_NS == pytest.approx(CONFIRM_S * 1e9, abs=10)
 
 
-def test_on_a_bus_every_device_that_is_heard_must_confirm() -> None:
+def test_on_a_bus_every_detected_device_must_confirm() -> None:
     request = StopEverything(CanLink)
     devices = {node: CanLink(Direction.DEVICE) for node in (2, 3)}
 
@@ -224,7 +224,7 @@ def test_it_sleeps_until_the_next_one_is_due(monkeypatch: pytest.MonkeyPatch) ->
     assert line.waits_s == pytest.approx([0.025] * 120, abs=1e-6)
 
 
-def test_what_was_not_taken_of_a_stop_is_replaced_by_the_next(
+def test_the_unsent_rest_of_a_stop_is_replaced_by_the_next(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     line = Line(confirms, takes=5)
@@ -241,7 +241,7 @@ def test_what_was_not_taken_of_a_stop_is_replaced_by_the_next(
     assert line.heard == []
 
 
-def test_what_the_port_did_not_take_follows_within_the_turn(
+def test_unsent_bytes_follow_within_the_turn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A byte that arrives meanwhile ends the wait, and the rest is sent before the next stop."""
@@ -262,7 +262,7 @@ def test_what_the_port_did_not_take_follows_within_the_turn(
     assert line.heard_ms[0] < 10.0
 
 
-def test_a_port_that_vanishes_is_given_back_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_vanished_port_is_released_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(lambda _: None)
     line.gone_after = 400
     with pytest.raises(PortError, match="gone"):

@@ -129,7 +129,7 @@ def test_memory_is_bounded_and_old_fences_go() -> None:
     assert max(world.sync.constraints) <= 60
 
 
-def test_a_reset_forgets_the_wraps_too() -> None:
+def test_a_reset_clears_the_wraps_too() -> None:
     world = World(device_us=3 * WRAP)
     world.ping()
     world.sync.reset()

@@ -105,9 +105,7 @@ def test_a_rejected_frame_keeps_no_session_alive() -> None:
 
 @pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
 @pytest.mark.parametrize("fields", range(5))
-def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(
-    fields: int, key: bytes | None
-) -> None:
+def test_questions_about_a_hello_cannot_lock_hosts_out(fields: int, key: bytes | None) -> None:
     line = Line(key)
     line.inform(line.stranger, Describe(HOST_HELLO, fields))
     line.begin()

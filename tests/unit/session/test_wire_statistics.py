@@ -57,7 +57,7 @@ def test_stamps_wrap() -> None:
     assert reported["rate_hz"] == 100.0
 
 
-def test_what_comes_late_is_out_of_order() -> None:
+def test_a_late_message_is_out_of_order() -> None:
     reported = series(0, 10_000, 20_000, 40_000, 30_000, 50_000, 60_000)
     assert reported["reordered"] == 1
     assert reported["count"] == 7
@@ -68,7 +68,7 @@ def test_a_break_is_no_loss() -> None:
     assert series(*stamps)["lost"] == 0
 
 
-def test_what_is_no_stream_has_no_rate() -> None:
+def test_only_streams_have_a_rate() -> None:
     kind = MessageStatistics(CATALOGUE.by_class[Ack])
     kind.take(0, 0, None)
     kind.take(5_000_000, 0, None)

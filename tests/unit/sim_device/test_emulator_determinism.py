@@ -120,6 +120,6 @@ def test_another_seed_gives_another_result(*, faults: bool) -> None:
     assert here(12, faults=faults) != here(11, faults=faults)
 
 
-def test_how_often_it_is_stepped_changes_nothing() -> None:
+def test_the_step_length_changes_nothing() -> None:
     """A real-time loop steps when it has time, a simulation when something is due."""
     assert device_bytes(11, faults=True, steps_us=MIXED_US) == here(11, faults=True)

@@ -78,13 +78,13 @@ def test_there_are_kernels_and_the_plant_is_behind_one() -> None:
 @pytest.mark.parametrize(
     "root", sorted({"sim_device.body.plant", "sim_device.sensors.sensors"} | compiled_kernels())
 )
-def test_nothing_of_the_hosts_reckoning_is_behind(root: str) -> None:
+def test_the_expected_figures_do_not_use_the_hosts_code(root: str) -> None:
     behind = everything_behind({root})
     assert root in behind
     assert behind & RECKONING == set()
 
 
-def test_what_is_looked_for_is_there() -> None:
+def test_the_expected_modules_exist() -> None:
     """Otherwise a renamed module would pass forever."""
     for module in RECKONING:
         assert file_of(module) is not None, module

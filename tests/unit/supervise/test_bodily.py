@@ -142,7 +142,7 @@ def test_the_device_reports_that_it_is_lifted() -> None:
 # ---- bump --------------------------------------------------------------------------------
 
 
-def test_so_many_bumps_in_the_window() -> None:
+def test_count_of_bumps_in_the_window() -> None:
     walk = Walk(rule := Bump(BumpRule(count=3.0, window_s=1.0, held_s=5.0)))
     for number in (1, 2, 3):
         held = walk.step(1, range=reading(contacts=LEFT if number % 2 else RIGHT))
@@ -265,7 +265,7 @@ def test_a_small_square_for_a_long_time_is_no_progress() -> None:
 
 
 @pytest.mark.parametrize("there", [(0.101, 0.0), (-0.101, 0.0), (0.0, 0.101), (0.0, -0.101)])
-def test_leaving_the_square_begins_it_anew(there: tuple[float, float]) -> None:
+def test_leaving_the_square_restarts_the_time(there: tuple[float, float]) -> None:
     walk = Walk(Progress(ProgressRule(window_s=4.0, min_side_m=0.1)))
     walk.step(150)
     walk.step(1, pose=Pose2(*there, 0.0))
@@ -273,7 +273,7 @@ def test_leaving_the_square_begins_it_anew(there: tuple[float, float]) -> None:
     assert walk.step(3, pose=Pose2(*there, 0.0)), "from there on it stood"
 
 
-def test_steps_to_and_fro_make_a_square_of_their_own() -> None:
+def test_steps_back_and_forth_give_a_square_each() -> None:
     walk = Walk(rule := Progress(ProgressRule(window_s=1.0, min_side_m=0.1)))
     for x in (0.0, 0.06, -0.06):
         walk.step(10, pose=Pose2(x, 0.0, 0.0))
@@ -314,7 +314,7 @@ def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
         assert "outside the fence" in rule.evidence()[0]
 
 
-def test_a_slanting_fence() -> None:
+def test_an_oblique_fence() -> None:
     """The fence is a triangle with its long side on y = 2 - x / 2.
 
     The robot crosses it away from the corners.

@@ -42,7 +42,7 @@ def leaning(degrees: float) -> Imu:
     ],
     ids=lambda value: type(value).__name__.lower(),
 )
-def test_nothing_is_grave_of_itself(rule: Condition, *, held: bool) -> None:
+def test_no_single_finding_requires_the_second_reaction(rule: Condition, *, held: bool) -> None:
     """The device sees no floor and sets every fault bit, including ``LIFTED``."""
     assert rule.grave is False
     assert Walk(rule).step(3, imu=imu(), range=reading(1.0)) is False
@@ -52,7 +52,7 @@ def test_nothing_is_grave_of_itself(rule: Condition, *, held: bool) -> None:
     assert rule.grave is False, "not at the first sight of it"
 
 
-def test_to_lean_by_the_limit_is_not_to_lean_by_more() -> None:
+def test_a_tilt_equal_to_the_limit_is_allowed() -> None:
     """Gravity is 4 of 5 upright and 3 across: the angle whose cosine is exactly 0.8."""
     rule = Tilt(TiltRule(angle_deg=math.degrees(math.acos(0.8))))
     walk = Walk(rule)
@@ -73,7 +73,7 @@ def test_a_sample_counts_once_however_long_it_is_shown() -> None:
     assert rule.evidence()[1] == {"angle_deg": 2.0}
 
 
-def test_a_step_longer_than_its_time_constant_takes_the_sample_as_it_is() -> None:
+def test_a_step_longer_than_its_time_constant_does_not_smooth() -> None:
     walk = Walk(rule := Tilt(TiltRule(angle_deg=12.0)))
     walk.step(1, imu=imu())
     walk.time_s += 0.28
@@ -148,7 +148,7 @@ def test_a_square_of_just_its_side_is_not_left() -> None:
     assert data == {"for_s": 4.1, "min_side_m": 0.75}
 
 
-def test_the_fence_is_where_it_is_and_not_before() -> None:
+def test_the_fence_acts_exactly_at_its_place() -> None:
     walk = Walk(rule := Fence(FenceRule(radius_m=1.0)))
     walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
     assert not walk.step(1, pose=Pose2(6.0, 5.0, 0.0)), "a metre is not further than a metre"
@@ -159,7 +159,7 @@ def test_the_fence_is_where_it_is_and_not_before() -> None:
     assert not walk.step(1, pose=Pose2(9.0, 0.0, 0.0)), "no fence, and it has moved"
 
 
-def test_of_a_fences_sides_the_left_and_the_lower_belong_to_it() -> None:
+def test_the_left_and_lower_side_of_a_fence_belong_to_it() -> None:
     """Fences side by side then leave no gap, and a corner's height is no special place."""
     corners = ((0.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (1.0, 3.0), (0.0, 3.0))
     for x, y, outside in (
@@ -170,7 +170,7 @@ def test_of_a_fences_sides_the_left_and_the_lower_belong_to_it() -> None:
         assert walk.step(1, pose=Pose2(x, y, 0.0)) is outside, (x, y)
 
 
-def test_a_slanting_fence_that_stands_higher() -> None:
+def test_an_oblique_fence_with_a_higher_edge() -> None:
     """The fence is a triangle with its long side on y = 5 - x / 2."""
     corners = ((0.0, 3.0), (4.0, 3.0), (0.0, 5.0))
     for x, y, outside in ((2.0, 3.9, False), (2.0, 4.1, True), (3.0, 3.4, False), (3.0, 3.6, True)):

@@ -45,7 +45,7 @@ def test_a_claim_is_tested_once_it_is_a_second_old() -> None:
     assert device.data["way_m"] == pytest.approx(0.2, abs=0.01)
 
 
-def test_a_new_claim_is_not_held_for_what_was_before() -> None:
+def test_a_new_claim_is_not_checked_against_earlier_motion() -> None:
     device = started("recovery")
     device.emit_state(planner(LANE))
     device.go(100, CRUISE_M)

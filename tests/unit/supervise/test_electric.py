@@ -165,7 +165,7 @@ def test_a_stream_that_ends(kind: type[Encoders | Imu | Range | Status | Power])
     "fault",
     [Fault.IMU, Fault.ENCODER_LEFT, Fault.ENCODER_RIGHT, Fault.ULTRASONIC, Fault.INFRARED],
 )
-def test_what_the_device_reports_of_its_sensors(fault: Fault) -> None:
+def test_sensor_reports_of_the_device(fault: Fault) -> None:
     walk = Walk(rule := Sensor())
     assert walk.step(1, status=status(int(fault | Fault.LIFTED)))
     assert rule.evidence()[1] == {"sensor": (fault.name or "").lower()}
@@ -188,7 +188,7 @@ def test_registers_that_do_not_change_while_the_wheels_turn() -> None:
     assert not walk.step(1, imu=imu(mark=2))
 
 
-def test_registers_that_stay_on_a_straight_way_are_none() -> None:
+def test_constant_registers_on_a_straight_path_are_no_fault() -> None:
     walk = Walk(Sensor())
     slow_m = 0.5 * 0.23 * 0.15 * STEP_S
     assert not walk.step(200, left_m=0.004, right_m=0.004, imu=imu())
@@ -210,7 +210,7 @@ def test_another_boot_is_a_reset() -> None:
 
 
 @pytest.mark.parametrize("rule", [stall(), battery(), silence(), Sensor(), Reset()])
-def test_nothing_is_grave_of_itself(rule: Condition) -> None:
+def test_no_single_finding_requires_the_second_reaction(rule: Condition) -> None:
     assert rule.grave is False
     assert Walk(rule).step(2, power=power(), status=status(), imu=imu(), boot_id=3) is False
     assert rule.grave is False
@@ -253,7 +253,7 @@ def test_at_its_limits_the_battery_is_neither_low_nor_empty() -> None:
     assert rule.evidence()[1]["battery_v"] == 11.88
 
 
-def test_a_reading_after_a_long_time_is_taken_as_it_is() -> None:
+def test_a_reading_after_a_long_time_is_not_smoothed() -> None:
     walk = Walk(rule := battery())
     walk.step(1, power=power(16.0))
     walk.time_s += 3.0

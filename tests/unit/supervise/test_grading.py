@@ -66,14 +66,14 @@ def test_the_condition_must_hold_for_its_time() -> None:
     assert run.go(5.0, stalls=True) == [], "once for an occasion"
 
 
-def test_an_interruption_begins_its_time_anew() -> None:
+def test_an_interruption_restarts_the_time() -> None:
     run = Run(stall=stall("pause", 0.5, "pause", 1.0))
     for _ in range(5):
         assert run.go(0.4, stalls=True) == []
         assert run.go(0.02) == []
 
 
-def test_what_goes_on_is_answered_harder() -> None:
+def test_a_lasting_condition_gets_a_stronger_reaction() -> None:
     run = Run(stall=stall("report", 0.0, "stop", 1.0))
     assert run.go(0.02, stalls=True) == [Level.REPORT]
     assert run.go(0.96, stalls=True) == []
@@ -111,7 +111,7 @@ def test_a_rule_that_is_off_is_not_evaluated() -> None:
     assert run.go(3.0, stalls=True) == []
 
 
-def test_what_is_grave_is_answered_at_once() -> None:
+def test_a_grave_condition_is_answered_at_once() -> None:
     cliff = {"reaction": "report", "after_s": 0.5, "then": "stop", "then_s": 60.0, "ahead_m": 0.0}
     run = Run(cliff=cliff)
     on_edge = reading(contacts=int(Contact.CLIFF))
@@ -165,7 +165,7 @@ def test_a_pause_holds_until_a_person_ends_it() -> None:
     assert run.go(0.1, stalls=True) == [Level.PAUSE], "judged anew"
 
 
-def test_a_pause_that_nobody_ends_becomes_a_stop() -> None:
+def test_a_pause_without_an_answer_becomes_a_stop() -> None:
     run = Run(stall=stall("pause", 0.0, "pause", 1.0))
     run.go(0.1, stalls=True)
     paused_s = run.times[0]
@@ -178,7 +178,7 @@ def test_a_pause_that_nobody_ends_becomes_a_stop() -> None:
     assert run.go(100.0) == [], "once"
 
 
-def test_a_second_pause_does_not_begin_the_time_anew() -> None:
+def test_a_second_pause_does_not_restart_the_time() -> None:
     run = Run(stall=stall("pause", 0.0, "pause", 1.0))
     run.go(0.1, stalls=True)
     run.go(40.0)
@@ -202,7 +202,7 @@ def test_the_gravest_comes_last() -> None:
 # ---- restart ------------------------------------------------------------------------------
 
 
-def test_restart_forgets_occasions_and_references() -> None:
+def test_restart_resets_occasions_and_references() -> None:
     run = Run(stall=stall("report", 0.5, "stop", 1.0), bump={"count": 2.0, "after_s": 0.0})
     touch: list[Range] = [reading(contacts=1), reading()]
     run.go(0.4, stalls=True)
@@ -214,7 +214,7 @@ def test_restart_forgets_occasions_and_references() -> None:
     assert run.printed == [], "the bump before is forgotten, and so was half a second of stalling"
 
 
-def test_a_gap_between_steps_forgets_the_odometry() -> None:
+def test_a_gap_between_steps_resets_the_odometry() -> None:
     run = Run(slip={"reaction": "report", "after_s": 0.0})
     run.go(0.02, encoders=Encoders(0, 0))
     run.time_s += 0.29
@@ -225,7 +225,7 @@ def test_a_gap_between_steps_forgets_the_odometry() -> None:
     assert len(run.printed) == 1, "0.22 s: a rim that leads by 26 cm"
 
 
-def test_a_gap_forgets_the_slip() -> None:
+def test_a_gap_resets_the_slip() -> None:
     run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
     for count in range(50):
         run.go(0.02, encoders=Encoders(0, 100 * count))
@@ -318,7 +318,7 @@ def test_a_calm_second_is_a_whole_one() -> None:
     assert quarters(run, "....x") == ["", "", "", "", "R"], "seen calm for 1 s"
 
 
-def test_what_goes_on_is_answered_from_its_time_on() -> None:
+def test_a_lasting_condition_is_answered_after_its_time() -> None:
     run = Run(stall=stall("report", 0.5, "stop", 0.75))
     run.time_s = 0.0
     assert quarters(run, "xxxxxxx") == ["", "", "R", "", "", "S", ""]
@@ -355,12 +355,12 @@ def test_only_a_pause_holds() -> None:
     assert run.supervisor.holding is False
 
 
-def test_of_two_at_once_the_graver_comes_last() -> None:
+def test_the_graver_of_two_simultaneous_causes_is_last() -> None:
     run = Run(stall=stall("stop", 0.0, "stop", 1.0), sensor={"reaction": "report"})
     assert run.go(0.02, status=status(STALL | int(Fault.IMU))) == [Level.REPORT, Level.STOP]
 
 
-def test_what_still_holds_after_a_pause_is_answered_again() -> None:
+def test_a_condition_that_persists_after_a_pause_is_answered_again() -> None:
     run = Run(stall=stall("pause", 0.0, "pause", 1.0))
     assert run.go(0.1, stalls=True) == [Level.PAUSE]
     run.supervisor.resume(run.time_s)

@@ -70,7 +70,7 @@ def test_a_gap_is_not_known() -> None:
     assert walk.measured.turn_rad == pytest.approx(0.3)
 
 
-def test_no_count_no_way_and_the_same_count_no_way() -> None:
+def test_without_new_counts_there_is_no_path() -> None:
     walk = Walk()
     walk.step(2, encoders=None, left_m=0.01, right_m=0.01)
     assert walk.measured.distance_m == 0.0
@@ -85,7 +85,7 @@ def test_no_count_no_way_and_the_same_count_no_way() -> None:
     assert walk.measured.left_m == walk.measured.right_m == walk.measured.wheel_turn_rad == 0.0
 
 
-def test_slip_is_what_the_wheels_turn_beyond_the_gyro_smoothed_over_0_3_s() -> None:
+def test_slip_is_the_wheels_turn_minus_the_gyros_smoothed_over_0_3_s() -> None:
     walk = Walk()
     walk.step(1)
     walk.step(1, right_m=20 * PER_COUNT_M)
@@ -110,7 +110,7 @@ def test_samples_that_come_late_are_no_slip(late_s: float) -> None:
 
 
 @pytest.mark.parametrize("slip_m_s", [0.03, -0.03])
-def test_a_slip_shows_though_samples_come_late(slip_m_s: float) -> None:
+def test_slip_is_detected_despite_late_samples(slip_m_s: float) -> None:
     measured = Measured(MODEL)
     for seen in swing(0.020, slip_m_s):
         measured.step(seen)
@@ -147,7 +147,7 @@ def test_a_range_is_new_once() -> None:
     assert new == [True, False, True]
 
 
-def test_restart_forgets() -> None:
+def test_restart_resets_the_state() -> None:
     walk = Walk()
     walk.step(5, left_m=0.004, right_m=0.006, yaw_rate_rad_s=1.0, range=reading(1.0))
     walk.measured.restart()
@@ -193,7 +193,7 @@ def test_a_step_without_counts_after_some() -> None:
     assert measured.distance_m == pytest.approx(13 * PER_COUNT_M)
 
 
-def test_counts_that_leap_are_taken_the_short_way_round() -> None:
+def test_jumping_counts_are_differenced_modulo_the_range() -> None:
     for leap in (20_000, -20_000, 32_767, -32_768):
         measured = Measured(MODEL)
         measured.step(_step(0.0, encoders=Encoders(40_000, 7)))
@@ -210,7 +210,7 @@ def test_a_gap_ends_the_slip_that_was() -> None:
     assert walk.measured.slip_m_s == 0.0
 
 
-def test_a_whole_step_of_0_3_s_is_taken_as_it_is() -> None:
+def test_a_step_of_0_3_s_is_not_smoothed() -> None:
     """The time constant of the slip's smoothing, in one step."""
     measured = Measured(MODEL)
     measured.step(_step(0.0, encoders=Encoders(0, 0)))
@@ -225,7 +225,7 @@ def test_two_steps_at_one_time_are_no_step() -> None:
         assert (measured.step_s, measured.turn_rad, measured.slip_m_s) == (0.0, 0.0, 0.0)
 
 
-def test_a_restart_forgets_that_a_range_was_new() -> None:
+def test_a_restart_resets_the_newness_of_a_range() -> None:
     walk = Walk()
     walk.step(1, range=reading(1.0))
     assert walk.measured.new_range

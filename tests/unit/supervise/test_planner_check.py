@@ -27,7 +27,7 @@ from support.watching import MODEL, Walk, planner
 @pytest.mark.parametrize(
     ("reported", "found"), [(1.028, False), (0.972, False), (1.034, True), (0.966, True)]
 )
-def test_d_is_held_against_the_odometry(reported: float, *, found: bool) -> None:
+def test_d_is_compared_with_the_odometry(reported: float, *, found: bool) -> None:
     device = started()
     mm = round(reported * 1000)
     device.lane(1.0, planner(TURN, distance=mm, previous=mm, case=1))
@@ -37,7 +37,7 @@ def test_d_is_held_against_the_odometry(reported: float, *, found: bool) -> None
         assert device.data["odometry_m"] == pytest.approx(1.0, abs=0.005)
 
 
-def test_d_is_judged_by_the_furthest_not_by_where_it_backed_off_to() -> None:
+def test_d_is_checked_at_the_furthest_point_not_after_backing_off() -> None:
     device = started()
     device.emit_state(planner(LANE))
     device.go(250, CRUISE_M)
@@ -81,7 +81,7 @@ def test_the_estimate_may_be_right_where_the_wheels_are_not() -> None:
     assert len(device.found) == 1, "now both say 0.4 m"
 
 
-def test_the_estimates_way_is_along_the_lane() -> None:
+def test_the_estimated_path_is_along_the_lane() -> None:
     device = started()
     device.pose = Pose2(3.0, 1.0, 0.0)
     device.go(10)
@@ -136,7 +136,7 @@ def test_uncertainty_belongs_to_one_lane() -> None:
 # ---- unobserved decisions are not checked --------------------------------------------------
 
 
-def test_a_lane_whose_beginning_was_not_seen_is_not_judged_by_its_d() -> None:
+def test_d_is_not_checked_for_a_lane_with_an_unobserved_start() -> None:
     device = Device()
     device.emit_state(planner(LANE))
     device.go(100, CRUISE_M)
@@ -175,7 +175,7 @@ def test_a_gap_within_a_lane_leaves_its_beginning_unknown() -> None:
     assert device.found == []
 
 
-def test_restart_forgets_the_lane() -> None:
+def test_restart_resets_the_lane() -> None:
     device = swept(1.0)
     device.emit_state(planner(LANE, turns=1, distance=1000, previous=1000, case=1))
     device.go(50, CRUISE_M)
@@ -187,7 +187,7 @@ def test_restart_forgets_the_lane() -> None:
 
 
 @pytest.mark.parametrize("onboard", ["recovery", "random", ""])
-def test_planners_without_lanes_are_not_judged_by_them(onboard: str) -> None:
+def test_lane_checks_do_not_apply_to_planners_without_lanes(onboard: str) -> None:
     device = started(onboard)
     device.lane(1.0, planner(TURN, distance=300, previous=77, case=3, length=9, turns=7))
     assert device.found == []

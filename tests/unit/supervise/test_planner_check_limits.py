@@ -117,7 +117,7 @@ def test_a_lane_begins_where_the_odometry_was() -> None:
     assert hand.planner_check.evidence()[1]["odometry_m"] == 1.1
 
 
-def test_the_estimates_way_is_along_any_heading() -> None:
+def test_the_estimated_path_is_along_any_heading() -> None:
     """By 3-4-5 the robot moves half a metre along the lane, whatever the lateral distance."""
     hand = Hand()
     start = Pose2(2.0, 3.0, 0.9272952180016122)  # atan2(4, 3)
@@ -139,7 +139,7 @@ def test_the_estimates_way_is_along_any_heading() -> None:
         *((0.0, int(Contact.BUMPER_LEFT), False), (0.0, int(Contact.CLIFF), True)),
     ],
 )
-def test_how_much_path_becomes_uncertain(
+def test_slip_and_push_make_part_of_the_path_uncertain(
     slip_m_s: float, contacts: int | None, *, found: bool
 ) -> None:
     """D is 9 cm off.
@@ -288,9 +288,7 @@ def test_planners_without_lanes_may_bend() -> None:
         *((LANE, 0.4, 1.2, ""), (LANE, 0.4, -1.201, "turns"), (STEP, 0.1, 1.201, "turns")),
     ],
 )
-def test_what_may_be_measured_of_a_claim(
-    phase: int, way_m: float, turn_rad: float, wrong: str
-) -> None:
+def test_tolerance_of_a_claim(phase: int, way_m: float, turn_rad: float, wrong: str) -> None:
     hand = Hand(motion_s=2.0)
     hand.at(0.0, reported := planner(phase))
     hand.measured.travel_m, hand.measured.turn_rad = way_m, turn_rad

@@ -21,7 +21,7 @@ def test_an_empty_table_gives_the_defaults() -> None:
     assert load_supervise(None) == SuperviseSettings()
 
 
-def test_a_robot_file_changes_what_it_names(tmp_path: Path) -> None:
+def test_a_robot_file_changes_only_its_keys(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(
         "wheel_diameter_m = 0.066\n"
@@ -39,7 +39,7 @@ def test_a_robot_file_changes_what_it_names(tmp_path: Path) -> None:
     assert parse_robot(path.read_text()).wheel_diameter_m == 0.066
 
 
-def test_what_is_written_is_read_back() -> None:
+def test_written_values_are_read_back() -> None:
     settings = settings_from(
         {
             "tilt": {"angle_deg": 20, "reaction": "report"},
@@ -78,7 +78,7 @@ def test_what_is_written_is_read_back() -> None:
         (7, "supervise: must be a table"),
     ],
 )
-def test_what_is_wrong_is_named(table: object, named: str) -> None:
+def test_errors_are_named(table: object, named: str) -> None:
     with pytest.raises(ConfigError) as error:
         settings_from(table)
     assert named in str(error.value)
@@ -120,7 +120,7 @@ def test_an_option_that_names_nothing(text: str) -> None:
         parse_rule(SuperviseSettings(), text)
 
 
-def test_an_option_is_judged_like_the_file() -> None:
+def test_an_option_is_checked_like_the_file() -> None:
     with pytest.raises(ConfigError, match=r"supervise\.stall\.reaction: 'loud'"):
         parse_rule(SuperviseSettings(), "stall.reaction=loud")
     first = parse_rule(SuperviseSettings(), "stall.reaction=report")

@@ -88,7 +88,7 @@ def test_a_bend_is_no_straight_run() -> None:
     assert not run_towards(Walk(slip()), 0.5, way_m=0.6, turn_rad=-0.3)
 
 
-def test_an_echo_that_wanders_over_a_round_thing_is_no_slip() -> None:
+def test_an_echo_moving_over_a_round_object_is_no_slip() -> None:
     assert not run_towards(Walk(slip()), 0.7, bend=1.2)
 
 
@@ -101,7 +101,7 @@ def test_no_echo_and_a_far_one_have_no_effect() -> None:
     assert run_towards(Walk(slip()), 0.5, from_m=3.4, way_m=0.6)
 
 
-def test_a_missed_echo_begins_the_run_anew() -> None:
+def test_a_missed_echo_restarts_the_run() -> None:
     walk = Walk(slip())
     assert run_towards(walk, 0.5, way_m=0.4)
     walk.step(1, range=reading(None))
@@ -109,7 +109,7 @@ def test_a_missed_echo_begins_the_run_anew() -> None:
     assert not run_towards(walk, 0.5, way_m=0.28)
 
 
-def test_another_thing_ahead_begins_the_run_anew() -> None:
+def test_another_obstacle_ahead_restarts_the_run() -> None:
     walk = Walk(slip())
     assert not run_towards(walk, 0.5, way_m=0.25, from_m=2.0)
     assert not run_towards(walk, 0.5, way_m=0.25, from_m=1.0)
@@ -125,7 +125,7 @@ def test_how_far_a_range_may_jump(jump_m: float, *, same: bool) -> None:
         assert run_towards(walk, 0.5, way_m=0.2, from_m=after_m) is same
 
 
-def test_driving_back_begins_the_run_anew() -> None:
+def test_driving_back_restarts_the_run() -> None:
     walk = Walk(slip())
     assert not run_towards(walk, 0.5, way_m=0.25)
     walk.step(5, left_m=-0.001, right_m=-0.001, range=reading(1.88))
@@ -149,7 +149,7 @@ def test_slip_restarts() -> None:
     assert not run_towards(walk, 0.5, way_m=0.28)
 
 
-def test_at_its_very_limit_nothing_holds_yet() -> None:
+def test_no_rule_holds_exactly_at_its_limit() -> None:
     """A rule's condition is "by more than"; the test sets the measured values."""
     rule = slip()
     inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0)

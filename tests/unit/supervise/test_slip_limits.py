@@ -35,7 +35,7 @@ class Hand:
         return held
 
 
-def test_nothing_is_grave_of_itself() -> None:
+def test_no_single_finding_requires_the_second_reaction() -> None:
     hand = Hand()
     assert hand.rule.grave is False
     assert hand.run() is True
@@ -70,7 +70,7 @@ def test_a_run_may_bend_by_its_limit() -> None:
         assert found is held
 
 
-def test_a_range_may_jump_by_3_cm_beyond_the_way_made() -> None:
+def test_a_range_may_jump_by_3_cm_beyond_the_driven_path() -> None:
     """The range increases as fast as the robot drives, then by 0.53 m over half a metre."""
     for range_m, held in ((0.63, True), (0.631, False)):
         hand = Hand()
@@ -79,7 +79,7 @@ def test_a_range_may_jump_by_3_cm_beyond_the_way_made() -> None:
         assert hand.at(0.6, range_m) is held
 
 
-def test_to_stand_is_not_to_be_sounded_again() -> None:
+def test_readings_at_rest_do_not_count_again() -> None:
     """Seven places with forty readings are too few for a result."""
     hand = Hand()
     for number in range(7):
@@ -98,7 +98,7 @@ def test_a_run_is_of_the_last_0_3_m() -> None:
     assert held
 
 
-def test_what_both_pairs_find_is_reported_by_the_gyro_only_beyond_its_limit() -> None:
+def test_a_fault_found_by_both_pairs_is_reported_by_the_gyro_only_beyond_its_limit() -> None:
     for slip_m_s, by in ((0.015, "ultrasonic"), (0.0151, "gyro"), (-0.015, "ultrasonic")):
         hand = Hand()
         hand.measured.slip_m_s = slip_m_s

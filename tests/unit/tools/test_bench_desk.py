@@ -57,7 +57,7 @@ def test_a_failure_names_the_port_once(asked: Any, error: BridgeError, text: str
     assert str(caught.value) == text
 
 
-def test_what_will_not_work_well_is_reported_first(
+def test_unsuitable_values_are_reported_first(
     asked: Any,  # noqa: ANN401 - as above
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -45,7 +45,7 @@ def python(script: str, standard_input: str = "") -> subprocess.CompletedProcess
     )
 
 
-def test_a_trial_under_way_is_broken_off_without_a_word() -> None:
+def test_a_running_trial_is_aborted_silently() -> None:
     done = worker("""
         ending.run_trial = told
         ending.run_until_ended(TRIAL)

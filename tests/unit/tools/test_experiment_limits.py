@@ -81,13 +81,13 @@ def test_a_sliver_inside_is_a_lane_gap_and_a_wide_piece_an_early_end() -> None:
     assert found["wall gap"] == pytest.approx(share(0.33 * 2 * 0.02), rel=0.3)
 
 
-def test_what_the_estimate_takes_for_swept_is_lost_to_the_pose() -> None:
+def test_floor_swept_only_by_the_estimate_is_lost_to_the_pose() -> None:
     piece = strip(1.2, 1.5)
     found = losses(ALL & ~piece, believed=ALL)
     assert found["pose"] == pytest.approx(np.count_nonzero(piece) / np.count_nonzero(ALL))
 
 
-def test_a_false_wall_takes_all_behind_it() -> None:
+def test_a_false_wall_costs_all_floor_behind_it() -> None:
     # a false wall across the room: forbidden to the axle from x = 1.2 to 1.5
     forbidden = (RASTER.x >= 1.2) & (RASTER.x < 1.5)
     behind = RASTER.x >= 1.2 + 0.08 + 0.025

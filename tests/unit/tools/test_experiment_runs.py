@@ -79,7 +79,7 @@ def test_a_perfect_pose_is_the_truth_and_the_loss_is_all_that_is_missing() -> No
     assert sum(row["loss"].values()) == pytest.approx(1.0 - row["mouth_sweepable"], abs=1e-3)
 
 
-def test_a_run_of_zimablue_repeats_and_keeps_to_what_its_head_can_sweep() -> None:
+def test_a_zimablue_run_is_repeatable_and_within_its_heads_sweep() -> None:
     trial = Trial("empty", "zimablue bsa", "its own", 1, 3.0, Kind.ZIMABLUE)
     row = run_trial(trial)
     assert run_trial(trial) == row

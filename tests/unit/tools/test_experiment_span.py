@@ -40,7 +40,7 @@ def closet(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def test_random_is_given_as_long_as_it_is_compared(closet: str) -> None:
+def test_random_runs_for_the_compared_time(closet: str) -> None:
     run = run_trial(Trial(closet, "random", "typical", 0))
     assert run["duration_s"] > MULTIPLES[-1] * run["reference_time_s"]
     assert run["energy_wh"] > MULTIPLES[-1] * run["reference_energy_wh"]
@@ -65,7 +65,7 @@ def test_random_ended_by_time_is_not_held_level(closet: str) -> None:
     assert at_multiples([cut, whole], "coverage")[known:] == ["-"] * (11 - known)
 
 
-def test_a_limit_of_its_own_is_nothing_to_compare_by() -> None:
+def test_a_planners_own_time_limit_gives_no_comparison() -> None:
     planner = planner_of(Trial("case-1", "random", "none", 5), MODEL)
     assert isinstance(planner, RandomPlanner)
     assert planner.options.max_time_s == math.inf

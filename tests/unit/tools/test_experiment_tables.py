@@ -69,7 +69,7 @@ def test_the_papers_own_trials() -> None:
     assert sum(t.kind is Kind.CYCLES for t in trials) == 20
 
 
-def test_section_5_3_holds_the_papers_algorithm_against_others_of_the_same_noise() -> None:
+def test_section_5_3_compares_the_papers_algorithm_with_others_at_equal_noise() -> None:
     rows = [
         row(room="comprehensive", noise="paper", body_free=0.90),
         row(room="comprehensive", noise="typical", body_free=0.50),
@@ -98,7 +98,7 @@ def test_every_layout_is_a_room_of_plausible_size_in_which_the_robot_fits() -> N
         room_of("layout:moat")
 
 
-def test_what_range_noise_costs_is_the_difference() -> None:
+def test_the_cost_of_range_noise_is_the_difference() -> None:
     kind, reading = Kind.RANGES, next(iter(TOLERANCES))
     rows = [row(reading, kind=kind, noise="none", mouth_sweepable=0.9)] + [
         row(reading, seed, kind=kind, noise=RANGE_LEVEL.name, mouth_sweepable=share)
@@ -193,7 +193,7 @@ def test_the_worst_run_comes_first_with_the_command_that_repeats_it() -> None:
     )
 
 
-def test_the_random_way_is_repeated_without_its_own_limit() -> None:
+def test_a_random_path_is_repeated_without_its_own_limit() -> None:
     assert repeat_command(row(planner="random", seed=1, duration_s=2468.02), "") == (
         "sweepctl simulate case-1 --planner random --planner-option max_time_s=1e6 "
         "--noise typical --seed 1 --max-time 2468.02"

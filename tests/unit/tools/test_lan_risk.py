@@ -18,9 +18,7 @@ from tools.cli.lan_risk import bus_risk, port_risk
         ("pty", None, False),
     ],
 )
-def test_what_stays_on_this_machine_is_no_risk(
-    link: str, listen: tuple[str, int] | None, *, lan: bool
-) -> None:
+def test_a_local_port_is_no_risk(link: str, listen: tuple[str, int] | None, *, lan: bool) -> None:
     assert port_risk(link, listen, lan=lan, keyed=False) is None
 
 
@@ -34,7 +32,7 @@ def test_what_stays_on_this_machine_is_no_risk(
         ("udpcan", None, True, "this bus"),
     ],
 )
-def test_what_others_reach_is_named_with_what_they_can_do(
+def test_a_port_open_to_others_is_reported_with_the_risk(
     link: str, listen: tuple[str, int] | None, who: str, *, lan: bool
 ) -> None:
     bare = port_risk(link, listen, lan=lan, keyed=False) or ""

@@ -144,7 +144,7 @@ def test_the_map_has_the_perimeter_of_the_room() -> None:
 
 
 @pytest.mark.parametrize("width", [18, 30, 80])
-def test_the_legend_names_what_the_room_has_and_fits(width: int) -> None:
+def test_the_legend_names_the_rooms_objects_and_fits(width: int) -> None:
     lines = legend(ROOM, width)
     assert all(len(line) <= width for line in lines)
     words = " ".join(line.plain for line in lines).replace("█", "").split()

@@ -56,7 +56,7 @@ def drawn(picture: Dashboard, width: int, height: int) -> list[str]:
 
 
 @pytest.mark.parametrize(("width", "height"), [(140, 42), (120, 30), (100, 40), (80, 24), (60, 16)])
-def test_what_matters_is_there_at_every_size(width: int, height: int) -> None:
+def test_essential_content_is_shown_at_every_size(width: int, height: int) -> None:
     events = EventLines(NullSink(), plain=False)
     events.write(EventRecord(0, Severity.WARNING, "device", "fault", "battery_low", {}))
     lines = drawn(Dashboard(host().snapshot, events), width, height)

@@ -61,7 +61,7 @@ def test_a_failed_command_is_reported_with_its_last_words() -> None:
     assert line.endswith("exit status 7: no route to host")
 
 
-def test_a_command_that_takes_too_long_is_killed_with_what_it_started(tmp_path: Path) -> None:
+def test_a_slow_command_is_killed_with_its_children(tmp_path: Path) -> None:
     slow = f"(sleep 3; touch {tmp_path}/late) & sleep 3; touch {tmp_path}/late"
     made, reported = commands(
         ("device-lost", slow), ("device-lost", f"touch {tmp_path}/next"), max_run_s=0.3

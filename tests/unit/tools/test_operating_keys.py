@@ -101,7 +101,7 @@ class Bench:
         return self.keys.operator.drive_mode.value
 
 
-def test_what_moves_begins_with_the_second_press() -> None:
+def test_motion_begins_with_the_second_press() -> None:
     for key, drive_mode in (("g", DriveMode.PLAN), ("d", DriveMode.MANUAL)):
         bench = Bench()
         assert "again" in bench.press(key)
@@ -111,7 +111,7 @@ def test_what_moves_begins_with_the_second_press() -> None:
         assert bench.drive_mode() == drive_mode.value
 
 
-def test_a_gamepad_that_goes_stops_and_is_reported() -> None:
+def test_an_unplugged_gamepad_stops_the_robot_and_is_reported() -> None:
     bench = Bench()
     bench.press("d", "d")
     bench.keys.dead_man.stick(1.0, 0.0, 5.0, held=True)
@@ -130,7 +130,7 @@ def test_another_key_between_counts_for_nothing() -> None:
     assert not bench.begun()
 
 
-def test_a_latched_stop_is_cleared_by_a_person_who_has_looked() -> None:
+def test_a_latched_stop_needs_a_persons_confirmation() -> None:
     bench = Bench(cause=StopCause.OPERATOR)
     assert "look, then press c" in bench.press("g", "g")
     assert not bench.begun()

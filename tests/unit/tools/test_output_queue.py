@@ -61,7 +61,7 @@ def pipe() -> Iterator[Pipe]:
     made.leave()
 
 
-def test_what_is_written_comes_in_order(pipe: Pipe) -> None:
+def test_written_bytes_arrive_in_order(pipe: Pipe) -> None:
     queued = QueuedStream(pipe.stream)
     text = "".join(f"line {number} of m²\n" for number in range(1000))
     for line in text.splitlines(keepends=True):
@@ -103,7 +103,7 @@ def test_lines_dropped_on_stdout_are_counted_on_stderr(pipe: Pipe) -> None:
     people.leave()
 
 
-def test_what_waits_can_be_dropped_for_what_is_newer(pipe: Pipe) -> None:
+def test_waiting_messages_can_be_dropped_for_newer_ones(pipe: Pipe) -> None:
     pipe.fill()
     queued = QueuedStream(pipe.stream)
     for number in range(100):
@@ -159,7 +159,7 @@ sys.exit(7)
 
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 @pytest.mark.parametrize("reader", ["none", "full", "left", "closed"])
-def test_a_process_ends_with_its_status_whatever_reads_it(
+def test_a_process_exits_with_its_status_for_any_reader(
     stream: str, reader: str, pipe: Pipe
 ) -> None:
     given = pipe.stream.fileno()

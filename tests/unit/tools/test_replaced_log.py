@@ -16,7 +16,7 @@ def _log(tmp_path: Path) -> Path:
     return log
 
 
-def test_the_old_log_is_back_where_there_is_no_new_one(log: Path) -> None:
+def test_the_old_log_is_restored_if_there_is_no_new_one(log: Path) -> None:
     replaced = ReplacedLog(log, force=True)
     assert not log.exists(), "there is room for the new one"
     replaced.put_back()

@@ -39,7 +39,7 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_what_was_built_of_this_source_is_fresh(source: Path) -> None:
+def test_a_module_of_this_source_is_fresh(source: Path) -> None:
     assert kernels.stale([source]) == []
     assert kernels.complaint([source]) is None
 
@@ -48,7 +48,7 @@ def test_what_was_built_of_this_source_is_fresh(source: Path) -> None:
     "changed",
     ["bridge/a_kernel.py", "bridge/motion/arrays.pxd", "setup.py", "requirements-build.lock"],
 )
-def test_what_was_built_of_something_else_is_stale(source: Path, changed: str) -> None:
+def test_a_module_of_another_source_is_stale(source: Path, changed: str) -> None:
     path = kernels.ROOT / changed
     path.write_text(path.read_text() + "\n")
     assert kernels.stale([source]) == [source]
@@ -74,13 +74,13 @@ def test_what_takes_types_of_a_changed_file_is_stale(source: Path, changed: str)
     assert kernels.stale([typed]) == [typed]
 
 
-def test_what_is_missing_is_stale_and_named_in_one_line(source: Path) -> None:
+def test_a_missing_module_is_stale_and_named_in_one_line(source: Path) -> None:
     kernels.compiled(source).unlink()
     text = kernels.complaint([source])
     assert text == "bridge.a_kernel: not compiled, or of another source; run `make venv`"
 
 
-def test_without_what_all_share_each_is_stale(source: Path) -> None:
+def test_without_the_shared_module_every_kernel_is_stale(source: Path) -> None:
     kernels.compiled(kernels.ROOT / kernels.SHARED).unlink()
     assert kernels.stale([source]) == [source]
 

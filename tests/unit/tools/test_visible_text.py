@@ -60,7 +60,7 @@ def test_no_code_point_passes_that_acts_reorders_or_hides(codes: range) -> None:
 
 
 @pytest.mark.parametrize("code", NEVER)
-def test_what_a_terminal_obeys_is_escaped(code: int) -> None:
+def test_control_sequences_are_escaped(code: int) -> None:
     assert visible(chr(code)).isascii()
     assert visible(chr(code)).isprintable()
 
@@ -68,7 +68,7 @@ def test_what_a_terminal_obeys_is_escaped(code: int) -> None:
 @pytest.mark.parametrize(
     "text", ["", "m² ± 5 °", "Küche", "台所\u3000二", "a\u00a0b", "❤\ufe0f", "\\n"]
 )
-def test_what_people_write_stays_as_it_is(text: str) -> None:
+def test_comments_of_people_stay_unchanged(text: str) -> None:
     assert visible(text) == text
 
 
@@ -145,7 +145,7 @@ class Raw:
 
 
 @pytest.mark.parametrize("made", [table, lambda text: Panel(text, title=text), Raw])
-def test_pictures_are_made_of_what_is_visible(made: Callable[[str], RenderableType]) -> None:
+def test_pictures_contain_only_visible_characters(made: Callable[[str], RenderableType]) -> None:
     printed = drawn(made(f"x{HOSTILE}y"), 60)
     assert [c for c in printed if c != "\n" and not is_visible(c)] == []
 
@@ -158,7 +158,7 @@ def test_an_escape_never_widens_a_table(text: str, width: int) -> None:
     assert max(bordered, default=0) <= width
 
 
-def test_styles_stay_on_what_they_were_on() -> None:
+def test_styles_stay_on_their_text() -> None:
     text = Text.assemble("a\x1bb", ("c\x9bd", "red"), "e")
     shown = VisibleConsole()
     styled = [s.text for s in shown.render(text, shown.options) if s.style and s.style.color]

@@ -53,7 +53,7 @@ def test_everything_that_a_room_has_is_drawn_where_it_is() -> None:
     ("plan", "labels"),
     [(MARKED, ["carpet", "threshold", "cliff: no floor"]), (PLAIN, []), (None, [])],
 )
-def test_the_legend_names_what_the_room_has(plan: FloorPlan | None, labels: list[str]) -> None:
+def test_the_legend_names_the_rooms_objects(plan: FloorPlan | None, labels: list[str]) -> None:
     assert [entry.get_label() for entry in plan_legend(plan)] == labels
 
 

@@ -36,7 +36,7 @@ def coverage_path_m(path: Path, events: dict[int, tuple[str, dict[str, Any]]]) -
     return report.path_m
 
 
-def test_the_drive_is_found_by_the_phase_whatever_the_text(tmp_path: Path) -> None:
+def test_the_drive_is_found_by_the_phase_with_any_text(tmp_path: Path) -> None:
     events: dict[int, tuple[str, dict[str, Any]]] = {
         20: ("the robot sets off", {"phase": "driving"}),
         40: ("that is all", {"phase": "ending"}),

@@ -145,7 +145,7 @@ def test_it_slides_round_a_corner_that_juts_out() -> None:
 
 @pytest.mark.parametrize("start_y_m", [2.7 + 1e-5 * n for n in range(0, 20, 3)])
 @pytest.mark.parametrize("heading_deg", [-90.0, -90.1, -89.6])
-def test_in_a_wedge_both_sides_are_touched_wherever_a_milliseconds_way_ends(
+def test_in_a_wedge_both_sides_are_touched_for_any_step(
     start_y_m: float, heading_deg: float
 ) -> None:
     """The disc moves along a wall, 29 cm away from a leg, and does not stop just before it."""
@@ -220,7 +220,7 @@ def test_bumper_switches_show_the_side_of_a_wall(
     assert suite.cliff() is False
 
 
-def test_what_the_accelerometer_feels_adds_up_to_the_velocity_while_sliding_in_a_bend() -> None:
+def test_accelerations_add_up_to_the_velocity_while_sliding_in_a_bend() -> None:
     body = plant(room((10.0, 0.3, math.radians(-20.0))))
     body.set_duty(duty(0.22), duty(0.12))
     vx = vy = 0.0

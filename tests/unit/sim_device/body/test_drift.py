@@ -150,14 +150,14 @@ def paper_runs() -> list[Ends]:
     return [run_cycles(seed, "paper") for seed in range(20)]
 
 
-def test_paper_level_ends_as_far_off_as_the_papers_robot(paper_runs: list[Ends]) -> None:
+def test_paper_noise_drifts_as_much_as_the_papers_robot(paper_runs: list[Ends]) -> None:
     """The result is the median of 20 seeds, by dead reckoning alone."""
     assert all(26.0 < run.path_m < 28.0 for run in paper_runs)
     assert 5.0 <= statistics.median(run.plain_mm for run in paper_runs) <= 9.0
     assert statistics.median(run.drift_deg_s for run in paper_runs) < 0.0014
 
 
-def test_the_hosts_estimator_without_walls_ends_as_far_off(paper_runs: list[Ends]) -> None:
+def test_the_hosts_estimator_without_walls_drifts_as_much(paper_runs: list[Ends]) -> None:
     assert 5.0 <= statistics.median(run.estimated_mm for run in paper_runs) <= 9.0
 
 

@@ -113,7 +113,7 @@ def test_at_rest_it_draws_the_electronics_only() -> None:
     assert body.truth.energy_wh == pytest.approx(1.5 * 7.205 / 3600.0, rel=1e-9)
 
 
-def test_energy_is_the_integral_of_what_flows_from_the_battery() -> None:
+def test_energy_is_the_integral_of_the_battery_power() -> None:
     body = plant(CENTRE, battery=None)
     body.set_duty(0.5, 0.8)
     joules = 0.0

@@ -24,7 +24,7 @@ def _both(body: Plant) -> list[tuple[float, float]]:
     return list(zip(body.motor_voltages_v, body.motor_currents_a, strict=True))
 
 
-def test_the_batterys_energy_is_what_its_users_took_integrated_apart() -> None:
+def test_the_batterys_energy_equals_the_sum_of_its_consumers() -> None:
     """From voltages and currents alone, by the trapezoidal rule, without the plant's own sums."""
     body = plant(CENTRE, battery=BatteryParameters(), chassis=Chassis())
     battery = internal = electronics = bridge = winding = shaft = 0.0
@@ -123,7 +123,7 @@ def test_charge_and_internal_loss_close_the_batterys_balance() -> None:
     assert energy.battery_j + energy.internal_j == pytest.approx(16.0 * used_c, rel=1e-9)
 
 
-def test_below_the_knee_the_voltage_falls_and_at_nothing_it_is_gone() -> None:
+def test_below_the_knee_the_voltage_falls_to_that_of_an_empty_pack() -> None:
     body = plant(CENTRE, battery=BatteryParameters())
     at = {}
     for charge in (0.06, 0.05, 0.01, 0.001):

@@ -76,7 +76,7 @@ def test_wheels_in_the_air_are_quicker() -> None:
     assert body.truth.left_rad_s == pytest.approx(final * (1.0 - math.exp(-0.04 / tau)), rel=1e-9)
 
 
-def test_a_wheel_that_asks_for_more_than_traction_spins() -> None:
+def test_a_wheel_spins_beyond_its_traction() -> None:
     """7 N at each wheel and 3 kg allow at most 4.67 m/s², whatever the motors' torque."""
     body = plant(CENTRE, chassis=Chassis(caster_drag_n=0.0, mass_kg=3.0))
     body.set_duty(1.0, 1.0)
@@ -129,7 +129,7 @@ def test_an_obstacle_put_over_its_middle_pushes_it_off_too() -> None:
     assert (body.pose.x_m, body.pose.y_m) == pytest.approx((9.79, 10.0))
 
 
-def test_an_obstacle_with_no_way_out_holds_it_until_it_is_gone() -> None:
+def test_an_enclosing_obstacle_holds_the_robot_until_it_is_removed() -> None:
     body = plant(CENTRE)
     body.replace_world(_world(box(9.0, 9.0, 11.0, 11.0)))
     held = [body.held]
@@ -164,7 +164,7 @@ def test_it_is_never_pushed_through_a_wall_that_stood() -> None:
 # People.
 
 
-def test_a_leg_in_the_way_stops_it_and_is_seen() -> None:
+def test_a_chair_leg_ahead_stops_the_robot_and_is_detected() -> None:
     body = plant(CENTRE)
     body.set_walker(10.5, 10.0, 0.06)
     assert body.world.walker.tolist() == [10.5, 10.0, 0.06]

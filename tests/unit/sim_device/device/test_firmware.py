@@ -72,7 +72,7 @@ def test_hello_names_device_boot_and_session() -> None:
     assert again.uid == hello.uid
 
 
-def test_a_session_of_id_0_is_none() -> None:
+def test_session_id_0_means_no_session() -> None:
     """The loss of a host without a session could not be detected."""
     bench = Bench()
     bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))

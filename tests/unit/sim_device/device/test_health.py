@@ -147,7 +147,7 @@ def test_a_rate_at_rest_beyond_the_data_sheets(bias_deg_s: float, faulty: bool) 
     assert not bench.faults & Fault.IMU
 
 
-def test_a_gravity_that_is_none() -> None:
+def test_an_implausible_gravity_sets_the_imu_fault() -> None:
     bench = Bench()
     bench.device.sensors.faults.accel_bias_g = (0.0, 0.0, -0.5)
     bench.rest(2.5)

@@ -156,7 +156,7 @@ def test_clocks_that_wrap_stop_nothing() -> None:
     assert counters.stale == 0
 
 
-def test_a_reboot_forgets_session_and_latches() -> None:
+def test_a_reboot_ends_the_session_and_latches() -> None:
     bench = Bench()
     bench.free()
     bench.run(0.5, bench.drive)

@@ -64,7 +64,7 @@ def test_from_stopped_only_clearing_by_name_leads_on_and_only_to_idle() -> None:
     assert outcome(State.STOPPED, Event.CLEAR, Guard.CAUSE_HOLDS) is NackReason.FAULT
 
 
-def test_no_way_into_motion_but_by_a_command_for_it() -> None:
+def test_only_a_motion_command_starts_motion() -> None:
     into = {
         (state, event)
         for (state, event), branches in TABLE.items()
@@ -121,7 +121,7 @@ def test_how_the_devices_own_planner_ends_and_is_held() -> None:
         assert ModeMachine(state).awake is (state not in {State.OFF, State.BOOT})
 
 
-def test_a_boot_may_begin_anew_or_lose_its_supply() -> None:
+def test_a_reset_or_a_supply_loss_interrupts_a_boot() -> None:
     assert outcome(State.BOOT, Event.RESET) is State.BOOT
     assert outcome(State.BOOT, Event.SUPPLY_LOST) is State.OFF
     assert outcome(State.OFF, Event.SUPPLY_BACK) is State.BOOT
@@ -137,7 +137,7 @@ def test_every_mode_of_the_wire_can_be_chosen() -> None:
     assert set(MODE_OF) == set(State)
 
 
-def test_the_drawing_shows_every_state_and_every_refusal_has_a_reason() -> None:
+def test_the_diagram_shows_every_state_and_every_rejection_has_a_reason() -> None:
     moves = drawn()
     assert {end for move in moves for end in (move[0], move[2])} == {s.value for s in State}
     assert len(moves) == len(set(moves))

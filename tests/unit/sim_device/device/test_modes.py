@@ -96,7 +96,7 @@ def test_the_device_follows_the_table(state: State) -> None:
 
 
 @pytest.mark.parametrize("state", [State.OFF, State.BOOT])
-def test_without_supply_or_before_it_has_booted_nothing_is_heard(state: State) -> None:
+def test_without_supply_or_before_the_boot_nothing_is_received(state: State) -> None:
     trial = Trial()
     trial.bring(state)
     trial.host.join(9)

@@ -97,7 +97,7 @@ def test_a_repeated_set_is_carried_out_once() -> None:
         ("node", U32, 2, NackReason.READ_ONLY),
     ],
 )
-def test_what_cannot_be_set_is_rejected_and_changes_nothing(
+def test_invalid_values_are_rejected_and_change_nothing(
     name: str, kind: int, raw: int, reason: NackReason
 ) -> None:
     desk = Desk()
@@ -165,7 +165,7 @@ def test_a_gentler_stop_takes_longer() -> None:
     assert gentle - brisk == pytest.approx(0.09 * (1 / 0.3 - 1) / 2, rel=0.3)
 
 
-def test_battery_low_is_judged_by_the_parameter() -> None:
+def test_battery_low_uses_the_parameter() -> None:
     desk = Desk()
     desk.ends.run(0.5)
     assert not desk.ends.device.firmware.faults & Fault.BATTERY_LOW
@@ -221,7 +221,7 @@ def test_signed_and_switched_values() -> None:
     assert store.set(1, F32, 1) is NackReason.BAD_VALUE
 
 
-def test_what_is_stored_and_no_longer_fits_is_passed_over() -> None:
+def test_a_stored_value_out_of_range_is_ignored() -> None:
     """A store written by another version of the firmware."""
     store = ParameterStore(SOME, {"signed": to_raw(F32, 99), "gone": 1, "switch": 0})
     assert store.value("signed") == -5
@@ -233,7 +233,7 @@ def test_a_default_is_itself_and_not_its_32_bits() -> None:
     assert store.applied_to(RobotModel()) == RobotModel()
 
 
-def test_ack_is_what_a_reboot_leaves_behind() -> None:
+def test_a_reboot_is_acknowledged_first() -> None:
     desk = Desk()
     desk.send(Reboot(77, RebootKind.NORMAL))
     desk.ends.run(0.1)

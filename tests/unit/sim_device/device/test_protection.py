@@ -105,7 +105,7 @@ class Bench(WireHost):
 @pytest.mark.parametrize("ending", ["expiry", "stop", "silence"])
 @pytest.mark.parametrize(("v_m_s", "yaw_rad_s"), [(0.3, 0.0), (-0.2, 0.0), (0.0, 1.5), (0.1, 1.0)])
 @pytest.mark.parametrize("fault", ["", "encoder_reversed_left", "encoders_swapped"])
-def test_duties_only_fall_once_nothing_asks_for_speed(
+def test_duties_only_fall_once_no_speed_is_requested(
     ending: str, v_m_s: float, yaw_rad_s: float, fault: str
 ) -> None:
     """The encoders are reversed at the beginning: duties must fall whatever they report."""
@@ -246,7 +246,7 @@ def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) 
 
 
 @pytest.mark.parametrize("noise", ["none", "harsh"])
-def test_a_sound_robot_is_never_taken_for_a_miswired_one(noise: str) -> None:
+def test_a_sound_robot_is_never_reported_as_miswired(noise: str) -> None:
     """The hardest reversals, a wall, a person that drags it back."""
     bench = Bench(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)), noise)
     for _ in range(6):
@@ -265,7 +265,7 @@ def _turned(speeds: list[float]) -> Iterator[tuple[tuple[float, float], tuple[fl
         yield (0.5, 0.5), (speed, 0.2)
 
 
-def test_a_short_contradiction_is_none() -> None:
+def test_a_short_contradiction_is_ignored() -> None:
     signs = Signs()
     for duties, speeds in _turned([0.2] * 10 + [-0.1] * 24 + [0.2] + [-0.1] * 24):
         signs.tick(duties, speeds)
@@ -289,7 +289,7 @@ def over(bench: Bench) -> float:
     return bench.device.truth.pose.x_m + 0.15 - 1.6
 
 
-def test_at_a_cliff_it_goes_no_further_reverses_and_turns() -> None:
+def test_at_a_cliff_the_robot_only_reverses_and_turns() -> None:
     bench = Bench(EDGE, "none")
     bench.drive(4.0)
     # The host insists, and the device stops by itself after a second.
@@ -381,7 +381,7 @@ def test_a_wall_that_presses_a_bumper_is_no_fault() -> None:
 
 @pytest.mark.parametrize("noise", ["typical", "harsh"])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_cliff_is_not_taken_for_being_lifted(noise: str, seed: int) -> None:
+def test_a_cliff_is_not_reported_as_lifted(noise: str, seed: int) -> None:
     """Vibration and bias of the accelerometer are no jolt."""
     bench = Bench(EDGE, noise)
     del seed
@@ -472,7 +472,7 @@ def test_a_stuck_bus_gives_no_samples_and_is_a_fault() -> None:
 
 
 @pytest.mark.parametrize("share", [-0.01, 0.0, 0.01])
-def test_an_imu_with_a_clock_of_its_own(share: float) -> None:
+def test_an_imu_with_its_own_clock(share: float) -> None:
     """If slower, it sometimes has no new sample.
 
     If faster, the next sample sometimes replaces one.

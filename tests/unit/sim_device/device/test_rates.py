@@ -57,7 +57,7 @@ def test_a_stream_that_was_off_can_be_had_again() -> None:
     assert desk.count(Power, 1.0) == pytest.approx(10, abs=1)
 
 
-def test_the_supply_is_supervised_whatever_is_connected() -> None:
+def test_the_supply_is_supervised_with_any_streams() -> None:
     desk = Desk()
     desk.rate(POWER, 0)
     desk.set("battery_low", 20.0)
@@ -80,5 +80,5 @@ def test_rates_that_cannot_be(kind: type[Message], tenths: int, reason: NackReas
     assert desk.rate(CATALOGUE.by_class[kind].type_id, tenths) is reason
 
 
-def test_a_type_that_is_nothing_has_no_rate() -> None:
+def test_an_unknown_type_has_no_rate() -> None:
     assert Desk().rate(0x7D, 10) is NackReason.BAD_VALUE

@@ -43,7 +43,7 @@ def test_boot_ids_follow_the_seed() -> None:
     assert len({*ids(3), *ids(4)}) == 6
 
 
-def test_a_boot_takes_its_time_and_its_clock_begins_anew() -> None:
+def test_a_boot_takes_time_and_restarts_the_clock() -> None:
     desk = Desk()
     desk.ends.run(2.0)
     asked_us = desk.ends.now_us
@@ -73,7 +73,7 @@ def test_saved_parameters_survive_a_reboot_and_others_do_not() -> None:
     assert desk.get("cruise_speed").value == f32(0.20)
 
 
-def test_a_factory_reset_forgets_them() -> None:
+def test_a_factory_reset_erases_them() -> None:
     desk = Desk()
     desk.set("max_speed", 0.25)
     desk.save()

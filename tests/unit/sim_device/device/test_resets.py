@@ -85,7 +85,7 @@ def test_outputs_are_off_at_once() -> None:
     assert host.device.truth.path_m - path_m < 0.2 * 0.12
 
 
-def test_a_reset_while_it_boots_begins_anew() -> None:
+def test_a_reset_during_a_boot_restarts_it() -> None:
     host = WireHost(sweeper())
     host.device.reset(ResetCause.PIN)
     host.run(0.2)
@@ -220,7 +220,7 @@ def test_a_save_is_answered_when_it_is_done_and_not_before() -> None:
 
 
 @pytest.mark.parametrize("after_ms", [0, 10, 100, 240, 250])
-def test_a_brown_out_in_the_middle_of_a_save_leaves_what_was(after_ms: int) -> None:
+def test_a_brown_out_during_a_save_keeps_the_old_values(after_ms: int) -> None:
     host = WireHost(sweeper())
     host.join()
     set_speed(host, 0.25)
@@ -241,7 +241,7 @@ images = st.dictionaries(st.text("abcde", min_size=1), st.integers(0, 0xFFFF_FFF
 
 
 @given(images, images, st.integers(0, 400))
-def test_flash_holds_the_old_image_or_the_new_whatever_moment_it_is_cut(
+def test_flash_holds_the_old_or_the_new_image_after_any_interruption(
     old: dict[str, int], new: dict[str, int], cut_bytes: int
 ) -> None:
     flash = Flash()
@@ -280,7 +280,7 @@ def test_a_spoilt_page_is_never_read(
     assert flash.load() == old
 
 
-def test_saves_go_to_and_fro_for_ever() -> None:
+def test_saves_alternate_between_the_pages_forever() -> None:
     flash = Flash()
     assert flash.load() == {}
     for k in range(20):

@@ -42,7 +42,7 @@ def test_only_the_cause_that_holds_can_be_cleared(held: StopCause, named: int) -
     assert latch.cause is (StopCause.NONE if named == held else held)
 
 
-def test_what_is_free_cannot_be_cleared() -> None:
+def test_without_a_latch_there_is_nothing_to_clear() -> None:
     latch = StopLatch(StopCause.NONE)
     assert not latch.clear(StopCause.NONE)
     assert not latch.latched
@@ -62,7 +62,7 @@ def test_the_first_frame_is_the_measure() -> None:
     assert fresh.extra_delay_us(5_380_000, 380_100) == pytest.approx(5_000, abs=10)
 
 
-def test_a_new_session_measures_anew() -> None:
+def test_a_new_session_restarts_the_measurement() -> None:
     fresh = Freshness()
     fresh.extra_delay_us(0, 0)
     assert fresh.extra_delay_us(0, 900_000) > 800_000
@@ -126,7 +126,7 @@ def test_time_to_live_is_clamped() -> None:
 
 
 @pytest.mark.parametrize("extra_us", [200_000, 200_001, 3_000_000])
-def test_what_has_no_life_left_is_rejected(extra_us: int) -> None:
+def test_expired_values_are_rejected(extra_us: int) -> None:
     dog = SetpointWatchdog()
     dog.offer(setpoint(1), 0, 0)
     assert not dog.offer(setpoint(2, v=3000), extra_us, 100_000)
@@ -163,7 +163,7 @@ def test_a_rejected_setpoint_does_not_use_up_its_counter() -> None:
     assert dog.offer(setpoint(2), 0, 20)
 
 
-def test_halt_lets_go_but_remembers_the_counter() -> None:
+def test_halt_discards_values_but_keeps_the_counter() -> None:
     dog = SetpointWatchdog()
     dog.offer(setpoint(9), 0, 0)
     dog.halt()

@@ -28,7 +28,7 @@ def test_the_longest_life_is_a_quarter_of_a_second() -> None:
     assert dog.expired(250_000)
 
 
-def test_a_life_is_shortened_by_what_the_frame_was_late() -> None:
+def test_a_frames_delay_shortens_its_time_to_live() -> None:
     dog = SetpointWatchdog()
     assert dog.offer(VelocitySetpoint(2000, 500, 100, 1), 99_999.0, 1000)
     assert dog.until_us == 1001
@@ -48,7 +48,7 @@ def test_a_watchdog_begins_with_nothing_and_reports_nothing() -> None:
 
 
 @pytest.mark.parametrize("end", ["halt", "reset", "expire"])
-def test_what_ends_a_life_leaves_nothing(end: str) -> None:
+def test_a_reset_leaves_no_state(end: str) -> None:
     dog = SetpointWatchdog()
     dog.offer(VelocitySetpoint(2000, 500, 100, 1), 0.0, 1000)
     if end == "expire":
@@ -83,7 +83,7 @@ def test_counters_wrap_at_8_bits_and_advance_by_less_than_half() -> None:
         assert dog.offer(VelocitySetpoint(0, 0, 200, second), 0.0, 1) is taken
 
 
-def test_the_first_frame_is_the_reference_whatever_the_clocks_show() -> None:
+def test_the_first_frame_is_the_reference_with_any_clocks() -> None:
     fresh = Freshness()
     assert fresh.extra_delay_us(4_000_000_000, 1_000_000) == 0.0
     # 250 ppm of 40 ms is 10 us of allowance.
@@ -108,7 +108,7 @@ def test_an_old_frame_does_not_turn_the_hosts_clock_back() -> None:
     assert late == pytest.approx(1_000_000_000, rel=1e-3)
 
 
-def test_a_reset_measures_anew_with_any_clock() -> None:
+def test_a_reset_restarts_the_measurement_with_any_clock() -> None:
     fresh = Freshness()
     fresh.extra_delay_us(10, 10)
     assert fresh.extra_delay_us(10, 500_010) > 400_000
@@ -138,7 +138,7 @@ def test_a_host_clock_that_wraps_is_followed_for_hours() -> None:
         assert fresh.extra_delay_us(now_us & 0xFFFF_FFFF, now_us + 5_000) == 0.0
 
 
-def test_what_is_asked_is_answered_by_true_or_false() -> None:
+def test_conditions_return_true_or_false() -> None:
     dog = SetpointWatchdog()
     assert dog.expired(5) is False
     assert dog.offer(VelocitySetpoint(0, 0, 100, 1), 0.0, 0) is True

@@ -92,7 +92,7 @@ def test_silence_lets_nothing_through_and_a_wrong_rate_nothing_right() -> None:
         WireKnobs(flips=0.02, loss=0.03, duplicates=0.01, duplicate_bytes=3, bursts=0.01),
     ],
 )
-def test_the_same_however_it_is_split(knobs: WireKnobs) -> None:
+def test_the_result_is_independent_of_the_split(knobs: WireKnobs) -> None:
     whole = damage(knobs).stretch(DATA[:5000])
     line, rng = damage(knobs), np.random.default_rng(7)
     cuts = sorted({0, 5000, *rng.integers(1, 5000, 400).tolist()})

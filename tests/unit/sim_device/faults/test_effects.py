@@ -94,7 +94,7 @@ def test_a_stuck_wheel_does_not_turn() -> None:
     assert drive.rig.truth.left_rad > after.left_rad + 1.0
 
 
-def test_a_slipping_wheel_takes_the_robot_less_far() -> None:
+def test_a_slipping_wheel_shortens_the_driven_path() -> None:
     drive = Drive(rig("wheel-slip@4:2:both,share=0.5"), 0.2)
 
     def gone_m(since_s: float, until_s: float) -> float:
@@ -142,7 +142,7 @@ def test_an_obstacle_is_moved_and_moved_back() -> None:
     assert nearest(drive, 4.3, 5.9) == pytest.approx(1.88, abs=0.01)
 
 
-def test_a_person_walks_by_and_goes() -> None:
+def test_a_person_walks_past_and_leaves() -> None:
     drive = Drive(rig("person@2:3:ahead=0.9,speed=0.8,reach=0.8", plan=AHEAD))
     drive.run(7.0)
     # The surface of the leg crosses 0.84 m ahead of the centre, 0.72 m from the sensor.

@@ -67,7 +67,7 @@ def test_latency_and_jitter_in_the_round_trip() -> None:
 
 
 @pytest.mark.parametrize("fault", ["silence@2:0.5", "wrong-baud@2:0.5", "unplug@2:0.5"])
-def test_nothing_intact_comes_while_it_lasts(fault: str) -> None:
+def test_no_frame_is_intact_during_the_fault(fault: str) -> None:
     drive = Drive(rig(fault))
     drive.run(4.0)
     assert drive.of(Imu, 1.5, 2.0)
@@ -78,7 +78,7 @@ def test_nothing_intact_comes_while_it_lasts(fault: str) -> None:
     assert silent == (fault != "wrong-baud@2:0.5")
 
 
-def test_an_unplugged_port_is_none() -> None:
+def test_an_unplugged_port_does_not_exist() -> None:
     made = rig("unplug@2:1")
     drive = Drive(made)
     plugged: list[bool] = []

@@ -26,7 +26,7 @@ def test_the_end_of_one_does_not_end_another() -> None:
     assert made.faults.active == []
 
 
-def test_what_happened_is_reported_with_its_time() -> None:
+def test_events_are_reported_with_their_time() -> None:
     made = rig("silence@1:0.5", "reset@2", "unplug@9")
     made.step(b"", 3_000_000)
     made.faults.start("lifted@+1:0.25")
@@ -68,7 +68,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     assert first != storm(2)
 
 
-def test_without_faults_a_straight_line_is_none() -> None:
+def test_without_faults_a_straight_line_adds_no_delay() -> None:
     with_rig, bare = rig(seed=3), rig(seed=3).device
     drive = Drive(with_rig, 0.2)
     sent: list[tuple[int, bytes]] = []
@@ -106,7 +106,7 @@ def test_handshake_over_the_real_line_and_its_pace() -> None:
     assert 16_000 <= max(drive.round_trips_us(1.0, 4.0)) < 40_000
 
 
-def test_what_the_host_does_not_take_fills_the_adapter_and_is_lost() -> None:
+def test_bytes_that_the_host_does_not_read_overflow_the_adapter() -> None:
     drive = Drive(rig(settings=LineSettings()))
     drive.run(2.0)
     made, now_us, held = drive.rig, drive.now_us, 0

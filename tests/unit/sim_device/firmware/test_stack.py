@@ -56,7 +56,7 @@ def test_the_deepest_chain_not_the_largest_frame() -> None:
     assert chain == ["main", "long", "copy", "inner"]
 
 
-def test_an_interrupt_of_each_level_comes_on_top() -> None:
+def test_each_interrupt_level_adds_to_the_stack() -> None:
     text = GRAPH.replace(edge("long", "copy"), "") + node("other", "40 bytes (static)")
     made = calls(text)
     assert made.deepest("main") == (216, ["main", "short"])
@@ -73,7 +73,7 @@ def test_an_interrupt_of_each_level_comes_on_top() -> None:
         (edge("leaf", "printf"), "nothing is known of printf"),
     ],
 )
-def test_what_has_no_bound(more: str, why: str) -> None:
+def test_stacks_without_a_bound(more: str, why: str) -> None:
     with pytest.raises(UnboundedStackError, match=why):
         calls(GRAPH + more, LISTING).deepest("main")
 

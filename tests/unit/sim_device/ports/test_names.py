@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_a_link_has_one_owner_and_outlives_nobody(tmp_path: Path) -> None:
+def test_a_pty_link_has_one_owner_and_ends_with_it(tmp_path: Path) -> None:
     link = tmp_path / "sweeper"
     with PtyPort(link) as first:
         assert first.path == str(link)

@@ -85,13 +85,13 @@ def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
         (0x05, b"\x00"),
     ],
 )
-def test_what_there_is_not_is_passed_over(kind: int, payload: bytes) -> None:
+def test_missing_entries_are_ignored(kind: int, payload: bytes) -> None:
     parser = link.Parser()
     assert list(parser.feed(framed(kind, payload) + SENT[link.Boot(1)])) == [link.Boot(1)]
     assert parser.damaged == 1
 
 
-def test_a_reset_forgets_half_a_frame() -> None:
+def test_a_reset_drops_half_a_frame() -> None:
     parser = link.Parser()
     assert not list(parser.feed(SENT[link.Motors(0xFFFF_FFFF, 1, -1, drivers=False)][:-1]))
     parser.clear()

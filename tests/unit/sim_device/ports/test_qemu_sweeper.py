@@ -134,7 +134,7 @@ def test_readings_are_of_the_moment_that_was_asked_for(chip: Chip) -> None:
     assert chip.sweeper.stack_free == 7000
 
 
-def test_what_comes_late_is_not_made_later(chip: Chip) -> None:
+def test_late_requests_do_not_queue_up(chip: Chip) -> None:
     """No readings before the chip has the last ones; of several requests, only the newest."""
     chip.boot()
     chip.step(2_000, chip.request(2_000, 10_000))
@@ -148,7 +148,7 @@ def test_what_comes_late_is_not_made_later(chip: Chip) -> None:
     assert stamps(chip.heard()) == [288_000], "lost, as by a reset: sent anew"
 
 
-def test_the_chips_clock_wraps_and_the_body_goes_on(chip: Chip) -> None:
+def test_the_plant_continues_over_a_wrap_of_the_chips_clock(chip: Chip) -> None:
     chip.boot()
     start_us = WRAP - 25_000
     chip.newest_us = 0

@@ -97,7 +97,7 @@ def test_a_second_client_may_stop_the_robot_and_receives_the_answer(
     served.until(TimeRequest(3))  # the host is still the host
 
 
-def test_nothing_but_its_stop_comes_from_a_second_client(served: Served, stack: ExitStack) -> None:
+def test_only_a_stop_is_accepted_from_a_second_client(served: Served, stack: ExitStack) -> None:
     host, other = served.connect(stack), served.connect(stack)
     host.sendall(wire(HELLO))
     served.until(HELLO)
@@ -134,7 +134,7 @@ def test_a_host_that_reads_nothing_does_not_hold_up_the_answer_to_a_stop(
     assert other.recv(100) == b"the answer"
 
 
-def test_a_stop_goes_into_what_room_the_line_has(served: Served, stack: ExitStack) -> None:
+def test_a_stop_uses_the_remaining_room_of_the_line(served: Served, stack: ExitStack) -> None:
     host, other = served.connect(stack), served.connect(stack)
     host.sendall(bytes(20_000))  # the line is full of the host's own bytes
     other.sendall(wire(STOP))

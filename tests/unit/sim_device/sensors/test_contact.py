@@ -91,7 +91,7 @@ def test_backing_off_a_wall_frees_the_switch_after_its_travel() -> None:
     assert RELEASE_M < gap_m < RELEASE_M + 1.1e-4
 
 
-def test_stuck_halves_are_pressed_whatever_touches() -> None:
+def test_stuck_bumper_switches_stay_pressed() -> None:
     suite = sensors(plant(room((1.0, 1.0, 0.0), walls=SMALL)))
     suite.faults.bumper_stuck_left = True
     assert suite.bumpers() == LEFT

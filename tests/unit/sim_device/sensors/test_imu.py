@@ -207,7 +207,7 @@ def test_the_bias_follows_the_temperature_in_a_straight_line() -> None:
     assert abs(accel_slopes[0]) <= 0.05
 
 
-def test_warming_moves_the_typical_bias_less_within_a_lane_than_motion_does() -> None:
+def test_warming_changes_the_typical_bias_less_in_a_lane_than_motion() -> None:
     """After a calibration the main error is motion's 0.01 °/s.
 
     The lane is 20 s of the first minute.
@@ -252,7 +252,7 @@ def test_scale_is_within_its_tolerance() -> None:
 # Faults.
 
 
-def test_frozen_registers_repeat_and_go_on_from_where_the_chip_is() -> None:
+def test_frozen_registers_repeat_and_then_continue() -> None:
     faults = SensorFaults()
     body = Scripted(heading_deg=lambda t: 20.0 * t * t)
     device = chip(body, faults=faults)

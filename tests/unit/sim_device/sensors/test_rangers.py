@@ -79,7 +79,7 @@ def test_a_reading_is_never_older_than_a_cycle_and_its_flight() -> None:
         assert -1e-6 <= late_ms < 60.0 + MS_PER_M * reported
 
 
-def test_between_pings_and_before_the_echo_the_last_one_stands() -> None:
+def test_the_last_echo_is_kept_between_pings() -> None:
     device = sonar()
     assert device.read(5, before_wall(1.0), CENTRE) is None  # 5.8 ms for a metre
     assert device.read(6, before_wall(1.0), CENTRE) == pytest.approx(1.0)
@@ -155,7 +155,7 @@ def test_spurious_echoes_come_as_often_as_the_level_sets_and_from_anywhere() -> 
     assert fmean(strange) == pytest.approx(2.01, abs=4.0 * 3.98 / math.sqrt(12.0 * len(strange)))
 
 
-def test_a_strange_sound_is_heard_in_an_empty_room_too() -> None:
+def test_crosstalk_occurs_in_an_empty_room_too() -> None:
     level = replace(NONE, ultrasonic_crosstalk=0.1)
     reported = pings(sonar(level), 1000, 8.0)
     assert within(1000 - reported.count(None), 1000, 0.1)

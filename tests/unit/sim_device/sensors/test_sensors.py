@@ -174,7 +174,7 @@ def test_gyro_noise_has_the_datasheets_density() -> None:
     assert np.std(samples) == pytest.approx(0.005 * math.sqrt(50.0), rel=0.05)
 
 
-def test_a_rest_removes_the_turn_on_bias_but_not_what_motion_brings() -> None:
+def test_a_rest_removes_the_turn_on_bias_but_not_the_motion_bias() -> None:
     level = noise_level("typical")
     left = []
     for seed in range(6):
@@ -220,7 +220,7 @@ def test_a_wall_aslant_reads_its_nearest_part_within_the_cone(angle_deg: float) 
 
 
 @pytest.mark.parametrize("angle_deg", [36.0, 45.0, -45.0, 60.0])
-def test_a_wall_too_far_aslant_gives_no_echo(angle_deg: float) -> None:
+def test_a_too_oblique_wall_gives_no_echo(angle_deg: float) -> None:
     pose = Pose2(18.0, 10.0, math.radians(angle_deg))
     assert looking(pose, world(CENTRE)).ultrasonic_m is None
 
@@ -246,7 +246,7 @@ def test_an_obstacles_corner_echoes_only_when_near(distance: float, seen: bool) 
     assert reading == (pytest.approx(distance) if seen else None)
 
 
-def test_a_mirror_still_hides_what_stands_behind_it() -> None:
+def test_a_mirror_wall_still_hides_obstacles_behind_it() -> None:
     slanted = ((10.5, 9.0), (11.5, 9.0), (13.5, 11.0), (12.5, 11.0))
     behind = box(13.0, 9.0, 13.2, 11.0)
     made = world(room((10.0, 10.0, 0.0), obstacles=(slanted,)))

@@ -60,7 +60,7 @@ def test_rays_meet_the_first_wall_with_its_angle() -> None:
     assert cosines == pytest.approx([1.0, 1.0, 1.0, math.sqrt(0.5)])
 
 
-def test_a_ray_along_an_obstacle_side_hits_what_stands_across_it() -> None:
+def test_a_ray_along_an_obstacle_side_hits_the_edge_across_it() -> None:
     made = world(room((1.0, 1.0, 0.0), obstacles=(box(5.0, 5.0, 6.0, 6.0),)))
     ranges, _ = made.cast(np.array([2.0]), np.array([5.0]), np.array([1.0]), np.array([0.0]))
     assert ranges == pytest.approx([3.0])
