@@ -21,7 +21,7 @@ _HALF = 1 << 31
 
 
 def elapsed_us(since_us: Stamps, until_us: Stamps) -> Stamps:
-    """Microseconds from one stamp to another, by their low 32 bits; negative for an earlier one.
+    """Return the microseconds from one stamp to another, by their low 32 bits.
 
     The result is negative for an earlier stamp. Valid for stamps less than 35 minutes apart.
     """

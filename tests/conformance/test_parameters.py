@@ -186,7 +186,7 @@ def test_saved_values_survive_a_reboot_and_others_do_not(device: Probe) -> None:
 
 @pytest.mark.slow
 def test_a_factory_reset_erases_saved_values(device: Probe) -> None:
-    """The device's own values are put back and saved again, whatever comes of the check."""
+    """The check restores and saves the device's own values, whatever its result."""
     device.handshake()
     found = writable(every(device))
     device.needs(bool(found), "no parameter can be set")

@@ -211,7 +211,7 @@ def test_sequence_numbers_count_every_frame(device: Probe) -> None:
 
 @pytest.mark.link("uart")
 def test_another_codec_reads_its_bytes(device: Probe) -> None:
-    """The whole capture by a second codec that shares no code with ours."""
+    """A second codec that shares no code with ours reads the whole capture."""
     device.handshake()
     device.forget()
     device.ping()

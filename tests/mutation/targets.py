@@ -44,7 +44,7 @@ class Target:
 
 
 def _tests(*names: str) -> tuple[str, ...]:
-    """Paths of test files, each given as ``folder/name``."""
+    """Return paths of test files, each given as ``folder/name``."""
     places = (name.rpartition("/")[::2] for name in names)
     return tuple(f"{_UNIT}/{folder}/test_{name}.py" for folder, name in places)
 
@@ -55,7 +55,7 @@ TARGETS = (
         "modes",
         "sim_device.device.modes",
         _tests("sim_device/device/mode_table", "sim_device/device/modes"),
-        frozenset({"drawn", "rejections"}),  # what is printed
+        frozenset({"drawn", "rejections"}),  # only printed
     ),
     Target(
         "mission",

@@ -161,7 +161,7 @@ def test_axes_are_left_out_while_the_robot_is_moved() -> None:
 
 
 def test_a_knock_is_not_reported_as_a_tilt() -> None:
-    """Half a second with one side raised counts; a blow of 2 g along the wrong axis does not."""
+    """A side raised for half a second counts. A blow of 2 g along the wrong axis does not."""
     stand = Stand()
     felt = stand.device.sensors.imu
     knocks = iter(range(1_000_000))

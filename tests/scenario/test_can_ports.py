@@ -297,7 +297,7 @@ def test_datagrams_that_are_no_frames_do_not_end_the_port() -> None:
 
 
 def test_only_data_frames_reach_the_device() -> None:
-    """An error frame has an identifier and data as well: those of the controller's report."""
+    """Error frames have an identifier and data too: the controller's report."""
     group = "239.74.163.6"
     with (
         MulticastPort(MulticastBus, group) as device,

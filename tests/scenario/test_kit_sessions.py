@@ -149,7 +149,7 @@ def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
 
 @pytest.mark.parametrize("state", sorted(WAYS))
 def test_every_command_for_all_devices_is_ignored_in_every_state(state: int) -> None:
-    """A stop and a hello may: node 0 then addresses this one device."""
+    """Exceptions are a stop and a hello: node 0 then addresses this one device."""
     commands = [c for c in COMMANDS if not isinstance(c, Stop | HostHello)]
     commands += [GetParameter(0, SPEED), SetParameter(0, SPEED, 2, NEW), SaveParameters(0)]
     commands += [SetStreamRate(0, 0x13, 0), Reboot(0, RebootKind.NORMAL)]
@@ -175,7 +175,7 @@ def test_every_command_for_all_devices_is_ignored_in_every_state(state: int) -> 
 
 @pytest.mark.parametrize("state", [VELOCITY, ONBOARD, RUNNING, PAUSED, BRINGUP, IDLE])
 def test_every_command_while_it_is_lifted(state: int) -> None:
-    """The floor disappears in this state: motion stops, and nothing can start in the air."""
+    """The floor disappears in each state: motion stops, and nothing can start in the air."""
     writer = Numbered()
     for command in COMMANDS:
         writer.read(Readings())
@@ -216,7 +216,7 @@ def test_a_wheel_that_does_not_turn(current_ma: int, fault: str) -> None:
     ],
 )
 def test_an_implausible_gyro(imu: tuple[int, int, int, int, int, int, int]) -> None:
-    """Onboard it stops the plan; with a host it is reported."""
+    """Onboard it stops the plan. With a host it is only reported."""
     writer = Numbered()
     lively = [(i % 3, 0, 16384 + i % 2, 0, 0, 0, i % 4) for i in range(250)]
     for reading in lively:

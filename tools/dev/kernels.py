@@ -27,7 +27,7 @@ _MADE_WITH = ("setup.py", "requirements-build.lock")
 """Further inputs of every compiled module; the lock names the version of Cython."""
 
 _ARRAYS = "bridge/motion/arrays.pxd"
-"""What a kernel that declares its types itself uses of other files."""
+"""Further input of a kernel that declares its types itself."""
 _CIMPORT = re.compile(r"^from ([\w.]+) cimport (\w+)", re.MULTILINE)
 
 

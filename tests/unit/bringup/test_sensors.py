@@ -60,7 +60,7 @@ def test_two_distances_give_scale_and_offset() -> None:
 
 
 def test_the_devices_own_correction_is_included() -> None:
-    """Raw r, the device sends 1.1 r - 0.01, the truth is 1.05 r + 0.002."""
+    """The raw value is r, the device sends 1.1 r - 0.01, and the truth is 1.05 r + 0.002."""
     points = [Point(1.05 * r + 0.002, 1.1 * r - 0.01, 0.0, 40) for r in (0.1, 0.3)]
     found = fit(points, 1.1, -0.01)
     assert found.scale == pytest.approx(1.05)

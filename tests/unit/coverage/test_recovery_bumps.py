@@ -97,7 +97,7 @@ def test_evidence_on_the_other_side_does_not_count() -> None:
 
 
 def test_a_followed_wall_is_not_the_contact() -> None:
-    """A convex wall abeam on the right, and an unknown obstacle ahead of it to the right."""
+    """A convex wall is abeam on the right, and an unknown obstacle ahead of it to the right."""
     memory = empty()
     standing(memory, -75.0, 0.002)
     met = memory.contact_rad(HERE, left=False, right=True)

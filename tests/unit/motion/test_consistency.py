@@ -240,7 +240,10 @@ def test_slip_and_vibration_leave_the_scales_uncertain() -> None:
 
 
 def test_only_the_vibration_part_of_the_gyro_walk_grows() -> None:
-    """With the cube: 0.005 °/√s is the chip's own, at rest as in motion."""
+    """That part grows with the cube of the vibration.
+
+    The chip's own 0.005 °/√s is the same at rest and in motion.
+    """
     for vibration_m_s2, grown in ((0.15, 1.0), (0.30, 8.0)):
         estimator = PoseEstimator(MODEL, ORIGIN)
         estimator.ekf.inflate_for_vibration(vibration_m_s2)

@@ -83,7 +83,7 @@ def test_inertial_evidence_after_a_bump_is_kept() -> None:
 @pytest.mark.parametrize("speed_m_s", [0.06, 0.15, 0.2])
 @pytest.mark.parametrize("pressed", [1, 3])
 def test_after_a_bumper_release_the_wheels_path_counts(speed_m_s: float, pressed: int) -> None:
-    """By inertia a jerk looks like a stop, but the robot rolls on: the wheels' path counts."""
+    """By inertia a jerk looks like a stop, but the robot rolls on, so the wheels' path counts."""
     drive, contact = struck(speed_m_s)
     for k in range(8):
         contact.update(left=k < pressed, right=False, grazing=False)

@@ -171,7 +171,7 @@ def test_a_stall_that_was_none_costs_no_way() -> None:
 
 @pytest.mark.parametrize("into", [1.0, -1.0])
 def test_wheels_that_turn_away_from_an_obstacle_count(into: float) -> None:
-    """A start too gentle for the accelerometer: by inertia alone the robot would stand still."""
+    """The start is too gentle for the accelerometer, by which the robot would stand still."""
     bridge = InertialBridge(0.1 * into)
     bridge.push(-10.0 * into, 0.0, 0.0, 0.01)
     assert not any(bridge.over(0.05 * into, 0.02) for _ in range(10)), "pushed on: it stands"

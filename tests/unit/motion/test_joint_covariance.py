@@ -45,7 +45,7 @@ def test_a_held_state_counts_with_its_variance_and_stays() -> None:
 
 
 def test_the_correlation_of_two_held_states_stays() -> None:
-    """As Joseph's form gives it with their gains zero, for any covariance."""
+    """Joseph's form with zero gains for held states gives the same, for any covariance."""
     rng = np.random.default_rng(1)
     root = rng.normal(size=(5, 5))
     joint_covariance = JointCovariance((1.0,) * 5)

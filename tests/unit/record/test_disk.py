@@ -314,7 +314,7 @@ def test_a_later_file_that_exists_is_reported_at_once(tmp_path: Path) -> None:
 
 
 def test_files_of_other_runs_beside_the_first_file(tmp_path: Path) -> None:
-    """An earlier longer run, replaced by a shorter one; a file that only has a beginning."""
+    """An earlier longer run was replaced by a shorter one; one file has only a beginning."""
     path = tmp_path / "run.mcap"
     for seconds, opened_ns in ((40, EPOCH_NS), (20, EPOCH_NS + 1)):
         info = replace(run_info(), opened_unix_ns=opened_ns)

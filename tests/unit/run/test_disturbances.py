@@ -41,7 +41,7 @@ def test_a_new_estimator_works_too() -> None:
 
 
 def test_a_host_reports_its_robots_bumps() -> None:
-    """A chair's leg, 52° off the bow, at 0.2 m/s, 2 s after the start."""
+    """The robot hits a chair's leg 52° off its heading at 0.2 m/s, 2 s after the start."""
     sink = Events()
     room = generate_room(105, np.random.default_rng([0x5EED, 105]), "legs")
     run_virtual(room, RobotModel(), "recovery", sink, seed=5, noise="typical", max_time_s=4.0)

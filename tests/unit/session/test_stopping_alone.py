@@ -115,7 +115,7 @@ def test_the_node_that_confirms_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_bytes_are_the_same_from_every_sender(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that two senders on one bus never disturb each other."""
+    """Two senders on one bus then never disturb each other."""
     line = Line(lambda _: None)
     line.now_ns += 123_456_789
     with pytest.raises(NoDeviceError):

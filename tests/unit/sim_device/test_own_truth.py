@@ -85,7 +85,7 @@ def test_the_expected_figures_do_not_use_the_hosts_code(root: str) -> None:
 
 
 def test_the_expected_modules_exist() -> None:
-    """Otherwise a renamed module would pass forever."""
+    """Without this test a renamed module would pass forever."""
     for module in RECKONING:
         assert file_of(module) is not None, module
     assert everything_behind({"bridge.motion.estimation.estimator"}) & RECKONING

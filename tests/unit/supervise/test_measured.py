@@ -211,7 +211,7 @@ def test_a_gap_ends_the_slip_that_was() -> None:
 
 
 def test_a_step_of_0_3_s_is_not_smoothed() -> None:
-    """The time constant of the slip's smoothing, in one step."""
+    """The step equals the time constant of the slip's smoothing."""
     measured = Measured(MODEL)
     measured.step(_step(0.0, encoders=Encoders(0, 0)))
     measured.step(_step(0.3, encoders=Encoders(0, 300)))

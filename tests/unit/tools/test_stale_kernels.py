@@ -55,7 +55,7 @@ def test_a_module_of_another_source_is_stale(source: Path, changed: str) -> None
 
 
 @pytest.mark.parametrize("changed", ["bridge/typed.pxd", "bridge/used/deep.pxd"])
-def test_what_takes_types_of_a_changed_file_is_stale(source: Path, changed: str) -> None:
+def test_a_module_with_types_of_a_changed_file_is_stale(source: Path, changed: str) -> None:
     typed = source.with_name("typed.py")
     typed.write_text("x = 1\n")
     (kernels.ROOT / "bridge" / "used").mkdir()

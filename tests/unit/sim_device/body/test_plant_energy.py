@@ -25,7 +25,7 @@ def _both(body: Plant) -> list[tuple[float, float]]:
 
 
 def test_the_batterys_energy_equals_the_sum_of_its_consumers() -> None:
-    """From voltages and currents alone, by the trapezoidal rule, without the plant's own sums."""
+    """The trapezoidal rule on voltages and currents is used, not the plant's own sums."""
     body = plant(CENTRE, battery=BatteryParameters(), chassis=Chassis())
     battery = internal = electronics = bridge = winding = shaft = 0.0
     for drive in ((0.5, 0.8), (0.9, 0.3), (-0.7, 0.7), (0.0, 0.0), (0.6, 0.6)):

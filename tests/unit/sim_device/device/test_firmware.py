@@ -73,7 +73,7 @@ def test_hello_names_device_boot_and_session() -> None:
 
 
 def test_session_id_0_means_no_session() -> None:
-    """The loss of a host without a session could not be detected."""
+    """A session with id 0 would never be lost, so the device must not open one."""
     bench = Bench()
     bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))
     assert not bench.firmware.negotiated

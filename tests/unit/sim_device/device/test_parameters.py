@@ -222,7 +222,7 @@ def test_signed_and_switched_values() -> None:
 
 
 def test_a_stored_value_out_of_range_is_ignored() -> None:
-    """A store written by another version of the firmware."""
+    """Such a value can come from another version of the firmware."""
     store = ParameterStore(SOME, {"signed": to_raw(F32, 99), "gone": 1, "switch": 0})
     assert store.value("signed") == -5
     assert store.value("switch") == 0

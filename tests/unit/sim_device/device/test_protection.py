@@ -247,7 +247,7 @@ def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) 
 
 @pytest.mark.parametrize("noise", ["none", "harsh"])
 def test_a_sound_robot_is_never_reported_as_miswired(noise: str) -> None:
-    """The hardest reversals, a wall, a person that drags it back."""
+    """The robot makes the hardest reversals, meets a wall, and is dragged back by a person."""
     bench = Bench(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)), noise)
     for _ in range(6):
         bench.drive(0.5, 0.3, 0.0)

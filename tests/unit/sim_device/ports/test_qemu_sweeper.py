@@ -135,7 +135,7 @@ def test_readings_are_of_the_moment_that_was_asked_for(chip: Chip) -> None:
 
 
 def test_late_requests_do_not_queue_up(chip: Chip) -> None:
-    """No readings before the chip has the last ones; of several requests, only the newest."""
+    """Readings are sent only after the last ones have arrived, and for the newest request."""
     chip.boot()
     chip.step(2_000, chip.request(2_000, 10_000))
     assert stamps(chip.heard()) == [10_000]
