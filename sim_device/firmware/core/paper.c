@@ -215,13 +215,13 @@ static void step_on(paper_t *paper)
 static void end_recovery(paper_t *paper, log_t *log)
 {
     paper->turns = 0; /* otherwise a second case 3 would count the same lanes again */
-    decide(log, "recovery-end", "swept as far as possible", "");
+    decide(log, "recovery-end", "occluded region swept as far as possible", "");
     step_on(paper);
 }
 
 static void begin_recovery(paper_t *paper, log_t *log)
 {
-    decide(log, "recovery-begin", "driving back into the area that the obstacle hid", "");
+    decide(log, "recovery-begin", "return to the occluded region", "");
     if (paper->length_m <= 0.0f) {
         end_recovery(paper, log);
         return;
