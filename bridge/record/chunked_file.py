@@ -13,7 +13,7 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from bridge.record.chunk import CHUNK_BYTES, OpenChunk
 from bridge.record.errors import LogWriteError
-from bridge.record.mcap_file import MAGIC, McapFile, bytes_of
+from bridge.record.mcap_file import MAGIC, McapFile, bytes_of, chunk_record
 from bridge.record.storage import open_log_file
 
 if TYPE_CHECKING:
@@ -31,6 +31,23 @@ class LogOpener(Protocol):
         """Open ``path`` for writing, or raise a :class:`LogError`."""
 
 
+class ChunkTap(Protocol):
+    """Receives the records of a log as they are written, in the writer's thread; never waits."""
+
+    def begin(self) -> None:
+        """A file begins: ids of schemas and channels count from 1 again."""
+
+    def take(self, declarations: bytes, chunk: bytes, messages: int) -> None:
+        """Take a chunk.
+
+        Args:
+            declarations: records of the schemas and channels that are new since the last chunk.
+            chunk: record of the chunk.
+            messages: number of its messages.
+
+        """
+
+
 class ChunkedFile:
     """Writes one MCAP file in whole chunks. Not thread-safe.
 
@@ -45,8 +62,9 @@ class ChunkedFile:
         force: bool = False,
         library: str = "sweepctl",
         opener: LogOpener = open_log_file,
+        tap: ChunkTap | None = None,
     ) -> None:
-        """Create the file.
+        """Create the file; ``tap`` also gets its chunks.
 
         Raises:
             LogExistsError: the file exists, and ``force`` is False.
@@ -58,6 +76,11 @@ class ChunkedFile:
         self.chunk = OpenChunk()
         """The open chunk; public for callers that append many rows."""
         self._schema_ids: dict[str, int] = {}
+        self._tap = tap
+        self._declarations: list[bytes] = []
+        """Records of schemas and channels that the tap does not have yet."""
+        if tap is not None:
+            tap.begin()
         self.closed = False
         try:
             self.out.write(MAGIC + bytes_of(Header(profile="", library=library)))
@@ -87,7 +110,8 @@ class ChunkedFile:
         if schema_id is None:
             schema_id = self._schema_ids[name] = len(schemas) + 1
             schemas[schema_id] = Schema(id=schema_id, data=data, encoding=encoding, name=name)
-            self.chunk.declare(bytes_of(schemas[schema_id]))
+            self._declarations.append(bytes_of(schemas[schema_id]))
+            self.chunk.declare(self._declarations[-1])
         channel_id = len(channels) + 1
         channels[channel_id] = Channel(
             id=channel_id,
@@ -96,7 +120,8 @@ class ChunkedFile:
             metadata={},
             schema_id=schema_id,
         )
-        self.chunk.add_channel(bytes_of(channels[channel_id]))
+        self._declarations.append(bytes_of(channels[channel_id]))
+        self.chunk.add_channel(self._declarations[-1])
         return channel_id
 
     def add_message(
@@ -153,8 +178,13 @@ class ChunkedFile:
         if self.out.failure is not None:
             raise self.out.failure
         closed = self.chunk.close()
-        if closed is not None:
-            self.out.add_chunk(closed)
+        if closed is None:
+            return
+        self.out.add_chunk(closed)
+        if self._tap is not None:
+            declarations = b"".join(self._declarations)
+            self._tap.take(declarations, chunk_record(closed), closed.messages)
+        self._declarations.clear()
 
     def finish(self) -> None:
         """Close the last chunk, write the summary and close the file. It may be called again.

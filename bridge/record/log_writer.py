@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from bridge.record.chunked_file import LogOpener
+    from bridge.record.chunked_file import ChunkTap, LogOpener
     from bridge.record.encode.foxglove import MessageType
     from bridge.record.encode.layout import FlatMessage
     from bridge.record.encode.ros import RosTopic
@@ -76,8 +76,9 @@ class RunWriter:
         *,
         force: bool = False,
         opener: LogOpener = open_log_file,
+        tap: ChunkTap | None = None,
     ) -> None:
-        """Create the file and write its attachments and metadata.
+        """Create the file and write its attachments and metadata; ``tap`` also gets its chunks.
 
         Raises:
             LogExistsError: the file exists, and ``force`` is False.
@@ -87,7 +88,7 @@ class RunWriter:
         model = info.robot
         self.path = path
         library = f"sweepctl {info.version}"
-        self._file = ChunkedFile(path, force=force, library=library, opener=opener)
+        self._file = ChunkedFile(path, force=force, library=library, opener=opener, tap=tap)
         self._ros = ros.RosTranslator(model)
         self._ros_channels: dict[str, int] = {}
         self._device: dict[str, DeviceTopics] = {}

@@ -65,6 +65,23 @@ class Chunk(NamedTuple):
     entries: Mapping[int, bytes]
     """Log time and offset of each message, 64 bits each, by channel."""
 
+    @property
+    def messages(self) -> int:
+        """Number of messages."""
+        return sum(len(entries) for entries in self.entries.values()) // 16
+
+
+def chunk_record(chunk: Chunk) -> bytes:
+    """Serialise a chunk without the index of its messages."""
+    return _chunk_head(chunk) + chunk.packed
+
+
+def _chunk_head(chunk: Chunk) -> bytes:
+    name = chunk.compression.encode()
+    head = CHUNK_HEAD.pack(chunk.first_ns, chunk.last_ns, chunk.size, chunk.crc)
+    head += struct.pack("<I", len(name)) + name + struct.pack("<Q", len(chunk.packed))
+    return HEAD.pack(Opcode.CHUNK, len(head) + len(chunk.packed)) + head
+
 
 class _Packed:
     """Compressed records for the end of the file. One hour has 14 400 chunks to index."""
@@ -165,10 +182,7 @@ class McapFile:
             LogWriteError: it could not be written.
 
         """
-        name = chunk.compression.encode()
-        head = CHUNK_HEAD.pack(chunk.first_ns, chunk.last_ns, chunk.size, chunk.crc)
-        head += struct.pack("<I", len(name)) + name + struct.pack("<Q", len(chunk.packed))
-        head = HEAD.pack(Opcode.CHUNK, len(head) + len(chunk.packed)) + head
+        head = _chunk_head(chunk)
         start, length = self.offset, len(head) + len(chunk.packed)
         indexes, offsets = bytearray(), dict[int, int]()
         for channel_id, entries in chunk.entries.items():

@@ -15,6 +15,7 @@ from bridge.record.storage import open_log_file
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from bridge.record.chunked_file import ChunkTap
     from bridge.session.records import RunInfo
 
 
@@ -31,9 +32,14 @@ class RecordOptions:
 
 
 def open_log(
-    path: Path, info: RunInfo, options: RecordOptions, *, force: bool = False
+    path: Path,
+    info: RunInfo,
+    options: RecordOptions,
+    *,
+    force: bool = False,
+    tap: ChunkTap | None = None,
 ) -> RunWriter | RotatingWriter:
-    """Create a run's log.
+    """Create a run's log; ``tap`` also gets the chunks of every file.
 
     Raises:
         OutputExistsError: the file exists, and ``force`` is False.
@@ -43,7 +49,7 @@ def open_log(
     opener = partial(open_log_file, fsync=options.fsync)
 
     def make(part: Path, of_part: RunInfo) -> RunWriter:
-        return RunWriter(part, of_part, force=force, opener=opener)
+        return RunWriter(part, of_part, force=force, opener=opener, tap=tap)
 
     if options.rotate_bytes is None and options.rotate_s is None:
         return make(path, info)

@@ -28,3 +28,19 @@ class ViewerFailedError(BridgeError):
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(f"the viewer ended with status {status}: {reason}")
         self.status = status
+
+
+class FoxgloveMissingError(BridgeError):
+    """foxglove-sdk is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the live server for Foxglove is not installed: pip install 'sweepctl[foxglove]'"
+        )
+
+
+class FoxgloveServerError(BridgeError):
+    """The live server for Foxglove cannot listen on its address."""
+
+    def __init__(self, host: str, port: int, reason: str) -> None:
+        super().__init__(f"cannot serve Foxglove on {host}:{port}: {reason}")

@@ -70,6 +70,12 @@ class Command:
             assert found, "".join(self._lines)
             assert any(text in line for line in self._lines), "".join(self._lines)
 
+    @property
+    def printed(self) -> str:
+        """What it has printed on stderr so far."""
+        with self._printed:
+            return "".join(self._lines)
+
     def first_line(self) -> str:
         assert self.process.stdout is not None
         return self.process.stdout.readline()

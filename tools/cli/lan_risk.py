@@ -23,3 +23,10 @@ def bus_risk(port: str, *, lan: bool, keyed: bool) -> str | None:
     allowed = "stop the robot and forge its data" if keyed else "drive the robot"
     hint = "" if keyed else "; protect it with a key (sweepctl key)"
     return f"every machine on the network can join this bus and {allowed}{hint}"
+
+
+def viewer_risk(host: str) -> str | None:
+    """Return the risk of a viewer's server; None if only this machine reaches it."""
+    if is_loopback(host):
+        return None
+    return "every machine that reaches this port over the network can read the robot's data"

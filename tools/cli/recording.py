@@ -73,7 +73,9 @@ def check_unrecorded(
     if no_record and (out is not None or force or recording != RecordOptions()):
         raise click.UsageError("--no-record writes no log: omit the options of the log")
     if no_record and views:
-        raise click.UsageError("--view and --serve show the log of a run: omit --no-record")
+        raise click.UsageError(
+            "--view, --serve and --foxglove show the log of a run: omit --no-record"
+        )
 
 
 def viewing_options(f: Callable[..., object]) -> Callable[..., object]:

@@ -12,6 +12,7 @@ from tools.cli import options, planners
 from tools.cli.adapter_delay import adapter_delay_option
 from tools.cli.completion import complete_room
 from tools.cli.console import complain, print_summary
+from tools.cli.foxglove import foxglove_option
 from tools.cli.on_event import on_option
 from tools.cli.port_options import port_argument
 from tools.cli.recording import (
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
     "or end the run.  [default: ask on a terminal, else never]",
 )
 @viewing_options
+@foxglove_option
 @on_option
 @recording_options
 @no_record_option
@@ -102,6 +104,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     key_file: Path | None,
     view: bool,
     serve: bool,
+    foxglove: tuple[str, int] | None,
     on_events: tuple[tuple[str, str], ...],
     robot: Path | None,
     start: Pose2 | None,
@@ -142,7 +145,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     if resume is not None and planner is None:
         raise click.UsageError("--resume needs --plan")
     recording = take_record_options(opening)
-    check_unrecorded(no_record, out, recording, force=force, views=view or serve)
+    check_unrecorded(
+        no_record, out, recording, force=force, views=view or serve or foxglove is not None
+    )
     model, robot_toml = load_robot(robot)
     if start is not None and not room:
         raise click.UsageError("--start needs --room")
@@ -168,6 +173,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             recording=recording,
             view=view,
             serve=serve,
+            foxglove=foxglove,
             on_events=on_events,
             battery=load_supervise(robot).battery,
             opening=PortOptions(**opening),

@@ -8,6 +8,7 @@ import click
 
 from tools.cli import options
 from tools.cli.console import flush, inform, write_line
+from tools.cli.foxglove import foxglove_option
 from tools.cli.log_file import LogPath
 
 
@@ -20,7 +21,7 @@ from tools.cli.log_file import LogPath
     "--speed",
     type=click.FloatRange(0.01, 1000.0),
     metavar="FACTOR",
-    help="Playback speed in the viewer.  [default: 1]",
+    help="Playback speed in the viewer or in Foxglove.  [default: 1]",
 )
 @click.option(
     "--from",
@@ -38,6 +39,7 @@ from tools.cli.log_file import LogPath
     help="End of the playback, seconds after the beginning of the log.",
 )
 @click.option("--serve", is_flag=True, help="Show the log in a browser on this machine.")
+@foxglove_option
 @click.option(
     "--link",
     type=click.Choice(["pty"]),
@@ -61,12 +63,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     start_s: float,
     end_s: float | None,
     serve: bool,
+    foxglove: tuple[str, int] | None,
     link: str | None,
     pty_link: Path | None,
     check: bool,
     as_json: bool,
 ) -> int:
-    """Play FILE in Rerun, or as a robot on a virtual port.
+    """Play FILE in Rerun or Foxglove, or as a robot on a virtual port.
 
     FILE is a log, a `candump -l` log, or the raw bytes of a serial line. With --link the recorded
     robot is on a port, whose name is the first line on stdout ("ready PORT"). It sends its recorded
@@ -75,19 +78,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.convert.file_kinds import MCAP, kind_of
     from bridge.convert.sources import readable
 
-    if pty_link is not None and link is None:
-        raise click.UsageError("--pty-link needs --link pty")
     is_part = bool(start_s) or end_s is not None
-    if check and (link is not None or speed is not None or serve or is_part):
-        raise click.UsageError("--check plays nothing: give no option with it but --json")
+    is_viewed = serve or foxglove is not None or speed is not None or is_part
+    _check_usage(link, pty_link, check=check, as_json=as_json, is_viewed=is_viewed)
+    if serve and foxglove is not None:
+        raise click.UsageError("give --serve (Rerun) or --foxglove, not both")
     if end_s is not None and end_s <= start_s:
         raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
-    if link is not None and (speed is not None or serve or is_part):
-        raise click.UsageError(
-            "--link plays the whole log in real time: omit --speed, --serve, --from and --to"
-        )
-    if as_json and not check:
-        raise click.UsageError("--json needs --check")
     if check and kind_of(file) != MCAP:
         from bridge.record.errors import LogReadError
 
@@ -97,7 +94,31 @@ def command(  # noqa: PLR0913 - one parameter per option
             return _check(log, as_json=as_json)
         if link is not None:
             return _serve(log, pty_link)
+        if foxglove is not None:
+            return _foxglove(log, foxglove, speed or 1.0, (start_s, end_s))
         return _view(log, speed or 1.0, (start_s, end_s), serve=serve)
+
+
+def _check_usage(
+    link: str | None, pty_link: Path | None, *, check: bool, as_json: bool, is_viewed: bool
+) -> None:
+    """Check that the options go together.
+
+    Raises:
+        click.UsageError: they do not.
+
+    """
+    if pty_link is not None and link is None:
+        raise click.UsageError("--pty-link needs --link pty")
+    if check and (link is not None or is_viewed):
+        raise click.UsageError("--check plays nothing: give no option with it but --json")
+    if link is not None and is_viewed:
+        raise click.UsageError(
+            "--link plays the whole log in real time: omit --speed, --serve, --foxglove, --from "
+            "and --to"
+        )
+    if as_json and not check:
+        raise click.UsageError("--json needs --check")
 
 
 def _check(log: Path, *, as_json: bool) -> int:
@@ -139,6 +160,35 @@ def _serve(log: Path, pty_link: Path | None) -> int:
         raise PortError(str(error)) from None
     finally:
         stopper.close()
+    return 0
+
+
+def _foxglove(
+    log: Path, address: tuple[str, int], speed: float, span_s: tuple[float, float | None]
+) -> int:
+    """Play a log to Foxglove, then serve its end until a signal."""
+    import threading
+
+    from bridge.record.names import ROBOT_ATTACHMENT
+    from bridge.record.reader import LogReader
+    from bridge.view.following import paced
+    from bridge.view.foxglove.replaying import LogFeed
+    from tools.cli.foxglove import live_foxglove, run_parameters
+    from tools.cli.signals import until_signalled
+
+    reader, ended = LogReader(log), threading.Event()
+    robot = reader.attachments.get(ROBOT_ATTACHMENT, b"").decode("utf-8", "replace")
+    with until_signalled(ended.set), live_foxglove(address, run_parameters(robot)) as publisher:
+        if publisher is None:
+            return 0
+        feed = LogFeed(publisher)
+        start_s, end_s = span_s
+        for batch in paced(reader.messages(), speed, start_s=start_s, end_s=end_s):
+            if ended.is_set():
+                return 0
+            feed.take(batch)
+        inform("the end of the log is reached; press Ctrl-C to end")
+        ended.wait()
     return 0
 
 

@@ -13,6 +13,7 @@ from tools.cli import options, planners
 from tools.cli.completion import complete_room
 from tools.cli.configuration import ConfiguredOption
 from tools.cli.console import complain, err, inform, print_summary
+from tools.cli.foxglove import foxglove_option, live_foxglove, run_parameters
 from tools.cli.on_event import EventCommands, on_option
 from tools.cli.supervising import rule_option
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from bridge.coverage.runner import PlanRunner
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
+    from bridge.record.sink import Sink
     from bridge.run.ending import Ending
     from bridge.run.host import Host
     from sim_device.faults.spec import FaultSpec
@@ -75,6 +77,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="After the device was lost and is back: resume the run automatically, or end it.",
 )
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.01, 1000.0),
+    metavar="FACTOR",
+    help="Simulated seconds for each second, for people who watch.  [default: no limit]",
+)
+@foxglove_option
 @on_option
 @options.robot_option
 @options.start_option
@@ -94,6 +103,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     supervise: bool,
     rules: tuple[str, ...],
     resume: str,
+    speed: float | None,
+    foxglove: tuple[str, int] | None,
     on_events: tuple[tuple[str, str], ...],
     robot: Path | None,
     start: Pose2 | None,
@@ -118,6 +129,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.cli.supervising import supervise_rules
     from tools.version import VERSION
     from tools.virtual.loop import HOST_BOOT_NS
+    from tools.virtual.pace import PacedSink
     from tools.virtual.run import EPOCH_NS, run_virtual
 
     model, robot_toml = load_robot(robot)
@@ -147,11 +159,14 @@ def command(  # noqa: PLR0913 - one parameter per option
         plan,
         extra,
     )
-    writer = RunWriter(path, info, force=force)
     facts = {"port": VIRTUAL_PORT, "log": str(path)}
-    for line in caution_lines(model, plan):
-        inform(line)
-    try:
+    parameters = run_parameters(robot_toml, planner=planner, seed=seed, noise=noise)
+    with (
+        live_foxglove(foxglove, parameters) as publisher,
+        contextlib.closing(RunWriter(path, info, force=force, tap=publisher)) as writer,
+    ):
+        for line in caution_lines(model, plan):
+            inform(line)
         for record in caution_records(model, plan, EPOCH_NS):
             writer.write(record)
         with (
@@ -159,12 +174,13 @@ def command(  # noqa: PLR0913 - one parameter per option
             EventCommands(on_events, facts, complain) as commands,
         ):
             notices = NoticeSink(writer, model, load_supervise(robot).battery, commands.notify)
+            sink: Sink = notices if on_events else writer
             with _progress(max_time_s) as progress:
                 run = run_virtual(
                     plan,
                     model,
                     planner,
-                    notices if on_events else writer,
+                    sink if speed is None else PacedSink(sink, speed),
                     seed=seed,
                     noise=noise,
                     max_time_s=max_time_s,
@@ -187,8 +203,6 @@ def command(  # noqa: PLR0913 - one parameter per option
             if run.crash is not None and ending is not None:
                 complain(ending.reason)
             print_summary(summary, as_json=as_json)
-    finally:
-        writer.close()
     return status
 
 

@@ -47,6 +47,8 @@ class RunFacts:
     """Path of the log."""
     page: str = ""
     """Address of the viewer's page; empty: none is served."""
+    foxglove: str = ""
+    """Address for Foxglove; empty: the run is not served."""
     planner: str = ""
     """Name of the planner; empty: none."""
     plan: FloorPlan | None = None
@@ -110,6 +112,8 @@ def heading(facts: RunFacts, swept_m2: float, now_ns: int, width: int, lines: in
         parts.append(("log", facts.log))
     if facts.page:
         parts.append(("viewer", facts.page))
+    if facts.foxglove:
+        parts.append(("Foxglove", facts.foxglove))
     return _laid_out(parts, width, lines)
 
 

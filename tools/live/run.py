@@ -42,6 +42,7 @@ from bridge.supervise import Supervisor
 from bridge.supervise.settings import BatteryRule
 from tools.cli.cautions import cautions
 from tools.cli.console import inform, is_drawable
+from tools.cli.foxglove import live_foxglove, run_parameters
 from tools.cli.lan_risk import bus_risk
 from tools.cli.on_event import EventCommands
 from tools.cli.planners import DEFAULT_PLANNER
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
     from bridge.run.mission import Resume
     from bridge.supervise import SuperviseSettings
+    from bridge.view.foxglove.publisher import FoxglovePublisher
     from protocol.messages.values import OnboardPlanner
     from tools.cli.on_event import Commands
     from tools.live.terminal_keys import Key
@@ -128,6 +130,8 @@ class LiveOptions:
     """Show the run live in Rerun."""
     serve: bool = False
     """Show the run live in a browser on this machine."""
+    foxglove: tuple[str, int] | None = None
+    """Address on which the run is served to Foxglove; None: it is not."""
     on_events: Commands = ()
     """Commands that the run starts at its events."""
     battery: BatteryRule = field(default_factory=BatteryRule)
@@ -159,15 +163,23 @@ def run_live(asked: LiveOptions) -> LiveResult:
     Raises:
         PortError: the port cannot be opened; nothing was recorded.
         LogError: the log cannot be made; nothing was sent to the robot.
+        FoxgloveServerError: Foxglove cannot be served; nothing was sent to the robot.
 
     """
     check_view(view=asked.view, serve=asked.serve)
+    parameters = run_parameters(asked.robot_toml, port=asked.port, planner=asked.planner_name)
+    with live_foxglove(asked.foxglove, parameters) as publisher:
+        return _run(asked, publisher)
+
+
+def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
+    """Run; ``publisher`` gets the chunks of the log."""
     operator = _operator(asked)
     opener = Opener(asked.port, asked.opening)
     opened = opener()
     replaced = ReplacedLog(asked.log, force=asked.force)
     try:
-        recorder, offset_ns = _recorder(asked)
+        recorder, offset_ns = _recorder(asked, publisher)
     except BaseException:
         opened.close()
         replaced.put_back()
@@ -221,6 +233,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     for source, text in cautions(asked.model, asked.plan):
         host.event(clock.now(), Severity.WARNING, source, EventKind.CAUTION, text)
     operating, facts = _operating(asked, pump, operator), _facts(asked, path)
+    facts.foxglove = "" if publisher is None else publisher.address
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
     with commands:
@@ -325,7 +338,9 @@ def _owner(asked: LiveOptions, pump: Pump, opened: BytePort, page: SharedPage) -
         yield
 
 
-def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
+def _recorder(
+    asked: LiveOptions, publisher: FoxglovePublisher | None
+) -> tuple[ThreadedRecorder, int]:
     """Open the log; return its recorder and the offset from host time to Unix time, ns."""
     offset_ns = clock.unix_offset_ns()
     opened_ns = clock.now() + offset_ns
@@ -342,7 +357,8 @@ def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
     )
     if asked.log is None:
         return ThreadedRecorder(NullSink()), offset_ns
-    recorder = ThreadedRecorder(open_log(asked.log, info, asked.recording, force=asked.force))
+    writer = open_log(asked.log, info, asked.recording, force=asked.force, tap=publisher)
+    recorder = ThreadedRecorder(writer)
     if asked.plan is not None:
         recorder.write(RoomRecord(opened_ns, asked.plan))
     return recorder, offset_ns
