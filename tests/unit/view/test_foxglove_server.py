@@ -182,7 +182,7 @@ def test_a_parameter_of_the_device_is_shown(tmp_path: Path, server: FoxglovePubl
     ]
 
 
-def test_messages_and_services_of_a_client_are_refused(server: FoxglovePublisher) -> None:
+def test_messages_and_services_of_a_client_are_rejected(server: FoxglovePublisher) -> None:
     with FoxgloveClient(server.address) as client:
         client.receive(lambda c: bool(c.op("serverInfo")))
         (info,) = client.op("serverInfo")
@@ -265,7 +265,7 @@ def test_an_address_that_cannot_be_used_is_one_line(server: FoxglovePublisher) -
         FoxglovePublisher("127.0.0.1", server.port, {})
 
 
-def test_without_the_sdk_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_sdk_the_error_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(FoxgloveMissingError, match=r"pip install 'sweepctl\[foxglove\]'"):
         FoxglovePublisher("127.0.0.1", 0, {})
