@@ -94,7 +94,7 @@ class FoxgloveClient:
             assert kind == "protobuf"
             pool = descriptor_pool.DescriptorPool()
             for file in FileDescriptorSet.FromString(base64.b64decode(channel["schema"])).file:
-                pool.Add(file)  # type: ignore[no-untyped-call]  # without types
+                pool.Add(file)
             return message_factory.GetMessageClass(pool.FindMessageTypeByName(name)).FromString
         assert (channel["encoding"], kind) == ("cdr", "ros2msg")
         schema = Schema(id=1, data=channel["schema"].encode(), encoding=kind, name=name)

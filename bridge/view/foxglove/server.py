@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import foxglove
 from foxglove import Channel, Context, Parameter, Schema, StatusLevel
-from foxglove.websocket import Capability
+from foxglove.websocket import Capability, ServerListener
 
 from bridge.io import clock
 from bridge.record.reader import ChunkReader
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import BinaryIO
 
-    from foxglove.websocket import ChannelView, Client, ClientChannel, WebSocketServer
+    from foxglove.websocket import ChannelView, Client, WebSocketServer
 
     from bridge.record.reader import LogChannel, LogMessage
     from bridge.view.foxglove.frames import Frame
@@ -45,8 +45,8 @@ _FLUSH_S = 0.3
 """Time after the last message before the server stops, so that clients get it, s."""
 
 
-class Refusal:
-    """Listener of the server: answers about parameters, resends states, refuses commands."""
+class ReadOnly(ServerListener):
+    """Listener of the server: answers about parameters, resends states, rejects changes."""
 
     def __init__(self, parameters: dict[str, Parameter], resend: Callable[[str], None]) -> None:
         """``resend`` is called with the topic of each new subscription."""
@@ -58,18 +58,6 @@ class Refusal:
         """Resend the state of the topic."""
         del client
         self._resend(channel.topic)
-
-    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
-        """Do nothing."""
-
-    def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
-        """Do nothing: the server refuses it, without the capability to publish."""
-
-    def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
-        """Do nothing."""
-
-    def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        """Do nothing."""
 
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None
@@ -90,12 +78,6 @@ class Refusal:
         known = self._parameters
         return [known[each.name] for each in parameters if each.name in known]
 
-    def on_parameters_subscribe(self, param_names: list[str]) -> None:
-        """Do nothing."""
-
-    def on_parameters_unsubscribe(self, param_names: list[str]) -> None:
-        """Do nothing."""
-
 
 class LiveServer:
     """Publishes the chunks of a log."""
@@ -113,7 +95,7 @@ class LiveServer:
         self._parameters: dict[str, Parameter] = {}
         self._lock = threading.Lock()
         self._reader = ChunkReader()
-        listener = Refusal(self._parameters, self._resend)
+        listener = ReadOnly(self._parameters, self._resend)
         self._server = foxglove.start_server(
             name="sweepctl",
             host=host,
