@@ -25,7 +25,7 @@ LOGS = ("clean.mcap", "cut.mcap", "before.mcap", "after.mcap", "runs/demo-simula
 """Logs that the examples read."""
 NEEDS_ROBOT = frozenset(
     {
-        *("bringup", "connect", "doctor", "drive", "key", "monitor", "reboot", "stop"),
+        *("bringup", "connect", "doctor", "drive", "fleet", "key", "monitor", "reboot", "stop"),
         *("calibrate", "calibrate gyro", "calibrate odometry", "calibrate range"),
         *("param", "param diff", "param get", "param list"),
         *("param reset", "param save", "param set"),

@@ -293,6 +293,34 @@ def ports_of(
     return tuple(port_of(ctx, param, value) for value in values)
 
 
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A robot of the command line: a port, or a name with what the files say about it."""
+
+    given: str
+    """The word of the command line."""
+    port: str
+    values: Mapping[str, Value]
+    """Values of the named robot; empty for a port."""
+
+
+def robots_of(
+    ctx: click.Context, param: click.Parameter, values: tuple[str, ...]
+) -> tuple[Named, ...]:
+    """Return several names or ports with their values, each on its own.
+
+    Raises:
+        click.BadParameter: as for :func:`port_of`.
+
+    """
+    found: list[Named] = []
+    for value in values:
+        ctx.meta.pop(_ROBOT, None)
+        port = port_of(ctx, param, value)
+        found.append(Named(value, port or value, ctx.meta.pop(_ROBOT, {})))
+    return tuple(found)
+
+
 class ConfiguredOption(click.Option):
     """Option whose default a configuration file may set: under its own name."""
 

@@ -30,6 +30,7 @@ _SECTIONS = {
     "Run a robot": {
         "connect": "Open a robot's port, show it and record it; moves nothing unless asked.",
         "drive": "Drive by keyboard or gamepad with a dead-man switch: the robot moves.",
+        "fleet": "Run several robots at once: one dashboard, one STOP for all.",
         "stop": "Stop a robot from any shell, whichever process has its port.",
         "ports": "List the ports on which a robot may be.",
         "monitor": "Show the traffic on a port, decoded; sends nothing.",
@@ -153,7 +154,7 @@ def cli() -> None:
 
 _LIVE = {
     *("connect", "drive", "monitor", "bringup", "calibrate", "param", "key", "stop", "doctor"),
-    *("emulate", "replay", "simulate"),
+    *("emulate", "fleet", "replay", "simulate"),
 }
 """Commands with a loop, a port or a log to close. Their output is queued, so that a reader that
 does not read never blocks them."""
@@ -161,7 +162,7 @@ does not read never blocks them."""
 _STOP = "stop"
 """Command that succeeds only when the device has confirmed the stop, even after Ctrl-C."""
 _UNTIL_ENDED = frozenset(
-    {"connect", "drive", "monitor", "emulate", "simulate", "replay", "view"},
+    {"connect", "drive", "fleet", "monitor", "emulate", "simulate", "replay", "view"},
 )
 """Commands that run until a person ends them. Ctrl-C is their normal end: exit status 0."""
 _SIGNALS = tuple(

@@ -78,6 +78,11 @@ if TYPE_CHECKING:
     help="With --plan, after the device was lost and is back: wait 30 s for the key r to resume, "
     "or end the run.  [default: ask on a terminal, else never]",
 )
+@click.option(
+    "--quiet",
+    is_flag=True,
+    help="Without a terminal: print events only, no line with the state every 5 s.",
+)
 @viewing_options
 @foxglove_option
 @on_option
@@ -104,6 +109,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     key_file: Path | None,
     view: bool,
     serve: bool,
+    quiet: bool,
     foxglove: tuple[str, int] | None,
     on_events: tuple[tuple[str, str], ...],
     robot: Path | None,
@@ -173,6 +179,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             recording=recording,
             view=view,
             serve=serve,
+            quiet=quiet,
             foxglove=foxglove,
             on_events=on_events,
             battery=load_supervise(robot).battery,

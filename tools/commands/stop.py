@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import cast
 
 import click
@@ -26,34 +25,9 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
 
     Exit status: 0 the device has confirmed the stop; 3 it has not, even after Ctrl-C.
     """
-    from bridge.errors import BridgeError, NoOwnerError, PortError
-    from bridge.io.owner_client import ask
-    from bridge.io.reopening import Opener, PortOptions
-    from bridge.io.stopping import stop_device
+    from tools.cli.stopping import stop_port
 
-    def by_wire() -> dict[str, object]:
-        opened = Opener(port, PortOptions(**how))  # type: ignore[arg-type]  # as declared there
-        nodes = stop_device(port, opened, node)
-        first = node if node is not None else nodes[0]
-        return {"by": "wire", "confirmed": True, "node": first, "nodes": nodes}
-
-    found: dict[str, object]
-    try:
-        found = {"by": "owner", **ask(port, {"do": "stop"})}
-        del found["ok"]
-    except NoOwnerError:
-        found = by_wire()
-    except BridgeError as rejection:  # the owner's run may have ended, so the port may be free
-        try:
-            found = by_wire()
-        except PortError as error:
-            text = f"{port}: the process that owns it did not stop the robot ({rejection}); {error}"
-            raise PortError(text) from None
-    else:
-        if not found["confirmed"]:
-            with contextlib.suppress(PortError):  # the owner's answer is printed below
-                found = by_wire()
-    found = {"port": port, **found}
+    found = stop_port(port, node, how)
     if as_json:
         write_json(found)
     if not found["confirmed"]:

@@ -103,7 +103,7 @@ def heading(facts: RunFacts, swept_m2: float, now_ns: int, width: int, lines: in
     if facts.port:
         parts.append(("port", facts.port))
     if facts.began_ns is not None:
-        parts.append(("elapsed", _clock((now_ns - facts.began_ns) / 1e9)))
+        parts.append(("elapsed", elapsed((now_ns - facts.began_ns) / 1e9)))
     if facts.coverage is not None:
         parts.append(("coverage", f"{100.0 * facts.coverage.share(now_ns / 1e9):.1f} %"))
     elif swept_m2 > 0.0:
@@ -139,6 +139,7 @@ def _laid_out(parts: list[tuple[str, str]], width: int, lines: int) -> Text:
     return text
 
 
-def _clock(seconds: float) -> str:
+def elapsed(seconds: float) -> str:
+    """Return a time as hours, minutes and seconds."""
     whole = int(max(0.0, seconds))
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"

@@ -130,6 +130,8 @@ class LiveOptions:
     """Show the run live in Rerun."""
     serve: bool = False
     """Show the run live in a browser on this machine."""
+    quiet: bool = False
+    """Without a terminal print no line with the state every 5 s."""
     foxglove: tuple[str, int] | None = None
     """Address on which the run is served to Foxglove; None: it is not."""
     on_events: Commands = ()
@@ -244,7 +246,7 @@ def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
                     _owner(asked, pump, opened, SharedPage(events, facts)),
                     compared(pump, asked.model, from_file=asked.robot_file),
                     start_checked(pump, asked.model, asked.plan),
-                    _dashboard(pump, events, operating, facts),
+                    _dashboard(pump, events, operating, facts, quiet=asked.quiet),
                 ):
                     gc.freeze()  # the collector skips the objects of the start-up during the run
                     pump.run()
@@ -470,12 +472,13 @@ def _facts(asked: LiveOptions, path: array[float]) -> RunFacts:
 
 @contextlib.contextmanager
 def _dashboard(
-    pump: Pump, events: EventLines, operating: Operating, facts: RunFacts
+    pump: Pump, events: EventLines, operating: Operating, facts: RunFacts, *, quiet: bool
 ) -> Iterator[None]:
     host = pump.host
     if not is_drawable():
         # Called in the loop's thread, which writes the records.
-        events.status = lambda: status_line(host.snapshot())
+        if not quiet:
+            events.status = lambda: status_line(host.snapshot())
         if Keyboard.possible():
             inform(operating.help(_ANY_WIDTH))
         yield

@@ -1,0 +1,54 @@
+"""The stop of a robot on a port, through the port's owner or by the wire."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def stop_port(port: str, node: int | None, how: Mapping[str, Any]) -> dict[str, Any]:
+    """Stop every robot on a port and return what confirmed it: the object of ``stop --json``.
+
+    If another process has the port open, it stops the robot and ends its run. Otherwise the port is
+    opened and the stop is sent.
+
+    Args:
+        port: name of the port.
+        node: device that must confirm the stop; None: every device that is heard.
+        how: options by which the port is opened.
+
+    Raises:
+        PortError: the port cannot be opened.
+        NoDeviceError: a device has not confirmed the stop.
+
+    """
+    from bridge.errors import BridgeError, NoOwnerError, PortError
+    from bridge.io.owner_client import ask
+    from bridge.io.reopening import Opener, PortOptions
+    from bridge.io.stopping import stop_device
+
+    def by_wire() -> dict[str, Any]:
+        nodes = stop_device(port, Opener(port, PortOptions(**how)), node)
+        first = node if node is not None else nodes[0]
+        return {"by": "wire", "confirmed": True, "node": first, "nodes": nodes}
+
+    found: dict[str, Any]
+    try:
+        found = {"by": "owner", **ask(port, {"do": "stop"})}
+        del found["ok"]
+    except NoOwnerError:
+        found = by_wire()
+    except BridgeError as rejection:  # the owner's run may have ended, so the port may be free
+        try:
+            found = by_wire()
+        except PortError as error:
+            text = f"{port}: the process that owns it did not stop the robot ({rejection}); {error}"
+            raise PortError(text) from None
+    else:
+        if not found["confirmed"]:
+            with contextlib.suppress(PortError):  # the owner's answer is returned
+                found = by_wire()
+    return {"port": port, **found}

@@ -1,0 +1,210 @@
+"""``sweepctl fleet``: several robots at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tools.cli import options, planners
+from tools.cli.completion import complete_robot, complete_room
+from tools.cli.configuration import robots_of
+from tools.cli.on_event import on_option
+from tools.cli.port_options import complete_port
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tools.cli.configuration import Named
+    from tools.fleet.fleet import Fleet
+    from tools.fleet.member import Target
+
+_PORT_OPTIONS = ("baud", "bitrate")
+
+
+@click.command(
+    "fleet", epilog="Example:  sweepctl fleet kitchen hall /dev/ttyUSB2 --supervise --duration 3600"
+)
+@click.argument(
+    "robots",
+    metavar="PORT...",
+    nargs=-1,
+    required=True,
+    callback=robots_of,
+    shell_complete=complete_port,
+)
+@click.option(
+    "--plan",
+    "planner",
+    type=planners.PlannerName(),
+    help="Run this planner for each robot on the host: the robots move.",
+)
+@click.option(
+    "--supervise",
+    is_flag=True,
+    help="Start each device's own planner and supervise it: the robots move.",
+)
+@click.option(
+    "--onboard",
+    type=click.Choice(planners.PLANNERS),
+    help=f"With --supervise: planner that the devices run.  [default: {planners.DEFAULT_PLANNER}]",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=options.Number(0.1, 1e6),
+    metavar="N",
+    help="Stop each robot cleanly after N seconds.",
+)
+@click.option(
+    "--room",
+    shell_complete=complete_room,
+    help="Room file or name of a shipped room, the same for all; adds coverage.",
+)
+@click.option(
+    "--robot",
+    type=click.Path(dir_okay=False, path_type=Path),
+    shell_complete=complete_robot,
+    help="Robot file (TOML) for robots without one in the configuration file.",
+)
+@on_option
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for the logs, NAME.mcap each.  [default: runs/<UTC>-<NAME>.mcap]",
+)
+@options.json_option
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    robots: tuple[Named, ...],
+    planner: str | None,
+    supervise: bool,
+    onboard: str | None,
+    duration_s: float | None,
+    room: str | None,
+    robot: Path | None,
+    on_events: tuple[tuple[str, str], ...],
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Connect to several robots, show them on one dashboard, and record a log of each.
+
+    PORT is a port or the name of a robot in a configuration file. Each robot has a process of its
+    own, so that one that fails touches no other. Space stops all robots and waits until each has
+    confirmed; those that have not are named. The robots move only with --plan or --supervise.
+
+    Exit status: that of `connect`, the gravest of all robots; 3 if one did not confirm a stop.
+    """
+    if supervise and planner is not None:
+        raise click.UsageError("give --plan or --supervise, not both")
+    if onboard is not None and not supervise:
+        raise click.UsageError("--onboard needs --supervise")
+    arguments: list[str] = []
+    if planner is not None:
+        arguments += ["--plan", planner]
+    if supervise:
+        arguments += ["--supervise", "--onboard", onboard or planners.DEFAULT_PLANNER]
+    if duration_s is not None:
+        arguments += ["--duration", str(duration_s)]
+    if room is not None:
+        arguments += ["--room", room]
+    for event, line in on_events:
+        arguments += ["--on", event, line]
+    return _run(_targets(robots, out, robot), arguments, as_json=as_json)
+
+
+def _targets(robots: Sequence[Named], out: Path | None, robot: Path | None) -> list[Target]:
+    """Give each robot a label and a log.
+
+    Raises:
+        click.UsageError: a port is given twice.
+        OutputExistsError: a log exists.
+
+    """
+    from bridge.errors import OutputExistsError
+    from tools.cli.paths import is_there
+    from tools.fleet.member import Target
+
+    targets: list[Target] = []
+    for named in robots:
+        if any(each.port == named.port for each in targets):
+            raise click.UsageError(f"the port {named.port} is given twice")
+        label = named.given
+        name = label if named.values else Path(named.port).name
+        log = options.log_path(None, name) if out is None else out / f"{_file_name(label)}.mcap"
+        if out is not None and is_there(log):
+            raise OutputExistsError(log)
+        how = {key: named.values[key].value for key in _PORT_OPTIONS if key in named.values}
+        node = named.values.get("node")
+        own = ("--robot", str(robot)) if robot is not None and "robot" not in named.values else ()
+        targets.append(
+            Target(
+                label,
+                named.given,
+                named.port,
+                None if node is None else int(node.value),
+                how,
+                _unique(log, [each.log for each in targets]),
+                own,
+            )
+        )
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    return targets
+
+
+def _file_name(label: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in label).strip("-.") or "robot"
+
+
+def _unique(log: Path, taken: Sequence[Path]) -> Path:
+    number, made = 2, log
+    while made in taken:
+        made = log.with_name(f"{log.stem}-{number}{log.suffix}")
+        number += 1
+    return made
+
+
+def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) -> int:
+    from tools.cli.console import complain, inform, is_drawable, write_json
+    from tools.cli.signals import until_signalled
+    from tools.fleet.dashboard import FleetDashboard
+    from tools.fleet.fleet import Fleet
+    from tools.live.terminal_keys import Key, Keyboard
+
+    drawn = is_drawable()
+    board = FleetDashboard(has_keys=Keyboard.possible()) if drawn else None
+    fleet = Fleet(
+        targets, arguments, board.line if board else lambda label, line: inform(f"{label}: {line}")
+    )
+
+    def on_key(key: Key) -> None:
+        if key.kind == "press" and key.name in {"space", "s"}:
+            fleet.stop()
+
+    with until_signalled(fleet.end), Keyboard(on_key, releases=False):
+        if board is not None:
+            board.fleet = fleet
+            board.start()
+        try:
+            _wait(fleet)
+        finally:
+            if board is not None:
+                board.stop()
+    if as_json:
+        write_json(fleet.to_dict())
+    for member in fleet.members:
+        ended = member.ended
+        if ended is not None:
+            inform(f"{member.target.label}: {ended.outcome} - {ended.reason}")
+    for label in fleet.unconfirmed:
+        complain(f"{label}: the stop is NOT CONFIRMED; switch the robot off")
+    return fleet.exit_status
+
+
+def _wait(fleet: Fleet) -> None:
+    from bridge.io import clock
+
+    while not fleet.done:
+        clock.pause(0.05)

@@ -1,0 +1,1 @@
+"""Several robots at once: a process each, one dashboard, one stop."""

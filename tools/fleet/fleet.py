@@ -1,0 +1,121 @@
+"""All robots of a fleet together: the stop for all, the end, and the result."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from tools.cli.paths import is_there
+from tools.fleet.member import LOST_STATUS, Member
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from tools.fleet.member import Target
+
+GRAVITY = (3, 5, 4, 2, 1, 0)
+"""Exit statuses from the gravest one to success; the fleet has the gravest of its robots."""
+STOP_S = 30.0
+"""Maximum time for all confirmations of a stop, s: above that of each robot."""
+
+
+class Fleet:
+    """Several members, none of which can delay another."""
+
+    def __init__(
+        self,
+        targets: Sequence[Target],
+        arguments: Sequence[str],
+        on_line: Callable[[str, str], None] = lambda _label, _line: None,
+    ) -> None:
+        """Start a process for each robot; ``arguments`` are options of ``connect``."""
+        self.message = ""
+        """Effect of the newest request, for the dashboard."""
+        self.stop_requested = False
+        self._stopping = threading.Lock()
+        self._stoppers: list[threading.Thread] = []
+        self.members = [Member(target, arguments, on_line) for target in targets]
+
+    @property
+    def done(self) -> bool:
+        """True if every process has ended and every stop has its result."""
+        return all(member.ended is not None for member in self.members) and not any(
+            thread.is_alive() for thread in self._stoppers
+        )
+
+    def end(self) -> None:
+        """Ask every process for a clean end; does not wait."""
+        self.message = "ending: the robots stop, then the logs are closed"
+        for member in self.members:
+            member.end()
+
+    def stop(self) -> None:
+        """Stop every robot, also one whose process has ended; does not wait."""
+        with self._stopping:
+            if any(thread.is_alive() for thread in self._stoppers):
+                return
+            self.stop_requested = True
+            self.message = "STOP: waiting for every robot to confirm"
+            self._stoppers = [
+                threading.Thread(target=member.stop, daemon=True) for member in self.members
+            ]
+            for thread in self._stoppers:
+                thread.start()
+            threading.Thread(target=self._conclude_stop, daemon=True).start()
+
+    def wait_stopped(self) -> None:
+        """Wait until every robot has confirmed its stop or failed to."""
+        for thread in self._stoppers:
+            thread.join(STOP_S)
+
+    @property
+    def unconfirmed(self) -> list[str]:
+        """Labels of the robots that have not confirmed the stop."""
+        if not self.stop_requested:
+            return []
+        return [
+            member.target.label
+            for member in self.members
+            if member.stopped is None or not member.stopped.confirmed
+        ]
+
+    @property
+    def exit_status(self) -> int:
+        """Gravest exit status of the robots; 3 if one did not confirm the stop."""
+        statuses = {member.ended.exit_status if member.ended else 1 for member in self.members}
+        if self.unconfirmed:
+            statuses.add(LOST_STATUS)
+        return next((status for status in GRAVITY if status in statuses), 1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result for JSON."""
+        return {
+            "stop_requested": self.stop_requested,
+            "unconfirmed": self.unconfirmed,
+            "exit_status": self.exit_status,
+            "robots": [_member_dict(member) for member in self.members],
+        }
+
+    def _conclude_stop(self) -> None:
+        self.wait_stopped()
+        missing = self.unconfirmed
+        if missing:
+            self.message = f"NOT CONFIRMED by {', '.join(missing)}: switch these robots off"
+        else:
+            self.message = "every robot has confirmed the stop"
+
+
+def _member_dict(member: Member) -> dict[str, Any]:
+    ended, stopped, target = member.ended, member.stopped, member.target
+    summary = None if ended is None else ended.summary
+    return {
+        "robot": target.label,
+        "port": target.port,
+        "outcome": None if ended is None else ended.outcome,
+        "reason": None if ended is None else ended.reason,
+        "exit_status": None if ended is None else ended.exit_status,
+        "stop_confirmed": None if stopped is None else stopped.confirmed,
+        "stop_text": None if stopped is None else stopped.text,
+        "log": str(target.log) if is_there(target.log) else None,
+        "summary": summary,
+    }

@@ -1,0 +1,195 @@
+"""One robot of a fleet: its process, its state and its stop."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bridge.errors import BridgeError
+from bridge.io import clock
+from bridge.io.owner_client import watch
+from tools.cli.stopping import stop_port
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+WATCH_HZ = 4.0
+"""Rate at which the state of a robot is read, Hz."""
+_RETRY_S = 0.2
+"""Period at which the socket of a starting process is looked for, s."""
+_END_S = 5.0
+"""Maximum time for a process to end after a signal, before its robot is stopped by the wire, s."""
+_ROOT = Path(__file__).resolve().parents[2]
+LOST_STATUS = 3
+"""Exit status for a robot that did not confirm its stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A robot that the command line names."""
+
+    label: str
+    """Name of the robot, or the port; unique in the fleet."""
+    given: str
+    """The word of the command line."""
+    port: str
+    node: int | None
+    how: Mapping[str, Any]
+    """Options by which the port is opened."""
+    log: Path
+    own: tuple[str, ...] = ()
+    """Options of ``connect`` for this robot alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """Result of a stop."""
+
+    confirmed: bool
+    text: str
+    """Who confirmed it, or why it is not confirmed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How the process of a robot ended."""
+
+    exit_status: int
+    reason: str
+    summary: dict[str, Any] | None
+    """Summary of the run; None: there is none."""
+
+    @property
+    def outcome(self) -> str:
+        """Outcome of the run; ``fault`` without a summary."""
+        return "fault" if self.summary is None else str(self.summary["outcome"])
+
+
+class Member:
+    """A running ``sweepctl connect``. What happens to it touches no other member."""
+
+    def __init__(
+        self, target: Target, arguments: Sequence[str], on_line: Callable[[str, str], None]
+    ) -> None:
+        """Start the process.
+
+        Args:
+            target: the robot.
+            arguments: options of ``connect`` that every robot gets.
+            on_line: called in another thread with the label and each line that the process prints.
+
+        """
+        self.target = target
+        self.status: dict[str, Any] | None = None
+        """Newest state of the robot, as the owner's socket reports it; None: not known yet."""
+        self.ended: Ended | None = None
+        """How the process ended; None: it runs."""
+        self.stopped: Stopped | None = None
+        """Result of the newest stop; None: none was requested."""
+        self._on_line = on_line
+        self._lock = threading.Lock()
+        paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        words = ["connect", target.given, "--json", "--quiet", "--out", str(target.log)]
+        # -P: a folder `tools` in the user's working directory must not hide ours.
+        self._process = subprocess.Popen(  # noqa: S603 - our own command
+            [sys.executable, "-P", "-m", "tools.sweepctl", *words, *target.own, *arguments],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,  # Ctrl-C is handled by the fleet
+        )
+        self._over = threading.Event()
+        self._last_line = ""
+        for work in (self._read_lines, self._watch, self._wait):
+            threading.Thread(target=work, daemon=True).start()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for the end of the process; return whether it has ended."""
+        return self._over.wait(timeout_s)
+
+    def end(self) -> None:
+        """Ask the process for a clean end: the robot stops, then the log is closed."""
+        if not self._over.is_set():
+            with contextlib.suppress(ProcessLookupError):
+                self._process.send_signal(signal.SIGINT)
+
+    def stop(self) -> Stopped:
+        """Stop the robot and latch the stop; wait for its confirmation."""
+        try:
+            found = stop_port(self.target.port, self.target.node, self.target.how)
+        except BridgeError as error:
+            found = self._stop_again(error)
+        confirmed = bool(found["confirmed"])
+        text = "confirmed by the device" if confirmed else str(found["ending"])
+        self.stopped = Stopped(confirmed, text)
+        return self.stopped
+
+    def _stop_again(self, error: BridgeError) -> dict[str, Any]:
+        """End the process, which may have the port open without a socket yet, and stop again."""
+        if self._over.is_set():
+            return {"confirmed": False, "ending": str(error)}
+        self.end()
+        if not self.join(_END_S):
+            self._process.kill()
+            self.join(_END_S)
+        try:
+            return stop_port(self.target.port, self.target.node, self.target.how)
+        except BridgeError as again:
+            return {"confirmed": False, "ending": str(again)}
+
+    # ---- threads
+
+    def _read_lines(self) -> None:
+        assert self._process.stderr is not None  # noqa: S101 - Popen was given PIPE
+        for line in self._process.stderr:
+            text = line.rstrip()
+            if text:
+                self._last_line = text.removeprefix("sweepctl: ")
+                self._on_line(self.target.label, self._last_line)
+
+    def _watch(self) -> None:
+        while not self._over.is_set():
+            with contextlib.suppress(BridgeError):  # not started yet, or ended
+                for status in watch(self.target.port, hz=WATCH_HZ):
+                    self.status = status
+                    if self._over.is_set():
+                        return
+            clock.pause(_RETRY_S)
+
+    def _wait(self) -> None:
+        assert self._process.stdout is not None  # noqa: S101 - Popen was given PIPE
+        printed = self._process.stdout.read()
+        code = self._process.wait()
+        self._over.set()
+        summary = None
+        with contextlib.suppress(ValueError):
+            summary = json.loads(printed)
+        if not isinstance(summary, dict) or "outcome" not in summary:
+            summary = None
+        if code >= 0:
+            reason = self._last_line if summary is None else str(summary.get("reason"))
+            self.ended = Ended(code, reason, summary if "path_m" in (summary or {}) else None)
+            return
+        # Killed: the device stops by itself when its host is silent; do not rely on it.
+        reason = f"its process was killed by signal {-code}"
+        self._on_line(self.target.label, f"{reason}; stopping the robot")
+        if self.stop().confirmed:
+            self.ended = Ended(1, f"{reason}; the robot has confirmed a stop", None)
+        else:
+            self.ended = Ended(LOST_STATUS, f"{reason}; the robot did not confirm a stop", None)
