@@ -10,7 +10,9 @@ import hashlib
 import os
 import sqlite3
 import stat
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.library.columns import INDEXED
@@ -18,8 +20,7 @@ from bridge.library.errors import IndexDamagedError, LibraryError
 from bridge.record.names import readable_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from bridge.library.entry import Entry
 
 FILE_NAME = ".sweepctl-runs.sqlite"
 """Name of the index in a folder of logs."""
@@ -58,6 +59,31 @@ class Marks(NamedTuple):
 
     tags: tuple[str, ...]
     note: str | None
+
+
+class ReadLog(NamedTuple):
+    """What was read from one log."""
+
+    entry: Entry
+    digest: str | None
+
+
+LogReaders = Callable[[list[tuple[Path, int]]], Iterable[ReadLog]]
+"""Reads logs, given with their modification times in ns; returns the results in their order."""
+
+
+def read_log(log: tuple[Path, int]) -> ReadLog:
+    """Read a log, given with its modification time in ns."""
+    from bridge.library.entry import read_entry  # noqa: PLC0415 - only if a log has changed
+
+    path, modified_ns = log
+    entry = read_entry(path, modified_ns)
+    return ReadLog(entry, _digest(path, entry.values or {}))
+
+
+def read_here(logs: list[tuple[Path, int]]) -> Iterator[ReadLog]:
+    """Read logs one after the other in this process."""
+    return map(read_log, logs)
 
 
 class FolderIndex:
@@ -112,23 +138,31 @@ class FolderIndex:
             raise
         self.database.execute("COMMIT")
 
-    def update(self, files: list[LogFile], progress: Callable[[int, int], None]) -> None:
+    def update(
+        self,
+        files: list[LogFile],
+        progress: Callable[[int, int], None],
+        read: LogReaders = read_here,
+    ) -> None:
         """Read the logs that are new or have changed, and drop those that are gone.
 
         Args:
             files: All logs of the folder.
             progress: Called with the number of logs read and to read.
+            read: Reads the logs.
 
         Raises:
             IndexDamagedError: the index cannot be read or written.
 
         """
         try:
-            self._update(files, progress)
+            self._update(files, progress, read)
         except sqlite3.DatabaseError as error:
             raise IndexDamagedError(self.path, str(error)) from None
 
-    def _update(self, files: list[LogFile], progress: Callable[[int, int], None]) -> None:
+    def _update(
+        self, files: list[LogFile], progress: Callable[[int, int], None], read: LogReaders
+    ) -> None:
         known = {
             name: (size, modified_ns)
             for name, size, modified_ns in self.database.execute(
@@ -144,15 +178,17 @@ class FolderIndex:
         firsts = self._firsts(gone)
         for begin in range(0, len(changed), _BATCH):
             progress(begin, len(changed))
+            batch = changed[begin : begin + _BATCH]
+            logs = list(read([self._log(file) for file in batch]))
             with self._transaction():
-                for file in changed[begin : begin + _BATCH]:
-                    first = self._read(file)
+                for file, log in zip(batch, logs, strict=True):
+                    first = self._store(file, log)
                     if first is not None:
                         firsts.add(first)
         with self._transaction():
             self.database.executemany("DELETE FROM entries WHERE name = ?", [(n,) for n in gone])
             for name in sorted(firsts & present.keys()):
-                self._read(present[name])
+                self._store(present[name], read_log(self._log(present[name])))
         progress(len(changed), len(changed))
 
     def _firsts(self, names: set[bytes]) -> set[bytes]:
@@ -161,18 +197,17 @@ class FolderIndex:
         found = (self.database.execute(asked, (name,)).fetchone() for name in names)
         return {row[0] for row in found if row is not None}
 
-    def _read(self, file: LogFile) -> bytes | None:
-        """Read a log into its row; return the first file of its run, if it is a later one."""
-        from bridge.library.entry import read_entry  # noqa: PLC0415 - only if a log has changed
+    def _log(self, file: LogFile) -> tuple[Path, int]:
+        return self.folder / os.fsdecode(file.name), file.modified_ns
 
-        path = self.folder / os.fsdecode(file.name)
-        entry = read_entry(path, file.modified_ns)
+    def _store(self, file: LogFile, log: ReadLog) -> bytes | None:
+        """Store a log's row; return the first file of its run, if it is a later one."""
+        entry, digest = log
         values: dict[str, Any] = entry.values or {}
-        digest = _digest(path, values)
         first = None if entry.first is None else os.fsencode(entry.first)
         row = (
             *file,
-            readable_name(path.name),
+            readable_name(os.fsdecode(file.name)),
             digest,
             int(entry.values is not None),
             first,

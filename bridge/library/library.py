@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.library.columns import COLUMNS, INDEXED, NAMES
 from bridge.library.errors import IndexDamagedError, LibraryError, NoRunError
-from bridge.library.index import FolderIndex, Marks, folders_with_logs, logs_in
+from bridge.library.index import FolderIndex, Marks, folders_with_logs, logs_in, read_here
 from bridge.record.names import readable_name
 from bridge.spelling import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+
+    from bridge.library.index import LogReaders
 
 DEFAULT_FOLDER = Path("runs")
 """Folder of the default logs."""
@@ -73,11 +75,16 @@ class Library:
             f"CREATE TABLE runs ({columns}, name BLOB, place INTEGER, modified_ns INTEGER)"
         )
 
-    def refresh(self, progress: Callable[[int, int], None] = lambda _done, _all: None) -> None:
+    def refresh(
+        self,
+        progress: Callable[[int, int], None] = lambda _done, _all: None,
+        read: LogReaders = read_here,
+    ) -> None:
         """Update the indexes and load them.
 
         Args:
             progress: Called with the number of logs read and to read in a folder.
+            read: Reads logs that are new or have changed.
 
         Raises:
             LibraryError: a folder does not exist or cannot be read.
@@ -91,7 +98,7 @@ class Library:
                     key = folder.resolve()
                     if key not in indexes:
                         index = indexes[key] = stack.enter_context(closing(FolderIndex(folder)))
-                        index.update(files, progress)
+                        index.update(files, progress, read)
             _follow_moved([*indexes.values()])
             for index in indexes.values():
                 self._load(index)

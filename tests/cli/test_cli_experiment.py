@@ -15,6 +15,7 @@ import pytest
 
 from support.cli import end, start, sweepctl
 from support.root import ROOT
+from tools.cli import pools
 from tools.experiment import runs, zimablue_run
 from tools.experiment.store import LINES, Store
 from tools.experiment.trials import Trial
@@ -58,7 +59,7 @@ def test_finished_runs_are_not_repeated(two_jobs: Path, monkeypatch: pytest.Monk
     def never(*_: object) -> None:
         raise AssertionError("ran again")
 
-    monkeypatch.setattr(runs, "ProcessPoolExecutor", never)
+    monkeypatch.setattr(pools, "ProcessPoolExecutor", never)
     before = (two_jobs / LINES).read_bytes()
     done = sweepctl("experiment", "compare", *SHORT, "--out", two_jobs)
     assert (done.status, done.err) == (0, "")
@@ -181,7 +182,7 @@ def test_a_users_mistakes_are_one_line(tmp_path: Path, monkeypatch: pytest.Monke
     def never(*_: object, **__: object) -> None:
         raise AssertionError("ran all the same")
 
-    monkeypatch.setattr(runs, "ProcessPoolExecutor", never)
+    monkeypatch.setattr(pools, "ProcessPoolExecutor", never)
     for arguments, text in (
         (("compare", "--rooms", "nowhere"), "no room 'nowhere'"),
         (("compare", "--planners", "x"), "'x' is not one of recovery"),

@@ -102,6 +102,11 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     help="Number of parallel processes.  [default: one per core]",
 )
 @click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the Dask cluster of this scheduler (tcp://HOST:8786) instead of local processes.",
+)
+@click.option(
     "--max-time",
     "max_time_s",
     type=options.Number(1.0, 1e6),
@@ -131,6 +136,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     robots: list[str] | None,
     zimablue: bool,
     jobs: int | None,
+    scheduler: str | None,
     max_time_s: float | None,
     out: Path,
     force: bool,
@@ -149,8 +155,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     Besides files and names of shipped rooms, --rooms takes generated:KIND:N and layout:NAME. With
     --robots, a table compares the robots.
 
-    The results are runs.csv, curves.csv, tables.md and report.html. Ctrl-C or SIGTERM ends the runs
-    and reports on those that are done; the same command continues from there.
+    The results are runs.csv, curves.csv, tables.md, report.html, and the Parquet dataset in the
+    folder dataset. Ctrl-C or SIGTERM ends the runs and reports on those that are done; the same
+    command continues from there.
     """
     from tools.cli.signals import leaving_at_once
     from tools.experiment import figures, output
@@ -160,6 +167,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.experiment.trials import generated_rooms, with_robots
 
     figures.check()
+    if scheduler is not None and jobs is not None:
+        raise click.UsageError("--jobs is for local processes: leave it out with --scheduler")
     if zimablue and what != "compare":
         raise click.UsageError("--zimablue needs compare")
     if zimablue and robots:
@@ -181,7 +190,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         f"interrupted before the report; completed runs are kept in {out}\n"
         "the same command continues from there"
     ):
-        outcome = run_all(store, trials, jobs)
+        outcome = run_all(store, trials, jobs, scheduler)
         rows = store.rows(trials)
         if outcome.interrupted and rows:
             inform("interrupted: writing the report on the completed runs")

@@ -12,10 +12,12 @@ import click
 from tools.cli import options
 from tools.cli.console import err, inform, write_json, write_line
 from tools.cli.log_file import LogPath
+from tools.cli.parallel import in_order, parallel_options, pool_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from bridge.library.index import LogReaders, ReadLog
     from bridge.library.library import Run, Selection
 
 _DEFAULT = "list"
@@ -343,6 +345,46 @@ def _heatmap(  # noqa: PLR0913 - one parameter per option
     return 0
 
 
+@command.command("index", epilog="Example:  sweepctl runs index runs archive --jobs 8")
+@click.argument(
+    "folders",
+    nargs=-1,
+    metavar="[DIR]...",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+)
+@parallel_options
+@options.json_option
+def _index(
+    *, folders: tuple[Path, ...], jobs: int | None, scheduler: str | None, as_json: bool
+) -> int:
+    """Update the index of each DIR and of the folders below it, in parallel.
+
+    Every use of the index updates it; this command is for many new logs at once.
+    """
+    from bridge.library.index import read_log
+    from bridge.library.library import Selection
+
+    read_count = 0
+
+    with pool_of(1 << 16, jobs, scheduler) as pool:
+
+        def read(logs: list[tuple[Path, int]]) -> Iterator[ReadLog]:
+            nonlocal read_count
+            absolute = [(path.absolute(), modified_ns) for path, modified_ns in logs]
+            for _, found in in_order(pool, read_log, absolute):
+                read_count += 1
+                yield found
+
+        library, runs = _select(folders, Selection(), read)
+    for path, reason in library.unreadable:
+        inform(f"{path}: {reason}")
+    if as_json:
+        write_json({"read": read_count, "runs": len(runs), "unreadable": len(library.unreadable)})
+    else:
+        inform(f"{read_count} logs read; the index has {len(runs)} runs")
+    return 0
+
+
 # ---- shared -----------------------------------------------------------------------------
 
 
@@ -353,16 +395,19 @@ def _check_output(out: Path | None, *, force: bool) -> None:
     check_format("--out", out, *PAGE, *PNG)
 
 
-def _select(folders: tuple[Path, ...], selection: Selection) -> tuple[Any, list[Run]]:
+def _select(
+    folders: tuple[Path, ...], selection: Selection, read: LogReaders | None = None
+) -> tuple[Any, list[Run]]:
     """Update the indexes and return the library with the selected runs."""
     from bridge.library.errors import LibraryError
+    from bridge.library.index import read_here
     from bridge.library.library import DEFAULT_FOLDER, Library
 
     if not folders and not DEFAULT_FOLDER.is_dir():
         raise LibraryError(f"there is no folder {DEFAULT_FOLDER}: give the folder of the logs")
     library = Library(folders or (DEFAULT_FOLDER,))
     with _progress("reading logs") as show:
-        library.refresh(show)
+        library.refresh(show, read or read_here)
     for folder in library.unstored:
         inform(f"{folder} cannot be written: without an index all its logs are read each time")
     return library, library.select(selection)

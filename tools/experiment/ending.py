@@ -55,7 +55,7 @@ def _on_sigterm(_number: int, _frame: FrameType | None) -> None:
 
 
 def run_until_ended(trial: Trial) -> dict[str, Any]:
-    """Run a trial.
+    """Run a trial; in a process of the local pool SIGTERM ends it.
 
     Raises:
         EndedEarlyError: SIGTERM came before the trial.

@@ -1,11 +1,10 @@
-"""Runs trials in several processes, with progress, Ctrl-C and errors by trial."""
+"""Runs trials in parallel, with progress, Ctrl-C and errors by trial."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import traceback
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -14,20 +13,23 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeE
 from rich.text import Text
 
 from tools.cli.console import err, inform, is_drawable
-from tools.cli.signals import held_back, until_signalled
-from tools.experiment.ending import prepare_worker, run_until_ended
+from tools.cli.pools import ClusterPool, LocalPool, NotBegunError, results
+from tools.cli.signals import until_signalled
+from tools.experiment.ending import prepare_worker
+from tools.experiment.shipping import WorkerVersionError, run_shipped, shipped
 from tools.experiment.trials import work
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from rich.progress import Task, TaskID
 
+    from tools.cli.pools import Pool
     from tools.experiment.store import Store
     from tools.experiment.trials import Trial
 
 _SPEED_OVER_S = 1800.0
 """Period over which the speed for the remaining time is averaged, s."""
-_LOOK_S = 0.2
-"""Period at which a request to end is checked, s."""
 ERRORS = "errors.txt"
 """File in the experiment's folder with the tracebacks of failed trials."""
 
@@ -42,10 +44,6 @@ class Outcome:
     """A line for each failed trial with its error."""
 
 
-class NotBegunError(BrokenProcessPool):
-    """The system could not start a process."""
-
-
 class _Left(ProgressColumn):
     """Progress column with the remaining time."""
 
@@ -54,7 +52,9 @@ class _Left(ProgressColumn):
         return Text(_time_left(task), style="progress.remaining")
 
 
-def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
+def run_all(
+    store: Store, trials: list[Trial], jobs: int | None, scheduler: str | None = None
+) -> Outcome:
     """Run the trials that the store lacks. A failed trial is reported, and the others continue.
 
     Ctrl-C or SIGTERM ends the runs. The signal is polled instead of raised: an exception while the
@@ -64,96 +64,102 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
         store: takes the results.
         trials: what to run.
         jobs: number of processes; None: one per core.
+        scheduler: address of the scheduler of a Dask cluster; None: processes of this machine.
+
+    Raises:
+        ClusterMissingError: distributed or pyarrow is not installed.
+        ClusterError: the scheduler cannot be reached.
 
     """
     missing = store.missing(trials)
     outcome = Outcome()
     if not missing:
         return outcome
-    costs = {trial: work(trial, trial.plan) for trial in missing}
-    columns = (
-        TextColumn("{task.fields[done]}/{task.fields[count]}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        _Left(),
-        TextColumn("{task.description}"),
-    )
-    # Spawned, not forked, because this process has threads.
-    context = multiprocessing.get_context("spawn")
-    workers = min(jobs or os.cpu_count() or 1, len(missing))
-    ours = set(multiprocessing.active_children())
 
     def end() -> None:
         outcome.interrupted = True
 
-    with (
-        until_signalled(end),
-        Progress(
-            *columns,
+    with until_signalled(end), _pool(len(missing), jobs, scheduler) as pool:
+        with Progress(
+            TextColumn("{task.fields[done]}/{task.fields[count]}"),
+            BarColumn(),
+            TimeElapsedColumn(),
+            _Left(),
+            TextColumn("{task.description}"),
             console=err(),
             disable=not is_drawable(),
             speed_estimate_period=_SPEED_OVER_S,
-        ) as bar,
-        ProcessPoolExecutor(workers, context, initializer=prepare_worker) as pool,
-    ):
-        done = len(trials) - len(missing)
-        task = bar.add_task("", total=sum(costs.values()), done=done, count=len(trials))
-        if not is_drawable():
-            inform(f"{done}/{len(trials)} runs done, {workers} in parallel")
-        try:
-            # the longest first, so that no long one runs alone at the end
-            ordered = sorted(missing, key=lambda trial: -costs[trial])
-            running = _submit(pool, ordered)
-            while running and not outcome.interrupted:
-                ended, _ = wait(running, _LOOK_S, FIRST_COMPLETED)
-                for future in ended:
-                    trial = running.pop(future)
-                    text = _keep(store, trial, future, outcome)
-                    done += 1
-                    bar.update(task, advance=costs[trial], description=text, done=done)
-                    if not is_drawable():
-                        _print_progress(bar, task, text)
-        except BrokenProcessPool as error:
-            _break_off(outcome, error)
+        ) as bar:
+            for note in pool.notes:
+                inform(note)
+            if not is_drawable() or scheduler is not None:
+                inform(f"{len(trials) - len(missing)}/{len(trials)} runs done, {pool.where}")
+            try:
+                _collect(store, missing, len(trials), pool, bar, outcome)
+            except (BrokenProcessPool, CancelledError, WorkerVersionError) as error:
+                _break_off(outcome, error)
         if outcome.interrupted:
-            for child in set(multiprocessing.active_children()) - ours:
-                child.terminate()
-            # wait, so that no child process is left when the interpreter exits
-            pool.shutdown(cancel_futures=True)
+            pool.abandon()
+    store.seal()
     return outcome
 
 
-def _submit(pool: ProcessPoolExecutor, trials: list[Trial]) -> dict[Future[dict[str, Any]], Trial]:
-    """Start the workers and submit the trials.
+def _pool(missing: int, jobs: int | None, scheduler: str | None) -> Pool:
+    if scheduler is not None:
+        return ClusterPool(scheduler)
+    return LocalPool(min(jobs or os.cpu_count() or 1, missing), prepare_worker)
 
-    Signals are blocked until a worker has its handlers: a worker that dies breaks the pool.
+
+def _collect(  # noqa: PLR0913, PLR0917 - the parts of the loop
+    store: Store, missing: list[Trial], count: int, pool: Pool, bar: Progress, outcome: Outcome
+) -> None:
+    """Run the trials and store their results, until all are done or an end is requested.
 
     Raises:
-        BrokenProcessPool: a worker died.
-        NotBegunError: a worker could not be started.
+        BrokenProcessPool: a process of this machine died.
+        CancelledError: the scheduler was lost.
+        WorkerVersionError: a worker has another version of the code.
 
     """
-    try:
-        with held_back():
-            return {pool.submit(run_until_ended, trial): trial for trial in trials}
-    except OSError as error:
-        if error.errno is None:  # from a pipe that the pool closed because a worker died
-            raise BrokenProcessPool from error
-        raise NotBegunError(f"cannot start a worker process: {error}") from error
+    costs = {trial.key: work(trial, trial.plan) for trial in missing}
+    done = count - len(missing)
+    task = bar.add_task("", total=sum(costs.values()), done=done, count=count)
+    # the longest first, so that no long one runs alone at the end
+    ordered = sorted(missing, key=lambda trial: -costs[trial.key])
+    sent = [shipped(trial) for trial in ordered]
+    for each, future in results(pool, run_shipped, sent, lambda: outcome.interrupted):
+        text = _keep(store, each.trial, future, outcome)
+        done += 1
+        bar.update(task, advance=costs[each.trial.key], description=text, done=done)
+        if not is_drawable():
+            _print_progress(bar, task, text)
 
 
-def _break_off(outcome: Outcome, error: BrokenProcessPool) -> None:
+def _break_off(outcome: Outcome, error: Exception | CancelledError) -> None:
     """Record that the pool is broken."""
     if not outcome.interrupted:
-        ended = "a worker process was killed, or ran out of memory; run the command again"
-        outcome.failed.append(str(error) if isinstance(error, NotBegunError) else ended)
+        match error:
+            case NotBegunError() | WorkerVersionError():
+                text = str(error)
+            case CancelledError():
+                text = "the scheduler was lost; run the command again when it is back"
+            case _:
+                text = "a worker process was killed, or ran out of memory; run the command again"
+        outcome.failed.append(text)
     outcome.interrupted = True
 
 
 def _keep(store: Store, trial: Trial, future: Future[dict[str, Any]], outcome: Outcome) -> str:
-    """Store a result or an error, and return a line about it."""
+    """Store a result or an error, and return a line about it.
+
+    Raises:
+        BrokenProcessPool: a process of this machine died.
+        CancelledError: the scheduler was lost.
+        WorkerVersionError: a worker has another version of the code.
+
+    """
     error = future.exception()
-    if isinstance(error, BrokenProcessPool):
+    if isinstance(error, BrokenProcessPool | WorkerVersionError):
         raise error
     if error is not None:
         reason = (str(error).strip() or "no message").splitlines()[0]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import sweepctl_plugins
 from bridge.errors import BridgeError
 from tools.cli.planners import PLANNERS
+from tools.experiment.parts import Parts
 from tools.version import VERSION
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ class Store:
             if force:
                 (folder / LINES).unlink(missing_ok=True)
             self._read()
+            self._parts = Parts(folder, self._rows)
         except OSError as error:
             raise ExperimentFolderError(f"cannot use {folder}: {error.strerror}") from None
 
@@ -129,6 +131,11 @@ class Store:
         self._rows[trial.key] = row
         with (self.folder / LINES).open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
+        self._parts.add(row)
+
+    def seal(self) -> None:
+        """Complete the Parquet dataset with the results so far."""
+        self._parts.seal()
 
     def rows(self, trials: Iterable[Trial]) -> list[Row]:
         """Return the results in the order of the trials."""

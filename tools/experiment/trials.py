@@ -16,7 +16,7 @@ import numpy as np
 from bridge.config import load_robot
 from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError
 from bridge.motion.geometry import Pose2
-from tools.cli.rooms import load_room
+from tools.cli.rooms import load_room, shipped_rooms
 from tools.experiment.layouts import LAYOUT, layout_plan
 from tools.experiment.room_generator import KINDS, generate_room
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from bridge.motion.robot_model import RobotModel
+
 
 GENERATED = "generated:"
 """Prefix of the names of generated rooms, ``generated:KIND:N``."""
@@ -58,6 +59,12 @@ class Kind(StrEnum):
     """A run in a layout in which the paper's algorithm fails, some with another reading of it."""
     RANGES = "ranges"
     """A run of the paper's algorithm with 1 cm of range noise."""
+
+
+ROOMS_HERE: dict[str, FloorPlan] = {}
+"""Rooms that another machine has sent, by the names of its files."""
+ROBOTS_HERE: dict[str, RobotModel] = {}
+"""Robots that another machine has sent, by the names of its files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +102,8 @@ class Trial:
             ConfigError: the robot file cannot be read or is invalid.
 
         """
-        return load_robot(Path(self.robot) if self.robot else None)[0]
+        sent = ROBOTS_HERE.get(self.robot)
+        return sent or load_robot(Path(self.robot) if self.robot else None)[0]
 
     @property
     def plan(self) -> FloorPlan:
@@ -170,11 +178,22 @@ def room_of(name: str, radius_m: float = 0.0) -> FloorPlan:
         return FloorPlan(name, corners, (), Pose2(10.0, 10.0, 0.0))
     if name.startswith(LAYOUT):
         return layout_plan(name.removeprefix(LAYOUT))
+    if name in ROOMS_HERE:
+        return ROOMS_HERE[name]
     kind, _, number = name.removeprefix(GENERATED).partition(":")
     if not name.startswith(GENERATED) or kind not in KINDS or not number.isdecimal():
         return load_room(name, radius_m or None)
     return generate_room(
         int(number), np.random.default_rng([_DRAWN_FROM, int(number)]), kind, radius_m
+    )
+
+
+def is_file(room: str) -> bool:
+    """Return whether a room is a file, which another machine does not have."""
+    return (
+        room != OPEN_FLOOR
+        and not room.startswith((LAYOUT, GENERATED))
+        and room not in shipped_rooms()
     )
 
 
