@@ -66,7 +66,7 @@ def test_one_stop_for_four_robots_of_which_two_are_gone(tmp_path: Path) -> None:
         for number, name in enumerate(names):
             words: tuple[str, ...] = ("--seed", str(number))
             if name == "bath":
-                words += ("--fault", "unplug@12:100")
+                words += ("--control", str(tmp_path / "bath.ctl"))
             devices[name] = stack.enter_context(Emulator(tmp_path, *words))
         ports = [f'[robots.{name}]\nport = "{devices[name].port}"\n' for name in names]
         (tmp_path / "sweepctl.toml").write_text("".join(ports))
@@ -83,6 +83,7 @@ def test_one_stop_for_four_robots_of_which_two_are_gone(tmp_path: Path) -> None:
         assert "4 robots, 4 running" in lines[0]
         assert "space s: STOP ALL" in lines[-1]
         os.kill(devices["hall"].process.pid, signal.SIGKILL)
+        assert sweepctl("fault", tmp_path / "bath.ctl", "unplug:1000").status == 0
         gone = ("hall", "bath")
         lines = wait_for(fleet, lambda seen: all("lost" in row(seen, name) for name in gone))
         for name in ("kitchen", "office"):

@@ -24,7 +24,7 @@ _PORT_OPTIONS = ("baud", "bitrate")
 
 
 @click.command(
-    "fleet", epilog="Example:  sweepctl fleet kitchen hall /dev/ttyUSB2 --supervise --duration 3600"
+    "fleet", epilog="Example:  sweepctl fleet /dev/ttyUSB0 /dev/ttyUSB1 --supervise --duration 3600"
 )
 @click.argument(
     "robots",

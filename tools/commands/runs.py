@@ -345,7 +345,7 @@ def _heatmap(  # noqa: PLR0913 - one parameter per option
     return 0
 
 
-@command.command("index", epilog="Example:  sweepctl runs index runs archive --jobs 8")
+@command.command("index", epilog="Example:  sweepctl runs index runs --jobs 2")
 @click.argument(
     "folders",
     nargs=-1,
