@@ -47,8 +47,6 @@ class RunFacts:
     """Path of the log."""
     page: str = ""
     """Address of the viewer's page; empty: none is served."""
-    foxglove: str = ""
-    """Address for Foxglove; empty: the run is not served."""
     planner: str = ""
     """Name of the planner; empty: none."""
     plan: FloorPlan | None = None
@@ -61,6 +59,8 @@ class RunFacts:
     """Positions of the path, m; the dashboard adds them."""
     note: str = ""
     """What the footer says of a dashboard without keys."""
+    foxglove: str = ""
+    """Address for Foxglove; empty: the run is not served."""
 
 
 class LiveCoverage:
