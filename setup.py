@@ -1,4 +1,4 @@
-"""Compile the kernels; ``pyproject.toml`` has everything else about the package."""
+"""Compile kernels and firmware core; ``pyproject.toml`` has everything else about the package."""
 
 from __future__ import annotations
 
@@ -24,17 +24,19 @@ LOOPS = {
     "wraparound": False,
 }
 """Cython directives of kernels."""
+C_FLAGS = [] if sys.platform == "win32" else ["-std=c99", "-fvisibility=hidden"]
+"""Further flags of the firmware core."""
 ORDINARY = {"language_level": 3, "annotation_typing": False}
 """Cython directives of modules with types in a .pxd: they behave as in Python."""
 
 
 def wanted() -> list[Path]:
     """Return the sources to compile: for an in-place build the stale ones, for a wheel all."""
-    commands = set(sys.argv[1:])
+    commands, core = set(sys.argv[1:]), kernels.ROOT / kernels.CORE
     if commands & {"--inplace", "editable_wheel"}:
-        return kernels.stale(kernels.sources(tests="--inplace" in commands))
+        return kernels.stale([*kernels.sources(tests="--inplace" in commands), core])
     if commands & {"bdist_wheel", "build", "build_ext", "install"}:
-        return kernels.sources()
+        return [*kernels.sources(), core]
     return []
 
 
@@ -46,10 +48,27 @@ def stamped(source: Path) -> str:
     return str(path)
 
 
+def firmware() -> Extension:
+    """The firmware's core on a virtual board: a shared library that is an empty module."""
+    folder = Path(kernels.FIRMWARE)
+    return Extension(
+        kernels.module_name(kernels.ROOT / kernels.CORE),
+        [
+            *(str(source.relative_to(kernels.ROOT)) for source in kernels.core_sources()),
+            stamped(kernels.ROOT / kernels.CORE),
+        ],
+        include_dirs=[str(folder / name) for name in kernels.CORE_FOLDERS],
+        extra_compile_args=FLAGS + C_FLAGS,
+    )
+
+
 def extensions(sources: list[Path]) -> list[Extension]:
     """Return one extension for each source, and for a full build the shared one."""
+    core = kernels.ROOT / kernels.CORE
+    others = [firmware()] if core in sources else []
+    sources = [source for source in sources if source != core]
     if not sources:
-        return []
+        return others
     from Cython.Build import cythonize  # noqa: PLC0415 - a list of files needs no compiler
 
     made = [
@@ -74,7 +93,7 @@ def extensions(sources: list[Path]) -> list[Extension]:
             quiet=True,
             shared_utility_qualified_name=shared,
         )
-    return compiled
+    return compiled + others
 
 
 if __name__ == "__main__":  # setuptools' own name for it, too

@@ -31,9 +31,12 @@ if TYPE_CHECKING:
 
 _RETRY_US = 1_000
 """Time after which data that the host did not take is offered again, µs: a USB frame."""
+WITHOUT_BUS: Mapping[str, str] = MappingProxyType(
+    {"can-bus-off": "the device is not on a CAN bus; use emulate --link slcan"}
+)
+"""Kinds of fault that a device on a serial line does not support, with the reason."""
 _SEED = 0x11E
 """Seed offset that keeps the line's draws apart from the device's, which use the same seed."""
-_ALL: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(slots=True)
@@ -66,9 +69,8 @@ class Rig:
         faults: Iterable[FaultSpec] = (),
         *,
         seed: int = 0,
-        cannot: Mapping[str, str] = _ALL,
     ) -> None:
-        """Connect ``device`` by ``settings``; ``cannot``: the kinds of faults it rejects, and why.
+        """Connect ``device`` by ``settings``.
 
         Raises:
             FaultSpecError: a fault is impossible on this device.
@@ -76,8 +78,9 @@ class Rig:
         """
         self.device = device
         self.settings = settings
+        cannot = device.cannot
         if not settings.bitrate:
-            cannot = {**cannot, "can-bus-off": "the device is not on a CAN bus; use --link slcan"}
+            cannot = {**cannot, **WITHOUT_BUS}
         self.faults = FaultInjector(device, faults, cannot=cannot)
         up, down, up_delay, down_delay = np.random.default_rng((_SEED, seed)).spawn(4)
         self._damage_up, self._damage_down = Damage(up), Damage(down)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from protocol.messages.values import ResetCause
     from sim_device.body.plant import Plant, Truth
     from sim_device.device.clock import DeviceClock
@@ -20,6 +22,8 @@ class RiggedDevice(Protocol):
     plant: Plant
     sensors: SensorSuite
     clock: DeviceClock
+    cannot: Mapping[str, str]
+    """Kinds of fault that it refuses, and why."""
 
     def step(self, data: bytes, now_us: int) -> bytes:
         """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""

@@ -1,9 +1,11 @@
-"""The virtual sweeper: world, plant, sensors and firmware behind one ``step(bytes, now)``."""
+"""The virtual sweeper: world, plant, sensors and chip behind one ``step(bytes, now)``."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -23,8 +25,11 @@ from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bridge.floor_plan.floor_plan import FloorPlan
     from protocol.link import LinkBase
+    from protocol.messages.values import Mode, StopCause
     from protocol.schema.catalogue import Catalogue
 
 BOOT_US = 300_000
@@ -41,7 +46,6 @@ CRASH_PC, CRASH_LR, CRASH_CFSR = 0x0800_4D2A, 0x0800_4C91, 0x0001_0000
 section 4.4.10). The virtual firmware has no addresses of its own."""
 SUPPLY_GOOD_V = 4.3
 """Voltage on the 5 V rail that ends a brown-out, V."""
-_HALF_TICK_US = TICK_US // 2
 _OFF = State.OFF
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 
@@ -51,69 +55,118 @@ def _boot_id(rng: np.random.Generator) -> int:
     return int(rng.integers(1, 1 << 32))
 
 
-class VirtualSweeper:
-    """A device that speaks the wire protocol, deterministic for its seed.
+class Program(Protocol):
+    """A firmware from one boot to the next. Times are its uptime, µs."""
+
+    reboot_wanted: RebootKind | None
+    """The reboot that it has accepted; None: none."""
+
+    def tick(self, now_us: int) -> tuple[float, float]:
+        """Run one control period; return the duties of the left and the right wheel, -1..1."""
+
+    def next_us(self, now_us: int) -> int:
+        """Return the start of the control period after the one at ``now_us``."""
+
+    def receive(self, data: bytes, now_us: int) -> None:
+        """Take bytes that arrived."""
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the port."""
+
+    @property
+    def fed(self) -> bool:
+        """Whether the last tick fed the watchdog."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether time alone can change what becomes of received bytes."""
+
+    @property
+    def drivers(self) -> bool:
+        """Whether it enables the motor drivers."""
+
+    @property
+    def state(self) -> State:
+        """State in the mode table."""
+
+    @property
+    def mode(self) -> Mode:
+        """Mode that the status message shows."""
+
+    @property
+    def stop_cause(self) -> StopCause:
+        """Cause of the latched stop; ``NONE``: no stop is latched."""
+
+
+class Memory(Protocol):
+    """The chip's flash."""
+
+    def power_lost(self) -> None:
+        """Abort the write or erase in progress."""
+
+    def erase(self) -> None:
+        """Erase everything."""
+
+
+P = TypeVar("P", bound=Program)
+
+
+class Sweeper(ABC, Generic[P]):
+    """A body in a room with a chip that runs a firmware; deterministic for its seed.
 
     Times passed in are true times, in microseconds since the device was first switched on. The
     firmware has its own clock (``clock``), which restarts with each boot. Between two calls the
     plant advances in control periods of 10 ms of that clock. Bytes are taken at the given time.
     """
 
+    firmware: P
+    """The firmware since the last boot."""
+    cannot: Mapping[str, str] = MappingProxyType({})
+    """Kinds of fault that the device does not support, with the reason: none."""
+
     def __init__(  # noqa: PLR0913 - options of a device
         self,
         plan: FloorPlan,
-        model: RobotModel | None = None,
+        model: RobotModel,
+        flash: Memory,
         *,
-        seed: int = 0,
-        noise: str | NoiseLevel = "typical",
-        node: int = 1,
-        catalogue: Catalogue = CATALOGUE,
-        link: type[LinkBase] = Link,
-        boot_id: int | None = None,
-        local: bool = True,
-        imu: ImuConfig | None = None,
+        seed: int,
+        noise: str | NoiseLevel,
+        node: int,
+        link: type[LinkBase],
+        boot_id: int | None,
+        imu: ImuConfig,
     ) -> None:
-        """Boot at time 0, at rest at the plan's start.
-
-        Args:
-            plan: The room.
-            model: The robot; by default the model of the paper's robot.
-            seed: The seed of every random draw.
-            noise: The name of a level, or a level.
-            node: The device's node number.
-            catalogue: The declarations of the firmware's version of the project.
-            link: The link to the host.
-            local: Whether reaching the link requires standing beside the robot; otherwise no key
-                can be set.
-            boot_id: The boot id; without it, it follows from the seed.
-            imu: The IMU settings that the firmware writes.
+        """Switch on at time 0, at rest at the plan's start; the subclass boots the firmware.
 
         Raises:
             FloorPlanError: the robot does not fit at its start.
             UnknownNoiseLevelError: no such level.
 
         """
-        model = model or RobotModel()
         level = noise if isinstance(noise, NoiseLevel) else noise_level(noise)
         identity_rng, plant_rng, sensor_rng = np.random.default_rng(seed).spawn(3)
         self.plant = Plant(World(plan, model), model, level, plant_rng)
-        self._imu = imu or ImuConfig()
-        self.sensors = SensorSuite(self.plant, model, level, sensor_rng, self._imu)
+        self.sensors = SensorSuite(self.plant, model, level, sensor_rng, imu)
         self.clock = DeviceClock()
-        self.flash = Flash()
-        self._model, self.catalogue, self._link, self._local = model, catalogue, link, local
+        self.link = link
+        """The link to the host: UART or CAN."""
+        self._memory = flash
         self._identity = Identity(node, identity_rng.bytes(12), boot_id or _boot_id(identity_rng))
         self._identity_rng = identity_rng
         self._modes = ModeMachine()
         self._modes.fire(Event.SUPPLY_BACK)
         self._modes.fire(Event.BOOTED)
-        self.firmware = self._new_firmware()
         self._next_tick_us = 0
         self._ready_us = 0
         """Time at which the firmware starts, or started, µs."""
         self._fed_us = 0
         self._hung = False
         self._crystal_failed = False
+
+    @abstractmethod
+    def _new_firmware(self) -> P:
+        """Boot as ``_identity`` says."""
 
     def step(self, data: bytes, now_us: int) -> bytes:
         """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
@@ -122,13 +175,12 @@ class VirtualSweeper:
         if self._hung or not self._modes.awake:
             return b""  # bytes that come now are lost, and nothing is sent
         firmware = self.firmware
-        # With a key, time alone can change the result too: a command on CAN waits for its tag.
-        if data or firmware.link.key is not None:
+        if data or firmware.waits:
             firmware.receive(data, self.clock.uptime_us(now_us))
         out = firmware.data_to_send()
         if firmware.reboot_wanted is not None:
             if firmware.reboot_wanted is RebootKind.FACTORY_RESET:
-                self.flash.erase()
+                self._memory.erase()
             self.reset(ResetCause.SOFTWARE)
         return out
 
@@ -151,12 +203,22 @@ class VirtualSweeper:
 
         At rest a disabled bridge holds the wheels like a braking one, so the plant brakes.
         """
-        return self._modes.awake and self.firmware.control.drivers
+        return self._modes.awake and self.firmware.drivers
 
     @property
     def state(self) -> State:
         """State of the device in its mode table."""
-        return self._modes.state
+        return self.firmware.state if self._modes.awake else self._modes.state
+
+    @property
+    def stop_cause(self) -> StopCause:
+        """Cause of the latched stop; ``NONE``: no stop is latched."""
+        return self.firmware.stop_cause
+
+    @property
+    def mode(self) -> Mode:
+        """Mode of the firmware."""
+        return self.firmware.mode
 
     # ---- events from outside ------------------------------------------------------------------
 
@@ -176,7 +238,7 @@ class VirtualSweeper:
         """
         self._modes.fire(Event.SUPPLY_LOST if cause in _SUPPLY_CAUSES else Event.RESET)
         self.plant.set_duty(0.0, 0.0)
-        self.flash.power_lost()
+        self._memory.power_lost()
         self._hung = False
         self._identity = replace(
             self._identity,
@@ -216,13 +278,15 @@ class VirtualSweeper:
                 if now_us - self._fed_us >= WATCHDOG_US:
                     self.reset(ResetCause.WATCHDOG)
             else:
-                self._fed_us = now_us
-                clock = self.clock
+                clock, firmware = self.clock, self.firmware
                 uptime_us = clock.uptime_us(now_us)
-                left, right = self.firmware.tick(uptime_us)
+                left, right = firmware.tick(uptime_us)
                 plant.set_duty(left, right)
-                ticks = (uptime_us + _HALF_TICK_US) // TICK_US
-                next_us = clock.true_us((ticks + 1) * TICK_US)
+                next_us = clock.true_us(firmware.next_us(uptime_us))
+                if firmware.fed:
+                    self._fed_us = now_us
+                elif now_us - self._fed_us >= WATCHDOG_US:
+                    self.reset(ResetCause.WATCHDOG)
         self._next_tick_us = next_us
         plant.advance_ms(next_us // 1000 - now_us // 1000)
         if plant.rail_5v_v < BROWN_OUT_V and modes.state is not _OFF:
@@ -241,6 +305,61 @@ class VirtualSweeper:
             return now_us
         return min(now_us + TICK_US, max(now_us + 1, self._ready_us))
 
+
+class VirtualSweeper(Sweeper[Firmware]):
+    """A sweeper that runs the model of the firmware in Python."""
+
+    def __init__(  # noqa: PLR0913 - what a device can be made with
+        self,
+        plan: FloorPlan,
+        model: RobotModel | None = None,
+        *,
+        seed: int = 0,
+        noise: str | NoiseLevel = "typical",
+        node: int = 1,
+        catalogue: Catalogue = CATALOGUE,
+        link: type[LinkBase] = Link,
+        boot_id: int | None = None,
+        local: bool = True,
+        imu: ImuConfig | None = None,
+    ) -> None:
+        """Boot at time 0, at rest at the plan's start.
+
+        Args:
+            plan: The room.
+            model: The robot; by default the model of the paper's robot.
+            seed: The seed of every random draw.
+            noise: The name of a level, or a level.
+            node: The device's node number.
+            catalogue: The declarations of the firmware's version of the project.
+            link: The link to the host.
+            local: Whether reaching the link requires standing beside the robot; otherwise no key
+                can be set.
+            boot_id: The boot id; without it, it follows from the seed.
+            imu: The IMU settings that the firmware writes.
+
+        Raises:
+            FloorPlanError: the robot does not fit where it should start.
+            UnknownNoiseLevelError: no such level.
+
+        """
+        self._model = model = model or RobotModel()
+        self._imu = imu or ImuConfig()
+        self.flash = Flash()
+        super().__init__(
+            plan,
+            model,
+            self.flash,
+            seed=seed,
+            noise=noise,
+            node=node,
+            link=link,
+            boot_id=boot_id,
+            imu=self._imu,
+        )
+        self.catalogue, self._local = catalogue, local
+        self.firmware = self._new_firmware()
+
     def _new_firmware(self) -> Firmware:
         return Firmware(
             self._model,
@@ -248,7 +367,7 @@ class VirtualSweeper:
             self.sensors,
             self.catalogue,
             flash=self.flash,
-            link=self._link,
+            link=self.link,
             clock=self.clock,
             modes=self._modes,
             imu_scale=self._imu.scale,

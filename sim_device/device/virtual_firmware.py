@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from sim_device.device.sampling import Sensors
 
 TICK_US = 1_000_000 // streams.TICK_HZ
+_HALF_TICK_US = TICK_US // 2
 _TICK_MS = TICK_US // 1000
 _VALUE = CATALOGUE.by_class[ParameterValue].type_id
 HELLO_TICKS = 100
@@ -165,6 +166,31 @@ class Firmware:
     def latch(self) -> StopLatch:
         """The latch that stops the wheels."""
         return self.control.latch
+
+    @property
+    def state(self) -> State:
+        """State in the mode table."""
+        return self.control.modes.state
+
+    @property
+    def stop_cause(self) -> StopCause:
+        """Cause of the latched stop."""
+        return self.control.latch.cause
+
+    @property
+    def drivers(self) -> bool:
+        """Whether the motor drivers are enabled."""
+        return self.control.drivers
+
+    @property
+    def fed(self) -> bool:
+        """Whether the last tick fed the watchdog: each does."""
+        return True
+
+    @property
+    def waits(self) -> bool:
+        """With a key, time alone can change the result too: a command on CAN waits for its tag."""
+        return self.link.key is not None
 
     @property
     def faults(self) -> Fault:
@@ -402,7 +428,7 @@ class Firmware:
         """Run one control period: return left and right duty, and queue the due streams."""
         if self.session_id and now_us - self._heard_us > HOST_SILENCE_US:
             self._close()
-        tick = (now_us + TICK_US // 2) // TICK_US
+        tick = (now_us + _HALF_TICK_US) // TICK_US
         sampler = self._sampler
         sampler.begin()
         around = sampler.around() if self.negotiated and tick % RANGE_TICKS == RANGE_PHASE else None
@@ -426,6 +452,10 @@ class Firmware:
         elif tick % HELLO_TICKS == 0:
             self._hello(now_us)
         return duties
+
+    def next_us(self, now_us: int) -> int:
+        """When the period after the one at ``now_us`` begins, microseconds of uptime."""
+        return ((now_us + _HALF_TICK_US) // TICK_US + 1) * TICK_US
 
     def _answer_stop(self, due: tuple[str, ...], now_us: int) -> None:
         """Send the status after a stop from any sender, unless it is due anyway."""

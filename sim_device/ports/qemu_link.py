@@ -12,7 +12,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 from zlib import crc32
 
-from protocol.messages.values import Contact
+from sim_device.sensors.units import contact_bits, milli, range_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +26,6 @@ VERSION = 2
 CHUNK = 128
 """Number of flash bytes in a frame."""
 DUTY_ONE = 10_000
-NO_RANGE = 0xFFFF
 PAGES, PAGE_SIZE = 2, 1024
 _SYNC = 0xA5
 _HEAD = struct.Struct("<BBB")
@@ -149,37 +148,21 @@ def sample(  # noqa: PLR0913 - all that is sampled together
     cliff: bool,
 ) -> bytes:
     """Return one period's readings, taken at ``at_us`` of the chip's clock."""
-    contacts = (
-        (Contact.BUMPER_LEFT if bumpers.left else 0)
-        | (Contact.BUMPER_RIGHT if bumpers.right else 0)
-        | (Contact.CLIFF if cliff else 0)
-    )
     payload = _SAMPLE.pack(
         at_us & 0xFFFF_FFFF,
         *counts,
         *imu,
-        _range(ranges.ultrasonic_m, 1000.0),
-        _range(ranges.infrared_left_m, 10_000.0),
-        _range(ranges.infrared_right_m, 10_000.0),
-        contacts,
+        range_steps(ranges.ultrasonic_m, 1e3),
+        range_steps(ranges.infrared_left_m, 1e4),
+        range_steps(ranges.infrared_right_m, 1e4),
+        contact_bits(bumpers, cliff=cliff),
     )
     return frame(ToChip.SAMPLE, payload)
 
 
 def power(at_us: int, reading: PowerReading) -> bytes:
     """Return rails and currents in millivolts and milliamperes; currents are unsigned."""
-    milli = (
-        _milli(v) for v in (reading.battery_v, reading.rail_v, reading.left_a, reading.right_a)
-    )
-    return frame(ToChip.POWER, _POWER.pack(at_us & 0xFFFF_FFFF, *milli))
-
-
-def _milli(value: float) -> int:
-    return min(0xFFFF, round(1000.0 * abs(value)))
-
-
-def _range(range_m: float | None, per_m: float) -> int:
-    return NO_RANGE if range_m is None else min(NO_RANGE - 1, max(0, round(range_m * per_m)))
+    return frame(ToChip.POWER, _POWER.pack(at_us & 0xFFFF_FFFF, *map(milli, reading)))
 
 
 class Parser:

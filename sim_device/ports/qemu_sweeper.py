@@ -27,6 +27,7 @@ from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from bridge.floor_plan.floor_plan import FloorPlan
@@ -93,7 +94,7 @@ class QemuSweeper:
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         self.clock = DeviceClock()
         """A device clock without effect: the chip's own clock cannot be changed; see ``cannot``."""
-        self.cannot = {
+        self.cannot: Mapping[str, str] = {
             "clock-drift": CANNOT,
             "clock-jump": CANNOT,
             "hse-failed": CANNOT,

@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 START, PAUSE, RESUME, ABORT = PlannerAction
 
 
-def phase(host: WireHost) -> PlannerPhase:
+def phase(host: WireHost[VirtualSweeper]) -> PlannerPhase:
     return PlannerPhase(host.last(PlannerState).phase)
 
 
-def driving() -> WireHost:
+def driving() -> WireHost[VirtualSweeper]:
     """Return a running plan in the middle of a wide floor: the first lane."""
     host = WireHost(sweeper())
     host.start_plan()
@@ -47,7 +47,7 @@ def driving() -> WireHost:
     return host
 
 
-def speed(host: WireHost) -> float:
+def speed(host: WireHost[VirtualSweeper]) -> float:
     return abs(host.device.truth.v_m_s)
 
 

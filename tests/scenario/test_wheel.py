@@ -112,7 +112,7 @@ def test_it_holds_every_file_of_the_packages_and_the_compiled_kernels(wheel: Pat
         and not {"__pycache__", "build"} & set(path.relative_to(ROOT).parts)
         and path.suffix not in {".so", ".pyd"}
     }
-    made = [*kernels.sources(), ROOT / kernels.SHARED]
+    made = [*kernels.sources(), ROOT / kernels.SHARED, ROOT / kernels.CORE]
     compiled = {str(kernels.compiled(path).relative_to(ROOT)) for path in made}
     with zipfile.ZipFile(wheel) as archive:
         assert files(archive.namelist()) == source | compiled | set(MODULES)

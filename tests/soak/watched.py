@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.record.sink import Sink
     from bridge.session.records import Record
-    from sim_device.sweeper import VirtualSweeper
+    from sim_device.sweeper import Sweeper
     from tools.virtual.run import VirtualRun
 
 MOVES_M_S = 0.03
@@ -28,7 +28,7 @@ class Truth:
 
     def __init__(self, sink: Sink) -> None:
         self._sink = sink
-        self._device: VirtualSweeper | None = None
+        self._device: Sweeper[Any] | None = None
         self._last: tuple[float, Pose2] | None = None
         self._latched_s: float | None = None
         self._began_s = 0.0

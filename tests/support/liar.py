@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from protocol.messages.device import PlannerState
 from protocol.messages.values import PlannerPhase
@@ -11,12 +11,12 @@ from protocol.schema.catalogue import CATALOGUE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim_device.sweeper import VirtualSweeper
+    from sim_device.sweeper import Sweeper
 
     Lie = Callable[[PlannerState, dict[str, int]], PlannerState]
 
 
-def let_lie(device: VirtualSweeper, what: str, at_s: float) -> None:
+def let_lie(device: Sweeper[Any], what: str, at_s: float) -> None:
     """Let the device's planner report a false value of this kind from a time on."""
     control, lie = device.firmware.control, LIES[what]
     true_state = control.planner_state
@@ -26,7 +26,7 @@ def let_lie(device: VirtualSweeper, what: str, at_s: float) -> None:
         true = true_state()
         return true if device.plant.tick_ms < 1000.0 * at_s else lie(true, reported)
 
-    control.planner_state = planner_state  # type: ignore[method-assign]  # false values
+    control.planner_state = planner_state
 
 
 def changed(true: PlannerState, **values: int) -> PlannerState:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bridge.session.session import Session
 from bridge.session.states import Data, Ping, SessionReady, State
@@ -14,7 +14,7 @@ from protocol.uart.link import Link
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import STRAIGHT, LineSettings
 from sim_device.rig import Rig
-from sim_device.sweeper import VirtualSweeper
+from sim_device.sweeper import Sweeper, VirtualSweeper
 from support.sim_body import room
 
 if TYPE_CHECKING:
@@ -46,9 +46,10 @@ def rig(
     settings: LineSettings = STRAIGHT,
     seed: int = 1,
     link: type[LinkBase] = Link,
+    device: Sweeper[Any] | None = None,
 ) -> Rig:
     """Return a noise-free device, by default in the middle of an open floor."""
-    device = VirtualSweeper(plan, seed=seed, noise="none", link=link)
+    device = device or VirtualSweeper(plan, seed=seed, noise="none", link=link)
     return Rig(device, settings, [parse_fault(text) for text in faults], seed=seed)
 
 
@@ -58,8 +59,8 @@ class Drive:
     def __init__(self, made: Rig, v_m_s: float = 0.0, yaw_rate_rad_s: float = 0.0) -> None:
         self.rig = made
         self.velocity = v_m_s, yaw_rate_rad_s
-        assert isinstance(made.device, VirtualSweeper)
-        self.session = Session(itertools.count(1).__next__, link=type(made.device.firmware.link))
+        assert isinstance(made.device, Sweeper)
+        self.session = Session(itertools.count(1).__next__, link=made.device.link)
         self.heard: list[Heard] = []
         self.events: list[tuple[int, SessionEvent]] = []
         self.bytes: list[tuple[int, bytes]] = []

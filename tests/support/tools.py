@@ -157,6 +157,18 @@ TOOLS = (
         _clang_has_runtimes,
     ),
     Tool(
+        "addr2line",
+        "names the lines of a crashed firmware",
+        (("addr2line",),),
+        (Package("binutils", "names the lines of a crashed firmware"),),
+    ),
+    Tool(
+        "gdb",
+        "attaches to a firmware that waits for it",
+        (("gdb",),),
+        (Package("gdb", "debugs a firmware in the simulator"),),
+    ),
+    Tool(
         "arm-none-eabi-gcc",
         "builds the firmware for its chips, and measures its size and stack",
         (

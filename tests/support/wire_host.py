@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from protocol.link import Received
 from protocol.messages.device import Ack, Hello, LogText, Nack, Status
@@ -16,17 +16,18 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.schema.message import Message
-    from sim_device.sweeper import VirtualSweeper
+    from sim_device.sweeper import Sweeper
 
 M = TypeVar("M")
+D = TypeVar("D", bound="Sweeper[Any]")
 SESSION = 0xBEEF
 PING_US = 250_000
 
 
-class WireHost:
+class WireHost(Generic[D]):
     """Bytes to and from a device, in its true time; pings keep the session alive."""
 
-    def __init__(self, device: VirtualSweeper) -> None:
+    def __init__(self, device: D) -> None:
         self.device = device
         self.link = Link(Direction.HOST)
         self.now_us = 0

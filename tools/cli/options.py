@@ -15,7 +15,7 @@ from tools.cli.configuration import ConfiguredOption
 from tools.cli.paths import is_there
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from bridge.motion.geometry import Pose2
     from sim_device.faults.spec import FaultSpec
@@ -163,7 +163,6 @@ def rig(
     line: LineSettings,
     faults: tuple[FaultSpec, ...],
     seed: int,
-    cannot: Mapping[str, str] | None = None,
 ) -> Rig:
     """Connect a virtual device to a line and its faults.
 
@@ -172,7 +171,6 @@ def rig(
         line: properties of the link to the host.
         faults: faults of ``--fault``.
         seed: seed of everything random in the line and the faults.
-        cannot: kinds of fault that the device does not support, with the reason.
 
     Raises:
         click.BadParameter: the device does not support a fault.
@@ -182,9 +180,40 @@ def rig(
     from sim_device.rig import Rig
 
     try:
-        return Rig(device, line, faults, seed=seed, cannot=cannot or {})
+        return Rig(device, line, faults, seed=seed)
     except FaultSpecError as error:
         raise click.BadParameter(str(error), param_hint="'--fault'") from None
+
+
+def target_options(f: Callable[..., object]) -> Callable[..., object]:
+    """Add ``--target``, ``--firmware`` and ``--gdb``."""
+    for option in (
+        click.option(
+            "--gdb",
+            is_flag=True,
+            help="With --target core: wait until a debugger has attached to the process that runs "
+            "the firmware.",
+        ),
+        click.option(
+            "--firmware",
+            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            metavar="FILE",
+            help="Firmware of your own: with --target core a shared library "
+            "(`make -C sim_device/firmware library`), which runs in a process of its own; with "
+            "--target qemu an ELF file.  [default: the C firmware of sweepctl]",
+        ),
+        click.option(
+            "--target",
+            type=click.Choice(("python", "core", "qemu")),
+            default="python",
+            show_default=True,
+            help="Firmware of the device: the model in Python (python), the C firmware on a "
+            "virtual board (core), or the C firmware on an STM32F405 in QEMU (qemu; only emulate; "
+            "needs qemu-system-arm and, for the first build, gcc-arm-none-eabi).",
+        ),
+    ):
+        f = option(f)
+    return f
 
 
 def out_option(f: Callable[..., object]) -> Callable[..., object]:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.log_writer import RunWriter
-    from protocol.link import LinkBase
     from sim_device.body.plant import Truth
     from sim_device.faults.injector import FaultEvent
     from sim_device.faults.spec import FaultSpec
@@ -31,10 +30,17 @@ if TYPE_CHECKING:
     from sim_device.ports import DevicePort, ServeReport
     from sim_device.ports.qemu_sweeper import QemuSweeper
     from sim_device.rig import Rig
-    from sim_device.sweeper import VirtualSweeper
+    from sim_device.rigged import RiggedDevice
+    from tools.virtual.wanted import Wanted
 
 _LINKS = ("pty", "tcp", "slcan", "udpcan")
 _SERIAL = {"pty", "tcp"}
+_WITH = {
+    "python": "",
+    "core": " with the C firmware on a virtual board",
+    "qemu": " with its firmware in QEMU",
+}
+"""What the first message says of each target."""
 
 
 @click.command(
@@ -50,20 +56,7 @@ _SERIAL = {"pty", "tcp"}
     help="Link to the device: a serial line (pty), a serial line over TCP (tcp), a serial CAN "
     "adapter (slcan), or a CAN bus over UDP that several devices and a host can join (udpcan).",
 )
-@click.option(
-    "--target",
-    type=click.Choice(("python", "qemu")),
-    default="python",
-    show_default=True,
-    help="Firmware of the device: the model in Python (python), or the C firmware on an STM32F405 "
-    "in QEMU (qemu; needs qemu-system-arm and, for the first build, gcc-arm-none-eabi).",
-)
-@click.option(
-    "--firmware",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    metavar="FILE.elf",
-    help="With --target qemu: firmware to run.  [default: the C firmware of sweepctl]",
-)
+@options.target_options
 @options.baud_option
 @options.latency_option
 @click.option(
@@ -123,6 +116,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     link: str,
     target: str,
     firmware: Path | None,
+    gdb: bool,
     baud: int | None,
     latency_ms: float | None,
     bitrate: int,
@@ -154,54 +148,40 @@ def command(  # noqa: PLR0913 - one parameter per option
         print_faults(as_json=as_json)
         return 0
     from bridge.config import load_robot
-    from bridge.errors import PortError
+    from bridge.errors import BridgeError, PortError
     from protocol.can.link import CanLink
     from protocol.uart.link import Link
+    from sim_device.core.chip import FirmwareCrashError
     from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
     from tools.cli.keyfile import read_key
     from tools.cli.rooms import load_room
-    from tools.virtual import qemu_target
+    from tools.virtual import core_target, qemu_target
+    from tools.virtual.wanted import Wanted
 
-    qemu_target.check(target, link, firmware)
+    qemu_target.check(target, link)
+    core_target.check(target, firmware, gdb=gdb)
     _check(link, baud, listen, pty_link, lan=lan, as_json=as_json)
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m, start)
-    kind = Link if link in _SERIAL else CanLink
-    boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice a restart
     stopper = Stopper()
     for number in ending_signals():
         signal.signal(number, lambda _number, _frame: stopper.stop())
     try:
         with ExitStack() as stack:
             stack.callback(stopper.close)
-            line = _line(link, baud, latency_ms, bitrate)
-            chip: QemuSweeper | None = None
-            if target == "qemu":
-                chip = qemu_target.device(
-                    stack,
-                    firmware,
-                    plan,
-                    model,
-                    seed=seed,
-                    noise=noise,
-                    node=node,
-                    boot_id=boot_id,
-                    notify=_notify,
-                )
-                rig = options.rig(chip, line, fault, seed, chip.cannot)
-            else:
-                device = _sweeper(
-                    plan,
-                    model,
-                    seed=seed,
-                    noise=noise,
-                    node=node,
-                    link=kind,
-                    boot_id=boot_id,
-                    local=link == "pty",
-                    key=read_key(key_file),
-                )
-                rig = options.rig(device, line, fault, seed)
+            wanted = Wanted(
+                plan=plan,
+                model=model,
+                seed=seed,
+                noise=noise,
+                node=node,
+                boot_id=secrets.randbelow(0xFFFF_FFFF) + 1,  # a host must notice a restart
+                link=Link if link in _SERIAL else CanLink,
+                local=link == "pty",
+                key=read_key(key_file),
+            )
+            device, chip = _device(stack, target, wanted, firmware, gdb=gdb)
+            rig = options.rig(device, _line(link, baud, latency_ms, bitrate), fault, seed)
             writer = None
             if truth is not None:
                 writer = _truth_writer(truth, (model, robot_toml), plan, seed, noise, force=force)
@@ -214,7 +194,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             write_line(f"ready {port.path}")
             flush()
             _notify(
-                f"virtual sweeper{' with its firmware in QEMU' if chip else ''}, node {node}, in "
+                f"virtual sweeper{_WITH[target]}, node {node}, in "
                 f"{plan.name} ({noise} noise, seed {seed}, {link}); press Ctrl-C to end"
             )
             watchers = Watchers(
@@ -227,33 +207,29 @@ def command(  # noqa: PLR0913 - one parameter per option
             _sum_up(rig, report, chip, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
+    except FirmwareCrashError as error:
+        core_target.print_trace(error)
+        raise BridgeError(str(error)) from None
     for number in ending_signals():  # a second one, as `timeout` sends, must not change the status
         signal.signal(number, signal.SIG_IGN)
     return 0
 
 
-def _sweeper(  # noqa: PLR0913 - one parameter for each property of the device
-    plan: FloorPlan,
-    model: RobotModel,
-    *,
-    seed: int,
-    noise: str,
-    node: int,
-    link: type[LinkBase],
-    boot_id: int,
-    local: bool,
-    key: bytes | None,
-) -> VirtualSweeper:
-    # The device may run its own planner. Importing it only then would delay a control period.
-    import bridge.coverage.recovery.planner  # noqa: F401 - imported in advance
-    from sim_device.sweeper import VirtualSweeper
+def _device(
+    stack: ExitStack, target: str, wanted: Wanted, firmware: Path | None, *, gdb: bool
+) -> tuple[RiggedDevice, QemuSweeper | None]:
+    """Make the device, which runs until ``stack`` is closed; second, the chip in QEMU, if any."""
+    from tools.virtual import core_target, qemu_target
+    from tools.virtual.wanted import python_sweeper
 
-    device = VirtualSweeper(
-        plan, model, seed=seed, noise=noise, node=node, link=link, boot_id=boot_id, local=local
-    )
-    device.flash.key = key
-    device.firmware.keyring.take()
-    return device
+    if target == "qemu":
+        chip = qemu_target.device(stack, wanted, firmware, _notify)
+        return chip, chip
+    if target == "core":
+        core = core_target.device(wanted, firmware, _notify, gdb=gdb)
+        stack.callback(core.close)
+        return core, None
+    return python_sweeper(wanted), None
 
 
 def _check(  # noqa: PLR0913 - the options that exclude each other

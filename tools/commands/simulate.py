@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from bridge.coverage.runner import PlanRunner
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
     from bridge.run.ending import Ending
     from bridge.run.host import Host
+    from bridge.session.records import RunInfo
     from sim_device.faults.spec import FaultSpec
     from sim_device.line.line import LineSettings
     from tools.virtual.run import VirtualRun
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     help="Set an option of the planner, in SI units; may be repeated. An unknown name lists all "
     "options.",
 )
+@options.target_options
 @options.seed_option
 @options.noise_option
 @options.fault_option
@@ -94,6 +97,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     room: str,
     planner: str,
     planner_options: tuple[str, ...],
+    target: str,
+    firmware: Path | None,
+    gdb: bool,
     seed: int,
     noise: str,
     fault: tuple[FaultSpec, ...],
@@ -123,45 +129,37 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.record.names import VIRTUAL_PORT
     from bridge.run.mission import Resume
     from bridge.run.notices import NoticeSink
-    from bridge.session.records import RunInfo
     from tools.cli.cautions import caution_lines, caution_records
     from tools.cli.rooms import load_room
     from tools.cli.supervising import supervise_rules
-    from tools.version import VERSION
-    from tools.virtual.loop import HOST_BOOT_NS
+    from tools.virtual import core_target
     from tools.virtual.pace import PacedSink
     from tools.virtual.run import EPOCH_NS, run_virtual
+    from tools.virtual.wanted import Wanted
 
+    core_target.check(target, firmware, gdb=gdb, in_real_time=False)
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m, start)
-    check_faults(plan, fault)
+    check_faults(plan, fault, target)
     if supervise and planner_options:
         raise click.UsageError(
             "--planner-option sets a planner on the host; it cannot be used with --supervise"
         )
     runner = None if supervise else _runner(model, planner, planner_options, seed)
-    extra = {"noise": noise}
-    if fault:
-        extra["faults"] = " ".join(spec.text for spec in fault)
-    if planner_options:
-        extra["planner_options"] = " ".join(planner_options)
-    settings = supervise_rules(robot, rules) if supervise or rules else None
+    said = {
+        "noise": noise,
+        "faults": " ".join(spec.text for spec in fault),
+        "planner_options": " ".join(planner_options),
+        "target": "" if target == "python" else target,
+        "firmware": "" if firmware is None else firmware.name,
+    }
     path = options.log_path(out, plan.name)
-    info = RunInfo(
-        VIRTUAL_PORT,
-        planner,
-        seed,
-        VERSION,
-        EPOCH_NS,
-        EPOCH_NS - HOST_BOOT_NS,
-        model,
-        robot_toml,
-        plan,
-        extra,
-    )
+    info = _info(plan, planner, seed, (model, robot_toml, said))
+    wanted = Wanted(plan=plan, model=model, seed=seed, noise=noise)
     facts = {"port": VIRTUAL_PORT, "log": str(path)}
     parameters = run_parameters(robot_toml, planner=planner, seed=seed, noise=noise)
     with (
+        core_target.running(target, wanted, firmware, inform, gdb=gdb) as device,
         live_foxglove(foxglove, parameters) as publisher,
         contextlib.closing(RunWriter(path, info, force=force, tap=publisher)) as writer,
     ):
@@ -191,8 +189,9 @@ def command(  # noqa: PLR0913 - one parameter per option
                     runner=runner,
                     onboard=planner_number(planner) if supervise else None,
                     resume=Resume(resume),
-                    supervise=settings,
+                    supervise=supervise_rules(robot, rules) if supervise or rules else None,
                     crash_ends=True,
+                    device=device,
                 )
             summary = _conclude(run, plan, planner, seed, str(path))
             writer.close(summary)
@@ -202,8 +201,34 @@ def command(  # noqa: PLR0913 - one parameter per option
                 notices.finish(ending, status, summary)
             if run.crash is not None and ending is not None:
                 complain(ending.reason)
+                core_target.print_trace(run.crash)
             print_summary(summary, as_json=as_json)
     return status
+
+
+def _info(
+    plan: FloorPlan, planner: str, seed: int, robot: tuple[RobotModel, str, dict[str, str]]
+) -> RunInfo:
+    """Return the log's metadata; ``robot`` is the model, its file and further entries."""
+    from bridge.record.names import VIRTUAL_PORT
+    from bridge.session.records import RunInfo
+    from tools.version import VERSION
+    from tools.virtual.loop import HOST_BOOT_NS
+    from tools.virtual.run import EPOCH_NS
+
+    model, robot_toml, said = robot
+    return RunInfo(
+        VIRTUAL_PORT,
+        planner,
+        seed,
+        VERSION,
+        EPOCH_NS,
+        EPOCH_NS - HOST_BOOT_NS,
+        model,
+        robot_toml,
+        plan,
+        {name: text for name, text in said.items() if text},
+    )
 
 
 def _conclude(
@@ -236,16 +261,23 @@ def _runner(
     return PlanRunner(made, model)
 
 
-def check_faults(plan: FloorPlan, faults: tuple[FaultSpec, ...]) -> None:
-    """Check that the room has the objects that the faults need, before a log is made.
+def check_faults(plan: FloorPlan, faults: tuple[FaultSpec, ...], target: str) -> None:
+    """Check that the device supports the faults and the room has what they need, before a log.
 
     Raises:
-        click.BadParameter: a fault moves an obstacle that the room does not have.
+        click.BadParameter: the target does not support a fault, or a fault moves an obstacle that
+            the room does not have.
 
     """
+    from sim_device.core.core_sweeper import CANNOT
     from sim_device.faults.bench import UnknownObstacleError, check_obstacle
+    from sim_device.rig import WITHOUT_BUS
 
+    cannot = {**WITHOUT_BUS, **(CANNOT if target == "core" else {})}
     for spec in faults:
+        if spec.kind.name in cannot:
+            text = f"{spec.text}: {cannot[spec.kind.name]}"
+            raise click.BadParameter(text, param_hint="'--fault'")
         try:
             check_obstacle(plan, spec.values)
         except UnknownObstacleError as error:

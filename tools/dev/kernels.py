@@ -1,9 +1,10 @@
-"""The modules that are compiled ahead of time, and whether they match their source.
+"""What is compiled ahead of time, and whether it matches its source.
 
     python -m tools.dev.kernels        exits with 1 if a module is not built or is stale
 
-``pyproject.toml`` has their list. ``setup.py`` writes into each compiled module a digest of its
-inputs, as text that ``is_stale`` finds again.
+``pyproject.toml`` has the list of the modules; beside them there is the firmware core, a shared
+library of C sources. ``setup.py`` writes into each compiled file a digest of its inputs, as text
+that ``is_stale`` finds again.
 """
 
 from __future__ import annotations
@@ -29,6 +30,11 @@ _MADE_WITH = ("setup.py", "requirements-build.lock")
 _ARRAYS = "bridge/motion/arrays.pxd"
 """Further input of a kernel that declares its types itself."""
 _CIMPORT = re.compile(r"^from ([\w.]+) cimport (\w+)", re.MULTILINE)
+CORE = "sim_device/core/core_library.py"
+"""Where the source of the firmware's core as a module would stand: it is C, in ``FIRMWARE``."""
+FIRMWARE = "sim_device/firmware"
+CORE_FOLDERS = ("board_library", "board_virtual", "core", "include", "protocol")
+"""Its folders that the core is made of."""
 
 
 def sources(*, tests: bool = False) -> list[Path]:
@@ -36,6 +42,12 @@ def sources(*, tests: bool = False) -> list[Path]:
     with (ROOT / "pyproject.toml").open("rb") as file:
         named = tomllib.load(file)["tool"]["sweepctl"]["kernels"]
     return [ROOT / path for path in named["modules"] + (named["test-modules"] if tests else [])]
+
+
+def core_sources() -> list[Path]:
+    """The C files of the firmware's core and of the virtual board."""
+    files = [f for folder in CORE_FOLDERS for f in sorted((ROOT / FIRMWARE / folder).glob("*.c"))]
+    return [file for file in files if file.name != "main.c"]
 
 
 def module_name(source: Path) -> str:
@@ -52,7 +64,12 @@ def stamp(source: Path) -> str:
     """Return the text that a module made of this source contains."""
     tools = [path for path in map(ROOT.joinpath, _MADE_WITH) if path.exists()]
     typed = _with_cimported(types(source)) if types(source).exists() else [ROOT / _ARRAYS]
-    made_of = [source, *typed, *tools]
+    if source == ROOT / CORE:
+        folders = [ROOT / FIRMWARE / folder for folder in CORE_FOLDERS]
+        made_of = [file for folder in folders for file in sorted(folder.glob("*.[ch]"))]
+        made_of.append(ROOT / _MADE_WITH[0])
+    else:
+        made_of = [source, *typed, *tools]
     digest = hashlib.sha256(b"\0".join(path.read_bytes() for path in made_of)).hexdigest()
     return f"sweepctl-kernel:{module_name(source)}:{digest}"
 
@@ -89,8 +106,8 @@ def stale(of: list[Path]) -> list[Path]:
 
 
 def complaint(of: list[Path]) -> str | None:
-    """Return the stale modules and the remedy in one line; None if all are current."""
-    names = [module_name(source) for source in stale(of)]
+    """Return what is stale, core included, and the remedy in one line; None if all is current."""
+    names = [module_name(source) for source in stale([*of, ROOT / CORE])]
     if not names:
         return None
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""

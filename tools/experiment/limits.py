@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bridge.evaluation.regions import Regions
     from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
-    from sim_device.sweeper import VirtualSweeper
+    from sim_device.rigged import RiggedDevice
     from tools.experiment.observed import Observed
     from tools.virtual.run import VirtualRun
 
@@ -38,7 +38,7 @@ _MAP_SLACK_M = 0.025
 class TruePose:
     """The host's estimator with the plant's true pose instead of the estimated one."""
 
-    def __init__(self, inner: PoseEstimator, device: VirtualSweeper) -> None:
+    def __init__(self, inner: PoseEstimator, device: RiggedDevice) -> None:
         """Wrap ``inner``, which gets all measurements and gives everything except the pose."""
         self._inner, self._device = inner, device
 

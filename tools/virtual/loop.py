@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.run.host import Host
     from sim_device.rig import Rig
-    from sim_device.sweeper import VirtualSweeper
+    from sim_device.rigged import RiggedDevice
 
 HOST_BOOT_NS = 5_000_000_000
 """Host clock at the device's boot, ns: not 0, so that mixing up the two clocks shows."""
@@ -33,7 +33,7 @@ class VirtualLoop:
 
     def __init__(
         self,
-        body: VirtualSweeper,
+        body: RiggedDevice,
         rig: Rig | None,
         latency_us: int = LATENCY_US,
         on_tick: Callable[[int, int, Pose2], None] = lambda _last, _now, _pose: None,
@@ -56,7 +56,8 @@ class VirtualLoop:
         """Distance of estimate and truth at the newest encoder sample of the drive, m."""
         self.max_error_m: float | None = None
         """Maximum of ``end_error_m`` over the drive, m."""
-        self._body, self._device = body, rig or body
+        self._body = body
+        self._device: Rig | RiggedDevice = rig or body
         self._latency_us = latency_us
         self._on_tick, self._on_step = on_tick, on_step
         self._to_device: deque[tuple[int, bytes]] = deque()
@@ -169,6 +170,6 @@ class VirtualLoop:
                     self.max_error_m = error_m
 
 
-def own_ms(device: VirtualSweeper) -> int:
+def own_ms(device: RiggedDevice) -> int:
     """Return the time stamp of the samples of the device's next control period, ms."""
     return device.clock.stamp_us(device.next_deadline_us()) // 1000

@@ -11,15 +11,14 @@ if TYPE_CHECKING:
     from contextlib import ExitStack
     from pathlib import Path
 
-    from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.motion.robot_model import RobotModel
     from sim_device.ports.qemu_sweeper import QemuSweeper
+    from tools.virtual.wanted import Wanted
 
 SERIAL = {"pty", "tcp"}
 """Links that work with the emulated chip: QEMU's STM32F405 has no CAN."""
 
 
-def check(target: str, link: str, firmware: Path | None) -> None:
+def check(target: str, link: str) -> None:
     """Check that the options of the target go together.
 
     Raises:
@@ -28,23 +27,12 @@ def check(target: str, link: str, firmware: Path | None) -> None:
     """
     if target == "qemu" and link not in SERIAL:
         raise click.UsageError(
-            f"--link {link} needs --target python: the chip that QEMU emulates has no CAN"
+            f"--link {link} needs --target python or core: the chip that QEMU emulates has no CAN"
         )
-    if target != "qemu" and firmware is not None:
-        raise click.UsageError("--firmware needs --target qemu")
 
 
-def device(  # noqa: PLR0913 - one parameter for each property of the device
-    stack: ExitStack,
-    firmware: Path | None,
-    plan: FloorPlan,
-    model: RobotModel,
-    *,
-    seed: int,
-    noise: str,
-    node: int,
-    boot_id: int,
-    notify: Callable[[str], None],
+def device(
+    stack: ExitStack, wanted: Wanted, firmware: Path | None, notify: Callable[[str], None]
 ) -> QemuSweeper:
     """Start a chip that runs until ``stack`` is closed; without ``firmware`` build ours.
 
@@ -59,12 +47,12 @@ def device(  # noqa: PLR0913 - one parameter for each property of the device
     find_qemu()
     made = QemuSweeper(
         firmware or firmware_elf(notify=notify),
-        plan,
-        model,
-        seed=seed,
-        noise=noise,
-        node=node,
-        boot_id=boot_id,
+        wanted.plan,
+        wanted.model,
+        seed=wanted.seed,
+        noise=wanted.noise,
+        node=wanted.node,
+        boot_id=wanted.boot_id,
     )
     stack.callback(made.close)
     return made

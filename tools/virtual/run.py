@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
@@ -22,9 +22,10 @@ from bridge.session.records import RoomRecord, Severity, TruthRecord
 from bridge.session.stop_request import stop_request
 from protocol.messages.values import StopCause
 from protocol.uart.link import Link
+from sim_device.core.chip import FirmwareCrashError
 from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
-from sim_device.sweeper import VirtualSweeper
+from sim_device.sweeper import Sweeper, VirtualSweeper
 from tools.cli.fault_help import fault_record
 from tools.virtual.loop import HOST_BOOT_NS, LATENCY_US, VirtualLoop, host_ns
 
@@ -59,7 +60,7 @@ _TRUTH_PERIOD_MS = 40
 class VirtualRun:
     """A run: both ends and the measurements of the truth. Its memory does not grow."""
 
-    device: VirtualSweeper
+    device: Sweeper[Any]
     host: Host
     loop: VirtualLoop
     """Joins both ends and measures the error of the estimate."""
@@ -91,6 +92,7 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
     supervise: SuperviseSettings | None = None,
     link: type[LinkBase] = Link,
     crash_ends: bool = False,
+    device: Sweeper[Any] | None = None,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
@@ -114,6 +116,8 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
         link: link of both ends: UART or CAN.
         crash_ends: an exception of the loop stops the robot and ends the run as a fault, as in a
             live run; else it is raised.
+        device: the virtual sweeper, made with the same room, robot, seed, noise and link; None: one
+            with the firmware's model in Python.
 
     Raises:
         FaultSpecError: the device does not support a fault.
@@ -122,7 +126,8 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
         UnknownNoiseLevelError: no such noise level.
 
     """
-    device = VirtualSweeper(plan, model, seed=seed, noise=noise, link=link)
+    if device is None:
+        device = VirtualSweeper(plan, model, seed=seed, noise=noise, link=link)
     if runner is None and onboard is None and planner is not None:
         runner = PlanRunner(make_planner(planner, model, random.Random(seed)), model)
     ids = itertools.count(0x5EED_0001)
@@ -170,7 +175,7 @@ def _log_faults(rig: Rig | None, sink: Sink) -> None:
         sink.write(fault_record(event, EPOCH_NS + event.t_us * 1000))
 
 
-def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> None:
+def stop_crashed(host: Host, device: Rig | Sweeper[Any], error: Exception) -> None:
     """Stop the virtual robot without the host, whose code has failed, and record the crash."""
     stop = stop_request(type(host.session.link), CRASH_CAUSE, _CRASH_STOP_ID, host.session.node)
     begun_ns = host_ns(device.next_deadline_us())
@@ -180,7 +185,9 @@ def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> 
             now_ns = host_ns(now_us)
             stop.receive(device.step(stop.data_to_send(now_ns), now_us), now_ns)
     confirmed = StopCause.NONE if stop.confirmed_by is None else CRASH_CAUSE
-    ending = crash_ending(error, CRASH_CAUSE, confirmed)
+    ending, trace = crash_ending(error, CRASH_CAUSE, confirmed), traced(error)
+    if isinstance(error, FirmwareCrashError):
+        ending, trace = replace(ending, reason=str(error)), error.details
     host.mission.crashed(ending, confirmed, begun_ns / 1e9)
     with contextlib.suppress(Exception):  # the recording itself may have failed
         now_ns = host_ns(device.next_deadline_us())
@@ -190,7 +197,7 @@ def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> 
             "session",
             EventKind.CRASH,
             ending.reason,
-            traceback=traced(error),
+            traceback=trace,
         )
 
 

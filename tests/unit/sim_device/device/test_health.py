@@ -34,7 +34,7 @@ NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 BOTH_ENCODERS = Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT
 
 
-class Bench(WireHost):
+class Bench(WireHost[VirtualSweeper]):
     """A device driven by setpoints, and its fault bits."""
 
     def __init__(

@@ -42,7 +42,7 @@ RAMP_S = 0.1
 """Maximum additional time beyond v/a in which |duty| falls to zero, s."""
 
 
-class Bench(WireHost):
+class Bench(WireHost[VirtualSweeper]):
     """A device driven by setpoints; its duties in each period."""
 
     def __init__(

@@ -16,7 +16,13 @@ from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import BYTES_PER_MS, ERASE_MS, Flash
 from sim_device.device.modes import State
 from sim_device.device.parameters import table, to_raw
-from sim_device.sweeper import BOOT_US, BROWN_OUT_V, SUPPLY_GOOD_V, WATCHDOG_US
+from sim_device.sweeper import (
+    BOOT_US,
+    BROWN_OUT_V,
+    SUPPLY_GOOD_V,
+    WATCHDOG_US,
+    VirtualSweeper,
+)
 from support.ends import RAMP_US, REST_M_S, sweeper
 from support.wire_host import WireHost
 
@@ -24,7 +30,7 @@ F32 = ParameterKind.F32
 NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 
 
-def free(mode: Mode = Mode.VELOCITY) -> WireHost:
+def free(mode: Mode = Mode.VELOCITY) -> WireHost[VirtualSweeper]:
     host = WireHost(sweeper())
     host.join()
     assert host.clear() is None
@@ -32,13 +38,13 @@ def free(mode: Mode = Mode.VELOCITY) -> WireHost:
     return host
 
 
-def drive(host: WireHost, duration_s: float) -> None:
+def drive(host: WireHost[VirtualSweeper], duration_s: float) -> None:
     for k in range(round(duration_s * 50)):
         host.send(VelocitySetpoint(2000, 0, 200, k & 0xFF))
         host.run(0.02)
 
 
-def speed(host: WireHost) -> float:
+def speed(host: WireHost[VirtualSweeper]) -> float:
     return abs(host.device.truth.v_m_s)
 
 
@@ -131,7 +137,7 @@ def test_a_firmware_that_lives_is_never_reset() -> None:
 class _Rail:
     """A 5 V rail at a voltage set by the test, in place of the plant's own."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, host: WireHost) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, host: WireHost[VirtualSweeper]) -> None:
         self.volts = 5.0
         monkeypatch.setattr(
             type(host.device.plant), "rail_5v_v", property(lambda _plant: self.volts)
@@ -197,7 +203,7 @@ def test_a_flat_battery_switches_it_off_and_a_full_one_on() -> None:
 # ---- parameters in flash ------------------------------------------------------------------
 
 
-def set_speed(host: WireHost, value: float) -> None:
+def set_speed(host: WireHost[VirtualSweeper], value: float) -> None:
     raw = to_raw(F32, value)
     answers = host.send(SetParameter(6, NUMBERS["max_speed"], F32, raw))
     assert any(isinstance(m, Ack) for m in answers)

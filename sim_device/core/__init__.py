@@ -1,0 +1,1 @@
+"""The firmware in C, compiled for this computer, on a virtual board in the virtual sweeper."""

@@ -1,0 +1,207 @@
+"""The firmware on a virtual board, as a chip of the virtual sweeper runs it from boot to reset."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.messages.values import Fault, Mode, RebootKind, StopCause
+from sim_device.core.chip import PAYLOAD_MAX, Ask, Operation
+from sim_device.device.identity import CAPABILITIES
+from sim_device.device.modes import MODE_OF, State
+from sim_device.sensors.units import contact_bits, milli, range_steps
+
+if TYPE_CHECKING:
+    from sim_device.core.chip import Chip
+    from sim_device.device.identity import Identity
+    from sim_device.sensors.sensors import SensorSuite
+
+_BOOT = struct.Struct("<12sIBB?BH?x4I")
+_POLL = struct.Struct("<Q2H?7h")
+_RECEIVE = struct.Struct("<Q")
+_REPLY = struct.Struct("<2h??BBB??BHIIq")
+_RANGES = struct.Struct("<3H")
+_POWER = struct.Struct("<4H")
+_DUTY_ONE = 10_000
+_PAGES, _PAGE_SIZE = 2, 1024
+_NO_CLOCK = 1
+"""``BOARD_TROUBLE_CLOCK`` of ``board.h``."""
+_ROOM = PAYLOAD_MAX - _RECEIVE.size
+_STATES = (
+    State.STOPPED,
+    State.IDLE,
+    State.VELOCITY,
+    State.BRINGUP,
+    State.ONBOARD,
+    State.RUNNING,
+    State.PAUSED,
+)
+"""By their number in ``core/modes.h``."""
+
+
+class View(NamedTuple):
+    """What the chip says of itself after each call."""
+
+    left: int
+    """Duty, of ``_DUTY_ONE``."""
+    right: int
+    drivers: bool
+    rebooted: bool
+    """Whether the program asks for a reset."""
+    fed: int
+    """Whether it fed the watchdog in this call."""
+    state: int
+    stop_cause: int
+    negotiated: bool
+    keyed: bool
+    """Whether it obeys signed commands only."""
+    flash_busy: int
+    faults: int
+    session_id: int
+    waited_us: int
+    """For how long it held its main loop."""
+    due_us: int
+    """Uptime of its next control period."""
+
+
+class CoreFirmware:
+    """One life of the program on a chip, from a boot to the next reset."""
+
+    def __init__(self, chip: Chip, sensors: SensorSuite, identity: Identity, *, can: bool) -> None:
+        """Boot on ``chip`` as ``identity`` says, on a CAN bus or a UART."""
+        self._chip, self._sensors = chip, sensors
+        self._imu_samples = 0
+        self._out = b""
+        self.identity = identity
+        self.reboot_wanted: RebootKind | None = None
+        """Set once the program has asked for a reset; a factory reset it has carried out itself."""
+        crash = identity.crash
+        self.view = self._take(
+            chip.call(
+                Operation.BOOT,
+                _BOOT.pack(
+                    identity.uid,
+                    identity.boot_id,
+                    identity.reset_cause,
+                    identity.node,
+                    can,
+                    _NO_CLOCK if identity.crystal_failed else 0,
+                    int(CAPABILITIES),
+                    crash is not None,
+                    *(
+                        (0, 0, 0, 0)
+                        if crash is None
+                        else (crash.pc, crash.lr, crash.cfsr, crash.uptime_us & 0xFFFF_FFFF)
+                    ),
+                ),
+            )
+        )
+        """What the chip said after the last call."""
+
+    # ---- a program -------------------------------------------------------------------------
+
+    def tick(self, now_us: int) -> tuple[float, float]:
+        """One poll of its main loop, at the begin of a control period."""
+        sensors = self._sensors
+        left, right = sensors.encoders()
+        counts = sensors.imu()
+        samples = sensors.imu_samples()
+        fresh, self._imu_samples = samples != self._imu_samples, samples
+        payload = _POLL.pack(now_us, left, right, fresh, *counts)
+        view = self.view = self._take(self._chip.call(Operation.POLL, payload))
+        return view.left / _DUTY_ONE, view.right / _DUTY_ONE
+
+    def next_us(self, now_us: int) -> int:
+        """When its next control period is due; one that it never reaches is looked for again."""
+        return max(now_us + 1, self.view.due_us)
+
+    def receive(self, data: bytes, now_us: int) -> None:
+        """Take bytes that arrived at ``now_us``, microseconds of uptime."""
+        for at in range(0, max(1, len(data)), _ROOM):
+            payload = _RECEIVE.pack(now_us) + data[at : at + _ROOM]
+            fed = self.view.fed
+            view = self._take(self._chip.call(Operation.RECEIVE, payload))
+            self.view = view._replace(fed=fed)
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the port."""
+        out, self._out = self._out, b""
+        return out
+
+    def _take(self, reply: bytes) -> View:
+        view = View._make(_REPLY.unpack_from(reply))
+        if len(reply) > _REPLY.size:
+            self._out += reply[_REPLY.size :]
+        if view.rebooted:
+            self.reboot_wanted = RebootKind.NORMAL
+        return view
+
+    # ---- what is so ------------------------------------------------------------------------
+
+    @property
+    def fed(self) -> bool:
+        """Whether the last tick fed the watchdog."""
+        return bool(self.view.fed)
+
+    @property
+    def waits(self) -> bool:
+        """With a key, time alone decides too: a command on CAN waits for its tag."""
+        return self.view.keyed
+
+    @property
+    def drivers(self) -> bool:
+        """Whether the motor drivers are enabled."""
+        return self.view.drivers
+
+    @property
+    def state(self) -> State:
+        """Where it stands in the mode table."""
+        return _STATES[self.view.state]
+
+    @property
+    def mode(self) -> Mode:
+        """What moves the wheels."""
+        return MODE_OF[self.state]
+
+    @property
+    def stop_cause(self) -> StopCause:
+        """Cause of the latched stop."""
+        return StopCause(self.view.stop_cause)
+
+    @property
+    def faults(self) -> Fault:
+        """As the status message says them."""
+        return Fault(self.view.faults)
+
+
+class ChipFlash:
+    """The flash of a chip, beyond its resets."""
+
+    def __init__(self, chip: Chip) -> None:
+        """Of this chip."""
+        self._chip = chip
+
+    def power_lost(self) -> None:
+        """End the program, and what the flash was doing where it is."""
+        self._chip.call(Operation.RESET, b"")
+
+    def write(self, page: int, content: bytes) -> None:
+        """Let a page begin with these bytes, as if they had been written in a life before."""
+        self._chip.call(Operation.FLASH, bytes((page,)) + content)
+
+    def erase(self) -> None:
+        """As it leaves the factory."""
+        for page in range(_PAGES):
+            self.write(page, b"\xff" * _PAGE_SIZE)
+
+
+def answer(sensors: SensorSuite, what: int) -> bytes:
+    """Return the readings that a chip asks for, in the layout of ``chip.h``."""
+    if what == Ask.CONTACTS:
+        return bytes((contact_bits(sensors.bumpers(), cliff=sensors.cliff()),))
+    if what == Ask.RANGES:
+        front_m, left_m, right_m = sensors.ranges()
+        return _RANGES.pack(
+            range_steps(front_m, 1e3), range_steps(left_m, 1e4), range_steps(right_m, 1e4)
+        )
+    return _POWER.pack(*map(milli, sensors.power()))

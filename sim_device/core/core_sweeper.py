@@ -1,0 +1,106 @@
+"""The virtual sweeper with the firmware in C on a virtual board."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from bridge.motion.robot_model import RobotModel
+from protocol.can.link import CanLink
+from protocol.uart.link import Link
+from sim_device.core.chip import LocalChip
+from sim_device.core.core_firmware import ChipFlash, CoreFirmware, answer
+from sim_device.core.flash_image import record, set_up
+from sim_device.sensors.imu import ImuConfig
+from sim_device.sweeper import Sweeper
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from bridge.floor_plan.floor_plan import FloorPlan
+    from protocol.link import LinkBase
+    from sim_device.core.chip import Chip
+    from sim_device.noise import NoiseLevel
+
+CANNOT = MappingProxyType(
+    {
+        "clock-jump": "the chip reads stamps and deadlines from one counter, which does not jump; "
+        "--target python has this fault",
+    }
+)
+"""Kinds of fault that this device refuses, and why."""
+_FULL_SCALE = 3
+"""Two bits in a register, from bit 3 on (FS_SEL and AFS_SEL)."""
+
+
+class CoreSweeper(Sweeper[CoreFirmware]):
+    """A sweeper that runs the C core, or a library of one's own, on a virtual board."""
+
+    cannot: Mapping[str, str] = CANNOT
+
+    def __init__(  # noqa: PLR0913 - what a device can be made with
+        self,
+        plan: FloorPlan,
+        model: RobotModel | None = None,
+        *,
+        seed: int = 0,
+        noise: str | NoiseLevel = "typical",
+        node: int = 1,
+        link: type[LinkBase] = Link,
+        boot_id: int | None = None,
+        key: bytes | None = None,
+        make_chip: Callable[[Callable[[int], bytes]], Chip] = LocalChip,
+    ) -> None:
+        """Boot at time 0, at rest at the plan's start.
+
+        What differs from the robot that the core is built for stands in the chip's flash, as
+        does ``key``. ``make_chip`` gives a chip with another library, or elsewhere; it is given
+        what answers the chip's questions.
+
+        Raises:
+            FloorPlanError: the robot does not fit where it should start.
+            UnknownNoiseLevelError: no such level.
+            LibraryError: the library does not fit.
+
+        """
+        model = model or RobotModel()
+        self.chip = make_chip(self._answer)
+        flash = ChipFlash(self.chip)
+        super().__init__(
+            plan,
+            model,
+            flash,
+            seed=seed,
+            noise=noise,
+            node=node,
+            link=link,
+            boot_id=boot_id,
+            imu=_imu_config(self.chip.imu_settings),
+        )
+        values = set_up(model, key)
+        if values:
+            flash.write(0, record(values))
+        self.firmware = self._new_firmware()
+
+    def close(self) -> None:
+        """Be done with the chip."""
+        self.chip.close()
+
+    def _answer(self, what: int) -> bytes:
+        return answer(self.sensors, what)
+
+    def _new_firmware(self) -> CoreFirmware:
+        return CoreFirmware(
+            self.chip, self.sensors, self._identity, can=issubclass(self.link, CanLink)
+        )
+
+
+def _imu_config(registers: bytes) -> ImuConfig:
+    """The IMU as the firmware's board sets it: SMPLRT_DIV, CONFIG, GYRO_CONFIG, ACCEL_CONFIG."""
+    divider, dlpf, gyro, accel = registers
+    return ImuConfig(
+        gyro_range_deg_s=250 << (gyro >> _FULL_SCALE & 3),
+        accel_range_g=2 << (accel >> _FULL_SCALE & 3),
+        dlpf=dlpf & 7,
+        divider=divider,
+    )

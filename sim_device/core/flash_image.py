@@ -1,0 +1,39 @@
+"""A record of ``core/flash_store.h``: parameters and key as a life before would have saved them."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+from bridge.motion.robot_model import RobotModel
+from protocol.authentication import key_words
+from sim_device.device.parameters import table, to_raw
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_MAGIC = 0x52415053
+_HEAD = struct.Struct("<3I")
+_ENTRY = struct.Struct("<2I")
+_CHECK = struct.Struct("<I")
+
+
+def record(values: Mapping[str, int]) -> bytes:
+    """The first save of some values, 32 bits each, by name."""
+    entries = b"".join(_ENTRY.pack(crc32(name.encode()), raw) for name, raw in values.items())
+    content = _HEAD.pack(_MAGIC, 0, len(values)) + entries
+    return content + _CHECK.pack(crc32(content))
+
+
+def set_up(model: RobotModel, key: bytes | None) -> dict[str, int]:
+    """What a firmware built for the default robot must have saved to run on this one."""
+    pairs = zip(table(model, 1), table(RobotModel(), 1), strict=True)
+    values = {
+        own.name: to_raw(own.kind, own.default)
+        for own, built in pairs
+        if own.default != built.default
+    }
+    if key is not None:
+        values |= {f"authentication {i}": word for i, word in enumerate(key_words(key))}
+    return values

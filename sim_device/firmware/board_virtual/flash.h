@@ -1,0 +1,37 @@
+/* The virtual board's two pages of flash: erasing and writing take their time, and a supply that is
+ * lost meanwhile leaves them half done. */
+#ifndef VIRTUAL_FLASH_H
+#define VIRTUAL_FLASH_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board.h"
+
+typedef enum { FLASH_JOB_NONE, FLASH_JOB_ERASE, FLASH_JOB_WRITE } flash_job_t;
+
+typedef struct {
+    uint8_t pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
+    flash_job_t job;
+    unsigned page;
+    size_t offset;
+    const uint8_t *data;
+    size_t length;
+    uint64_t began_us;
+} virtual_flash_t;
+
+/* As it leaves the factory: erased. */
+void virtual_flash_new(virtual_flash_t *flash);
+
+void virtual_flash_erase(virtual_flash_t *flash, unsigned page, uint64_t now_us);
+void virtual_flash_write(virtual_flash_t *flash, unsigned page, size_t offset,
+    const uint8_t *data, size_t length, uint64_t now_us);
+
+/* Let the job under way go on until now; whether it still does. */
+bool virtual_flash_busy(virtual_flash_t *flash, uint64_t now_us);
+
+/* End the job where it is. */
+void virtual_flash_lose_supply(virtual_flash_t *flash, uint64_t now_us);
+
+#endif

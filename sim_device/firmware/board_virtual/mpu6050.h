@@ -1,0 +1,33 @@
+/* An MPU6050 on the virtual board's bus, by its registers (InvenSense RM-MPU-6000A). */
+#ifndef MPU6050_H
+#define MPU6050_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define MPU6050_DIVIDER 0x19u
+#define MPU6050_CONFIG 0x1Au
+#define MPU6050_GYRO_CONFIG 0x1Bu
+#define MPU6050_ACCEL_CONFIG 0x1Cu
+#define MPU6050_INT_STATUS 0x3Au
+#define MPU6050_DATA 0x3Bu /* acceleration, temperature, rotation: 14 B, high byte first */
+#define MPU6050_POWER 0x6Bu
+#define MPU6050_WHO_AM_I 0x75u
+#define MPU6050_DATA_BYTES 14u
+#define MPU6050_REGISTERS 0x76u
+
+typedef struct {
+    uint8_t registers[MPU6050_REGISTERS];
+} mpu6050_t;
+
+/* Its supply is on: asleep, with the registers' reset values. */
+void mpu6050_power_on(mpu6050_t *imu);
+
+/* The bus: one register written, some read from one on. What there is not reads 0. */
+void mpu6050_write(mpu6050_t *imu, uint8_t number, uint8_t value);
+void mpu6050_read(mpu6050_t *imu, uint8_t number, uint8_t *out, unsigned length);
+
+/* The sensor has converted: seven counts in the chip's order. Nothing happens while it sleeps. */
+void mpu6050_convert(mpu6050_t *imu, const int16_t counts[7]);
+
+#endif

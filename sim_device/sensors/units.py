@@ -1,0 +1,30 @@
+"""Readings in the units in which a board gives them to the C firmware: see ``board.h``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.messages.values import Contact
+
+if TYPE_CHECKING:
+    from sim_device.sensors.contacts import Bumpers
+
+NO_RANGE = 0xFFFF
+"""A ranger that sees nothing."""
+_LEFT, _RIGHT, _CLIFF = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT), int(Contact.CLIFF)
+
+
+def contact_bits(bumpers: Bumpers, *, cliff: bool) -> int:
+    """Both bumper halves and the cliff sensor as :class:`Contact`."""
+    left, right = bumpers
+    return (_LEFT if left else 0) | (_RIGHT if right else 0) | (_CLIFF if cliff else 0)
+
+
+def range_steps(range_m: float | None, per_m: float) -> int:
+    """A range in steps of which a metre has ``per_m``."""
+    return NO_RANGE if range_m is None else min(NO_RANGE - 1, max(0, round(range_m * per_m)))
+
+
+def milli(value: float) -> int:
+    """Volts or amperes in thousandths; a current has no sign."""
+    return min(0xFFFF, round(1000.0 * abs(value)))

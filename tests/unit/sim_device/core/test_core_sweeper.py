@@ -1,0 +1,193 @@
+"""The C core on a virtual board, as a device of the simulator."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from bridge.motion.robot_model import RobotModel
+from protocol.can.link import CanLink
+from protocol.messages.device import Imu, LogText, ParameterValue, Status
+from protocol.messages.host import GetParameter, Reboot, SaveParameters, SetParameter
+from protocol.messages.values import (
+    Fault,
+    Mode,
+    ParameterKind,
+    RebootKind,
+    ResetCause,
+    StopCause,
+)
+from protocol.uart.link import Link
+from sim_device.core.core_sweeper import CoreSweeper
+from sim_device.device.modes import State
+from sim_device.device.parameters import from_raw
+from sim_device.faults.kinds import parse_fault
+from sim_device.faults.spec import FaultSpecError
+from sim_device.rig import Rig
+from sim_device.sweeper import VirtualSweeper
+from support.rigs import OPEN_FLOOR, Drive
+from support.wire_host import WireHost
+
+if TYPE_CHECKING:
+    from protocol.link import LinkBase
+    from sim_device.sweeper import Sweeper
+
+MAX_SPEED, CLIFF_REFLEX = 4, 21
+V_M_S = 0.2
+
+
+def device(
+    model: RobotModel | None = None, *, node: int = 1, link: type[LinkBase] = Link
+) -> CoreSweeper:
+    return CoreSweeper(OPEN_FLOOR, model, noise="none", seed=1, node=node, link=link)
+
+
+def on_core(*faults: str, link: type[LinkBase] = Link) -> Rig:
+    return Rig(device(link=link), faults=[parse_fault(text) for text in faults], seed=1)
+
+
+# ---- like the model in Python ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("link", [Link, CanLink])
+def test_it_drives_as_the_python_device_does(link: type[LinkBase]) -> None:
+    python = VirtualSweeper(OPEN_FLOOR, noise="none", seed=1, link=link)
+    ways = []
+    for rig in (on_core(link=link), Rig(python, seed=1)):
+        drive = Drive(rig, V_M_S, 0.3)
+        drive.run(6.0)
+        ways.append(rig.plant.pose)
+    assert ways[0].distance_m(ways[1]) < 1e-3
+    assert ways[0].theta_rad == pytest.approx(ways[1].theta_rad, abs=2e-3)
+
+
+def test_equal_seeds_give_equal_bytes() -> None:
+    def lived() -> list[tuple[int, bytes]]:
+        drive = Drive(on_core("bit-flips@1:3:rate=0.001"), V_M_S)
+        drive.run(5.0)
+        return drive.bytes
+
+    assert lived() == lived()
+
+
+def test_devices_of_one_process_do_not_share_anything() -> None:
+    moving, still = WireHost(device()), WireHost(device(node=2))
+    for host in (moving, still):
+        host.run(0.1)
+    moving.join()
+    assert moving.clear() is None
+    assert moving.choose(Mode.VELOCITY) is None
+    assert (moving.device.mode, still.device.mode) == (Mode.VELOCITY, Mode.IDLE)
+    assert moving.device.stop_cause is StopCause.NONE
+    assert still.device.stop_cause is StopCause.SESSION_END
+
+
+def test_the_robot_file_is_in_its_flash() -> None:
+    host = WireHost(device(RobotModel(max_speed_m_s=0.25)))
+    host.join()
+    assert host.ask(lambda i: GetParameter(i, MAX_SPEED)) is None
+    value = host.last(ParameterValue)
+    assert from_raw(ParameterKind.F32, value.value) == pytest.approx(0.25)
+
+
+# ---- what may happen to it ---------------------------------------------------------------
+
+
+def test_parameters_outlive_a_reboot_and_a_lost_supply_keeps_the_old_ones() -> None:
+    host = WireHost(device())
+    host.join()
+    assert host.ask(lambda i: SetParameter(i, CLIFF_REFLEX, ParameterKind.U32, 0)) is None
+    assert host.clear() is None
+    host.send(SaveParameters(77))
+    host.run(0.5)
+    host.send(SetParameter(78, CLIFF_REFLEX, ParameterKind.U32, 1), SaveParameters(79))
+    host.run(0.1)  # erasing takes longer
+    host.device.reset(ResetCause.BROWN_OUT)
+    host.run(1.5)
+    host.join()
+    assert host.ask(lambda i: GetParameter(i, CLIFF_REFLEX)) is None
+    assert host.last(ParameterValue).value == 0
+
+
+def test_a_factory_reset_forgets_and_takes_its_time() -> None:
+    host = WireHost(device(RobotModel(max_speed_m_s=0.25)))
+    host.join()
+    assert host.clear() is None
+    assert host.ask(lambda i: Reboot(i, RebootKind.FACTORY_RESET)) is None
+    boot_id = host.hello.boot_id
+    host.run(1.5)
+    host.join()
+    assert host.hello.boot_id != boot_id
+    assert host.hello.reset_cause == ResetCause.SOFTWARE
+    assert host.ask(lambda i: GetParameter(i, MAX_SPEED)) is None
+    value = from_raw(ParameterKind.F32, host.last(ParameterValue).value)
+    assert value == pytest.approx(RobotModel().max_speed_m_s)
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("reset@3", ResetCause.PIN),
+        ("hang@3", ResetCause.WATCHDOG),
+        ("crash@3", ResetCause.CRASH),
+        ("brown-out@3:off=0.2", ResetCause.BROWN_OUT),
+        ("hse-failed@3", ResetCause.WATCHDOG),
+    ],
+)
+def test_each_reset_has_its_cause(fault: str, cause: ResetCause) -> None:
+    drive = Drive(on_core(fault), V_M_S)
+    drive.run(6.0)
+    first, *_, last = drive.negotiated()
+    assert last.hello.boot_id != first.hello.boot_id
+    assert last.hello.reset_cause == cause
+
+
+def test_a_hung_program_keeps_its_duties_until_the_watchdog_fires() -> None:
+    drive = Drive(on_core("hang@3"), V_M_S)
+    drive.run(3.09)
+    assert drive.rig.truth.v_m_s == pytest.approx(V_M_S, abs=0.02)
+    drive.run(3.4)
+    assert drive.rig.truth.v_m_s < V_M_S / 2
+
+
+def test_a_crash_is_in_its_log() -> None:
+    drive = Drive(on_core("crash@3"), V_M_S)
+    drive.run(6.0)
+    assert any(m.line.startswith("crash after ") for m in drive.of(LogText, 3.0))
+
+
+def test_a_stuck_bus_gives_no_new_samples() -> None:
+    drive = Drive(on_core("i2c-stuck@3:1"))
+    drive.run(5.0)
+    assert len(drive.of(Imu, 2.0, 3.0)) == pytest.approx(100, abs=1)
+    assert drive.of(Imu, 3.1, 4.0) == []
+    assert len(drive.of(Imu, 4.1, 5.0)) == pytest.approx(90, abs=1)
+
+
+def test_a_dead_crystal_is_a_fault_bit() -> None:
+    drive = Drive(on_core("hse-failed@2"))
+    drive.run(6.0)
+    assert all(Fault.CLOCK in Fault(m.faults) for m in drive.of(Status, 5.0))
+
+
+def test_its_clock_may_drift() -> None:
+    drive = Drive(on_core("clock-drift@0:ppm=5000"))
+    drive.run(10.0)
+    heard = [h for h in drive.heard if isinstance(h.message, Imu)]
+    assert heard[-1].t_us / heard[-1].at_us == pytest.approx(1.005, abs=2e-4)
+
+
+def test_a_fault_that_a_chip_cannot_have_is_rejected_by_name() -> None:
+    with pytest.raises(FaultSpecError, match="one counter"):
+        on_core("clock-jump@1:ms=5")
+
+
+@pytest.mark.parametrize("made", [device(), VirtualSweeper(OPEN_FLOOR, noise="none")])
+def test_a_chip_without_supply_is_off(made: Sweeper[Any]) -> None:
+    made.step(b"", 100_000)
+    made.reset(ResetCause.POWER_ON, off_s=0.5)
+    states = [made.state]
+    made.step(b"", 2_000_000)
+    states.append(made.state)
+    assert states == [State.OFF, State.STOPPED]

@@ -1,0 +1,131 @@
+"""``--target core``: the C core, or a library of one's own, on a virtual board."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from sim_device.core.chip import Chip
+    from sim_device.core.core_sweeper import CoreSweeper
+    from tools.virtual.wanted import Wanted
+
+DEBUGGER = Path("/proc/self/status")
+"""File in which Linux shows whether a debugger has attached."""
+
+
+def check(target: str, firmware: Path | None, *, gdb: bool, in_real_time: bool = True) -> None:
+    """Check that the options of the target go together.
+
+    Raises:
+        click.UsageError: they do not.
+
+    """
+    if target == "qemu" and not in_real_time:
+        raise click.UsageError("QEMU runs in real time: use `sweepctl emulate --target qemu`")
+    if firmware is not None and target == "python":
+        raise click.UsageError("--firmware needs --target core or --target qemu")
+    if not gdb:
+        return
+    if target != "core":
+        raise click.UsageError("--gdb needs --target core")
+    if not DEBUGGER.exists():
+        raise click.UsageError("--gdb needs Linux")
+
+
+def device(
+    wanted: Wanted,
+    firmware: Path | None,
+    notify: Callable[[str], None],
+    *,
+    gdb: bool = False,
+) -> CoreSweeper:
+    """Make a device; the caller closes it.
+
+    Args:
+        wanted: properties of the device.
+        firmware: shared library to run, in a process of its own; None: the C core of sweepctl, in
+            this process.
+        notify: prints a message.
+        gdb: wait for a debugger before the first boot.
+
+    Raises:
+        click.BadParameter: ``firmware`` is no firmware library.
+        BridgeError: it crashed as it was loaded or booted.
+
+    """
+    from bridge.errors import BridgeError
+    from sim_device.core.chip import FirmwareCrashError, LibraryError, LocalChip
+    from sim_device.core.core_sweeper import CoreSweeper
+    from sim_device.ports.core_process import CoreProcess
+
+    def started(pid: int) -> None:
+        if gdb:
+            _await_debugger(notify, pid)
+
+    def make_chip(answer: Callable[[int], bytes]) -> Chip:
+        if firmware is not None:
+            return CoreProcess(answer, firmware, debugged=gdb, started=started)
+        chip = LocalChip(answer)
+        started(os.getpid())  # it is loaded: a debugger finds its functions
+        return chip
+
+    try:
+        return CoreSweeper(
+            wanted.plan,
+            wanted.model,
+            seed=wanted.seed,
+            noise=wanted.noise,
+            node=wanted.node,
+            boot_id=wanted.boot_id,
+            link=wanted.link,
+            key=wanted.key,
+            make_chip=make_chip,
+        )
+    except LibraryError as error:
+        raise click.BadParameter(str(error), param_hint="'--firmware'") from None
+    except FirmwareCrashError as error:
+        print_trace(error)
+        raise BridgeError(str(error)) from None
+
+
+@contextmanager
+def running(
+    target: str,
+    wanted: Wanted,
+    firmware: Path | None,
+    notify: Callable[[str], None],
+    *,
+    gdb: bool,
+) -> Iterator[CoreSweeper | None]:
+    """Make the device of ``--target core`` and close it at the end; None with another target."""
+    if target != "core":
+        yield None
+        return
+    with closing(device(wanted, firmware, notify, gdb=gdb)) as made:
+        yield made
+
+
+def print_trace(error: Exception) -> None:
+    """Print the backtrace of a firmware's crash; another error has none."""
+    from sim_device.core.chip import FirmwareCrashError
+    from tools.cli.console import inform
+
+    for line in error.trace if isinstance(error, FirmwareCrashError) else []:
+        inform(f"  {line}")
+
+
+def _await_debugger(notify: Callable[[str], None], pid: int) -> None:
+    """Tell how to attach, and wait."""
+    from sim_device.ports.core_process import await_debugger
+
+    program = sys.executable
+    notify(f"waiting for a debugger: gdb {program} {pid} -ex 'break firmware_boot' -ex continue")
+    await_debugger(pid)
