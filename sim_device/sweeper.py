@@ -14,6 +14,7 @@ from protocol.messages.values import RebootKind, ResetCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.link import Link
 from sim_device.body.plant import Plant, Truth
+from sim_device.body.supply import BROWN_OUT_V, SUPPLY_GOOD_V
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import Flash
 from sim_device.device.identity import CrashRecord, Identity
@@ -38,14 +39,9 @@ sensors."""
 WATCHDOG_US = 100_000
 """Timeout of the independent watchdog (RM0090, section 21), µs. The control loop feeds it in each
 period; ten missed periods are no mere delay. Until it fires, the outputs keep their state."""
-BROWN_OUT_V = 4.0
-"""Brown-out voltage on the 5 V rail, V. The 3.3 V behind its regulator then falls below brown-out
-level 3 (2.7 to 3.6 V in RM0090, section 5.2.3), and the chip holds itself in reset."""
 CRASH_PC, CRASH_LR, CRASH_CFSR = 0x0800_4D2A, 0x0800_4C91, 0x0001_0000
 """Crash record of this firmware: an address each in the flash, and "undefined instruction" (PM0214,
 section 4.4.10). The virtual firmware has no addresses of its own."""
-SUPPLY_GOOD_V = 4.3
-"""Voltage on the 5 V rail that ends a brown-out, V."""
 _OFF = State.OFF
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 

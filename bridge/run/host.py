@@ -17,7 +17,7 @@ from bridge.run.ending import Ending
 from bridge.run.localisation import Localisation
 from bridge.run.mission import Mission, Phase, Request
 from bridge.run.onboard_mission import OnboardMission
-from bridge.run.pings import Pings
+from bridge.run.ping_replies import Pings
 from bridge.run.plausibility import Plausibility
 from bridge.run.recording import HostRecords
 from bridge.run.robot_state import PLUGGED, STALE_S, missing_needs, understood

@@ -26,7 +26,7 @@ from protocol.can.frames import (
     parts_of,
     to_record,
 )
-from protocol.can.senders import Pending, Sender
+from protocol.can.stamps import StampExtender
 from protocol.can.transfers import (
     FLAG_WHOLE_STAMP,
     TRANSFER,
@@ -47,7 +47,6 @@ from protocol.uart.framing import FLAG_AUTHENTICATED, Damage, DamagedFrame, Fram
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from protocol.can.stamps import StampExtender
     from protocol.link import LinkEvent
     from protocol.schema.codec import Codec
     from protocol.schema.message import Message, MessageSpec
@@ -83,6 +82,32 @@ class _Native(NamedTuple):
     part: int
 
 
+@dataclass(slots=True)
+class _Incomplete:
+    """A message of which some parts are missing."""
+
+    stamp_us: int
+    frames: dict[int, CanFrame]
+    """Frames by the number of the part."""
+
+
+class _Sender:
+    """State of one sender on the bus."""
+
+    def __init__(self) -> None:
+        self.stamps = StampExtender()
+        self.pending: dict[tuple[int, int], _Incomplete] = {}
+        """Incomplete messages by node and message type; a host's messages name the addressed
+        device."""
+        self.slow: dict[tuple[int, int], bytes] = {}
+        self.messages = 0
+        """Number of messages delivered; it replaces the sequence number, which CAN lacks."""
+        self.frames = 0
+        """Number of frames since the last Sync."""
+        self.count: int | None = None
+        """Count in that Sync."""
+
+
 class CanLink(LinkBase):
     """Turns CAN frames into messages and messages into CAN frames."""
 
@@ -93,7 +118,7 @@ class CanLink(LinkBase):
         super().__init__(sends, codec=codec)
         self.statistics = CanStatistics()
         self._reassembler = Reassembler()
-        self._senders: dict[int, Sender] = {}
+        self._senders: dict[int, _Sender] = {}
         self._last: dict[int, tuple[bytes, int]] = {}
         self._partial = b""
         self._native = {
@@ -203,20 +228,20 @@ class CanLink(LinkBase):
         """Return whether frames of the peer need tags."""
         return self.key is not None and self.key.begun and self._sends is Direction.DEVICE
 
-    def _stamps_of(self, sender: Sender) -> StampExtender:
+    def _stamps_of(self, sender: _Sender) -> StampExtender:
         """Return the extender of a frame's stamp.
 
         A copy if the frame must be tagged to change it.
         """
         return copy(sender.stamps) if self._guards else sender.stamps
 
-    def _sender(self, node: int) -> Sender:
+    def _sender(self, node: int) -> _Sender:
         # A device's frames name the device. All frames of a host come from one sender, whatever
         # node they name.
         node = node if self._sends is Direction.HOST else 0
         sender = self._senders.get(node)
         if sender is None:
-            sender = self._senders[node] = Sender()
+            sender = self._senders[node] = _Sender()
         return sender
 
     def _interpret(
@@ -288,7 +313,7 @@ class CanLink(LinkBase):
 
     def _join(  # noqa: PLR0913, PLR0917 - a frame, taken apart
         self,
-        sender: Sender,
+        sender: _Sender,
         frame: CanFrame,
         native: _Native,
         parts: tuple[Part, ...],
@@ -310,7 +335,7 @@ class CanLink(LinkBase):
             self._drop(sender, place)
             pending = None
         if pending is None:
-            pending = sender.pending[place] = Pending(stamp_us, {})
+            pending = sender.pending[place] = _Incomplete(stamp_us, {})
         pending.frames[number] = frame
         quick = [p for p in parts if not p.slow_us]
         if len(pending.frames) < len(quick):
@@ -324,17 +349,17 @@ class CanLink(LinkBase):
         payloads = {number: came.data[T16.size :] for number, came in pending.frames.items()}
         return join(spec.fields, payloads | known), [pending.frames[p.number] for p in quick]
 
-    def _drop(self, sender: Sender, place: tuple[int, int]) -> None:
+    def _drop(self, sender: _Sender, place: tuple[int, int]) -> None:
         self.statistics.incomplete += len(sender.pending.pop(place).frames)
 
-    def _expire(self, sender: Sender, stamp_us: int) -> None:
+    def _expire(self, sender: _Sender, stamp_us: int) -> None:
         """Drop parts that are a period old by the sender's own clock."""
         for place, pending in list(sender.pending.items()):
             period_us = 1e6 / self.codec.catalogue.by_type[place[1]].default_hz
             if stamp_us - pending.stamp_us >= period_us:
                 self._drop(sender, place)
 
-    def _count(self, sender: Sender, count: int) -> None:
+    def _count(self, sender: _Sender, count: int) -> None:
         if sender.count is not None:
             missing = (count - sender.count - sender.frames) % _SPAN32
             if missing < _HALF32:
@@ -383,7 +408,7 @@ class CanLink(LinkBase):
         The hello's stamp is kept, because the short stamps after it refer to it.
         """
         for node, before in list(self._senders.items()):
-            sender = self._senders[node] = Sender()
+            sender = self._senders[node] = _Sender()
             sender.stamps = before.stamps
             sender.stamps.restart()
 

@@ -12,6 +12,12 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from sim_device.body.drive_kernel import Body
 
+BROWN_OUT_V = 4.0
+"""Brown-out voltage on the 5 V rail, V. The 3.3 V behind its regulator then falls below brown-out
+level 3 (2.7 to 3.6 V in RM0090, section 5.2.3), and the chip holds itself in reset."""
+SUPPLY_GOOD_V = 4.3
+"""Voltage on the 5 V rail that ends a brown-out, V."""
+
 
 class Supply:
     """The duties, and the battery's part of the kernels' body."""

@@ -19,6 +19,7 @@ from bridge.motion.robot_model import RobotModel
 from protocol.clock import DeviceUs, extend_us
 from protocol.messages.values import ResetCause
 from sim_device.body.plant import Plant, Truth
+from sim_device.body.supply import BROWN_OUT_V, SUPPLY_GOOD_V
 from sim_device.device.clock import DeviceClock
 from sim_device.noise import noise_level
 from sim_device.ports import qemu_link as link
@@ -51,8 +52,6 @@ GATHER_S = 0.0002
 """Time to wait for the rest of a frame, s. QEMU delivers byte by byte, and a wake-up for each byte
 would be slow."""
 POWER_PERIODS = 10
-BROWN_OUT_V, SUPPLY_GOOD_V = 4.0, 4.3
-"""Voltages of brown-out and recovery on the 5 V rail, V; see ``sim_device.sweeper``."""
 _WRAP = 1 << 32
 
 

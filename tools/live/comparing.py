@@ -12,7 +12,7 @@ from bridge.errors import BridgeError
 from bridge.io import clock
 from bridge.run.client import DeviceClient
 from bridge.run.mission import Phase
-from bridge.run.start_pose import contradictions
+from bridge.run.start_check import contradictions
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from bridge.session.states import State

@@ -10,7 +10,7 @@ import pytest
 from bridge.floor_plan.floor_plan import FloorPlan, parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.run.start_pose import contradictions
+from bridge.run.start_check import contradictions
 from sim_device.noise import noise_level
 from sim_device.sensors.rangers import Rangers, Ranges
 from sim_device.world.world import World
