@@ -21,11 +21,24 @@ _LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(1, 8)
 """Columns of a row after its place; the message's own fields follow."""
 
 
+class _Age(NamedTuple):
+    """A field with the age of a sample at the message's stamp."""
+
+    index: int
+    """Index in the record."""
+    step_ns: int
+    """Nanoseconds of one step."""
+    none: int | None
+    """Value without an age."""
+
+
 class _Form(NamedTuple):
     """Messages with the same set of present values."""
 
     rows: Rows
     ros_values: Callable[[DeviceMessage], tuple[float, ...]] | None
+    ages: tuple[_Age, ...]
+    """Ages of ROS topics; each has a column with its sampling time after the record's own."""
 
 
 class DeviceTopics:
@@ -87,7 +100,7 @@ class DeviceTopics:
             values = tuple([value or 0 for value in values])
         else:
             form = self._whole or self._form(None)
-        rows, ros_values = form
+        rows, ros_values, ages = form
         chunk = self._chunk
         # Inlined begin_row, because 40 % of all records pass here.
         if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
@@ -97,6 +110,10 @@ class DeviceTopics:
         chunk.size += rows.size
         if ros_values is not None:
             rows.floats.extend(ros_values(record))
+            for index, step_ns, none in ages:
+                age = values[index]
+                time_ns = values[_PUBLISH - 1] or log_ns
+                rows.ints.append(time_ns if age == none else time_ns - step_ns * age)
 
     def _some(self, record: DeviceMessage, values: tuple[Any, ...]) -> _Form:
         """Return the form of a message that may have absent values."""
@@ -122,9 +139,16 @@ class DeviceTopics:
         if not encoder.has_si:
             ros = None
         floats = 0
+        ages: list[_Age] = []
         if ros is not None:
-            stamp = ros_stamp(head.publish)
             for topic in ros.topics:
+                sampled = head
+                if topic.age is not None:
+                    field = self._spec.fields[topic.age]
+                    sampled = head._replace(publish=_RAW + self._raw + len(ages))
+                    step_ns = round(1e9 * field.si_gain)
+                    ages.append(_Age(_RAW - 1 + topic.age, step_ns, field.none))
+                stamp = ros_stamp(sampled.publish)
                 count = sum(isinstance(part, str) for part in topic.layout.parts) - len(stamp)
                 if ros.values is None:
                     own = [scaled(_RAW + i, self._spec.fields[i].si_gain) for i in ros.raw]
@@ -132,9 +156,9 @@ class DeviceTopics:
                     own = [real(floats + i) for i in range(count)]
                     floats += count
                 channel = self._ros_channel(topic)
-                messages.append(RowMessage(channel, head, topic.layout.parts, [*stamp, *own]))
-        rows = self._file.rows(_RAW + self._raw, floats, messages)
-        form = _Form(rows, None if ros is None else ros.values)
+                messages.append(RowMessage(channel, sampled, topic.layout.parts, [*stamp, *own]))
+        rows = self._file.rows(_RAW + self._raw + len(ages), floats, messages)
+        form = _Form(rows, None if ros is None else ros.values, tuple(ages))
         if shown is None:
             self._whole = form
         else:

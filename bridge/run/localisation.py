@@ -99,6 +99,7 @@ class Localisation:
             bumper_left=bool(message.contacts & Contact.BUMPER_LEFT),
             bumper_right=bool(message.contacts & Contact.BUMPER_RIGHT),
             t_s=device_us * 1e-6,
+            ultrasonic_age_s=message.ultrasonic_age_s,
         )
         return self._displacement.update(
             self.estimator.pose,

@@ -37,6 +37,7 @@ _ACCEL_SCALE = "9.80665/16384"  # MPU6050 register map 4.17: 16384 LSB/g at ±2 
 _GYRO_SCALE = "1/131"  # MPU6050 register map 4.19: 131 LSB/(°/s) at ±250 °/s
 ULTRASONIC_NONE = 0xFFFF
 INFRARED_NONE = 0xFF
+ULTRASONIC_AGE_NONE = 0xFF
 UNKNOWN = 0xFF
 """Count in a describe reply if the device has no such message or enumeration."""
 
@@ -111,7 +112,7 @@ class Encoders(Message):
 
 @message(0x20, _DEVICE, _STREAM, default_hz=20)
 class Range(Message):
-    """Distances and contacts around the robot."""
+    """Distances and contacts around the robot, stamped when infrared and contacts were sampled."""
 
     ultrasonic: Annotated[
         int,
@@ -149,10 +150,22 @@ class Range(Message):
     contacts: Annotated[
         int, number(U8, "bits", "bumper switches and cliff sensor", enum=Contact, high=7)
     ]
+    ultrasonic_age: Annotated[
+        int,
+        number(
+            U8,
+            "s",
+            "from the ultrasonic pulse to the stamp; 255: longer",
+            scale="0.001",
+            high=254,
+            none=ULTRASONIC_AGE_NONE,
+        ),
+    ]
 
     ultrasonic_m = si_or_none("ultrasonic")
     infrared_left_m = si_or_none("infrared_left")
     infrared_right_m = si_or_none("infrared_right")
+    ultrasonic_age_s = si_or_none("ultrasonic_age")
 
 
 @message(0x24, _DEVICE, _STREAM, default_hz=5)

@@ -241,7 +241,7 @@ class Health:
 
     def on_around(self, around: Around, wheel_base_m: float, metres_per_count: float) -> None:
         """Take a reading of rangers and contacts, and the wheels' travel since the last one."""
-        sonar_m, left_m, right_m, bumper_left, bumper_right, cliff = around
+        sonar_m, left_m, right_m, bumper_left, bumper_right, cliff, _ = around
         (left, right), (left_0, right_0) = self._counts, self._range_counts
         self._range_counts = self._counts
         left = (left - left_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
@@ -275,7 +275,7 @@ class Health:
 
     def _switch_stays(self, around: Around) -> bool:
         """Return whether a switch has long been pressed without any other sign of a contact."""
-        sonar_m, left_m, right_m, bumper_left, bumper_right, _ = around
+        sonar_m, left_m, right_m, bumper_left, bumper_right, _, _ = around
         ahead = sonar_m is not None and sonar_m <= NEAR_M
         stalls = bool(self.bits & MOTOR_STALL)
         pressed = self._pressed

@@ -125,7 +125,7 @@ class Onboard:
             self.estimator.on_encoders(t_s, *sampler.counts)
         if around is not None:
             self._around = around
-            self._see_walls(around)
+            self._see_walls(around, t_s)
         if decides:
             self._decide(t_s, now_us, sampler)
         return self._command
@@ -154,7 +154,7 @@ class Onboard:
             )
         )
 
-    def _see_walls(self, around: Around) -> None:
+    def _see_walls(self, around: Around, t_s: float) -> None:
         """Correct the estimate with observations of known walls."""
         if self._moving:
             self._walls.update(
@@ -163,6 +163,8 @@ class Onboard:
                 around.infrared_right_m,
                 bumper_left=around.bumper_left,
                 bumper_right=around.bumper_right,
+                t_s=t_s,
+                ultrasonic_age_s=1e-6 * around.ultrasonic_age_us,
             )
 
     def drain_decisions(self) -> list[str]:

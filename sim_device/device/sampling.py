@@ -32,7 +32,7 @@ class Sensors(Protocol):
         """Return the absolute 16-bit counts, left and right."""
 
     def ranges(self) -> Ranges:
-        """Return ultrasonic, left and right infrared, m; None: nothing in range."""
+        """Return ultrasonic, left and right infrared, m, and the age of the ultrasonic range."""
 
     def bumpers(self) -> Bumpers:
         """Return whether the left and the right bumper switch are pressed."""
@@ -45,7 +45,7 @@ class Sensors(Protocol):
 
 
 class Around(NamedTuple):
-    """Ranges and contacts, sampled together."""
+    """Ranges and contacts as they are known in one period."""
 
     ultrasonic_m: float | None
     infrared_left_m: float | None
@@ -53,6 +53,8 @@ class Around(NamedTuple):
     bumper_left: bool
     bumper_right: bool
     cliff: bool
+    ultrasonic_age_us: int
+    """Time since the pulse that gave the ultrasonic range, µs."""
 
 
 class Sampler:
@@ -85,9 +87,11 @@ class Sampler:
         """Registers of this period in nominal counts, for the device's own checks."""
         self.imu_samples = 0
         """Number of the IMU sample that the registers belong to."""
+        self.imu_us = 0
+        """Uptime when that sample was taken, µs."""
 
-    def begin(self) -> None:
-        """Start a period: read counts and IMU."""
+    def begin(self, now_us: int) -> None:
+        """Start a period at an uptime, µs: read counts and IMU."""
         sensors = self._sensors
         counts = sensors.encoders()
         if not self._begun:
@@ -99,14 +103,16 @@ class Sampler:
         self.imu = self.imu_nominal = sensors.imu()
         if self._imu_scale is not None:
             self.imu_nominal = ImuCounts(*self._imu_scale.nominal(Imu(*self.imu)))
-        self.imu_samples = sensors.imu_samples()
+        samples = sensors.imu_samples()
+        if samples != self.imu_samples:
+            self.imu_samples, self.imu_us = samples, now_us
         self._around = self._contacts = None
 
     def around(self) -> Around:
         """Return rangers, bumpers and cliff in this period."""
         if self._around is None:
             sensors = self._sensors
-            front_m, left_m, right_m = sensors.ranges()
+            front_m, left_m, right_m, age_us = sensors.ranges()
             if self._corrections is not None:
                 front_m, left_m, right_m = (
                     None if range_m is None else max(0.0, scale * range_m + offset_m)
@@ -114,7 +120,7 @@ class Sampler:
                         (front_m, left_m, right_m), self._corrections, strict=True
                     )
                 )
-            self._around = Around(front_m, left_m, right_m, *self.contacts())
+            self._around = Around(front_m, left_m, right_m, *self.contacts(), age_us)
         return self._around
 
     def contacts(self) -> tuple[bool, bool, bool]:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.messages.device import INFRARED_NONE, ULTRASONIC_NONE, Power, Range
+from protocol.messages.device import (
+    INFRARED_NONE,
+    ULTRASONIC_AGE_NONE,
+    ULTRASONIC_NONE,
+    Power,
+    Range,
+)
 from protocol.messages.values import Capability, Contact
 from protocol.schema.message import Direction, RateClass
 
@@ -97,12 +103,13 @@ def is_device_stream(spec: MessageSpec) -> bool:
 
 def range_message(around: Around) -> Message:
     """Return ranges and contacts as a message."""
-    ultrasonic_m, left_m, right_m, bumper_left, bumper_right, cliff = around
+    ultrasonic_m, left_m, right_m, bumper_left, bumper_right, cliff, age_us = around
     contacts = (
         (_LEFT if bumper_left else 0) | (_RIGHT if bumper_right else 0) | (_CLIFF if cliff else 0)
     )
     front = ULTRASONIC_NONE if ultrasonic_m is None else round(ultrasonic_m * 1000)
-    return Range(front, _infrared(left_m), _infrared(right_m), contacts)
+    age = min(ULTRASONIC_AGE_NONE, (age_us + 500) // 1000)
+    return Range(front, _infrared(left_m), _infrared(right_m), contacts, age)
 
 
 def power_message(reading: PowerReading) -> Message:

@@ -430,7 +430,7 @@ class Firmware:
             self._close()
         tick = (now_us + _HALF_TICK_US) // TICK_US
         sampler = self._sampler
-        sampler.begin()
+        sampler.begin(now_us)
         around = sampler.around() if self.negotiated and tick % RANGE_TICKS == RANGE_PHASE else None
         duties = self.control.tick(tick, now_us, sampler, around)
         if self._flash.busy:
@@ -473,10 +473,13 @@ class Firmware:
         """Send the streams that are due."""
         known, send = self.telemetry.streams, self.link.send_payload
         stamp_us, node = now_us + self._clock.offset_us, self.identity.node
+        sampler = self._sampler
         for name in due:
-            if name == "imu":  # each sample is sent once
-                if self._sampler.imu_samples == self._imu_sent:
+            sampled_us = stamp_us
+            if name == "imu":  # each sample is sent once, with its own time
+                if sampler.imu_samples == self._imu_sent:
                     continue
-                self._imu_sent = self._sampler.imu_samples
+                self._imu_sent = sampler.imu_samples
+                sampled_us += sampler.imu_us - now_us
             type_id, pack = known[name]
-            send(type_id, pack(now_us), stamp_us, node)
+            send(type_id, pack(now_us), sampled_us, node)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim_device.sensors.imu import ImuCounts
     from sim_device.sensors.rangers import Ranges
 
-VERSION = 2
+VERSION = 3
 CHUNK = 128
 """Number of flash bytes in a frame."""
 DUTY_ONE = 10_000
@@ -32,7 +32,7 @@ _HEAD = struct.Struct("<BBB")
 _CHECK = struct.Struct("<I")
 _REQUEST = struct.Struct("<IIIhhH?")
 _MOTORS = struct.Struct("<Ihh?")
-_SAMPLE = struct.Struct("<IHH7hHHHB")
+_SAMPLE = struct.Struct("<IHH7hHHHBII")
 _POWER = struct.Struct("<IHHHH")
 _BYTE = struct.Struct("<B")
 _PLACE = struct.Struct("<BH")
@@ -146,8 +146,12 @@ def sample(  # noqa: PLR0913 - all that is sampled together
     bumpers: Bumpers,
     *,
     cliff: bool,
+    imu_age_us: int,
 ) -> bytes:
-    """Return one period's readings, taken at ``at_us`` of the chip's clock."""
+    """Return one period's readings at ``at_us`` of the chip's clock.
+
+    The IMU's sample was taken ``imu_age_us`` earlier.
+    """
     payload = _SAMPLE.pack(
         at_us & 0xFFFF_FFFF,
         *counts,
@@ -156,6 +160,8 @@ def sample(  # noqa: PLR0913 - all that is sampled together
         range_steps(ranges.infrared_left_m, 1e4),
         range_steps(ranges.infrared_right_m, 1e4),
         contact_bits(bumpers, cliff=cliff),
+        imu_age_us,
+        ranges.ultrasonic_age_us,
     )
     return frame(ToChip.SAMPLE, payload)
 

@@ -125,6 +125,8 @@ class QemuSweeper:
         self._answered_at_us = -LOST_US
         """Time at which they were sent, µs."""
         self._periods = 0
+        self._imu_sample = (0, 0)
+        """Number of the IMU's newest sample, and the chip's time when it was fetched, µs."""
         self._parser = link.Parser()
         self._out = bytearray()
         self._asked = False
@@ -310,14 +312,21 @@ class QemuSweeper:
         """Answer a request."""
         self._answered_us, self._answered_at_us = at_us, self._now_us
         sensors, plant = self.sensors, self.qemu.plant
+        imu = sensors.imu()
+        samples = sensors.imu_samples()
+        number, fetched_us = self._imu_sample
+        if samples != number or at_us < fetched_us:  # the chip's clock begins anew with a boot
+            fetched_us = at_us
+        self._imu_sample = samples, fetched_us
         plant.write(
             link.sample(
                 at_us,
                 sensors.encoders(),
-                sensors.imu(),
+                imu,
                 sensors.ranges(),
                 sensors.bumpers(),
                 cliff=sensors.cliff(),
+                imu_age_us=at_us - fetched_us,
             )
         )
         if self._periods % POWER_PERIODS == 0:

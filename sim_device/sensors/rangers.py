@@ -24,6 +24,8 @@ class Ranges(NamedTuple):
     ultrasonic_m: float | None
     infrared_left_m: float | None
     infrared_right_m: float | None
+    ultrasonic_age_us: int
+    """Time since the pulse that gave the ultrasonic range, µs; the infrared ranges have none."""
 
 
 class Rangers:
@@ -53,4 +55,5 @@ class Rangers:
             ultrasonic_m,
             self._left.reading(left[HIT_RANGE], int(left[HIT_EDGE])),
             self._right.reading(right[HIT_RANGE], int(right[HIT_EDGE])),
+            1000 * (tick_ms - self.ultrasonic.reported_ms),
         )

@@ -83,6 +83,8 @@ class Ultrasonic:
         self._ping = -1
         self._before: tuple[int, Pose2] | None = None
         self._reported: float | None = None
+        self.reported_ms = 0
+        """When the ping left whose range is reported, ms of true time."""
         self._coming: float | None = None
         self._ready_ms = 0.0
 
@@ -98,7 +100,7 @@ class Ultrasonic:
             self._fire(newest, tick_ms, pose, world)
         self._before = (tick_ms, pose)
         if tick_ms >= self._ready_ms:
-            self._reported = self._coming
+            self._report()
         return self._reported
 
     def exact(self, pose: Pose2, world: World) -> float | None:
@@ -106,12 +108,18 @@ class Ultrasonic:
         return _limited(world.echo_m(pose, self._beams, self._ear), self._mount)
 
     def _fire(self, ping: int, tick_ms: int, pose: Pose2, world: World) -> None:
-        self._reported = self._coming  # a cycle is longer than any flight
+        self._report()  # a cycle is longer than any flight
         self._ping = ping
         ping_ms = CYCLE_MS * ping
         self._coming = self._heard(self.exact(self._pose_at(ping_ms, tick_ms, pose), world))
         far_m = self._coming
         self._ready_ms = ping_ms + (NO_ECHO_MS if far_m is None else FLIGHT_MS_PER_M * far_m)
+
+    def _report(self) -> None:
+        """Let the newest ping's range be the one that is read."""
+        self._reported = self._coming
+        if self._ping >= 0:
+            self.reported_ms = CYCLE_MS * self._ping
 
     def _pose_at(self, at_ms: int, tick_ms: int, pose: Pose2) -> Pose2:
         """Return the robot's pose at a ping since the last reading."""

@@ -27,6 +27,7 @@ void can1_tx_handler(void);
 void can1_sce_handler(void);
 void flash_handler(void);
 void link_uart_handler(void);
+void tim5_handler(void);
 void systick_handler(void);
 
 /* ---- the processor, and the core ------------------------------------------------------------ */
@@ -329,6 +330,41 @@ static void an_overrun_does_not_freeze_the_readings(void)
     CHECK(analog_sampled_us() == stamp_us);
 }
 
+/* ---- ultrasonic ------------------------------------------------------------------------------ */
+
+/* A millimetre is 5.83 us of echo there and back; the handler runs late. */
+static void an_echo_has_the_time_of_its_pulse(void)
+{
+    board_ranges_t ranges;
+    chip_begins(2048);
+    sonar_start();
+    clock_us = 500000;
+    sonar_millisecond();
+    TIM5->ccr[0] = 7000;
+    TIM5->ccr[1] = 7000 + 5831;
+    TIM5->cnt = 7000 + 5831 + 40;
+    clock_us = 506000;
+    tim5_handler();
+    board_ranges(NULL, &ranges);
+    CHECK(ranges.ultrasonic_mm == 1000 && ranges.ultrasonic_us == 506000 - 5871);
+    clock_us = 530000; /* the range stays, and so does its time */
+    board_ranges(NULL, &ranges);
+    CHECK(ranges.ultrasonic_mm == 1000 && ranges.ultrasonic_us == 506000 - 5871);
+    TIM5->ccr[0] = 60000;
+    TIM5->ccr[1] = TIM5->cnt = 98000; /* 38 ms: there was no echo */
+    clock_us = 600000;
+    tim5_handler();
+    board_ranges(NULL, &ranges);
+    CHECK(ranges.ultrasonic_mm == BOARD_NO_RANGE && ranges.ultrasonic_us == 600000 - 38000);
+    for (unsigned i = 0; i < 2u * 60u; i++) { /* and then the sensor is unplugged */
+        clock_us = 600000 + 1000u * i;
+        sonar_millisecond();
+    }
+    board_ranges(NULL, &ranges);
+    CHECK(ranges.ultrasonic_mm == BOARD_NO_RANGE);
+    CHECK(clock_us - ranges.ultrasonic_us < 121000 && clock_us - ranges.ultrasonic_us > 59000);
+}
+
 /* ---- CAN ------------------------------------------------------------------------------------ */
 
 static bool offer(uint16_t id)
@@ -458,6 +494,7 @@ int main(void)
     parameters_lie_in_the_second_bank();
     one_bank_saves_nothing();
     an_overrun_does_not_freeze_the_readings();
+    an_echo_has_the_time_of_its_pulse();
     mailboxes_are_refilled_by_their_interrupt();
     bus_off_is_counted_and_drops_what_is_old();
     encoders_are_filtered();

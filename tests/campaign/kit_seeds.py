@@ -43,6 +43,7 @@ def plan(rng: random.Random) -> bytes:
                 (0, 0, 16384 + rng.randrange(3), 0, 0, 0, rng.randrange(-12_000, 12_000)),
                 rng.choice([40, 50, 300, 2000, 0xFFFF]),
                 contacts=rng.choice([0, 0, 0, 1, 2, 3, 4]),
+                ultrasonic_age_us=rng.randrange(62_000),
             )
         )
         writer.wait(rng.choice([20_000, 100_000, 700_000]))

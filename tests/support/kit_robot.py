@@ -86,8 +86,10 @@ class KitRobot:
             | (Contact.CLIFF if sensors.cliff() else 0)
         )
         ultrasonic_mm, infrared_dmm = before.ultrasonic_mm, before.infrared_dmm
+        age_us = before.ultrasonic_age_us + PERIOD_US
         if self._ticks % _RANGE_PERIODS == _RANGE_PHASE:
             now = sensors.ranges()
+            age_us = now.ultrasonic_age_us
             ultrasonic_mm = _steps(now.ultrasonic_m, 1e3)
             infrared_dmm = _steps(now.infrared_left_m, 1e4), _steps(now.infrared_right_m, 1e4)
         battery_mv, logic_mv, motors_ma = before.battery_mv, before.logic_mv, before.motors_ma
@@ -104,6 +106,7 @@ class KitRobot:
             battery_mv,
             logic_mv,
             motors_ma,
+            age_us,
         )
 
     def _ask(self, records: bytes) -> Reported:

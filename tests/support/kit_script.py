@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 NO_RANGE = 0xFFFF
 PARAMETERS = 23
 _BOOT = struct.Struct("<cIBB")
-_READINGS = struct.Struct("<c2H7h3HB4H")
+_READINGS = struct.Struct("<c2H7h3HIB4H")
 _STEP = struct.Struct("<cIH")
 _SUPPLY = struct.Struct("<cH")
 REPORTED = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2h?I")
@@ -57,6 +57,7 @@ class Readings:
     battery_mv: int = 15_803
     logic_mv: int = 5_003
     motors_ma: tuple[int, int] = (57, 63)
+    ultrasonic_age_us: int = 0
 
     def record(self) -> bytes:
         return _READINGS.pack(
@@ -65,6 +66,7 @@ class Readings:
             *self.imu,
             self.ultrasonic_mm,
             *self.infrared_dmm,
+            self.ultrasonic_age_us,
             self.contacts,
             self.battery_mv,
             self.logic_mv,

@@ -199,6 +199,7 @@ _readings = st.builds(
     st.sampled_from([16_000, 12_900, 12_600, 11_900, 65_535]),
     st.sampled_from([0, 5_003, 7_001]),
     st.tuples(*[st.sampled_from([3, 57, 399, 401, 1_803, 6_001])] * 2),
+    st.sampled_from([0, 499, 500, 1_500, 6_100, 59_999, 254_499, 254_500, 4_000_000]),
 )
 _frames = st.tuples(
     st.just("frame"),

@@ -60,7 +60,12 @@ class PaperSensors:
 
     def ranges(self) -> Ranges:
         left, right = self.now.infrared_dmm
-        return Ranges(_seen(self.now.ultrasonic_mm, 1e3), _seen(left, 1e4), _seen(right, 1e4))
+        return Ranges(
+            _seen(self.now.ultrasonic_mm, 1e3),
+            _seen(left, 1e4),
+            _seen(right, 1e4),
+            self.now.ultrasonic_age_us,
+        )
 
     def bumpers(self) -> Bumpers:
         contacts = self.now.contacts

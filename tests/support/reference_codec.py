@@ -271,6 +271,7 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("infrared_left", "u8", "infrared_left_m", 0.00125, 255),
             ("infrared_right", "u8", "infrared_right_m", 0.00125, 255),
             ("contacts", "u8"),
+            ("ultrasonic_age", "u8", "ultrasonic_age_s", 0.001, 255),
         ],
     ),
     0x24: (

@@ -127,7 +127,8 @@ class SimDrive:
             None if r is None else round(r / 0.00125) * 0.00125
             for r in (ranges.infrared_left_m, ranges.infrared_right_m)
         ]
-        self.walls.update(self.front_m, *sides, **halves, t_s=t_s)
+        age_s = 1e-6 * ranges.ultrasonic_age_us
+        self.walls.update(self.front_m, *sides, **halves, t_s=t_s, ultrasonic_age_s=age_s)
 
     def _measure(self) -> None:
         truth, pose = self.body.pose, self.estimator.pose

@@ -28,7 +28,7 @@ def imu(x: int = 0, y: int = 0, z: int = G_LSB, *, yaw: int = 0, mark: int = 0) 
 def reading(front_m: float | None = None, contacts: int = 0) -> Range:
     """Return a reading of the rangers: only the front one has a range."""
     front = 0xFFFF if front_m is None else round(front_m * 1000)
-    return Range(front, 0xFF, 0xFF, contacts)
+    return Range(front, 0xFF, 0xFF, contacts, 0)
 
 
 def power(volts: float = 16.0, left_a: float = 0.1, right_a: float = 0.1) -> Power:

@@ -411,6 +411,7 @@ def _estimates(room: str, noise: str, seed: int) -> Estimates:
                 bumper_left=bool(message.contacts & Contact.BUMPER_LEFT),
                 bumper_right=bool(message.contacts & Contact.BUMPER_RIGHT),
                 t_s=t_s,
+                ultrasonic_age_s=message.ultrasonic_age_s,
             )
     return out
 

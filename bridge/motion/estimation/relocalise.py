@@ -7,6 +7,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from bridge.motion.estimation.contact_uncertainty import ContactUncertainty
+from bridge.motion.estimation.estimator import IMU_GAP_S
 from bridge.motion.estimation.wall_map import WallMap
 from bridge.motion.estimation.wall_measurements import (
     MAX_SPAN_M,
@@ -24,11 +25,20 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ECHO_AGE_S = 0.03
-"""Age of an ultrasonic reading that differs from the last, s: the sensor pings every 60 ms, and
-the stream samples it. A repeated reading is older and is not used."""
+"""Age of an ultrasonic range that differs from the last, s, if the device does not send its age:
+the sensor pings every 60 ms, and the stream samples it. A repeated range is older and is not
+used."""
 ECHO_AGE_SIGMA_S = 0.02
 """Standard deviation of that age, s: a wall approached at cruise speed seems 4 mm off when the
 robot has stopped before it."""
+SENT_AGE_SIGMA_S = 0.02
+"""Standard deviation of an age that the device sends, s: half the sound's flight to a wall 1 m
+ahead, which the age includes."""
+SAME_PULSE_S = 0.005
+"""Maximum difference between the times of one pulse in two messages, s: the age is sent in
+milliseconds, and no ultrasonic sensor pings every 5 ms."""
+MAX_ECHO_AGE_S = IMU_GAP_S
+"""Maximum age of an ultrasonic range that is used, s: the pose is extrapolated no further."""
 GRAZE_M = 0.005
 """Gap between rim and a wall abeam below which the robot may graze it, m."""
 _READINGS = 5
@@ -61,6 +71,8 @@ class Relocaliser:
         self._front = FrontMeasurements(model.ultrasonic)
         self.walls = WallMap(estimator.ekf)
         self._echo_m: float | None = None
+        self._pulse_s = -math.inf
+        """Time of the newest ultrasonic pulse whose age was sent, s."""
         self._contact = ContactUncertainty(estimator)
         self.yaw_fixes = 0
         self.position_fixes = 0
@@ -74,11 +86,14 @@ class Relocaliser:
         bumper_left: bool,
         bumper_right: bool,
         t_s: float | None = None,
+        ultrasonic_age_s: float | None = None,
     ) -> None:
         """Take readings of range sensors and bumper.
 
-        ``t_s`` is the time of the ranges on the clock of the estimator's samples, s. Without it
-        the time of the newest encoder sample counts, which costs up to 4 mm at cruise speed.
+        ``t_s`` is the time of the infrared ranges on the clock of the estimator's samples, s.
+        Without it the time of the newest encoder sample counts, which costs up to 4 mm at cruise
+        speed. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``; without it an
+        average counts.
         """
         estimator = self._estimator
         grazing = any(
@@ -101,19 +116,31 @@ class Relocaliser:
             if line is not None and self.walls.see_line(line):
                 self.yaw_fixes += 1
                 self.position_fixes += 1
-        fresh = ultrasonic_m != self._echo_m
-        self._echo_m = ultrasonic_m
+        fresh, age_s, age_sigma_s = self._echo(ultrasonic_m, t_s, ultrasonic_age_s)
         if t_s is not None and fresh:
-            seen_from = self._place(t_s - ECHO_AGE_S)
+            seen_from = self._place(t_s - age_s)
         front = self._front.add(seen_from, ultrasonic_m, steady=steady and fresh)
         if front is not None:
-            off_m = ECHO_AGE_SIGMA_S * estimator.v_m_s
+            off_m = age_sigma_s * estimator.v_m_s
             front = FrontMeasurement(
                 front.range_m - _ahead_m(seen_from, estimator.odometry),
                 front.variance + off_m * off_m,
             )
         if front is not None and self.walls.see_front(front, self._ultrasonic):
             self.position_fixes += 1
+
+    def _echo(
+        self, ultrasonic_m: float | None, t_s: float | None, age_s: float | None
+    ) -> tuple[bool, float, float]:
+        """Return whether a range is new, its age and the age's standard deviation, s."""
+        if t_s is None or age_s is None:
+            fresh = ultrasonic_m != self._echo_m
+            self._echo_m = ultrasonic_m
+            return fresh, ECHO_AGE_S, ECHO_AGE_SIGMA_S
+        pulse_s = t_s - age_s
+        fresh = abs(pulse_s - self._pulse_s) > SAME_PULSE_S and age_s <= MAX_ECHO_AGE_S
+        self._pulse_s = pulse_s
+        return fresh, age_s, SENT_AGE_SIGMA_S
 
     def _place(self, t_s: float | None) -> Pose2:
         """Return the odometry extrapolated to the time of the reading."""

@@ -89,6 +89,8 @@ class RosTopic(NamedTuple):
     name: str
     type_name: str
     layout: CdrLayout
+    age: int | None = None
+    """Index of the field with the sample's age at the message's stamp; None: no age."""
 
 
 class RosMessages(NamedTuple):
@@ -133,9 +135,13 @@ _JOINT_STATE = CdrLayout(
 
 _DISCHARGING = 2
 _ULTRASOUND, _INFRARED = 0, 1
+_ULTRASONIC_AGE = 4
+"""Index of the field ``ultrasonic_age`` of the range message."""
 
 
-def _ranger(name: str, mount: RangerMount, radiation: int) -> RosTopic:
+def _ranger(
+    name: str, mount: RangerMount, radiation: int, age: int | None = None
+) -> RosTopic:
     layout = CdrLayout(
         "2I",
         ("text", f"range_{name}"),
@@ -146,7 +152,7 @@ def _ranger(name: str, mount: RangerMount, radiation: int) -> RosTopic:
         "f",
         ("f", 0.0),
     )
-    return RosTopic(f"/ros/range/{name}", RANGE, layout)
+    return RosTopic(f"/ros/range/{name}", RANGE, layout, age)
 
 
 class RosTranslator:
@@ -173,7 +179,7 @@ class RosTranslator:
         )
         joints = RosTopic("/ros/joint_states", JOINT_STATE, _JOINT_STATE)
         ranges = (
-            _ranger("front", model.ultrasonic, _ULTRASOUND),
+            _ranger("front", model.ultrasonic, _ULTRASOUND, _ULTRASONIC_AGE),
             _ranger("left", model.infrared_left, _INFRARED),
             _ranger("right", model.infrared_right, _INFRARED),
         )

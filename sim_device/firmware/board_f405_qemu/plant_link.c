@@ -36,7 +36,7 @@ void plant_begin(void) {
 }
 
 static void settle(void) {
-    if (on_its_way && (int32_t)(uptime_us() - coming.imu.sampled_us) >= 0) {
+    if (on_its_way && (int32_t)(uptime_us() - coming.sample_us) >= 0) {
         on_its_way = false;
         present = coming;
     }
@@ -73,7 +73,7 @@ void plant_send(uint8_t type, const uint8_t *payload, size_t length) {
     irq_restore(state);
 }
 
-uint32_t plant_newest_us(void) { return coming.imu.sampled_us; }
+uint32_t plant_newest_us(void) { return coming.sample_us; }
 
 static uint16_t u16_at(const uint8_t *from) {
     return (uint16_t)(from[0] | from[1] << 8);
@@ -87,6 +87,7 @@ static void take_sample(const uint8_t *p) {
     const uint32_t sampled_us = u32_at(p);
     board_imu_t *const imu = &coming.imu;
     settle(); /* an unexpected frame */
+    coming.sample_us = sampled_us;
     coming.encoders.left = u16_at(p + 4);
     coming.encoders.right = u16_at(p + 6);
     coming.encoders.sampled_us = sampled_us;
@@ -97,12 +98,13 @@ static void take_sample(const uint8_t *p) {
     imu->gyro_x = (int16_t)u16_at(p + 16);
     imu->gyro_y = (int16_t)u16_at(p + 18);
     imu->gyro_z = (int16_t)u16_at(p + 20);
-    imu->sampled_us = sampled_us;
+    imu->sampled_us = sampled_us - u32_at(p + 29);
     coming.ranges.ultrasonic_mm = u16_at(p + 22);
     coming.ranges.infrared_left_dmm = u16_at(p + 24);
     coming.ranges.infrared_right_dmm = u16_at(p + 26);
     coming.ranges.sampled_us = sampled_us;
     coming.contacts = p[28];
+    coming.ranges.ultrasonic_us = sampled_us - u32_at(p + 33);
     on_its_way = true;
 }
 
@@ -135,7 +137,7 @@ static void take_identity(const uint8_t *p) {
 }
 
 static void take(uint8_t type, const uint8_t *payload, size_t length) {
-    if (type == PLANT_SAMPLE && length == 29u) {
+    if (type == PLANT_SAMPLE && length == 37u) {
         take_sample(payload);
     } else if (type == PLANT_POWER && length == 12u) {
         take_power(payload);

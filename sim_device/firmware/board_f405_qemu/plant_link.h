@@ -14,7 +14,7 @@
 #include "board.h"
 #include "stm32f4.h"
 
-#define PLANT_LINK_VERSION 2u
+#define PLANT_LINK_VERSION 3u
 #define PLANT_CHUNK 128u
 
 /* From the chip. */
@@ -35,7 +35,8 @@ enum {
     PLANT_IDENTITY = 0x81, /* uid 12, boot id u32, reset cause u8, node u8, chunks before it u8 */
     PLANT_PAGE = 0x82,     /* page u8, offset u16, data */
     PLANT_SAMPLE = 0x83,   /* sample u32, encoders 2 u16, IMU 7 i16, ultrasonic u16 mm, infrared
-                              2 u16 tenths of mm, contacts u8 */
+                              2 u16 tenths of mm, contacts u8, age of the IMU's sample u32 us, age
+                              of the ultrasonic's u32 us */
     PLANT_POWER = 0x84,    /* sample u32, battery, logic u16 mV, motors 2 u16 mA */
     PLANT_HANG = 0x85,     /* hang, as a hung program does */
     PLANT_CRASH = 0x86     /* fault, as a crashing program does */
@@ -47,6 +48,7 @@ typedef struct {
     board_ranges_t ranges;
     uint8_t contacts;
     board_power_t power;
+    uint32_t sample_us; /* when all but the power is taken; IMU and ultrasonic have ages at it */
 } plant_readings_t;
 
 /* Return the present readings. Readings arrive before the time at which they apply; until then

@@ -221,7 +221,7 @@ void board_imu(board_t *board, board_imu_t *out)
 void board_ranges(board_t *board, board_ranges_t *out)
 {
     const board_ranges_t nothing = {
-        BOARD_NO_RANGE, BOARD_NO_RANGE, BOARD_NO_RANGE, uptime_us()};
+        BOARD_NO_RANGE, BOARD_NO_RANGE, BOARD_NO_RANGE, uptime_us(), uptime_us()};
     *out = nothing;
 }
 

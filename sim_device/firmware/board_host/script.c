@@ -6,7 +6,7 @@
  *   'B' u32 boot_id, u8 reset_cause, u8 flags   boot; flag 1: on CAN, 2: with empty flash,
  *                                               4: without its crystal, 8: after a crash, 16: with a
  *                                               flash that keeps nothing from now on
- *   'R' u16 x2 encoders, i16 x7 IMU, u16 x3 ranges, u8 contacts, u16 x4 power
+ *   'R' u16 x2 encoders, i16 x7 IMU, u16 x3 ranges, u32 age of the first in us, u8 contacts, u16 x4 power
  *                                               sensor readings from now on (board.h)
  *   'S' u32 microseconds, u16 length, bytes     run for this time, then receive the data:
  *                                               bytes, or frames of 16 B (struct can_frame)
@@ -43,6 +43,7 @@ static struct {
     board_encoders_t encoders;
     board_imu_t imu;
     board_ranges_t ranges;
+    uint32_t ultrasonic_age_us;
     uint8_t contacts;
     board_power_t power;
 
@@ -153,6 +154,7 @@ void board_ranges(board_t *board, board_ranges_t *out)
 {
     *out = lives.ranges;
     out->sampled_us = uptime_us();
+    out->ultrasonic_us = out->sampled_us - lives.ultrasonic_age_us;
 }
 
 uint8_t board_contacts(board_t *board)
@@ -280,6 +282,7 @@ static void take_readings(reader_t *reader)
     lives.ranges.ultrasonic_mm = take_u16(reader);
     lives.ranges.infrared_left_dmm = take_u16(reader);
     lives.ranges.infrared_right_dmm = take_u16(reader);
+    lives.ultrasonic_age_us = take(reader, 4);
     lives.contacts = (uint8_t)take(reader, 1) & 7u;
     lives.power.battery_mv = take_u16(reader);
     lives.power.logic_mv = take_u16(reader);
@@ -415,7 +418,7 @@ static size_t record_size(const uint8_t *data, size_t length)
     case 'B':
         return 7;
     case 'R':
-        return 34;
+        return 38;
     case 'F':
         return length < 8u ? 0u : 8u + (size_t)data[7];
     case 'P':

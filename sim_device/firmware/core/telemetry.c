@@ -26,12 +26,20 @@ static uint8_t infrared(uint16_t range_dmm)
     return (uint8_t)(steps < INFRARED_MAX ? steps : INFRARED_MAX);
 }
 
+/* Milliseconds to the nearest from the ultrasonic pulse to the stamp of the infrared ranges; a pulse
+ * after it is no older than they are. */
+static uint8_t ultrasonic_age(const board_ranges_t *ranges)
+{
+    const uint32_t age_us = ranges->sampled_us - ranges->ultrasonic_us;
+    return age_us > INT32_MAX ? 0u : at_most_255((age_us + 500u) / 1000u);
+}
+
 static encoded_t range(firmware_t *firmware, uint8_t *payload)
 {
     const around_t *const around = readings_around(&firmware->readings);
     const sp_range_t message = {around->ranges.ultrasonic_mm,
         infrared(around->ranges.infrared_left_dmm), infrared(around->ranges.infrared_right_dmm),
-        around->contacts};
+        around->contacts, ultrasonic_age(&around->ranges)};
     const encoded_t encoded = {
         sp_range_encode(&message, payload, SP_PAYLOAD_MAX), around->ranges.sampled_us};
     return encoded;

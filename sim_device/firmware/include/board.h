@@ -159,12 +159,14 @@ void board_imu(board_t *board, board_imu_t *out);
 
 #define BOARD_NO_RANGE 0xFFFFu
 
-/* Ranges from the sensors' faces; read at 20 Hz. A read may start the next measurement. */
+/* Ranges from the sensors' faces; read at 20 Hz. A read may start the next measurement. The ultrasonic
+ * sensor measures at its own pace, so its range has its own time: that of the pulse. */
 typedef struct {
     uint16_t ultrasonic_mm;      /* BOARD_NO_RANGE: no echo */
     uint16_t infrared_left_dmm;  /* tenths of a millimetre; BOARD_NO_RANGE: out of range */
     uint16_t infrared_right_dmm; /* likewise */
-    uint32_t sampled_us;
+    uint32_t sampled_us;         /* of both infrared ranges */
+    uint32_t ultrasonic_us;      /* when the pulse left that gave the range, or that had no echo */
 } board_ranges_t;
 void board_ranges(board_t *board, board_ranges_t *out);
 

@@ -17,6 +17,7 @@
 void tim5_handler(void);
 
 static volatile uint16_t newest_mm = BOARD_NO_RANGE;
+static volatile uint32_t newest_us; /* when the pulse of newest_mm left */
 static volatile bool answered;
 static uint32_t cycle_ms;
 
@@ -38,8 +39,10 @@ void sonar_start(void) {
 
 void tim5_handler(void) {
     TIM5->sr = ~TIM_SR_CCIF(2);
-    const uint32_t lasted_us = TIM5->ccr[1] - TIM5->ccr[0];
+    const uint32_t rose_us = TIM5->ccr[0]; /* the sensor raises its pin as its pulse leaves */
+    const uint32_t lasted_us = TIM5->ccr[1] - rose_us;
     answered = true;
+    newest_us = uptime_us() - (TIM5->cnt - rose_us);
     if (lasted_us > ECHO_US_MAX) {
         newest_mm = BOARD_NO_RANGE;
         return;
@@ -55,6 +58,7 @@ void sonar_millisecond(void) {
         cycle_ms = 0;
         if (!answered) {
             newest_mm = BOARD_NO_RANGE; /* not connected */
+            newest_us = uptime_us() - CYCLE_MS * 1000u;
         }
         answered = false;
     }
@@ -76,7 +80,10 @@ static uint16_t infrared_dmm(uint32_t mv) {
 }
 
 void board_ranges(board_t *board, board_ranges_t *out) {
+    const uint32_t state = irq_save(); /* range and time are of one pulse */
     out->ultrasonic_mm = sonar_mm();
+    out->ultrasonic_us = newest_us;
+    irq_restore(state);
     out->infrared_left_dmm = infrared_dmm(analog_mv(ANALOG_INFRARED_LEFT));
     out->infrared_right_dmm = infrared_dmm(analog_mv(ANALOG_INFRARED_RIGHT));
     out->sampled_us = analog_sampled_us();

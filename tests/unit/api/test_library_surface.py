@@ -40,8 +40,9 @@ def test_help_names_attributes_that_messages_have() -> None:
 
 
 def test_a_message_shows_itself_in_si_units() -> None:
-    assert repr(Range(1234, 80, 255, 1)) == (
-        "Range(ultrasonic_m=1.234, infrared_left_m=0.1, infrared_right_m=None, contacts=1)"
+    assert repr(Range(1234, 80, 255, 1, 30)) == (
+        "Range(ultrasonic_m=1.234, infrared_left_m=0.1, infrared_right_m=None, contacts=1, "
+        "ultrasonic_age_s=0.03)"
     )
     shown = repr(Imu(0, 0, 16384, 0, 0, 0, 131))
     assert "accel_z_m_s2=9.80665" in shown

@@ -258,6 +258,55 @@ def test_one_uncertain_direction_counts_once_for_a_whole_approach() -> None:
     assert math.sqrt(estimator.covariance[0][0]) > 0.5 * by_wall_m
 
 
+def approach(*, sent: bool) -> tuple[float, int]:
+    """Drive at a known wall with ranges that are 80 ms old.
+
+    Returns the error of the distance to the wall (m) and the number of position fixes.
+    """
+    driven = Driven()
+    estimator = driven.estimator
+    walls = Relocaliser(MODEL, estimator)
+    walls.walls.see_line(LineMeasurement(0.0, 0.8, 1e-6, 0.0, 1e-8, -0.5, 0.5))
+    estimator.ekf.inflate(0.05, 0.0)
+    begin_m = MODEL.metres_per_count * driven.left
+    driven.drive(0.2, 0.0, 50)
+    for _ in range(30):
+        driven.drive(0.2, 0.0, 5)
+        t_s = 0.01 * driven.tick
+        at_pulse_m = MODEL.metres_per_count * driven.left - begin_m - 0.08 * 0.2
+        range_m = 0.8 - MODEL.ultrasonic.x_m - at_pulse_m
+        age_s = 0.08 if sent else None
+        walls.update(range_m, None, None, **FREE, t_s=t_s, ultrasonic_age_s=age_s)
+    true_m = START.x_m + MODEL.metres_per_count * driven.left - begin_m
+    return estimator.pose_at(t_s).x_m - true_m, walls.position_fixes
+
+
+def test_a_range_counts_from_where_its_pulse_left() -> None:
+    error_m, fixes = approach(sent=True)
+    assert fixes > 3
+    assert abs(error_m) < 0.001
+    by_average_m, _ = approach(sent=False)
+    assert by_average_m < -0.005, "50 ms at 0.2 m/s"
+
+
+def test_a_pulse_counts_once_and_equal_ranges_of_two_pulses_count_twice() -> None:
+    driven = Driven()
+    walls = Relocaliser(MODEL, driven.estimator)
+    walls.walls.see_line(LineMeasurement(0.0, 0.8, 1e-6, 0.0, 1e-8, -0.5, 0.5))
+    range_m = 0.8 - MODEL.ultrasonic.x_m
+
+    def fixes(ages_s: list[float]) -> int:
+        before = walls.position_fixes
+        for age_s in ages_s:
+            driven.drive(0.0, 0.0, 5)
+            t_s = 0.01 * driven.tick
+            walls.update(range_m, None, None, **FREE, t_s=t_s, ultrasonic_age_s=age_s)
+        return walls.position_fixes - before
+
+    assert fixes([0.01, 0.06, 0.01, 0.0604, 0.01, 0.0596, 0.01]) == 0
+    assert fixes([0.01] * 5) == 1
+
+
 def test_nothing_is_corrected_before_a_wall_gave_the_grid() -> None:
     estimator = PoseEstimator(MODEL, START)
     walls = Relocaliser(MODEL, estimator)

@@ -74,7 +74,7 @@ def test_identifiers_lengths_senders_and_cycles_are_those_of_the_bus(db: Databas
         0x141: ("imu_rotation", 8, ["device"], 10, False),
         0x151: ("imu_temperature", 4, ["device"], 1000, False),
         0x161: ("encoders", 6, ["device"], 20, False),
-        0x201: ("range", 7, ["device"], 50, False),
+        0x201: ("range", 8, ["device"], 50, False),
         0x241: ("power", 7, ["device"], 200, False),
         0x281: ("link_counters_received", 8, ["device"], 1000, False),
         0x291: ("link_counters_dropped", 6, ["device"], 1000, False),

@@ -78,7 +78,7 @@ def test_a_logged_message_reads_back_by_the_compiled_text(tmp_path: Path) -> Non
         seq=0,
         t_us=77,
         name="range",
-        message=Range(1234, 255, 40, 2),
+        message=Range(1234, 255, 40, 2, 61),
     )
     message = reading.FromString(device_encoders()["range"].encode(record))
     values = json_format.MessageToDict(message, preserving_proto_field_name=True)
@@ -91,6 +91,8 @@ def test_a_logged_message_reads_back_by_the_compiled_text(tmp_path: Path) -> Non
         "infrared_right": 40,
         "infrared_right_m": pytest.approx(0.05),
         "contacts": 2,
+        "ultrasonic_age": 61,
+        "ultrasonic_age_s": pytest.approx(0.061),
     }
 
 

@@ -234,7 +234,7 @@ def test_wheel_angles_unwrap_and_speeds_follow_the_device_clock(tmp_path: Path) 
 
 
 def test_ranges_without_an_echo_are_infinite(tmp_path: Path) -> None:
-    messages = written(tmp_path / "run.mcap", device(Range(1234, 255, 80, 5)))
+    messages = written(tmp_path / "run.mcap", device(Range(1234, 255, 80, 5, 30)))
     topics = {t: d for t, _, d in messages}
     raw = topics["/device/range"]
     assert (raw.ultrasonic, raw.infrared_left, raw.contacts) == (1234, 255, 5)
@@ -245,6 +245,23 @@ def test_ranges_without_an_echo_are_infinite(tmp_path: Path) -> None:
     assert topics["/ros/range/right"].range == pytest.approx(0.1)
     assert topics["/ros/range/right"].max_range == pytest.approx(0.30)
     assert topics["/ros/range/right"].header.frame_id == "range_right"
+
+
+@pytest.mark.parametrize(("age", "older_ns"), [(0, 0), (30, 30_000_000), (255, 0)])
+@pytest.mark.parametrize("mapped", [True, False])
+def test_an_ultrasonic_range_has_the_time_of_its_pulse(
+    tmp_path: Path, age: int, older_ns: int, *, mapped: bool
+) -> None:
+    record = device(Range(1234, 60, 80, 5, age))
+    if not mapped:
+        record = record._replace(publish_ns=None, bound_ns=None)
+    messages = written(tmp_path / "run.mcap", record)
+    found = {topic: (message.publish_time, decoded) for topic, message, decoded in messages}
+    sampled_ns = NOW - 5000 if mapped else NOW
+    assert found["/device/range"][0] == found["/ros/range/left"][0] == sampled_ns
+    pulse_ns, front = found["/ros/range/front"]
+    assert pulse_ns == sampled_ns - older_ns
+    assert front.header.stamp.sec * 10**9 + front.header.stamp.nanosec == pulse_ns
 
 
 def test_sensor_mounts_hang_below_the_body(tmp_path: Path) -> None:

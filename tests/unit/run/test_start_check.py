@@ -70,5 +70,5 @@ def test_both_distances_are_named() -> None:
 
 
 def test_single_strange_readings_are_no_contradiction() -> None:
-    true, odd = Ranges(3.58, None, 0.20), Ranges(0.3, 0.1, None)
+    true, odd = Ranges(3.58, None, 0.20, 0), Ranges(0.3, 0.1, None, 0)
     assert contradictions(BOX, MODEL, BOX.start, [true, true, odd, true, odd]) == []

@@ -17,7 +17,7 @@ from tools.live.monitor_view import Table
 SENT = (
     Encoders(100, 200),
     Imu(1234, -4321, 16384, 999, -31, 77, 131),
-    Range(1234, 80, 255, 1),
+    Range(1234, 80, 255, 1, 30),
     PlannerState(1, 2, 1200, -300, 160, 160, 40, 1),
     Power(15_500, 200, 3, 4),
     Status(1, 4, 1 << 6, 0, 7),

@@ -40,7 +40,7 @@ def host(*, pose: Pose2 = ORIGIN) -> Host:
     found = Host(MODEL, NullSink(), options, Mission(None), lambda: next(ids))
     for message in (
         Imu(0, 0, 16384, 0, 0, 0, 131),
-        Range(1234, 80, 255, 1),
+        Range(1234, 80, 255, 1, 30),
         Power(15_500, 200, 3, 4),
         Status(1, 4, 1 << 6, 0, 7),
     ):

@@ -282,7 +282,7 @@ def test_an_ultrasonic_that_lies() -> None:
 def test_an_infrared_that_is_stuck() -> None:
     bench = Bench()
     sensors = bench.device.sensors
-    whole, sensors.ranges = sensors.ranges, lambda: Ranges(None, 0.12, None)  # type: ignore[method-assign]
+    whole, sensors.ranges = sensors.ranges, lambda: Ranges(None, 0.12, None, 0)  # type: ignore[method-assign]
     bench.rest(1.0)
     assert not bench.faults & Fault.INFRARED, "a wall beside it would read so"
     bench.drive(2.0, 0.0, 1.0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages.device import Hello, Imu, LogText, Power, Sync
-from protocol.messages.host import VelocitySetpoint
+from protocol.link import Received
+from protocol.messages.device import Hello, Imu, LogText, Power, Range, Sync
+from protocol.messages.host import SetStreamRate, TimeRequest, VelocitySetpoint
 from protocol.messages.values import (
     Fault,
     NackReason,
@@ -17,6 +19,7 @@ from support.ends import SessionEnd, session_end
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message
+from support.device_bench import Bench
 from support.ready_device import Desk
 
 IMU, POWER, SYNC = (CATALOGUE.by_class[c].type_id for c in (Imu, Power, Sync))
@@ -82,3 +85,42 @@ def test_rates_that_cannot_be(kind: type[Message], tenths: int, reason: NackReas
 
 def test_an_unknown_type_has_no_rate() -> None:
     assert Desk().rate(0x7D, 10) is NackReason.BAD_VALUE
+
+
+def stamped(bench: Bench, kind: type[Message], duration_s: float) -> list[tuple[int, Message]]:
+    """Stamp (µs) and message of a stream."""
+    found: list[tuple[int, Message]] = []
+    for _ in range(round(duration_s * 100)):
+        bench.now_us += 10_000
+        bench.link.send(TimeRequest(1), bench.now_us, node=1)
+        data = bench.link.data_to_send()
+        found += [
+            (event.frame.t_us, event.message)
+            for event in bench.link.receive(bench.device.step(data, bench.now_us))
+            if isinstance(event, Received) and isinstance(event.message, kind)
+        ]
+    return found
+
+
+def test_a_range_message_says_how_old_its_ultrasonic_range_is() -> None:
+    bench = Bench()
+    bench.join()
+    found = stamped(bench, Range, 1.0)
+    assert len(found) == 20
+    for stamp_us, message in found:
+        assert isinstance(message, Range)
+        assert (stamp_us // 1000 - message.ultrasonic_age) % 60 == 0, "it pings every 60 ms"
+        assert message.ultrasonic_age <= 100
+    assert len({message.ultrasonic_age for _, message in found}) > 4
+
+
+def test_an_imu_sample_keeps_its_time_when_it_is_sent_later() -> None:
+    """The chip's clock is 1 % slow: now and then its newest sample is a period old."""
+    bench = Bench()
+    bench.device.sensors.faults.imu_clock = -0.01
+    bench.join()
+    bench.send(SetStreamRate(1, IMU, 333))
+    found = stamped(bench, Imu, 10.0)
+    gaps_us = [b - a for (a, _), (b, _) in pairwise(found)]
+    assert set(gaps_us) == {20_000, 30_000, 40_000}
+    assert sum(gaps_us) == pytest.approx(10_000_000, abs=60_000)

@@ -104,12 +104,13 @@ def test_a_sample() -> None:
         (1 << 32) + 10_000,
         (65_535, 7),
         imu,
-        Ranges(1.2345, 0.05004, None),
+        Ranges(1.2345, 0.05004, None, 54_321),
         Bumpers(left=False, right=True),
         cliff=True,
+        imu_age_us=9_999,
     )
     payload = bytes.fromhex(
-        "10270000 ffff 0700 ffff 0200 0040 48f4 8300 7dff 0000 d204 f401 ffff 06"
+        "10270000 ffff 0700 ffff 0200 0040 48f4 8300 7dff 0000 d204 f401 ffff 06 0f270000 31d40000"
     )
     assert data == framed(0x83, payload)
 

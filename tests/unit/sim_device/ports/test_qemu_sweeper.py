@@ -249,5 +249,5 @@ def test_a_chip_that_is_dead_is_reset(chip: Chip) -> None:
 def test_another_version_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qemu_sweeper, "QemuProcess", FakeQemu)
     monkeypatch.setattr(FakeQemu, "version", link.VERSION + 1)
-    with pytest.raises(QemuGoneError, match=r"firmware\.elf does not run: it speaks version 3"):
+    with pytest.raises(QemuGoneError, match=r"firmware\.elf does not run: it speaks version 4"):
         Chip()

@@ -79,6 +79,18 @@ def test_a_reading_is_never_older_than_a_cycle_and_its_flight() -> None:
         assert -1e-6 <= late_ms < 60.0 + MS_PER_M * reported
 
 
+def test_a_range_has_the_age_of_its_pulse() -> None:
+    """At 1 m an echo is back after 5.8 ms; a reading before that is of the ping before."""
+    device, start_m, v_m_s = Rangers(MODEL, NONE, np.random.default_rng(1)), 1.0, 0.2
+    device.read(0, before_wall(start_m), CENTRE)
+    for t_ms in range(61, 2000, 7):
+        true_m = start_m - 0.001 * t_ms * v_m_s
+        seen = device.read(t_ms, before_wall(true_m), CENTRE)
+        assert seen.ultrasonic_m == pytest.approx(true_m + 1e-6 * v_m_s * seen.ultrasonic_age_us)
+        assert (1000 * t_ms - seen.ultrasonic_age_us) % 60_000 == 0
+        assert 0 < seen.ultrasonic_age_us < 66_000
+
+
 def test_the_last_echo_is_kept_between_pings() -> None:
     device = sonar()
     assert device.read(5, before_wall(1.0), CENTRE) is None  # 5.8 ms for a metre
