@@ -128,7 +128,9 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
             ahead = min(
                 4000, int(1000 * abs((1.9 if math.cos(pose.theta_rad) > 0 else 0.16) - pose.x_m))
             )
-            yield device(Range(ahead, int(40 + 2 * noise[4]), 255 if step % 400 > 200 else 60, 0, 30))
+            yield device(
+                Range(ahead, int(40 + 2 * noise[4]), 255 if step % 400 > 200 else 60, 0, 30)
+            )
         if step % 5 == 0:
             yield device(Status(1, 0, 0, 240, 31))
         if step % 10 == 0:

@@ -139,9 +139,7 @@ _ULTRASONIC_AGE = 4
 """Index of the field ``ultrasonic_age`` of the range message."""
 
 
-def _ranger(
-    name: str, mount: RangerMount, radiation: int, age: int | None = None
-) -> RosTopic:
+def _ranger(name: str, mount: RangerMount, radiation: int, age: int | None = None) -> RosTopic:
     layout = CdrLayout(
         "2I",
         ("text", f"range_{name}"),

@@ -52,8 +52,16 @@ def test_rows_carry_place_header_and_fields() -> None:
 def test_physical_values_with_nothing_there_as_nan() -> None:
     result = decode_capture(
         capture(
-            Range(ultrasonic=1500, infrared_left=255, infrared_right=40, contacts=0, ultrasonic_age=255),
-            Range(ultrasonic=0xFFFF, infrared_left=0, infrared_right=40, contacts=0, ultrasonic_age=61),
+            Range(
+                ultrasonic=1500,
+                infrared_left=255,
+                infrared_right=40,
+                contacts=0,
+                ultrasonic_age=255,
+            ),
+            Range(
+                ultrasonic=0xFFFF, infrared_left=0, infrared_right=40, contacts=0, ultrasonic_age=61
+            ),
         )
     )
     assert result.si("range", "ultrasonic")[0] == pytest.approx(1.5)

@@ -26,7 +26,7 @@ def framed(node: int, type_id: int, seq: int, t_us: int, payload: bytes) -> byte
     return b"\0" + cobs_encode(body + struct.pack("<I", crc32(body))) + b"\0"
 
 
-RANGE = framed(3, 0x20, 7, 1_500_000, struct.pack("<HBBB", 1234, 80, 255, 0b101))
+RANGE = framed(3, 0x20, 7, 1_500_000, struct.pack("<HBBBB", 1234, 80, 255, 0b101, 61))
 
 
 def test_a_message_is_reported_with_its_units_and_names() -> None:
@@ -40,11 +40,13 @@ def test_a_message_is_reported_with_its_units_and_names() -> None:
         "infrared_left_m": pytest.approx(0.1),  # 80 steps of 1.25 mm
         "infrared_right_m": None,
         "contacts": ["bumper_left", "cliff"],
+        "ultrasonic_age_s": pytest.approx(0.061),
     }
     assert one.text == (
-        "ultrasonic=1.234m infrared_left=0.1m infrared_right=- contacts=bumper_left|cliff"
+        "ultrasonic=1.234m infrared_left=0.1m infrared_right=- contacts=bumper_left|cliff "
+        "ultrasonic_age=0.061s"
     )
-    assert one.raw == bytes.fromhex("d20450ff05")
+    assert one.raw == bytes.fromhex("d20450ff053d")
 
 
 def test_both_directions_are_received_in_order() -> None:

@@ -102,7 +102,7 @@ def stamped(bench: Bench, kind: type[Message], duration_s: float) -> list[tuple[
     return found
 
 
-def test_a_range_message_says_how_old_its_ultrasonic_range_is() -> None:
+def test_a_range_message_has_the_age_of_its_ultrasonic_range() -> None:
     bench = Bench()
     bench.join()
     found = stamped(bench, Range, 1.0)
