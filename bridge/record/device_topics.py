@@ -24,7 +24,7 @@ _LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(1, 8)
 class _Age(NamedTuple):
     """A field with the age of a sample at the message's stamp."""
 
-    index: int
+    place: int
     """Index in the record."""
     step_ns: int
     """Nanoseconds of one step."""
@@ -110,8 +110,8 @@ class DeviceTopics:
         chunk.size += rows.size
         if ros_values is not None:
             rows.floats.extend(ros_values(record))
-            for index, step_ns, none in ages:
-                age = values[index]
+            for place, step_ns, none in ages:
+                age = values[place]
                 time_ns = values[_PUBLISH - 1] or log_ns
                 rows.ints.append(time_ns if age == none else time_ns - step_ns * age)
 
