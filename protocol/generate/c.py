@@ -66,6 +66,7 @@ def _header(catalogue: Catalogue) -> str:
         enums=c_messages.enums(catalogue),
         latch_rule=c_messages.latch_rule(catalogue),
         declarations="\n".join(c_messages.declaration(spec) for spec in catalogue),
+        streams=c_messages.streams(catalogue),
         to_all=c_messages.to_all(catalogue),
         needs_tag=c_messages.needs_tag(catalogue),
         may_have_tag=c_messages.may_have_tag(catalogue),

@@ -110,6 +110,29 @@ def _one_of(comment: str, name: str, specs: list[MessageSpec]) -> str:
     )
 
 
+def streams(catalogue: Catalogue) -> str:
+    """Return the macro that applies another one to each stream of a device, by rising type."""
+    wanted = sorted(
+        (s for s in catalogue if s.direction is Direction.DEVICE and s.rate is RateClass.STREAM),
+        key=lambda spec: spec.type_id,
+    )
+    out = []
+    for spec in wanted:
+        name = f"#define SP_STREAM_{upper(spec)}(X)"
+        macro = switch_macro(spec)
+        entry = f"{name} X({upper(spec)}, {spec.name})"
+        out += [entry] if macro is None else [f"#if {macro}", entry, "#else", name, "#endif"]
+    out.append(
+        comment(
+            "The streams of a device by rising type, which is the order of sending. X(NAME, name) "
+            "stands for SP_TYPE_NAME, SP_NAME_HZ, sp_name_t and sp_name_encode()."
+        )
+    )
+    used = [f"    SP_STREAM_{upper(spec)}(X)" for spec in wanted]
+    out.append(" \\\n".join(["#define SP_DEVICE_STREAMS(X)", *used]))
+    return lines(out)
+
+
 def switch_macro(spec: MessageSpec) -> str | None:
     """Return the macro that excludes the message; None if it is always included."""
     return None if spec.bootstrap else f"SP_WITH_{upper(spec)}"

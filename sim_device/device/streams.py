@@ -1,36 +1,22 @@
-"""Schedule of the streams, and conversion of readings to wire integers."""
+"""Schedule of the streams."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.messages.device import (
-    INFRARED_NONE,
-    ULTRASONIC_AGE_NONE,
-    ULTRASONIC_NONE,
-    Power,
-    Range,
-)
-from protocol.messages.values import Capability, Contact
+from protocol.messages.values import Capability
 from protocol.schema.message import Direction, RateClass
 
 if TYPE_CHECKING:
     from protocol.schema.catalogue import Catalogue
-    from protocol.schema.message import Message, MessageSpec
-    from sim_device.body.power import PowerReading
-    from sim_device.device.sampling import Around
+    from protocol.schema.message import MessageSpec
 
 TICK_HZ = 100
 """Rate of the control loop, Hz; no stream is faster."""
 _NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
 _CYCLE_MAX = 2_000
 """Maximum length of the schedule's cycle for which a table is kept, ticks."""
-_LEFT, _RIGHT, _CLIFF = (
-    int(Contact.BUMPER_LEFT),
-    int(Contact.BUMPER_RIGHT),
-    int(Contact.CLIFF),
-)
 
 
 class Rate(NamedTuple):
@@ -83,6 +69,11 @@ class Schedule:
         ticks = cycle if cycle <= _CYCLE_MAX else 0
         self._table = tuple(self._due(tick) for tick in range(ticks))
 
+    def default_phase(self, name: str, period: int) -> int:
+        """Return the phase of a stream at a period, ticks; 0 if the device does not declare it."""
+        phases = (p for t, p in self._phases.items() if self._streams[t].name == name)
+        return next(phases, 0) % period
+
     def __contains__(self, type_id: int) -> bool:
         """Return whether the device can send this stream."""
         return type_id in self._streams
@@ -99,32 +90,3 @@ class Schedule:
 def is_device_stream(spec: MessageSpec) -> bool:
     """Return whether a device sends this message periodically."""
     return spec.direction is Direction.DEVICE and spec.rate is RateClass.STREAM
-
-
-def range_message(around: Around) -> Message:
-    """Return ranges and contacts as a message."""
-    ultrasonic_m, left_m, right_m, bumper_left, bumper_right, cliff, age_us = around
-    contacts = (
-        (_LEFT if bumper_left else 0) | (_RIGHT if bumper_right else 0) | (_CLIFF if cliff else 0)
-    )
-    front = ULTRASONIC_NONE if ultrasonic_m is None else round(ultrasonic_m * 1000)
-    age = min(ULTRASONIC_AGE_NONE, (age_us + 500) // 1000)
-    return Range(front, _infrared(left_m), _infrared(right_m), contacts, age)
-
-
-def power_message(reading: PowerReading) -> Message:
-    """Return rail voltages and motor currents as a message."""
-    return Power(
-        _byte(reading.battery_v, 0.001, 0xFFFF),
-        _byte(reading.rail_v, 0.025),
-        _byte(abs(reading.left_a), 0.02),
-        _byte(abs(reading.right_a), 0.02),
-    )
-
-
-def _infrared(range_m: float | None) -> int:
-    return INFRARED_NONE if range_m is None else _byte(range_m, 0.00125, 254)
-
-
-def _byte(value: float, step: float, high: int = 0xFF) -> int:
-    return min(high, max(0, round(value / step)))

@@ -6,9 +6,10 @@ import functools
 from typing import TYPE_CHECKING, NamedTuple
 
 import sweepctl_plugins
-from protocol.messages.device import Encoders, Imu, LinkCounters, Status, Sync
+from protocol.messages.device import Encoders, Imu
 from protocol.schema.catalogue import CATALOGUE
-from sim_device.device.streams import TICK_HZ, is_device_stream, power_message, range_message
+from sim_device.device.stream_messages import StreamMessages
+from sim_device.device.streams import TICK_HZ, is_device_stream
 from sim_device.device.versions import as_spec, blank
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ FRAME_WORK_US = 25
 """Assumed time of a control period and of a frame on a 168 MHz Cortex-M4, µs, for ``load``."""
 LOAD_TICKS = 10
 _LOAD_US = LOAD_TICKS * 1_000_000 // TICK_HZ
-_TIME_TO_LIVE_MS_MAX = 250
 
 
 class LineHealth(NamedTuple):
@@ -45,9 +45,12 @@ class Telemetry:
         """Returns the counters of the line's queues and of its CAN controller."""
         self.stale = 0
         """Number of rejected setpoints."""
-        self._link, self._sampler, self._control = link, sampler, control
-        self._load_percent = 0
+        self.load_percent = 0
+        """Busy share of the last ten periods."""
+        self.sampler, self.control, self.statistics = sampler, control, link.statistics
+        self._codec = link.codec
         self._frames_before = 0
+        self._messages = StreamMessages(self)
         self.streams = {
             spec.name: (spec.type_id, self._packer(spec))
             for spec in link.codec.catalogue
@@ -58,62 +61,33 @@ class Telemetry:
 
     def _packer(self, spec: MessageSpec) -> Callable[[int], bytes]:
         """Return the function that packs a stream's readings as the catalogue declares it."""
-        sampler, codec, pack = self._sampler, self._link.codec, spec.layout.pack
+        sampler, codec, pack = self.sampler, self._codec, spec.layout.pack
         if spec.cls is Imu:  # these two carry most of the bytes
             return lambda _now_us: pack(*sampler.imu)
         if spec.cls is Encoders:
             return lambda _now_us: pack(*sampler.counts)
-        reader = self._reader(spec)
+        maker = self._maker(spec)
         if spec.cls in CATALOGUE.by_class:
-            return lambda now_us: codec.encode(reader(now_us))[1]
-        return lambda now_us: codec.encode(as_spec(reader(now_us), spec))[1]
+            return lambda now_us: codec.encode(maker(now_us))[1]
+        return lambda now_us: codec.encode(as_spec(maker(now_us), spec))[1]
 
-    def _reader(self, spec: MessageSpec) -> Callable[[int], Message]:
+    def _maker(self, spec: MessageSpec) -> Callable[[int], Message]:
         """Return the function that makes a stream's message, in this program's own class."""
-        control, sampler, statistics = self._control, self._sampler, self._link.statistics
-        readers: dict[str, Callable[[int], Message]] = {
-            "imu": lambda _now_us: Imu(*sampler.imu),
-            "encoders": lambda _now_us: Encoders(*sampler.counts),
-            "range": lambda _now_us: range_message(sampler.around()),
-            "power": lambda _now_us: power_message(control.power),
-            "sync": lambda _now_us: Sync((statistics.frames_out + 1) & 0xFFFF_FFFF),
-            "link_counters": self._counters,
-            "status": self._status,
-            "planner_state": lambda _now_us: control.planner_state(),
-        }
         # A stream of another version of the project: zeros.
         blank_one = functools.partial(_blank, spec)
         simulated = getattr(spec.cls, "simulated", None)
         if simulated is not None:
             return _Simulated(spec, simulated, blank_one)
-        return readers.get(spec.name) or blank_one
+        maker: Callable[[int], Message] = getattr(self._messages, spec.name, blank_one)
+        return maker
 
     def measure_load(self) -> None:
         """Compute the busy share of the last ten periods."""
-        statistics = self._link.statistics
+        statistics = self.statistics
         frames = statistics.frames_in + statistics.frames_out
         work_us = LOAD_TICKS * TICK_WORK_US + (frames - self._frames_before) * FRAME_WORK_US
         self._frames_before = frames
-        self._load_percent = min(100, round(100 * work_us / _LOAD_US))
-
-    def _counters(self, _now_us: int) -> Message:
-        statistics = self._link.statistics
-        return LinkCounters(
-            statistics.frames_in & 0xFFFF,
-            statistics.damaged + statistics.rejected & 0xFFFF,
-            self.stale & 0xFFFF,
-            *self.line_health(),
-        )
-
-    def _status(self, now_us: int) -> Message:
-        control = self._control
-        return Status(
-            control.mode,
-            control.latch.cause,
-            control.fault_bits,
-            min(_TIME_TO_LIVE_MS_MAX, control.watchdog.left_us(now_us) // 1000),
-            self._load_percent,
-        )
+        self.load_percent = min(100, round(100 * work_us / _LOAD_US))
 
 
 def _blank(spec: MessageSpec, _now_us: int) -> Message:

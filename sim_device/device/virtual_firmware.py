@@ -74,11 +74,10 @@ HELLO_TICKS = 100
 NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is off"
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
 STRANGE_PERIOD_US = 100_000
-POWER_TICKS, POWER_PHASE = 20, 5
-"""Period and phase of the supply measurement, ticks: 5 Hz, with the stream's default phase."""
-RANGE_TICKS, RANGE_PHASE = 5, 4
-"""Period and phase of the range measurement, ticks: 20 Hz, with the stream's default phase. A loud
-echo is gone after 38 ms."""
+POWER_TICKS = 20
+"""Control periods between two measurements of the supply, in phase with its stream at 5 Hz."""
+RANGE_TICKS = 5
+"""Control periods between two readings of the rangers, in phase with their stream at 20 Hz."""
 
 
 class Firmware:
@@ -130,6 +129,8 @@ class Firmware:
             identity.boot_id,
         )
         self.schedule = streams.Schedule(catalogue, int(CAPABILITIES))
+        self._range_phase = self.schedule.default_phase("range", RANGE_TICKS)
+        self._power_phase = self.schedule.default_phase("power", POWER_TICKS)
         self._off_bus = identity.crystal_failed and issubclass(link, CanLink)
         if identity.crystal_failed:
             self.control.health.bits = int(Fault.CLOCK)
@@ -431,14 +432,15 @@ class Firmware:
         tick = (now_us + _HALF_TICK_US) // TICK_US
         sampler = self._sampler
         sampler.begin(now_us)
-        around = sampler.around() if self.negotiated and tick % RANGE_TICKS == RANGE_PHASE else None
+        sounded = self.negotiated and tick % RANGE_TICKS == self._range_phase
+        around = sampler.around() if sounded else None
         duties = self.control.tick(tick, now_us, sampler, around)
         if self._flash.busy:
             self._carry_on_saving(now_us)
         due = self.schedule.due(tick)
         self._answer_stop(due, now_us)
         # The supply is measured even if no stream reports it.
-        if tick % POWER_TICKS == POWER_PHASE or "power" in due:
+        if tick % POWER_TICKS == self._power_phase or "power" in due:
             self.control.on_power(sampler.power())
         if tick % LOAD_TICKS == 0:
             self.telemetry.measure_load()

@@ -8,21 +8,26 @@ import shlex
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+from protocol.messages.host import TimeRequest
+from support import reference_codec as ref
 from support.cli import plain_messages
+from support.kit_script import read, script
+from support.kit_sessions import Writer
 from support.root import ROOT
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
+DUST = 0x3A
+LOCKED = Path(sys.executable).parent
+"""Where the lock's CMake is."""
 PAGE = ROOT / "docs" / "extending.md"
 COPIED = ("protocol", "bridge", "sim_device", "tools", "docs/protocol")
 _EDIT = re.compile(
     r"^In `(?P<file>[^`]+)`, (?P<how>before|after|replace) `(?P<anchor>[^`]+)`:\n\n"
-    r"```python\n(?P<code>.*?)^```$",
+    r"```(?:python|c)\n(?P<code>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
 _RUN = re.compile(r"^```sh\n(?P<lines>.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -62,18 +67,18 @@ def steps(text: str) -> list[Edit | str]:
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
     for folder in COPIED:
-        ignored = shutil.ignore_patterns("firmware", "*.mcap")
+        ignored = shutil.ignore_patterns("build", "*.mcap")
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=ignored)
     return tmp_path
 
 
 def run(line: str, tree: Path) -> str:
-    words = shlex.split(line)
-    assert words[0] == "python"
+    program, *words = shlex.split(line)
+    assert program in {"python", "make"}
     done = subprocess.run(
-        [sys.executable, *words[1:]],
+        [sys.executable if program == "python" else program, *words],
         cwd=tree,
-        env={**os.environ, "PYTHONPATH": str(tree)},
+        env={**os.environ, "PYTHONPATH": str(tree), "PATH": f"{LOCKED}:{os.environ['PATH']}"},
         capture_output=True,
         text=True,
         check=False,
@@ -83,6 +88,20 @@ def run(line: str, tree: Path) -> str:
     return done.stdout + done.stderr
 
 
+def dust_of_the_core(program: Path, seconds: int) -> list[tuple[int, bytes]]:
+    """Run the built firmware for some seconds; stamp (µs) and payload of each dust message."""
+    writer = Writer()
+    writer.begin()
+    for _ in range(seconds):
+        writer.wait(900_000)
+        writer.inform(TimeRequest(1), after_us=100_000)
+    done = subprocess.run([program], input=script(writer.acts), capture_output=True, check=True)
+    wrote = b"".join(step.wrote for step in read(done.stdout))
+    frames = [f for f in ref.parse_stream(wrote) if isinstance(f, ref.RefFrame)]
+    return [(f.t_us, f.payload) for f in frames if f.type_id == DUST]
+
+
+@pytest.mark.needs("gcc")
 def test_the_page_can_be_followed(tree: Path) -> None:
     printed = []
     for step in steps(PAGE.read_text(encoding="utf-8")):
@@ -95,9 +114,11 @@ def test_the_page_can_be_followed(tree: Path) -> None:
     messages = plain_messages(tree / "dust.mcap", "/device/dust")
     # 2 Hz over the drive's 4 s and the 2.5 s of rest before it
     assert len(messages) == pytest.approx(2 * 6.5, abs=2)
-    header = (tree / "firmware" / "sweepctl_protocol.h").read_text()
-    assert "sp_dust_t" in header
-    assert "sp_dust_encode" in header
+    core = dust_of_the_core(tree / "sim_device" / "firmware" / "build" / "script_host", 10)
+    assert len(core) == pytest.approx(2 * 10, abs=1)
+    for t_us, payload in core:
+        particles = t_us // 50_000
+        assert payload == particles.to_bytes(2, "little") + b"\xc8\0" + bytes((particles // 1000,))
     assert "dust" in next((tree / "firmware").glob("*.dbc")).read_text().lower()
     assert "dust" in next((tree / "firmware").glob("*.lua")).read_text().lower()
     assert "`dust`" in (tree / "docs" / "protocol" / "PROTOCOL.md").read_text()
@@ -105,5 +126,5 @@ def test_the_page_can_be_followed(tree: Path) -> None:
 
 def test_the_page_explains_its_figures() -> None:
     found = steps(PAGE.read_text(encoding="utf-8"))
-    assert sum(isinstance(step, Edit) for step in found) == 4
-    assert sum(isinstance(step, str) for step in found) == 7
+    assert sum(isinstance(step, Edit) for step in found) == 3
+    assert sum(isinstance(step, str) for step in found) == 8

@@ -148,6 +148,7 @@ static inline int32_t sp_round(float value, float low, float high)
  * long. */
 
 @declarations@
+@streams@
 @to_all@
 @needs_tag@
 @may_have_tag@

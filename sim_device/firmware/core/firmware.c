@@ -11,9 +11,9 @@
 /* Periods and phases of the supply (5 Hz) and range (20 Hz) measurements, each with the phase of
  * its stream at the default rate. A loud echo is gone after 38 ms. */
 #define POWER_PERIODS 20u
-#define POWER_PHASE 5u
+#define POWER_PHASE ((uint32_t)STREAM_POWER % POWER_PERIODS)
 #define RANGE_PERIODS 5u
-#define RANGE_PHASE 4u
+#define RANGE_PHASE ((uint32_t)STREAM_RANGE % RANGE_PERIODS)
 #define LOAD_PERIODS 10u
 
 void firmware_uart_received(

@@ -1,26 +1,20 @@
 #include "schedule.h"
 
 #include "period.h"
-#include "sweepctl_protocol.h"
 
 static const struct {
     uint8_t type;
-    uint8_t hz;
+    uint16_t rate; /* tenths of a hertz */
 } table[STREAMS] = {
-    [STREAM_SYNC] = {SP_TYPE_SYNC, SP_SYNC_HZ},
-    [STREAM_STATUS] = {SP_TYPE_STATUS, SP_STATUS_HZ},
-    [STREAM_IMU] = {SP_TYPE_IMU, SP_IMU_HZ},
-    [STREAM_ENCODERS] = {SP_TYPE_ENCODERS, SP_ENCODERS_HZ},
-    [STREAM_RANGE] = {SP_TYPE_RANGE, SP_RANGE_HZ},
-    [STREAM_POWER] = {SP_TYPE_POWER, SP_POWER_HZ},
-    [STREAM_LINK_COUNTERS] = {SP_TYPE_LINK_COUNTERS, SP_LINK_COUNTERS_HZ},
-    [STREAM_PLANNER_STATE] = {SP_TYPE_PLANNER_STATE, SP_PLANNER_STATE_HZ},
+#define STREAM(NAME, name) [STREAM_##NAME] = {SP_TYPE_##NAME, (uint16_t)(10 * SP_##NAME##_HZ)},
+    SP_DEVICE_STREAMS(STREAM)
+#undef STREAM
 };
 
 void schedule_reset(schedule_t *schedule)
 {
     for (unsigned i = 0; i < STREAMS; i++) {
-        schedule_set_rate(schedule, (stream_t)i, (uint16_t)(10u * table[i].hz));
+        schedule_set_rate(schedule, (stream_t)i, table[i].rate);
     }
 }
 

@@ -5,17 +5,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "sweepctl_protocol.h"
+
 /* In the order of their types, which is the order of sending. */
 typedef enum {
-    STREAM_SYNC,
-    STREAM_STATUS,
-    STREAM_IMU,
-    STREAM_ENCODERS,
-    STREAM_RANGE,
-    STREAM_POWER,
-    STREAM_LINK_COUNTERS,
-    STREAM_PLANNER_STATE,
-    STREAMS
+#define STREAM(NAME, name) STREAM_##NAME,
+    SP_DEVICE_STREAMS(STREAM)
+#undef STREAM
+        STREAMS
 } stream_t;
 
 typedef struct {

@@ -1476,6 +1476,58 @@ static inline size_t sp_log_text_frame(
 }
 #endif
 
+#if SP_WITH_SYNC
+#define SP_STREAM_SYNC(X) X(SYNC, sync)
+#else
+#define SP_STREAM_SYNC(X)
+#endif
+#if SP_WITH_STATUS
+#define SP_STREAM_STATUS(X) X(STATUS, status)
+#else
+#define SP_STREAM_STATUS(X)
+#endif
+#if SP_WITH_IMU
+#define SP_STREAM_IMU(X) X(IMU, imu)
+#else
+#define SP_STREAM_IMU(X)
+#endif
+#if SP_WITH_ENCODERS
+#define SP_STREAM_ENCODERS(X) X(ENCODERS, encoders)
+#else
+#define SP_STREAM_ENCODERS(X)
+#endif
+#if SP_WITH_RANGE
+#define SP_STREAM_RANGE(X) X(RANGE, range)
+#else
+#define SP_STREAM_RANGE(X)
+#endif
+#if SP_WITH_POWER
+#define SP_STREAM_POWER(X) X(POWER, power)
+#else
+#define SP_STREAM_POWER(X)
+#endif
+#if SP_WITH_LINK_COUNTERS
+#define SP_STREAM_LINK_COUNTERS(X) X(LINK_COUNTERS, link_counters)
+#else
+#define SP_STREAM_LINK_COUNTERS(X)
+#endif
+#if SP_WITH_PLANNER_STATE
+#define SP_STREAM_PLANNER_STATE(X) X(PLANNER_STATE, planner_state)
+#else
+#define SP_STREAM_PLANNER_STATE(X)
+#endif
+/* The streams of a device by rising type, which is the order of sending. X(NAME, name)
+ * stands for SP_TYPE_NAME, SP_NAME_HZ, sp_name_t and sp_name_encode(). */
+#define SP_DEVICE_STREAMS(X) \
+    SP_STREAM_SYNC(X) \
+    SP_STREAM_STATUS(X) \
+    SP_STREAM_IMU(X) \
+    SP_STREAM_ENCODERS(X) \
+    SP_STREAM_RANGE(X) \
+    SP_STREAM_POWER(X) \
+    SP_STREAM_LINK_COUNTERS(X) \
+    SP_STREAM_PLANNER_STATE(X)
+
 /* Whether a message may be addressed to SP_NODE_ALL. A device passes over every other
  * message for that node, as it does over those for another node. */
 static inline bool sp_to_all(uint8_t type)

@@ -1,0 +1,102 @@
+"""Content of each stream.
+
+A method of :class:`StreamMessages` makes the message of the stream with its name. The schedule and
+the sending follow from the catalogue.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.messages import device
+from protocol.messages.values import Contact
+
+if TYPE_CHECKING:
+    from protocol.schema.message import Message
+    from sim_device.device.telemetry import Telemetry
+
+_TIME_TO_LIVE_MS_MAX = 250
+_LEFT, _RIGHT, _CLIFF = (
+    int(Contact.BUMPER_LEFT),
+    int(Contact.BUMPER_RIGHT),
+    int(Contact.CLIFF),
+)
+
+
+class StreamMessages:
+    """Makes the message of each stream at an uptime in µs."""
+
+    def __init__(self, telemetry: Telemetry) -> None:
+        self._telemetry = telemetry
+        self._sampler, self._control = telemetry.sampler, telemetry.control
+        self._statistics = telemetry.statistics
+
+    def sync(self, _now_us: int) -> Message:
+        """Count the frame itself too."""
+        return device.Sync((self._statistics.frames_out + 1) & 0xFFFF_FFFF)
+
+    def status(self, now_us: int) -> Message:
+        """Return mode, stop, faults and load."""
+        control = self._control
+        return device.Status(
+            control.mode,
+            control.latch.cause,
+            control.fault_bits,
+            min(_TIME_TO_LIVE_MS_MAX, control.watchdog.left_us(now_us) // 1000),
+            self._telemetry.load_percent,
+        )
+
+    def imu(self, _now_us: int) -> Message:
+        """Return the registers of this period."""
+        return device.Imu(*self._sampler.imu)
+
+    def encoders(self, _now_us: int) -> Message:
+        """Return the counts of this period."""
+        return device.Encoders(*self._sampler.counts)
+
+    def range(self, _now_us: int) -> Message:
+        """Return ranges and contacts."""
+        ultrasonic_m, left_m, right_m, bumper_left, bumper_right, cliff, age_us = (
+            self._sampler.around()
+        )
+        return device.Range(
+            device.ULTRASONIC_NONE if ultrasonic_m is None else round(ultrasonic_m * 1000),
+            _infrared(left_m),
+            _infrared(right_m),
+            (_LEFT if bumper_left else 0)
+            | (_RIGHT if bumper_right else 0)
+            | (_CLIFF if cliff else 0),
+            min(device.ULTRASONIC_AGE_NONE, (age_us + 500) // 1000),
+        )
+
+    def power(self, _now_us: int) -> Message:
+        """Return rail voltages and motor currents."""
+        reading = self._control.power
+        return device.Power(
+            _byte(reading.battery_v, 0.001, 0xFFFF),
+            _byte(reading.rail_v, 0.025),
+            _byte(abs(reading.left_a), 0.02),
+            _byte(abs(reading.right_a), 0.02),
+        )
+
+    def link_counters(self, _now_us: int) -> Message:
+        """Return what was received and dropped."""
+        statistics = self._statistics
+        return device.LinkCounters(
+            statistics.frames_in & 0xFFFF,
+            statistics.damaged + statistics.rejected & 0xFFFF,
+            self._telemetry.stale & 0xFFFF,
+            *self._telemetry.line_health(),
+        )
+
+    def planner_state(self, _now_us: int) -> Message:
+        """Return the variables of the device's own planner."""
+        return self._control.planner_state()
+
+
+def _infrared(range_m: float | None) -> int:
+    return device.INFRARED_NONE if range_m is None else _byte(range_m, 0.00125, 254)
+
+
+def _byte(value: float, step: float, high: int = 0xFF) -> int:
+    return min(high, max(0, round(value / step)))
