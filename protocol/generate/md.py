@@ -54,10 +54,27 @@ class Rule:
 
 
 @dataclass(frozen=True, slots=True)
+class ParameterRow:
+    """One parameter of the device; numbers are in ``unit``."""
+
+    number: int
+    name: str
+    unit: str
+    kind: str
+    default: float
+    low: float
+    high: float
+    effect: str
+    """When a change takes effect."""
+    doc: str
+
+
+@dataclass(frozen=True, slots=True)
 class Behaviour:
-    """States and timing of the programs on both ends."""
+    """States, timing and parameters of the programs on both ends."""
 
     machines: Sequence[Machine]
+    parameters: Sequence[ParameterRow]
     rules: Sequence[Rule]
     numbers: Mapping[str, str]
     """Values for the section about one setpoint, by their names in the template."""
@@ -104,6 +121,7 @@ def _behaviour(catalogue: Catalogue, behaviour: Behaviour) -> str:
     return "\n".join(
         [
             *_machines(behaviour),
+            *_parameters(behaviour),
             fill("PROTOCOL-timing.md", rules="\n".join(_rules(behaviour))),
             *_life(catalogue, behaviour),
         ]
@@ -133,6 +151,23 @@ def diagram(machine: Machine) -> Iterator[str]:
         arrows.setdefault((start, end), []).append(what)
     for (start, end), labels in arrows.items():
         yield f"    {start} --> {end}: {', '.join(labels)}"
+
+
+def _parameters(behaviour: Behaviour) -> Iterator[str]:
+    yield "## Parameters\n"
+    yield (
+        "The parameters of the Python device and of the reference firmware, with the defaults of "
+        "the paper's robot. Another device may have others: the host reads names, units and limits "
+        "from `parameter_value`.\n"
+    )
+    yield "| number | name | unit | kind | default | range | a change takes effect | meaning |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for row in behaviour.parameters:
+        yield (
+            f"| {row.number} | `{row.name}` | {row.unit} | {row.kind} | {row.default:g} "
+            f"| {row.low:g} … {row.high:g} | {row.effect} | {row.doc} |"
+        )
+    yield ""
 
 
 def _rules(behaviour: Behaviour) -> Iterator[str]:

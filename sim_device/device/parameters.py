@@ -8,6 +8,7 @@ boot, so that odometry never changes its meaning while the robot drives.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import struct
 from dataclasses import dataclass
@@ -51,6 +52,8 @@ class Parameter:
     """Field of the robot model that the parameter sets."""
     read_only: bool = False
     needs_reboot: bool = False
+    doc: str = ""
+    """Meaning, for people."""
 
     @property
     def label(self) -> str:
@@ -82,47 +85,67 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
     """Return every parameter by its number; append new ones at the end."""
     u32, f32 = ParameterKind.U32, ParameterKind.F32
 
-    def robot(  # noqa: PLR0913 - a row of the table
+    def robot(  # noqa: PLR0913, PLR0917 - a row of the table
         name: str,
         unit: str,
         key: str,
         low: float,
         high: float,
+        doc: str,
         *,
         kind: ParameterKind = f32,
         needs_reboot: bool = False,
     ) -> Parameter:
         default = getattr(model, key)
         return Parameter(
-            name, unit, kind, default, low, high, model_key=key, needs_reboot=needs_reboot
+            name, unit, kind, default, low, high, key, needs_reboot=needs_reboot, doc=doc
         )
 
+    def own(  # noqa: PLR0913, PLR0917 - a row of the table
+        name: str, unit: str, default: float, low: float, high: float, doc: str
+    ) -> Parameter:
+        return Parameter(name, unit, f32, default, low, high, doc=doc)
+
+    def switch(name: str, doc: str) -> Parameter:
+        return Parameter(name, "bool", u32, 1, 0, 1, doc=doc)
+
+    geometry = functools.partial(robot, needs_reboot=True)
     return (
-        Parameter("node", "id", u32, node, 1, 15, read_only=True),
-        robot("wheel_diameter", "m", "wheel_diameter_m", 0.01, 1.0, needs_reboot=True),
-        robot("wheel_base", "m", "wheel_base_m", 0.02, 2.0, needs_reboot=True),
-        robot("counts_per_turn", "count", "counts_per_turn", 4, 1e6, kind=u32, needs_reboot=True),
-        robot("max_speed", "m/s", "max_speed_m_s", 0.01, 2.0),
-        robot("max_yaw_rate", "rad/s", "max_yaw_rate_rad_s", 0.05, 20.0),
-        robot("cruise_speed", "m/s", "cruise_speed_m_s", 0.01, 2.0),
-        Parameter("stop_deceleration", "m/s2", f32, STOP_DECELERATION_M_S2, 0.2, 5.0),
-        Parameter("battery_low", "V", f32, BATTERY_LOW_V, 3.0, 60.0),
-        robot("robot_diameter", "m", "robot_diameter_m", 0.05, 2.0, needs_reboot=True),
-        robot("cleaning_width", "m", "cleaning_width_m", 0.02, 2.0, needs_reboot=True),
-        robot("mouth_offset", "m", "mouth_offset_m", -1.0, 1.0, needs_reboot=True),
-        Parameter("battery_empty", "V", f32, BATTERY_EMPTY_V, 3.0, 60.0),
-        robot("wheel_ratio", "ratio", "wheel_ratio", 0.8, 1.25, needs_reboot=True),
-        robot("gyro_bias", "rad/s", "gyro_bias_rad_s", -0.4, 0.4, needs_reboot=True),
+        Parameter("node", "id", u32, node, 1, 15, read_only=True, doc="set by the board"),
+        geometry("wheel_diameter", "m", "wheel_diameter_m", 0.01, 1.0, "mean of both wheels"),
+        geometry("wheel_base", "m", "wheel_base_m", 0.02, 2.0, "distance between the wheels"),
+        geometry(
+            "counts_per_turn",
+            "count",
+            "counts_per_turn",
+            4,
+            1e6,
+            "encoder counts after x4",
+            kind=u32,
+        ),
+        robot("max_speed", "m/s", "max_speed_m_s", 0.01, 2.0, "limit of the forward speed"),
+        robot("max_yaw_rate", "rad/s", "max_yaw_rate_rad_s", 0.05, 20.0, "limit of the yaw rate"),
+        robot("cruise_speed", "m/s", "cruise_speed_m_s", 0.01, 2.0, "of the device's planner"),
+        own(
+            "stop_deceleration", "m/s2", STOP_DECELERATION_M_S2, 0.2, 5.0, "deceleration of a stop"
+        ),
+        own("battery_low", "V", BATTERY_LOW_V, 3.0, 60.0, "below it the fault battery_low is set"),
+        geometry("robot_diameter", "m", "robot_diameter_m", 0.05, 2.0, "of the footprint"),
+        geometry("cleaning_width", "m", "cleaning_width_m", 0.02, 2.0, "width of the mouth"),
+        geometry("mouth_offset", "m", "mouth_offset_m", -1.0, 1.0, "mouth ahead of the axle"),
+        own("battery_empty", "V", BATTERY_EMPTY_V, 3.0, 60.0, "below it for 1 s driving ends"),
+        geometry("wheel_ratio", "ratio", "wheel_ratio", 0.8, 1.25, "right over left diameter"),
+        geometry("gyro_bias", "rad/s", "gyro_bias_rad_s", -0.4, 0.4, "yaw rate read at rest"),
         *(
-            Parameter(f"{ranger}_{name}", unit, f32, value, low, high, needs_reboot=True)
+            Parameter(f"{ranger}_{name}", unit, f32, value, low, high, needs_reboot=True, doc=doc)
             for ranger in RANGERS
-            for name, unit, value, low, high in (
-                ("scale", "ratio", getattr(model, ranger).scale, 0.5, 2.0),
-                ("offset", "m", getattr(model, ranger).offset_m, -0.2, 0.2),
+            for name, unit, value, low, high, doc in (
+                ("scale", "ratio", getattr(model, ranger).scale, 0.5, 2.0, "true over raw range"),
+                ("offset", "m", getattr(model, ranger).offset_m, -0.2, 0.2, "added to its range"),
             )
         ),
-        Parameter("cliff_reflex", "bool", u32, 1, 0, 1),
-        Parameter("bumper_reflex", "bool", u32, 1, 0, 1),
+        switch("cliff_reflex", "1: no forward speed at a cliff"),
+        switch("bumper_reflex", "1: slow forward speed with a bumper pressed"),
     )
 
 

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cobs import cobs
 
+from bridge.motion.robot_model import RobotModel
 from protocol.can.frames import RECORD
+from sim_device.device.parameters import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 NO_RANGE = 0xFFFF
-PARAMETERS = 23
+PARAMETERS = len(table(RobotModel(), node=1))
 _BOOT = struct.Struct("<cIBB")
 _READINGS = struct.Struct("<c2H7h3HIB4H")
 _STEP = struct.Struct("<cIH")

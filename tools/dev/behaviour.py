@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.api import pump
+from bridge.motion.robot_model import RobotModel
 from bridge.run import host
 from bridge.session import discovery as session_bus
 from bridge.session import negotiation as session_negotiation
@@ -17,7 +18,7 @@ from protocol import commands
 from protocol.can import link as can_link
 from protocol.can import stamps as can_stamps
 from protocol.can import transfers as can_segments
-from protocol.generate.md import Behaviour, Machine, Rule
+from protocol.generate.md import Behaviour, Machine, ParameterRow, Rule
 from protocol.messages.values import StopCause
 from sim_device import sweeper as device
 from sim_device.device import commands as device_commands
@@ -39,7 +40,10 @@ if TYPE_CHECKING:
 def wire_behaviour() -> Behaviour:
     """Return states, timing rules and the numbers of the section about one setpoint."""
     return Behaviour(
-        machines=[_session(), _latch(), _modes()], rules=list(_rules()), numbers=_numbers()
+        machines=[_session(), _latch(), _modes()],
+        parameters=list(_parameters()),
+        rules=list(_rules()),
+        numbers=_numbers(),
     )
 
 
@@ -97,6 +101,29 @@ def _modes() -> Machine:
         modes.State.OFF.value,
         modes.drawn(),
     )
+
+
+# ---- parameters ---------------------------------------------------------------------------
+
+
+def _parameters() -> Iterator[ParameterRow]:
+    for number, row in enumerate(parameters.table(RobotModel(), node=1)):
+        effect = "at once"
+        if row.read_only:
+            effect = "read-only"
+        elif row.needs_reboot:
+            effect = "at the next boot"
+        yield ParameterRow(
+            number,
+            row.name,
+            row.unit,
+            row.kind.name.lower(),
+            row.default,
+            row.low,
+            row.high,
+            effect,
+            row.doc,
+        )
 
 
 # ---- timing -------------------------------------------------------------------------------

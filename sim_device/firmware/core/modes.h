@@ -5,42 +5,29 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* States of the device. Off and booting are missing: no program runs there. */
+#include "mode_table.h"
+
+/* States of the device: STATE_STOPPED and so on. Off and booting are missing: no program runs
+ * there. */
 typedef enum {
-    STATE_STOPPED, /* a stop is latched */
-    STATE_IDLE,
-    STATE_VELOCITY,
-    STATE_BRINGUP,
-    STATE_ONBOARD, /* ready for the device's own planner */
-    STATE_RUNNING, /* the planner drives */
-    STATE_PAUSED,  /* the planner is paused and keeps its plan */
-    STATES
+#define STATE(state, mode) STATE_##state,
+    MODE_STATES(STATE)
+#undef STATE
+        STATES
 } state_t;
 
 typedef enum {
-    EVENT_STOP,
-    EVENT_CLEAR,
-    EVENT_SET_IDLE,
-    EVENT_SET_VELOCITY,
-    EVENT_SET_BRINGUP,
-    EVENT_SET_ONBOARD,
-    EVENT_START,
-    EVENT_PAUSE,
-    EVENT_RESUME,
-    EVENT_ABORT,
-    EVENT_FINISHED,
-    EVENT_FAULT,
-    EVENT_SILENCE,
-    EVENT_NEW_SESSION,
-    EVENTS
+#define EVENT(event) EVENT_##event,
+    MODE_EVENTS(EVENT)
+#undef EVENT
+        EVENTS
 } event_t;
 
 /* Conditions that reject an event, as bits of what is true now. */
 enum {
-    GUARD_OTHER_CAUSE = 1, /* the latch holds another cause than the named one */
-    GUARD_CAUSE_HOLDS = 2, /* the cause of the stop is still present */
-    GUARD_FAULT_HOLDS = 4, /* a stopping fault is present */
-    GUARD_NO_PLANNER = 8   /* no such planner */
+#define GUARD(condition, bit) GUARD_##condition = bit,
+    MODE_GUARDS(GUARD)
+#undef GUARD
 };
 
 /* Outcome of an event: a new state, a rejection with its reason, or nothing. */

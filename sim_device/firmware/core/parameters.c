@@ -2,7 +2,6 @@
 
 #include <string.h>
 
-#include "robot.h"
 
 typedef struct {
     const char *label; /* name, a blank, unit */
@@ -19,37 +18,10 @@ typedef struct {
 #define REBOOT SP_PARAMETER_FLAG_NEEDS_REBOOT
 
 static const row_t table[PARAMETERS] = {
-    [PARAMETER_NODE] = {"node id", 1.0f, 1.0f, 15.0f, U32, READ_ONLY},
-    [PARAMETER_WHEEL_DIAMETER] =
-        {"wheel_diameter m", ROBOT_WHEEL_DIAMETER_M, 0.01f, 1.0f, F32, REBOOT},
-    [PARAMETER_WHEEL_BASE] = {"wheel_base m", ROBOT_WHEEL_BASE_M, 0.02f, 2.0f, F32, REBOOT},
-    [PARAMETER_COUNTS_PER_TURN] =
-        {"counts_per_turn count", ROBOT_COUNTS_PER_TURN, 4.0f, 1e6f, U32, REBOOT},
-    [PARAMETER_MAX_SPEED] = {"max_speed m/s", ROBOT_MAX_SPEED_M_S, 0.01f, 2.0f, F32, 0},
-    [PARAMETER_MAX_YAW_RATE] =
-        {"max_yaw_rate rad/s", ROBOT_MAX_YAW_RATE_RAD_S, 0.05f, 20.0f, F32, 0},
-    [PARAMETER_CRUISE_SPEED] = {"cruise_speed m/s", ROBOT_CRUISE_SPEED_M_S, 0.01f, 2.0f, F32, 0},
-    [PARAMETER_STOP_DECELERATION] =
-        {"stop_deceleration m/s2", ROBOT_STOP_DECELERATION_M_S2, 0.2f, 5.0f, F32, 0},
-    [PARAMETER_BATTERY_LOW] = {"battery_low V", ROBOT_BATTERY_LOW_V, 3.0f, 60.0f, F32, 0},
-    [PARAMETER_ROBOT_DIAMETER] =
-        {"robot_diameter m", ROBOT_DIAMETER_M, 0.05f, 2.0f, F32, REBOOT},
-    [PARAMETER_CLEANING_WIDTH] =
-        {"cleaning_width m", ROBOT_CLEANING_WIDTH_M, 0.02f, 2.0f, F32, REBOOT},
-    [PARAMETER_MOUTH_OFFSET] = {"mouth_offset m", ROBOT_MOUTH_OFFSET_M, -1.0f, 1.0f, F32, REBOOT},
-    [PARAMETER_BATTERY_EMPTY] = {"battery_empty V", ROBOT_BATTERY_EMPTY_V, 3.0f, 60.0f, F32, 0},
-    [PARAMETER_WHEEL_RATIO] = {"wheel_ratio ratio", 1.0f, 0.8f, 1.25f, F32, REBOOT},
-    [PARAMETER_GYRO_BIAS] = {"gyro_bias rad/s", 0.0f, -0.4f, 0.4f, F32, REBOOT},
-    [PARAMETER_ULTRASONIC_SCALE] = {"ultrasonic_scale ratio", 1.0f, 0.5f, 2.0f, F32, REBOOT},
-    [PARAMETER_ULTRASONIC_OFFSET] = {"ultrasonic_offset m", 0.0f, -0.2f, 0.2f, F32, REBOOT},
-    [PARAMETER_INFRARED_LEFT_SCALE] = {"infrared_left_scale ratio", 1.0f, 0.5f, 2.0f, F32, REBOOT},
-    [PARAMETER_INFRARED_LEFT_OFFSET] = {"infrared_left_offset m", 0.0f, -0.2f, 0.2f, F32, REBOOT},
-    [PARAMETER_INFRARED_RIGHT_SCALE] =
-        {"infrared_right_scale ratio", 1.0f, 0.5f, 2.0f, F32, REBOOT},
-    [PARAMETER_INFRARED_RIGHT_OFFSET] =
-        {"infrared_right_offset m", 0.0f, -0.2f, 0.2f, F32, REBOOT},
-    [PARAMETER_CLIFF_REFLEX] = {"cliff_reflex bool", 1.0f, 0.0f, 1.0f, U32, 0},
-    [PARAMETER_BUMPER_REFLEX] = {"bumper_reflex bool", 1.0f, 0.0f, 1.0f, U32, 0},
+#define PARAMETER(NAME, label, factory, low, high, kind, flags)                                   \
+    [PARAMETER_##NAME] = {label, factory, low, high, kind, flags},
+    PARAMETER_TABLE(PARAMETER)
+#undef PARAMETER
 };
 
 static float from_raw(uint8_t kind, uint32_t raw)

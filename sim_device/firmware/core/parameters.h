@@ -8,34 +8,15 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "robot.h"
 #include "sweepctl_protocol.h"
 
-/* Numbers of the parameters; append new ones at the end. */
+/* Numbers of the parameters: PARAMETER_NODE and so on. */
 enum {
-    PARAMETER_NODE,
-    PARAMETER_WHEEL_DIAMETER,
-    PARAMETER_WHEEL_BASE,
-    PARAMETER_COUNTS_PER_TURN,
-    PARAMETER_MAX_SPEED,
-    PARAMETER_MAX_YAW_RATE,
-    PARAMETER_CRUISE_SPEED,
-    PARAMETER_STOP_DECELERATION,
-    PARAMETER_BATTERY_LOW,
-    PARAMETER_ROBOT_DIAMETER,
-    PARAMETER_CLEANING_WIDTH,
-    PARAMETER_MOUTH_OFFSET,
-    PARAMETER_BATTERY_EMPTY,
-    PARAMETER_WHEEL_RATIO,
-    PARAMETER_GYRO_BIAS,
-    PARAMETER_ULTRASONIC_SCALE, /* this and the next: a scale and an offset for each ranger */
-    PARAMETER_ULTRASONIC_OFFSET,
-    PARAMETER_INFRARED_LEFT_SCALE,
-    PARAMETER_INFRARED_LEFT_OFFSET,
-    PARAMETER_INFRARED_RIGHT_SCALE,
-    PARAMETER_INFRARED_RIGHT_OFFSET,
-    PARAMETER_CLIFF_REFLEX,
-    PARAMETER_BUMPER_REFLEX,
-    PARAMETERS
+#define PARAMETER(NAME, label, factory, low, high, kind, flags) PARAMETER_##NAME,
+    PARAMETER_TABLE(PARAMETER)
+#undef PARAMETER
+        PARAMETERS
 };
 
 typedef struct {

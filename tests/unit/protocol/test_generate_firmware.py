@@ -1,9 +1,10 @@
-"""The codec in the firmware's folder, for builds without Python."""
+"""Generated files in the firmware's folder, for builds without Python."""
 
 from __future__ import annotations
 
 from protocol.generate import render
 from support.root import ROOT
+from tools.dev import firmware_tables
 
 FOLDER = ROOT / "sim_device" / "firmware" / "protocol"
 
@@ -16,3 +17,12 @@ def test_the_committed_codec_is_fresh() -> None:
     ]
     command = "sweepctl generate c --force --out sim_device/firmware/protocol"
     assert not stale, f"{', '.join(stale)} stale; run: {command}"
+
+
+def test_the_committed_tables_of_parameters_and_modes_are_fresh() -> None:
+    stale = [
+        name
+        for name, text in firmware_tables.render().items()
+        if (firmware_tables.FOLDER / name).read_text(encoding="utf-8") != text
+    ]
+    assert not stale, f"{', '.join(stale)} stale; run: {firmware_tables.COMMAND}"
