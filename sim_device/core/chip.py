@@ -21,7 +21,7 @@ BUILT_IN = Path(__file__).with_name(f"core_library{sysconfig.get_config_var('EXT
 """Virtual board and firmware core, built with the package."""
 PAYLOAD_MAX = 65_536
 """Longest payload and longest reply, bytes."""
-ANSWER_MAX = 8
+ANSWER_MAX = 10
 """Longest answer to what a chip asks for, bytes."""
 VERSION = 1
 """Of ``board_virtual/chip.h``, whose layout this package holds as well."""

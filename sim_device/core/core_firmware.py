@@ -20,7 +20,7 @@ _BOOT = struct.Struct("<12sIBB?BH?x4I")
 _POLL = struct.Struct("<Q2H?7h")
 _RECEIVE = struct.Struct("<Q")
 _REPLY = struct.Struct("<2h??BBB??BHIIq")
-_RANGES = struct.Struct("<3H")
+_RANGES = struct.Struct("<3HI")
 _POWER = struct.Struct("<4H")
 _DUTY_ONE = 10_000
 _PAGES, _PAGE_SIZE = 2, 1024
@@ -200,8 +200,8 @@ def answer(sensors: SensorSuite, what: int) -> bytes:
     if what == Ask.CONTACTS:
         return bytes((contact_bits(sensors.bumpers(), cliff=sensors.cliff()),))
     if what == Ask.RANGES:
-        front_m, left_m, right_m = sensors.ranges()
+        front_m, left_m, right_m, age_us = sensors.ranges()
         return _RANGES.pack(
-            range_steps(front_m, 1e3), range_steps(left_m, 1e4), range_steps(right_m, 1e4)
+            range_steps(front_m, 1e3), range_steps(left_m, 1e4), range_steps(right_m, 1e4), age_us
         )
     return _POWER.pack(*map(milli, sensors.power()))

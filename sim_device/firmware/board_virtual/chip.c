@@ -41,7 +41,7 @@ struct chip {
 
     size_t sent;       /* bytes in the reply */
     size_t waiting;    /* of them, not on the line yet */
-    uint8_t answer[8]; /* to what was asked last */
+    uint8_t answer[10]; /* to what was asked last */
     uint8_t payload[CHIP_PAYLOAD_MAX];
     uint8_t reply[CHIP_PAYLOAD_MAX];
 };
@@ -204,8 +204,9 @@ static void ranges(void *context, board_ranges_t *out)
 {
     chip_t *const chip = context;
     chip->ask(CHIP_ASK_RANGES);
+    const uint32_t sampled_us = now_us(chip);
     const board_ranges_t reading = {u16_at(chip->answer), u16_at(chip->answer + 2),
-        u16_at(chip->answer + 4), now_us(chip)};
+        u16_at(chip->answer + 4), sampled_us, sampled_us - u32_at(chip->answer + 6)};
     *out = reading;
 }
 

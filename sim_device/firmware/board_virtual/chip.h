@@ -33,7 +33,8 @@ enum {
 
 /* What the chip asks for while the program runs; the answer is written to chip_answer(). */
 enum {
-    CHIP_ASK_RANGES = 1,   /* ultrasonic in mm, infrared left, right in tenths of mm, u16 each */
+    CHIP_ASK_RANGES = 1,   /* ultrasonic in mm, infrared left, right in tenths of mm, u16 each; time
+                              since the ultrasonic pulse in us, u32 */
     CHIP_ASK_CONTACTS = 2, /* SP_CONTACT_* u8 */
     CHIP_ASK_POWER = 3     /* battery, logic rail in mV, motors left, right in mA, u16 each */
 };
