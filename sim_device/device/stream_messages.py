@@ -12,8 +12,11 @@ from protocol.messages import device
 from protocol.messages.values import Contact
 
 if TYPE_CHECKING:
+    from protocol.link import LinkStatistics
     from protocol.schema.message import Message
-    from sim_device.device.telemetry import Telemetry
+    from sim_device.device.control import Control
+    from sim_device.device.counters import Counters
+    from sim_device.device.sampling import Sampler
 
 _TIME_TO_LIVE_MS_MAX = 250
 _LEFT, _RIGHT, _CLIFF = (
@@ -26,10 +29,11 @@ _LEFT, _RIGHT, _CLIFF = (
 class StreamMessages:
     """Makes the message of each stream at an uptime in µs."""
 
-    def __init__(self, telemetry: Telemetry) -> None:
-        self._telemetry = telemetry
-        self._sampler, self._control = telemetry.sampler, telemetry.control
-        self._statistics = telemetry.statistics
+    def __init__(
+        self, sampler: Sampler, control: Control, statistics: LinkStatistics, counters: Counters
+    ) -> None:
+        self._sampler, self._control = sampler, control
+        self._statistics, self._counters = statistics, counters
 
     def sync(self, _now_us: int) -> Message:
         """Count the frame itself too."""
@@ -43,7 +47,7 @@ class StreamMessages:
             control.latch.cause,
             control.fault_bits,
             min(_TIME_TO_LIVE_MS_MAX, control.watchdog.left_us(now_us) // 1000),
-            self._telemetry.load_percent,
+            self._counters.load_percent,
         )
 
     def imu(self, _now_us: int) -> Message:
@@ -85,8 +89,8 @@ class StreamMessages:
         return device.LinkCounters(
             statistics.frames_in & 0xFFFF,
             statistics.damaged + statistics.rejected & 0xFFFF,
-            self._telemetry.stale & 0xFFFF,
-            *self._telemetry.line_health(),
+            self._counters.stale & 0xFFFF,
+            *self._counters.line_health(),
         )
 
     def planner_state(self, _now_us: int) -> Message:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import sweepctl_plugins
 from protocol.messages.device import Encoders, Imu
 from protocol.schema.catalogue import CATALOGUE
+from sim_device.device.counters import Counters
 from sim_device.device.stream_messages import StreamMessages
 from sim_device.device.streams import TICK_HZ, is_device_stream
 from sim_device.device.versions import as_spec, blank
@@ -27,30 +28,14 @@ LOAD_TICKS = 10
 _LOAD_US = LOAD_TICKS * 1_000_000 // TICK_HZ
 
 
-class LineHealth(NamedTuple):
-    """Counters of the line's queues and of its CAN controller, as in the link counters."""
-
-    receive_dropped: int = 0
-    send_dropped: int = 0
-    can_send_errors: int = 0
-    can_receive_errors: int = 0
-    can_bus_offs: int = 0
-
-
 class Telemetry:
     """Packs each stream's readings, by the stream's name."""
 
     def __init__(self, link: LinkBase, sampler: Sampler, control: Control) -> None:
-        self.line_health: Callable[[], LineHealth] = LineHealth
-        """Returns the counters of the line's queues and of its CAN controller."""
-        self.stale = 0
-        """Number of rejected setpoints."""
-        self.load_percent = 0
-        """Busy share of the last ten periods."""
-        self.sampler, self.control, self.statistics = sampler, control, link.statistics
-        self._codec = link.codec
+        self.counters = Counters()
+        self._sampler, self._codec, self._statistics = sampler, link.codec, link.statistics
         self._frames_before = 0
-        self._messages = StreamMessages(self)
+        self._messages = StreamMessages(sampler, control, link.statistics, self.counters)
         self.streams = {
             spec.name: (spec.type_id, self._packer(spec))
             for spec in link.codec.catalogue
@@ -61,7 +46,7 @@ class Telemetry:
 
     def _packer(self, spec: MessageSpec) -> Callable[[int], bytes]:
         """Return the function that packs a stream's readings as the catalogue declares it."""
-        sampler, codec, pack = self.sampler, self._codec, spec.layout.pack
+        sampler, codec, pack = self._sampler, self._codec, spec.layout.pack
         if spec.cls is Imu:  # these two carry most of the bytes
             return lambda _now_us: pack(*sampler.imu)
         if spec.cls is Encoders:
@@ -83,11 +68,11 @@ class Telemetry:
 
     def measure_load(self) -> None:
         """Compute the busy share of the last ten periods."""
-        statistics = self.statistics
+        statistics = self._statistics
         frames = statistics.frames_in + statistics.frames_out
         work_us = LOAD_TICKS * TICK_WORK_US + (frames - self._frames_before) * FRAME_WORK_US
         self._frames_before = frames
-        self.load_percent = min(100, round(100 * work_us / _LOAD_US))
+        self.counters.load_percent = min(100, round(100 * work_us / _LOAD_US))
 
 
 def _blank(spec: MessageSpec, _now_us: int) -> Message:

@@ -225,7 +225,7 @@ class Firmware:
         """Reject a frame without the tag that the key requires."""
         command_id = getattr(message, "command_id", None)
         if command_id is None:
-            self.telemetry.stale += 1
+            self.telemetry.counters.stale += 1
             return
         self._send(Nack(command_id, frame.type_id, NackReason.NOT_AUTHENTICATED), now_us)
 
@@ -412,12 +412,12 @@ class Firmware:
             self._strange(now_us)
         elif self.negotiated and self.control.modes.state is State.VELOCITY:
             taken = self.control.setpoints.offer(message, extra_us, now_us)
-            self.telemetry.stale += not taken
+            self.telemetry.counters.stale += not taken
 
     def _duty(self, message: WheelDuty, extra_us: float, now_us: int) -> None:
         if self.negotiated and self.control.modes.state is State.BRINGUP:
             taken = self.control.duties.offer(message, extra_us, now_us)
-            self.telemetry.stale += not taken
+            self.telemetry.counters.stale += not taken
 
     def log(self, level: LogLevel, line: str) -> None:
         """Queue a line for the host."""

@@ -158,7 +158,7 @@ class Twin:
 
     def _report(self, wrote: bytes) -> Reported:
         firmware, control = self.firmware, self.firmware.control
-        stale = firmware.telemetry.stale
+        stale = firmware.telemetry.counters.stale
         present = firmware.parameters.present
         left, right = self._duties
         return Reported(

@@ -1,0 +1,31 @@
+"""Counters that the device reports of itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class LineHealth(NamedTuple):
+    """Counters of the line's queues and of its CAN controller, as in the link counters."""
+
+    receive_dropped: int = 0
+    send_dropped: int = 0
+    can_send_errors: int = 0
+    can_receive_errors: int = 0
+    can_bus_offs: int = 0
+
+
+@dataclass(slots=True)
+class Counters:
+    """Counters since the boot."""
+
+    line_health: Callable[[], LineHealth] = LineHealth
+    """Returns the counters of the line's queues and of its CAN controller."""
+    stale: int = 0
+    """Number of rejected setpoints."""
+    load_percent: int = 0
+    """Busy share of the last ten periods."""
