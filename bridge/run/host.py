@@ -50,7 +50,7 @@ from bridge.session.states import (
     StateChanged,
 )
 from bridge.session.timesync import TimeSync
-from bridge.supervise import RuleInputs
+from bridge.supervise import RuleInputs, limited_command
 from protocol.clock import DeviceUs, HostNs
 from protocol.imu import ImuReader
 from protocol.link import Medium, Rejected
@@ -502,9 +502,12 @@ class Host:
         if mission.phase is not Phase.DRIVING:
             supervision.rest(now_ns)
         else:
+            state = self.state
             inputs = self._inputs(
                 now_ns,
-                supervision.command if onboard is None else None,
+                limited_command(supervision.command, state.status, state.range)
+                if onboard is None
+                else None,
                 "" if onboard is None else onboard.name.lower().replace("_", "-"),
             )
             ended = mission.ending is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bridge.supervise.inputs import Reaction, RuleInputs
+from bridge.supervise.inputs import Reaction, RuleInputs, limited_command
 from bridge.supervise.settings import Level, SuperviseSettings, parse_rule, settings_from
 from bridge.supervise.supervisor import Supervisor
 
@@ -12,6 +12,7 @@ __all__ = [
     "RuleInputs",
     "SuperviseSettings",
     "Supervisor",
+    "limited_command",
     "parse_rule",
     "settings_from",
 ]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+from protocol.messages.values import Contact, Fault
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -16,6 +18,25 @@ if TYPE_CHECKING:
 
 Scalar = float | str | bool
 M = TypeVar("M", bound="Message")
+
+
+CREEP_M_S = 0.05
+"""Maximum forward speed that a device's reflex allows with a bumper pressed, m/s."""
+_CLIFF, _LIMITED = int(Contact.CLIFF), int(Fault.LIMITED)
+
+
+def limited_command(
+    command: VelocityCommand, status: Status | None, reading: Range | None
+) -> VelocityCommand:
+    """Return the setpoint that the device obeys.
+
+    At a cliff the device's reflex allows no forward speed, and with a bumper pressed a small one.
+    The yaw rate and the speed backwards are never limited.
+    """
+    if status is None or not status.faults & _LIMITED:
+        return command
+    at_cliff = reading is not None and reading.contacts & _CLIFF
+    return command._replace(v_m_s=min(command.v_m_s, 0.0 if at_cliff else CREEP_M_S))
 
 
 class RuleInputs(NamedTuple):
@@ -43,7 +64,8 @@ class RuleInputs(NamedTuple):
     arrived_s: Mapping[type[Message], float] = MappingProxyType({})
     """Host time of the newest message of each type, s."""
     command: VelocityCommand | None = None
-    """Velocity setpoint sent last; None if the device plans."""
+    """Velocity setpoint that the device obeys: the one sent last, as its reflexes limit it; None if
+    the device plans."""
     onboard: str = ""
     """Name of the device's planner; empty if the host plans."""
     plugged: Mapping[type[Message], Message] = MappingProxyType({})
