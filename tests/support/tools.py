@@ -231,9 +231,10 @@ TOOLS = (
 BY_NAME = {tool.name: tool for tool in TOOLS}
 PROGRAMS = {name: tool for tool in TOOLS for names in tool.programs for name in names}
 """Tool of each program."""
-BASE = frozenset({"bash", "make", "sh", "fc-list"})
-"""Programs that need no mark: those of every machine that can run `make test`, and ``fc-list``,
-which matplotlib starts once for each user if the system has it."""
+BASE = frozenset({"bash", "make", "sh", "uname", "fc-list"})
+"""Programs that need no mark: those of every machine that can run `make test` (Dask asks ``uname``
+for the processor), and ``fc-list``, which matplotlib starts once for each user if the system has
+it."""
 
 
 def tool_named(name: str) -> Tool:

@@ -231,8 +231,10 @@ def _connected(address: str) -> Any:  # noqa: ANN401 - distributed is optional
         raise ClusterMissingError
     import distributed
 
-    # Its log lines about lost workers would tear the progress.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # Its log lines about lost workers would tear the progress. Each logger has a level of its own.
+    for name in ["distributed", *logging.root.manager.loggerDict]:
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         return distributed.Client(  # type: ignore[no-untyped-call]  # without types
             address, timeout=CONNECT_S, set_as_default=False
