@@ -173,7 +173,7 @@ $(LOCKED): $(LOCKS)
 	@touch $@
 
 $(INSTALLED): $(LOCKED) pyproject.toml $(KERNELS) $(MADE_WITH)
-	@echo '== installing sweepctl itself, compiling what changed (half a minute for all of it)'
+	@echo '== installing sweepctl itself, compiling what changed (a minute for all of it)'
 	@$(KERNEL_ENV) $(BIN)/python setup.py --quiet build_ext --inplace >>$(VENV)/install.log 2>&1 \
 		|| { tail -n 20 $(VENV)/install.log >&2; exit 1; }
 	@$(call pip_install,--no-deps --no-build-isolation --config-settings editable_mode=compat -e .)

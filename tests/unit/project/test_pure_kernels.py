@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import importlib
 import math
+import os
 import struct
+import subprocess
+import sys
 import sysconfig
 from enum import Enum
 from itertools import pairwise
@@ -26,6 +29,7 @@ from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.framing import UartEncoder
 from support.pure import load_pure
+from support.root import ROOT
 from tools.dev import kernels
 
 if TYPE_CHECKING:
@@ -515,14 +519,55 @@ MODULES: dict[str, Scenario] = {
 """Ordinary modules with types in a .pxd: all results are equal, not only close."""
 
 TYPED = {source for source in kernels.sources() if kernels.types(source).exists()}
+IN_A_RUN = {kernels.module_name(source) for source in TYPED} - set(MODULES)
+"""Ordinary modules that a simulated run compares, its log to the last byte."""
+RUN = """
+import sys
+if sys.argv[1] == ".py":
+    import support.sources
+from tools.cli.main import run
+status = run(sys.argv[2].split())
+print([name for name in sys.argv[3:] if not sys.modules[name].__file__.endswith(sys.argv[1])])
+sys.exit(status)
+"""
+"""Runs the command and prints the modules that were not loaded from such a file."""
 
 
-@pytest.mark.parametrize("source", sorted(TYPED), ids=kernels.module_name)
-def test_compiled_and_ordinary_give_the_same(source: Path) -> None:
-    name = kernels.module_name(source)
-    expected = MODULES[name](load_pure(source))
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_compiled_and_ordinary_give_the_same(name: str) -> None:
+    expected = MODULES[name](load_pure(kernels.ROOT / f"{name.replace('.', '/')}.py"))
     assert len(expected) > 10
     assert MODULES[name](compiled(name)) == expected
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        "--planner recovery --seed 3 --noise harsh --fault wheel-slip@20:6:share=0.5",
+        "--planner paper --fault bit-flips@10:20:rate=0.001 --fault brown-out@35:off=0.5",
+        "--planner random --supervise --fault latency@30:5:ms=60",
+    ],
+)
+def test_a_run_is_the_same_with_compiled_and_with_ordinary_modules(
+    options: str, tmp_path: Path
+) -> None:
+    logs: list[bytes] = []
+    for suffix in (sysconfig.get_config_var("EXT_SUFFIX"), ".py"):
+        folder = tmp_path / suffix[-2:]
+        folder.mkdir()
+        given = f"simulate two-rooms --max-time 60 {options} --out run.mcap"
+        done = subprocess.run(
+            [sys.executable, "-c", RUN, suffix, given, *sorted(IN_A_RUN)],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.stdout.splitlines()[-1:] == ["[]"], done.stderr
+        logs.append((folder / "run.mcap").read_bytes())
+    assert len(logs[0]) > 500_000
+    assert logs[0] == logs[1]
 
 
 @pytest.mark.parametrize(

@@ -77,17 +77,17 @@ def test_overflow_is_counted_and_reported_in_the_log(tmp_path: Path) -> None:
 
 def test_a_quiet_line_is_flushed_without_a_next_record(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    writer = RunWriter(path, run_info())
     flushed = threading.Event()
-    flush = writer.flush
 
-    def noticed() -> None:
-        flush()
-        if list(LogReader(path).messages(["/log"])):
-            flushed.set()
+    class NoticedWriter(RunWriter):
+        """Shows when the thread flushes."""
 
-    writer.flush = noticed  # type: ignore[method-assign]  # to see when the thread calls it
-    recorder = ThreadedRecorder(writer)
+        def flush(self) -> None:
+            super().flush()
+            if list(LogReader(path).messages(["/log"])):
+                flushed.set()
+
+    recorder = ThreadedRecorder(NoticedWriter(path, run_info()))
     recorder.write(line(1))
     assert flushed.wait(30)
     recorder.close()

@@ -8,18 +8,26 @@ from bridge.motion.estimation.ekf import Ekf
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from tools.cli.rooms import load_room
-from tools.virtual.run import run_virtual
+from tools.virtual.run import VirtualRun, run_virtual
 
 
-def test_the_host_follows_the_chip_as_it_warms_up(monkeypatch: pytest.MonkeyPatch) -> None:
+class WarmedEkf(Ekf):
+    """A filter that adds up by how much the chip has warmed."""
+
+    warmed_c = 0.0
+
+    def warm(self, change_c: float) -> None:
+        self.warmed_c += change_c
+        super().warm(change_c)
+
+
+def test_the_host_follows_the_chip_as_it_warms_up() -> None:
     """6 °C with a time constant of 300 s give 0.39 °C in 20 s, less half a second of filter."""
-    reported: list[float] = []
-    warm = Ekf.warm
+    room = load_room("empty")
+    ekf = WarmedEkf(room.start)
 
-    def listened(self: Ekf, change_c: float) -> None:
-        reported.append(change_c)
-        warm(self, change_c)
+    def prepare(run: VirtualRun) -> None:
+        run.host.estimator.ekf = ekf
 
-    monkeypatch.setattr(Ekf, "warm", listened)
-    run_virtual(load_room("empty"), RobotModel(), "paper", NullSink(), max_time_s=20.0)
-    assert sum(reported) == pytest.approx(0.39, abs=0.08)
+    run_virtual(room, RobotModel(), "paper", NullSink(), max_time_s=20.0, prepare=prepare)
+    assert ekf.warmed_c == pytest.approx(0.39, abs=0.08)

@@ -27,8 +27,9 @@ RECKONING = {
 
 
 def compiled_kernels() -> set[str]:
-    """Return every module of the device that Cython compiles."""
-    names = {kernels.module_name(source) for source in kernels.sources()}
+    """Return every kernel of the device; ordinary modules may be compiled without being one."""
+    made = (source for source in kernels.sources() if not kernels.types(source).exists())
+    names = {kernels.module_name(source) for source in made}
     return {name for name in names if name.startswith("sim_device.")}
 
 

@@ -1,0 +1,15 @@
+cdef class Relocaliser:
+    cdef object _estimator
+    cdef double _radius_m, _grazed_m, _pulse_s
+    cdef object _ultrasonic, _graze_m, _near, _sides, _front, _echo_m
+    cdef object _contact
+    cdef public object walls
+    cdef public object yaw_fixes, position_fixes
+
+    cpdef object _place(self, object t_s)
+
+
+cdef class _Nearness:
+    cdef object _last
+
+    cpdef double take(self, object range_m)
