@@ -14,7 +14,7 @@ import cython
 import numpy as np
 from cython.cimports.libc.math import cos, fabs, hypot, sin, sqrt
 
-from sim_device.body.power import BRIDGE_LOGIC_V, RAIL_DROPOUT_V, RAIL_WHOLE_V
+from sim_device.body.battery import BRIDGE_LOGIC_V, RAIL_DROPOUT_V, RAIL_WHOLE_V
 
 if TYPE_CHECKING or cython.compiled:
     from cython.cimports.bridge.motion.arrays import FloatGrid, Floats, Ints, Pair

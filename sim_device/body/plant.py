@@ -26,12 +26,12 @@ from math import atan2, hypot, isfinite
 from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import Pose2, wrap_angle
+from sim_device.body.battery import RAIL_V, RAIL_WHOLE_V, rail_5v_v
 from sim_device.body.chassis import Chassis, PlantFaults, fill_parameters, set_lag
 from sim_device.body.drive_kernel import SLOW_MS, TICK_S, Body, advance, felt, renew
 from sim_device.body.errors import DutyError, WalkerError
 from sim_device.body.footing import Footing
 from sim_device.body.motors import MotorParameters
-from sim_device.body.power import RAIL_V, RAIL_WHOLE_V, rail_5v_v
 from sim_device.body.supply import Supply
 from sim_device.body.truth import Inertial, Truth
 from sim_device.noise import Draws
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from bridge.motion.robot_model import RobotModel
-    from sim_device.body.power import BatteryParameters
+    from sim_device.body.battery import BatteryParameters
     from sim_device.body.truth import EnergyBalance
     from sim_device.noise import NoiseLevel
     from sim_device.world.world import World

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sim_device.body.battery import BatteryParameters
 from sim_device.body.drive_kernel import TICK_S, discharge_battery, sag, switch
-from sim_device.body.power import BatteryParameters
 from sim_device.body.truth import EnergyBalance
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.messages.values import Fault, LogLevel, NackReason, StopCause, flag_labels, label
-from sim_device.body.power import PowerReading
 from sim_device.device.health import IMU, Health
 from sim_device.device.modes import MODE_OF, PLANNING, Event, Guard, State
 from sim_device.device.onboard import NO_PLAN, Onboard, planner_name
 from sim_device.device.reflexes import Reflexes
 from sim_device.device.safety import DutyWatchdog, SetpointWatchdog, StopLatch
 from sim_device.device.wheel_control import WheelControl
+from sim_device.sensors.power_monitor import PowerReading
 
 if TYPE_CHECKING:
     from collections.abc import Collection

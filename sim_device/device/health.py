@@ -30,10 +30,10 @@ from sim_device.device.signs import BITS as SIGNS
 from sim_device.device.signs import Signs
 
 if TYPE_CHECKING:
-    from sim_device.body.power import PowerReading
     from sim_device.device.sampling import Around
     from sim_device.device.wheel_control import WheelControl
     from sim_device.sensors.imu import ImuCounts
+    from sim_device.sensors.power_monitor import PowerReading
 
 IMU = int(Fault.IMU)
 ENCODER_LEFT, ENCODER_RIGHT = int(Fault.ENCODER_LEFT), int(Fault.ENCODER_RIGHT)

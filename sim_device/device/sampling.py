@@ -9,8 +9,8 @@ from protocol.messages.device import Imu
 from sim_device.sensors.imu import ImuCounts
 
 if TYPE_CHECKING:
-    from sim_device.body.power import PowerReading
     from sim_device.sensors.contacts import Bumpers
+    from sim_device.sensors.power_monitor import PowerReading
     from sim_device.sensors.rangers import Ranges
 
 _MASK = 0xFFFF

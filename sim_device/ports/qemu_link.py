@@ -17,9 +17,9 @@ from sim_device.sensors.units import contact_bits, milli, range_steps
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from sim_device.body.power import PowerReading
     from sim_device.sensors.contacts import Bumpers
     from sim_device.sensors.imu import ImuCounts
+    from sim_device.sensors.power_monitor import PowerReading
     from sim_device.sensors.rangers import Ranges
 
 VERSION = 3

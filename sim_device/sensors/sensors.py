@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim_device.body.power import PowerMonitor, PowerReading
 from sim_device.noise import Draws
 from sim_device.sensors.bumper import Bumper
 from sim_device.sensors.cliff import CliffSensor
 from sim_device.sensors.encoders import Encoders
 from sim_device.sensors.faults import SensorFaults
 from sim_device.sensors.imu import Imu, ImuConfig
+from sim_device.sensors.power_monitor import PowerMonitor, PowerReading
 from sim_device.sensors.rangers import Rangers, Ranges
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.messages.values import Contact, RebootKind, ResetCause
 from protocol.uart.link import Link
-from sim_device.body.power import PowerReading
 from sim_device.device.flash import Flash
 from sim_device.device.identity import Identity
 from sim_device.device.modes import State
 from sim_device.device.virtual_firmware import TICK_US, Firmware
 from sim_device.sensors.contacts import Bumpers
 from sim_device.sensors.imu import ImuCounts
+from sim_device.sensors.power_monitor import PowerReading
 from sim_device.sensors.rangers import Ranges
 from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Reported, Step
 

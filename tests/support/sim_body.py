@@ -7,10 +7,10 @@ import numpy as np
 from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from sim_device.body.battery import BatteryParameters
 from sim_device.body.chassis import Chassis
 from sim_device.body.motors import MotorParameters
 from sim_device.body.plant import Plant
-from sim_device.body.power import BatteryParameters
 from sim_device.noise import noise_level
 from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from bridge.library.index import LogReaders, ReadLog
-    from bridge.library.library import Run, Selection
+    from bridge.library.library import Run
+    from bridge.library.selection import Selection
 
 _DEFAULT = "list"
 """Subcommand used if none is named."""
@@ -79,7 +80,8 @@ def _known_tags(
 ) -> list[str]:
     """Return the tags of the runs."""
     from bridge.errors import BridgeError
-    from bridge.library.library import DEFAULT_FOLDER, Library, Selection
+    from bridge.library.library import DEFAULT_FOLDER, Library
+    from bridge.library.selection import Selection
 
     library = Library(ctx.params.get("folders") or (DEFAULT_FOLDER,))
     try:
@@ -150,7 +152,7 @@ def _list(  # noqa: PLR0913 - one parameter per option
 
     DIR is `runs` by default. The newest run is the last line. With --json all columns are printed.
     """
-    from bridge.library.library import Selection
+    from bridge.library.selection import Selection
 
     library, runs = _select(folders, Selection(where, sort, tags, last))
     if as_json:
@@ -258,7 +260,7 @@ def _compare(  # noqa: PLR0913 - one parameter per option
     detail.
     """
     from bridge.library.columns import NAMES
-    from bridge.library.library import Selection
+    from bridge.library.selection import Selection
     from bridge.view.report.selection import group_rows, grouped, groups_json
 
     _check_output(out, force=force)
@@ -315,7 +317,7 @@ def _heatmap(  # noqa: PLR0913 - one parameter per option
     The poses of each log are read: the truth where it is known, else the estimate. A run that was
     stopped early misses much; `--where "outcome = 'complete'"` leaves it out.
     """
-    from bridge.library.library import Selection
+    from bridge.library.selection import Selection
     from bridge.view.output import write
     from bridge.view.report.heatmap import gather_misses, heatmap_page, heatmap_picture
 
@@ -362,7 +364,7 @@ def _index(
     Every use of the index updates it; this command is for many new logs at once.
     """
     from bridge.library.index import read_log
-    from bridge.library.library import Selection
+    from bridge.library.selection import Selection
 
     read_count = 0
 

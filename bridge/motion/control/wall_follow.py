@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.motion.control.braking import Braking
+from bridge.motion.control.confirmed_range import ConfirmedRange
 from bridge.motion.control.pid import Pid, PidGains
-from bridge.motion.control.room_ahead import RoomAhead
 from bridge.motion.estimation.noise_monitor import RangingNoise
 from bridge.motion.estimation.wall_track import MAX_YAW_RAD, WallTrack
 from bridge.motion.observation import HALT, Observation, VelocityCommand
@@ -139,7 +139,7 @@ class WallFollower:
             self._gap_m = max(self._gap_m, blind_m + _SEEN_M)
         self._max_rate = 0.75 * model.max_yaw_rate_rad_s
         self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
-        self._room = RoomAhead(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
+        self._room = ConfirmedRange(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
         self._track = WallTrack(mount)
         self._noise = noise or RangingNoise()
         gains = PidGains(kp=1.0 / tune.lookahead_m, ti_s=tune.integral_s)

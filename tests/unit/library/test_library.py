@@ -14,7 +14,8 @@ from bridge.library import entry
 from bridge.library.columns import NAMES
 from bridge.library.errors import IndexDamagedError, LibraryError, NoRunError
 from bridge.library.index import FILE_NAME
-from bridge.library.library import Library, Selection, mark_run, resolve
+from bridge.library.library import Library, mark_run, resolve
+from bridge.library.selection import Selection
 from bridge.record.log_writer import RunWriter
 from bridge.record.policy import RecordOptions, open_log
 from support.small_logs import summary_of, write_log

@@ -7,9 +7,9 @@ import math
 import pytest
 
 from bridge.motion.robot_model import RobotModel
+from sim_device.body.battery import BatteryParameters
 from sim_device.body.motors import MotorParameters
 from sim_device.body.plant import DutyError
-from sim_device.body.power import BatteryParameters
 from support.sim_body import duty, plant, room
 
 MODEL = RobotModel()

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from sim_device.body.battery import BatteryParameters
 from sim_device.body.chassis import Chassis
 from sim_device.body.motors import MotorParameters
-from sim_device.body.power import BatteryParameters
 from support.sim_body import IDEAL_BATTERY, box, duty, plant, room
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_device.body.power import PowerReading
 from sim_device.ports import qemu_link as link
 from sim_device.sensors.contacts import Bumpers
 from sim_device.sensors.imu import ImuCounts
+from sim_device.sensors.power_monitor import PowerReading
 from sim_device.sensors.rangers import Ranges
 
 

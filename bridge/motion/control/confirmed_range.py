@@ -12,7 +12,7 @@ _LEAP_M = 0.1
 """Minimum decrease between two readings that means another object, m: no robot is so fast."""
 
 
-class RoomAhead:
+class ConfirmedRange:
     """Free distance for a robot that turns while it drives, so that ranges cannot be extrapolated.
 
     A short range counts at once if the reading before led up to it. An unexpected short range may

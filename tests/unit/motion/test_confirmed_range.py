@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.motion.control.room_ahead import RoomAhead
+from bridge.motion.control.confirmed_range import ConfirmedRange
 
 STOP_M, MIN_M, STEP_S = 0.05, 0.002, 0.02
 
 
 def is_blocked(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
-    room = RoomAhead(STOP_M)
+    room = ConfirmedRange(STOP_M)
     found = []
     for range_m in ranges_m:
         room.update(range_m, MIN_M, dt_s)
@@ -23,8 +23,8 @@ def is_blocked(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
     return found
 
 
-def test_room_ahead_is_the_range_beyond_the_stop_range() -> None:
-    room = RoomAhead(STOP_M)
+def test_free_distance_is_the_range_beyond_the_stop_range() -> None:
+    room = ConfirmedRange(STOP_M)
     assert room.update(0.30, MIN_M, STEP_S) == pytest.approx(0.25)
     assert room.update(0.04, MIN_M, STEP_S) == pytest.approx(-0.01)
     assert room.update(None, MIN_M, STEP_S) == math.inf
