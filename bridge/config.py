@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.errors import ConfigError
 from bridge.files import open_to_read
-from bridge.motion.robot_model import RangerMount, RobotModel
+from bridge.motion.robot_model import LOST, RangerMount, RobotModel
 from bridge.supervise.settings import PREFIX as SUPERVISE
 from bridge.supervise.settings import Level, SuperviseSettings, settings_from
 from bridge.validation import as_toml, fill
@@ -74,7 +74,12 @@ def robot_cautions(model: RobotModel) -> list[str]:
             f"cleaning_width_m, mouth_offset_m: the ends of the mouth are "
             f"{1000 * outside_m:.0f} mm outside the footprint; they hit walls before the hull does"
         )
-    for name, mount in model.rangers.items():
+    found += [
+        f"{name}.fitted: without this sensor {LOST[name]}"
+        for name, mount in model.rangers.items()
+        if not mount.fitted
+    ]
+    for name, mount in model.fitted_rangers.items():
         overhang_m = mount.center_distance_m - radius_m
         hull_m = mount.hull_distance_m(radius_m)
         if overhang_m > ROUNDING_M:
@@ -166,7 +171,7 @@ def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
         ("driver_drop_v", "battery_v"),
         f"driver_drop_v: {model.driver_drop_v:g} must be below battery_v ({model.battery_v:g})",
     )
-    for name, mount in model.rangers.items():
+    for name, mount in model.fitted_rangers.items():
         place = (f"{name}.x_m", f"{name}.y_m", name, diameter)
         out_m = mount.center_distance_m
         check(

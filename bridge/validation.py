@@ -84,15 +84,23 @@ def _value(
         return fill(default, value, f"{path}.", problems)
     if isinstance(default, enum.Enum):
         return _member(path, type(default), value)
-    if isinstance(default, str):
-        if not isinstance(value, str) or not 0 < len(value) <= MAX_TEXT:
-            raise ConfigError(f"{path}: must be a text of 1 to {MAX_TEXT} characters")
-        return value
+    if isinstance(default, bool | str):
+        return _word(path, default, value)
     checked = number(path, value, *metadata["range"])
     if not isinstance(default, int):
         return checked
     if not isinstance(value, int):
         raise ConfigError(f"{path}: {value!r} is not a whole number")
+    return value
+
+
+def _word(path: str, default: bool | str, value: object) -> bool | str:  # noqa: FBT001 - a type
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"{path}: must be true or false")
+        return value
+    if not isinstance(value, str) or not 0 < len(value) <= MAX_TEXT:
+        raise ConfigError(f"{path}: must be a text of 1 to {MAX_TEXT} characters")
     return value
 
 
@@ -109,6 +117,8 @@ def as_toml(value: object) -> str:
         return f'"{value.name.lower()}"'
     if isinstance(value, str):
         return f'"{"".join(_escaped(character) for character in value)}"'
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, tuple):
         return f"[{', '.join(as_toml(each) for each in value)}]"
     return repr(value)

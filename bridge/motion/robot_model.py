@@ -40,6 +40,10 @@ class RangerMount:
         1.0, 0.5, 2.0, "1", "range = `scale` · raw range + `offset_m`; from `calibrate range`"
     )
     offset_m: float = _in(0.0, -0.2, 0.2, "m", "see `scale`")
+    fitted: bool = field(
+        default=True,
+        metadata={"meaning": "whether the robot has this sensor; else it reads nothing"},
+    )
 
     @property
     def center_distance_m(self) -> float:
@@ -67,6 +71,23 @@ def _infrared_left() -> RangerMount:
 
 def _infrared_right() -> RangerMount:
     return RangerMount(0.05, -0.10, -math.pi / 2, 0.04, 0.30)
+
+
+LOST = {
+    "ultrasonic": (
+        "the robot stops before nothing that it does not know yet: it drives at cruise speed into "
+        "new obstacles, and slips of both wheels are not found"
+    ),
+    "infrared_left": (
+        "a wall on the left is followed by touching it again and again, and no wall on the left "
+        "corrects the pose"
+    ),
+    "infrared_right": (
+        "a wall on the right is followed by touching it again and again, and no wall on the right "
+        "corrects the pose"
+    ),
+}
+"""What a robot loses without a range sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +146,11 @@ class RobotModel:
     def mouth_reach_m(self) -> float:
         """Distance from the axle's centre to the ends of the mouth."""
         return math.hypot(self.mouth_offset_m, 0.5 * self.cleaning_width_m)
+
+    @property
+    def fitted_rangers(self) -> dict[str, RangerMount]:
+        """Every range sensor that the robot has, by its name in the robot file."""
+        return {name: mount for name, mount in self.rangers.items() if mount.fitted}
 
     @property
     def rangers(self) -> dict[str, RangerMount]:

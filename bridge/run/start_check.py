@@ -50,6 +50,8 @@ def contradictions(
     found = []
     edges = plan.edges()
     for at, (name, mount) in enumerate(model.rangers.items()):
+        if not mount.fitted:
+            continue
         measured = _middle([reading[at] for reading in readings])
         origin, heading = _placed(mount, pose)
         near_m, far_m = _expected(edges, origin, heading, mount)

@@ -40,6 +40,7 @@ class Rangers:
         self._right = Infrared(model.infrared_right, noise, light, self.reflectances)
         self._beams = np.array([beam(model.infrared_left), beam(model.infrared_right)])
         self._hits = np.empty((2, 3))
+        self._fitted = [mount.fitted for mount in model.rangers.values()]
 
     def read(self, tick_ms: int, pose: Pose2, world: World) -> Ranges:
         """Return the range from each sensor's face at this tick, m.
@@ -51,9 +52,14 @@ class Rangers:
         hits = self._hits
         world.cast_beams(pose, self._beams, hits)
         left, right = hits.tolist()
-        return Ranges(
+        ranges = Ranges(
             ultrasonic_m,
             self._left.reading(left[HIT_RANGE], int(left[HIT_EDGE])),
             self._right.reading(right[HIT_RANGE], int(right[HIT_EDGE])),
             1000 * (tick_ms - self.ultrasonic.reported_ms),
+        )
+        if all(self._fitted):
+            return ranges
+        return Ranges(
+            *(r if fitted else None for r, fitted in zip(ranges, self._fitted, strict=True))
         )

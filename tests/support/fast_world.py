@@ -137,7 +137,9 @@ class FastWorld:
                 r += noise.infrared_m * max(0.36, (r / 0.1) ** 2) * self._normal()
                 sides.append(max(round(r / 0.00125) * 0.00125, 0.04) if r <= 0.30 else None)
             sonar = None if sonar is None else max(round(sonar, 3), 0.02)
-            self._ranges = (sonar, sides[0], sides[1])
+            fitted = [mount.fitted for mount in self.model.rangers.values()]
+            ranges = [r if has else None for r, has in zip((sonar, *sides), fitted, strict=True)]
+            self._ranges = (ranges[0], ranges[1], ranges[2])
         if noise.position_m:
             if abs(s[3]) + abs(s[4]) > 0.01:
                 e, fade = self._errors, STEP_S / noise.memory_s

@@ -203,3 +203,18 @@ def test_a_robot_to_scale_is_accepted(diameter_m: float) -> None:
         y_m = {-0.10 * scale}
     """
     assert parse_robot(text).robot_diameter_m == diameter_m
+
+
+def test_a_sensor_that_is_not_fitted_is_a_caution_and_nothing_of_it_is_checked() -> None:
+    model = parse_robot("[ultrasonic]\nfitted = false\nx_m = 0.5\nyaw_rad = 3.0\n")
+    assert not model.ultrasonic.fitted
+    assert list(model.fitted_rangers) == ["infrared_left", "infrared_right"]
+    assert parse_robot(to_toml(model)) == model
+    (caution,) = robot_cautions(model)
+    assert caution.startswith("ultrasonic.fitted: without this sensor the robot stops before")
+
+
+@pytest.mark.parametrize("value", ["1", "'no'", "[true]"])
+def test_fitted_is_true_or_false(value: str) -> None:
+    with pytest.raises(ConfigError, match=r"ultrasonic\.fitted: must be true or false"):
+        parse_robot(f"[ultrasonic]\nfitted = {value}\n")

@@ -78,7 +78,8 @@ def _table(defaults: DataclassInstance, fields: Iterable[dataclasses.Field[Any]]
 
 def _sensor_row(model: RobotModel, field: dataclasses.Field[Any]) -> str:
     """One key of a range sensor, with the default of each sensor."""
-    values = [f"{getattr(mount, field.name):.4g}" for mount in model.rangers.values()]
+    found = [getattr(mount, field.name) for mount in model.rangers.values()]
+    values = [f"`{as_toml(v)}`" if isinstance(v, bool) else f"{v:.4g}" for v in found]
     return _row(field, values[0] if len(set(values)) == 1 else " / ".join(values))
 
 

@@ -170,6 +170,10 @@ class PlannerGeometry:
         lane_speed = min(
             options.lane_pace * model.cruise_speed_m_s, options.top_share * model.max_speed_m_s
         )
+        perimeter_speed = options.perimeter_pace * model.cruise_speed_m_s
+        if not model.ultrasonic.fitted:  # nothing is seen before it is touched
+            lane_speed = min(lane_speed, model.cruise_speed_m_s)
+            perimeter_speed = min(perimeter_speed, model.cruise_speed_m_s)
 
         ahead_m = max(model.mouth_offset_m, 0.0)
         patience = 1.0 + options.ahead_patience * ahead_m / width_m
@@ -214,7 +218,7 @@ class PlannerGeometry:
             turn_s_rad=_exact(options.turn_share / model.max_yaw_rate_rad_s),
             stop_s=_exact(options.stop_share * lane_speed / model.max_accel_m_s2),
             lane_speed_m_s=_exact(lane_speed),
-            perimeter_speed_m_s=options.perimeter_pace * model.cruise_speed_m_s,
+            perimeter_speed_m_s=perimeter_speed,
             stop_range_m=_stop_range(model, options.stop_gap_m),
             approach_range_m=_exact(_farthest(model) - 0.02),
             band_m=(_exact(0.1875 * width_m), _exact(0.40625 * width_m)),

@@ -58,6 +58,8 @@ _SPAN_RAD = math.radians(87.0)
 """Angle that one bumper switch covers from the front, rad."""
 _OVERLAP_RAD = math.radians(10.0)
 """Half angle of a contact that presses both switches, rad."""
+FELT_RAD = math.radians(65.0)
+"""Least bearing of a contact with a wall that the robot bends towards at a small angle, rad."""
 _ABEAM_RAD = math.radians(60.0)
 """Bearing beyond which a followed wall is near the rim anyway, rad."""
 _BESIDE = 0.9
@@ -206,14 +208,17 @@ class EvidenceMap:
         """Count the occupied cells within a radius of a point, m."""
         return int((self.wall[self._disc(x_m, y_m, radius_m)] >= SURE).sum())
 
-    def add_bump(self, pose: Pose2, *, left: bool, right: bool) -> None:
+    def add_bump(self, pose: Pose2, *, left: bool, right: bool, abeam: int = 0) -> None:
         """Enter a contact that presses one bumper switch or both.
 
         One switch does not locate an unknown obstacle. The map then gets it in the middle of the
         switch, so that the robot is slow there, although the obstacle may be 12 cm away:
-        :meth:`clear_bumps` removes it.
+        :meth:`clear_bumps` removes it. ``abeam``: a wall on the left (1) or right (-1) that is
+        followed by touching it, so the contact is nearly abeam.
         """
         low, high = _pressed(left=left, right=right)
+        if abeam:
+            low, high = (FELT_RAD, _SPAN_RAD) if abeam > 0 else (-_SPAN_RAD, -FELT_RAD)
         seen = self._touched(pose, low, high)
         bearing = 0.5 * (low + high) if seen is None else seen
         rim = self._model.radius_m + 0.25 * self._cell_m

@@ -5,7 +5,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +84,46 @@ class RecoveryOptions:
     """Minimum time between two heading fixes, s; it doubles after each fix without effect."""
     max_decisions: int = 4000
     """Decisions after which a plan ends."""
+
+    # -- stuck policy; lengths are those of the paper's robot and grow with the robot ------------
+    max_fruitless: int = 20
+    """Fruitless decisions in a row after which evidence is cleared."""
+    max_blocked: int = 6
+    """Blocks at one place after which evidence is cleared there."""
+    spared: int = 8
+    """Fruitless decisions in a row below which a block far from the target does not count against
+    it."""
+    far_m: float = 0.4
+    """Distance of such a block from the target."""
+    max_cleared: int = 3
+    """Times that evidence is cleared without new floor."""
+    clear_radius_m: float = 0.6
+    """Radius in which evidence is cleared if nothing leads anywhere."""
+    blocked_radius_m: float = 0.3
+    """Radius in which evidence is cleared when one place blocks. Evidence farther away does not
+    block the robot there, and without it the robot would bump into known chair legs again."""
+    bump_radius_m: float = 0.2
+    """Radius around bumps in which targets get one more try."""
+    again: int = 2
+    """Blocks at one place from which the passage is closed in the map, and followed."""
+    closed_m: float = 0.03
+    """Radius by which each block closes the passage."""
+    wall_m: float = 0.2
+    """Radius in which wall cells are counted."""
+    little: float = 0.3
+    """Share of the promised floor below which an attempt is fruitless for its target."""
+
+    def for_model(self, model: RobotModel) -> RecoveryOptions:
+        """Return the options for a robot that may lack sensors.
+
+        Without side infrared a wall is touched again and again, which takes longer and makes the
+        pose uncertain. Then a perimeter pass promises less, and the planner gives up earlier.
+        """
+        if model.infrared_left.fitted or model.infrared_right.fitted:
+            return self
+        return replace(
+            self,
+            perimeter_length_m=0.3 * self.perimeter_length_m,
+            max_fruitless=max(self.max_fruitless // 2, 1),
+            tries=1,
+        )

@@ -29,6 +29,7 @@ from bridge.coverage.recovery.search import Choice, Chooser
 from bridge.coverage.recovery.stuck import Verdict
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Leg
+from bridge.motion.robot_model import LOST
 
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation
@@ -59,7 +60,7 @@ class RecoveryPlanner(ScriptedPlanner):
     ) -> None:
         """Plan for a robot; nothing begins before ``start``."""
         super().__init__(model)
-        self.options = options or RecoveryOptions()
+        self.options = (options or RecoveryOptions()).for_model(model)
         self._behaviours = behaviours or Behaviours()
         self._chooser = Chooser(self.options)
         self._context: RecoveryContext | None = None
@@ -92,6 +93,9 @@ class RecoveryPlanner(ScriptedPlanner):
         heading_fix = self._behaviours.heading_fix()
         context.enter("approach")
         self.record.decide("start", "search for a wall to follow")
+        for name, mount in self.model.rangers.items():
+            if not mount.fitted:
+                self.record.decide("sensor", f"without {name} {LOST[name]}")
         yield from self._behaviours.approach(context)
         for _ in range(self.options.max_decisions):
             choice = yield from self._behaviours.choose(context)

@@ -17,34 +17,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.window import Point
     from bridge.motion.legs import LegResult
 
-_MAX_FRUITLESS = 20
-"""Fruitless decisions in a row after which evidence is cleared."""
-_MAX_BLOCKED = 6
-"""Blocks at one place after which evidence is cleared there."""
-_SPARED = 8
-"""Fruitless decisions in a row below which a block far from the target does not count
-against it."""
-_FAR_M = 0.4
-"""Distance of such a block from the target for the paper's robot, m; it grows with the robot, as
-do the next three."""
-_MAX_CLEARED = 3
-"""Times that evidence is cleared without new floor."""
-_CLEAR_RADIUS_M = 0.6
-"""Radius in which evidence is cleared if nothing leads anywhere, m."""
-_BLOCKED_RADIUS_M = 0.3
-"""Radius in which evidence is cleared when one place blocks, m. Evidence farther away does not
-block the robot there, and without it the robot would bump into known chair legs again."""
-_BUMP_RADIUS_M = 0.2
-"""Radius around bumps in which targets get one more try, m."""
-_AGAIN = 2
-"""Blocks at one place from which the passage is closed in the map, and followed."""
-_CLOSED_M = 0.03
-"""Radius by which each block closes the passage, m."""
-_WALL_M = 0.2
-"""Radius in which wall cells are counted, m."""
-_LITTLE = 0.3
-"""Share of the promised floor below which an attempt is fruitless for its target."""
-
 
 class Verdict(Enum):
     """Decision of the planner before it executes a choice."""
@@ -88,7 +60,7 @@ class StuckPolicy:
         if self._map.new_cells - self._bumps_cleared_at < self._geometry.floor_cells:
             return False
         self._bumps_cleared_at = self._map.new_cells
-        if not self._map.clear_bumps(_BUMP_RADIUS_M * self._geometry.scale):
+        if not self._map.clear_bumps(self._options.bump_radius_m * self._geometry.scale):
             return False
         self._blocks = self._fruitless = 0
         self._record.decide("clear", "before the end: evidence from bumps alone cleared")
@@ -103,17 +75,19 @@ class StuckPolicy:
             parted_at: the nearest place of its past that the search could not reach, m.
 
         """
-        stuck = self._fruitless >= _MAX_FRUITLESS or shut_in
-        if not stuck and self._blocks <= _MAX_BLOCKED:
+        stuck = self._fruitless >= self._options.max_fruitless or shut_in
+        if not stuck and self._blocks <= self._options.max_blocked:
             return Verdict.GO_ON
         place = self._uncertain_place(pose, parted_at)
         self._blocks = 0
         if self._map.new_cells - self._cleared_at > self._geometry.floor_cells:
             self._cleared = 0
-        if self._cleared < _MAX_CLEARED:
+        if self._cleared < self._options.max_cleared:
             scale = self._geometry.scale
-            radius_m = (_CLEAR_RADIUS_M if stuck else _BLOCKED_RADIUS_M) * scale
-            self._map.clear(place, radius_m, _CLEAR_RADIUS_M * scale)
+            radius_m = (
+                self._options.clear_radius_m if stuck else self._options.blocked_radius_m
+            ) * scale
+            self._map.clear(place, radius_m, self._options.clear_radius_m * scale)
             self._record.decide(
                 "clear",
                 f"{'no target is reachable' if stuck else 'blocked repeatedly at one place'}: "
@@ -136,8 +110,8 @@ class StuckPolicy:
         again = last is not None and pose.distance_m(last) < self._geometry.same_place_m
         self._blocks = self._blocks + 1 if again else 1
         self._blocked_at = pose
-        if self._blocks >= _AGAIN:
-            radius_m = min(_CLOSED_M * self._blocks, self._geometry.radius_m)
+        if self._blocks >= self._options.again:
+            radius_m = min(self._options.closed_m * self._blocks, self._geometry.radius_m)
             c, s = math.cos(heading_rad), math.sin(heading_rad)
             ahead_m = radius_m + self._geometry.cell_m
             self._map.block(pose.x_m + ahead_m * c, pose.y_m + ahead_m * s, radius_m)
@@ -164,12 +138,12 @@ class StuckPolicy:
         left, right = result.bumper_left, result.bumper_right
         if result.reason is not StopReason.BUMPER or left == right:
             return False
-        if self._blocks < _AGAIN or new_m2 <= self._geometry.worth_m2:
+        if self._blocks < self._options.again or new_m2 <= self._geometry.worth_m2:
             return False
         pose, floor = result.pose, self._map.new_cells
         bearing, rim_m = self._map.bearing_rad(result), self._geometry.radius_m
         contact = pose.transform(rim_m * math.cos(bearing), rim_m * math.sin(bearing))
-        if self._map.occupied(*contact, _WALL_M) < self._geometry.min_wall_cells:
+        if self._map.occupied(*contact, self._options.wall_m) < self._geometry.min_wall_cells:
             return False
         for before, side, cells in self._passages:
             inflated = side == left and before.distance_m(pose) < self._geometry.same_place_m
@@ -205,11 +179,14 @@ class StuckPolicy:
         promised = choice.new_m2 / self._geometry.cell_m**2
         if choice.kind == "perimeter":
             promised = self._geometry.fruitful_cells
-        if new_cells > _LITTLE * promised:
+        if new_cells > self._options.little * promised:
             return
         x, y = choice.path[-1]
-        far = math.dist((self._left_path_at or pose)[:2], (x, y)) > _FAR_M * self._geometry.scale
-        if far and not arrived and self._fruitless < _SPARED:
+        far = (
+            math.dist((self._left_path_at or pose)[:2], (x, y))
+            > self._options.far_m * self._geometry.scale
+        )
+        if far and not arrived and self._fruitless < self._options.spared:
             return
         c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
         done_m = 0.0
@@ -230,6 +207,6 @@ class StuckPolicy:
         """Return the place whose evidence is probably wrong."""
         if parted_at is not None:
             return Pose2(*parted_at, 0.0)
-        if self._blocks > _MAX_BLOCKED and self._blocked_at is not None:
+        if self._blocks > self._options.max_blocked and self._blocked_at is not None:
             return self._blocked_at
         return pose

@@ -11,7 +11,7 @@ from bridge.motion.control.point_to_point import PointToPointController
 from bridge.motion.control.rotary import RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.control.tuning import MotionTuning
-from bridge.motion.control.wall_follow import FollowState, FollowTuning, Side, WallFollower
+from bridge.motion.control.wall_follow import FollowState, Side, WallFollower
 from bridge.motion.estimation.noise_monitor import RangingNoise
 from bridge.motion.estimation.range_filter import RangeAhead
 from bridge.motion.geometry import wrap_angle
@@ -30,9 +30,6 @@ from bridge.motion.observation import HALT, Observation, VelocityCommand
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
-FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
-"""Tuning of wall following. The robot drives into inner corners, because floor before which it
-stops stays unswept. It follows a leg that is too thin for the beam all around."""
 _MAX_STEP_S = 0.1
 """Maximum gap between steps, s. A longer gap (a pause) is not integrated into filters and timeouts.
 """
@@ -120,7 +117,7 @@ class LegExecutor:
                 side,
                 leg.gap_m,
                 speed_m_s=leg.speed_m_s,
-                tuning=FOLLOW_TUNING,
+                tuning=self._tuning.follow,
                 noise=self._ranging,
             )
             if leg.touching:

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from bridge.motion.control.wall_follow import FollowTuning
+
+FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
+"""Tuning of wall following. The robot drives into inner corners, because floor before which it
+stops stays unswept. It follows a leg that is too thin for the beam all around."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,3 +47,5 @@ class MotionTuning:
     stall_s: float = 1.5
     stall_m: float = 0.003
     stall_rad: float = 0.02
+    follow: FollowTuning = FOLLOW_TUNING
+    """Gains and limits of wall following."""

@@ -26,8 +26,13 @@ _CLEAR_M = 0.05
 two sensors a cliff may be as near as the outer ones look ahead, 9 cm."""
 
 
-def react(context: RecoveryContext, result: LegResult, heading_rad: float) -> Generator[Leg, Step]:
-    """Enter what stopped a leg into the map, and back off on the leg's heading, rad."""
+def react(
+    context: RecoveryContext, result: LegResult, heading_rad: float, *, abeam: int = 0
+) -> Generator[Leg, Step]:
+    """Enter what stopped a leg into the map, and back off on the leg's heading, rad.
+
+    ``abeam``: a wall on the left (1) or right (-1) that is followed by touching it.
+    """
     if result.reason is StopReason.RANGE:
         point = result.pose.transform(context.model.radius_m + _RIM_M, 0.0)
         context.map.add_point(*point)
@@ -39,7 +44,10 @@ def react(context: RecoveryContext, result: LegResult, heading_rad: float) -> Ge
     elif result.reason in {StopReason.BUMPER, StopReason.STALLED}:
         both = not (result.bumper_left or result.bumper_right)
         context.map.add_bump(
-            result.pose, left=result.bumper_left or both, right=result.bumper_right or both
+            result.pose,
+            left=result.bumper_left or both,
+            right=result.bumper_right or both,
+            abeam=abeam,
         )
         context.record.emit(events.obstacle_met(result))
         back_m = context.options.back_off_m

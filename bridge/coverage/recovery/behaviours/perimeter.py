@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.recovery import events
 from bridge.coverage.recovery.behaviours.obstacle import react
 from bridge.coverage.recovery.lookout import CLOSED_M
+from bridge.coverage.recovery.map import FELT_RAD
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import FollowWall, StopReason, Turn
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from bridge.coverage.planner import Step
     from bridge.coverage.recovery.context import RecoveryContext
-    from bridge.motion.legs import Leg
+    from bridge.motion.legs import Leg, LegResult
 
 QUARTER = 0.5 * math.pi
 _STUCK_M = 0.02
@@ -33,6 +34,12 @@ _STOP_S = 0.5
 it did not graze that corner."""
 _MIN_TURN_RAD = math.radians(2.0)
 """Turn below which the next leg steers instead, rad."""
+
+
+def _touches_only(result: LegResult, side: int) -> bool:
+    """Whether only the switch on one side is pressed."""
+    left, right = result.bumper_left, result.bumper_right
+    return (left and not right) if side > 0 else (right and not left)
 
 
 def turn(
@@ -64,6 +71,8 @@ def follow_perimeter(
     stuck = again = 0
     side, bumped_m = 1 if left else -1, -math.inf
     speed_m_s = context.geometry.perimeter_speed_m_s
+    model = context.model
+    felt = not (model.infrared_left if left else model.infrared_right).fitted
     while True:
         wall.begin_leg(side)
         begun_m, begun_s = wall.distance_m, context.obs.time_s
@@ -78,13 +87,17 @@ def follow_perimeter(
             break
         again = again + 1 if wall.distance_m - bumped_m < _SAME_BUMP_M else 0
         bumped_m = wall.distance_m
-        yield from react(context, result, result.pose.theta_rad)
+        abeam = side if felt and not again and _touches_only(result, side) else 0
+        yield from react(context, result, result.pose.theta_rad, abeam=abeam)
         if reason is StopReason.CLIFF:
             break
         # Turn until the contact is abeam. A contact on the other side is an inner corner.
         ended_s = begun_s + result.duration_s  # the robot may have rested since
         is_ahead = again or ended_s - wall.brisk_s < _STOP_S
-        away = side * context.map.bearing_rad(result, beside=side if is_ahead else 0)
+        if abeam:
+            away = FELT_RAD
+        else:
+            away = side * context.map.bearing_rad(result, beside=side if is_ahead else 0)
         away = max(QUARTER - away, min(_MIN_AWAY_RAD * (1 + again), QUARTER))
         heading = result.pose.theta_rad - side * away
         ahead = Pose2(context.pose.x_m, context.pose.y_m, heading)
