@@ -13,6 +13,7 @@ from bridge.run.room_check import MeasuredWall
 from protocol.messages.values import Contact
 
 if TYPE_CHECKING:
+    from bridge.motion.estimation.drift_model import DriftModel
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from protocol.clock import DeviceUs, HostNs
@@ -23,10 +24,10 @@ if TYPE_CHECKING:
 class Localisation:
     """Holds the robot's newest samples and its pose estimate."""
 
-    def __init__(self, model: RobotModel, start: Pose2) -> None:
-        self._model = model
+    def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
+        self._model, self._drift = model, drift
         self.state = RobotState()
-        self.estimator = PoseEstimator(model, start)
+        self.estimator = PoseEstimator(model, start, drift)
         self.encoders_us = 0
         """Device time of the newest encoder sample, µs: the time of the estimated position."""
         self._walls = Relocaliser(model, self.estimator)
@@ -34,7 +35,7 @@ class Localisation:
 
     def begin_again(self) -> None:
         """Restart the estimator at the current pose after a reset of clock and counts."""
-        self.estimator = PoseEstimator(self._model, self.estimator.pose)
+        self.estimator = PoseEstimator(self._model, self.estimator.pose, self._drift)
         self._walls = Relocaliser(self._model, self.estimator)
         self._displacement = DisplacementCheck(self._model)
 

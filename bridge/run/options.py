@@ -10,6 +10,7 @@ from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.motion.estimation.drift_model import DriftModel
     from protocol.link import LinkBase
 
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
@@ -31,5 +32,7 @@ class HostOptions:
     """Key that signs motion commands if the device requires it."""
     min_delay_ns: tuple[int, int] = (0, 0)
     """Declared minimum delays to and from the device, ns (:class:`TimeSync`)."""
+    drift: DriftModel | None = None
+    """Noise model of the filter; None: the default."""
     plan: FloorPlan | None = None
     """The room, with which the walls are compared; None: it is unknown."""

@@ -203,3 +203,48 @@ def test_a_users_mistakes_are_one_line(tmp_path: Path, monkeypatch: pytest.Monke
     assert done.status == 1
     assert "pip install 'sweepctl[compare]'" in done.line
     assert not (tmp_path / LINES).exists()
+
+
+# ---- versions and constants ------------------------------------------------------------------
+
+
+def test_two_versions_are_compared_run_by_run(two_jobs: Path, tmp_path: Path) -> None:
+    done = sweepctl("experiment", "compare", *SHORT, "--out", tmp_path, "--against", two_jobs)
+    assert done.status == 0
+    assert "run by run" in done.out
+    assert "Pairs with the largest loss" in done.out
+    assert "<h2" in (tmp_path / "report.html").read_text()
+    assert "Run by run" in (tmp_path / "report.html").read_text()
+
+
+def test_constants_are_screened_against_their_defaults(tmp_path: Path) -> None:
+    grid = ("--rooms", "case-1", "--max-time", "6", "--seeds", "1", "--factors", "2")
+    done = sweepctl(
+        *("experiment", "sensitivity", *grid, "--out", tmp_path, "--json"),
+        *("--constants", "planner.tries,follow.lookahead_m"),
+    )
+    assert done.status == 0
+    assert done.json["runs"] == 3
+    table = done.json["tables"]["Sensitivity to the tuned constants"]
+    assert {line["constant"] for line in table} == {"planner.tries", "follow.lookahead_m"}
+    assert {line["value"] for line in table} == {"4", "0.22"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (("limits", "--against", "."), "--against needs compare"),
+        (("compare", "--constants", "planner.tries"), "--constants needs sensitivity"),
+        (("compare", "--factors", "2"), "--factors needs sensitivity"),
+        (("sensitivity", "--planners", "paper"), "sensitivity runs recovery"),
+        (("sensitivity", "--constants", "planner.trie"), "planner.trie"),
+        (("sensitivity", "--factors", "0.7,x"), "'0.7,x' is not a list of factors"),
+        (("sensitivity", "--factors", "0"), "'0' is not a list of factors"),
+    ],
+)
+def test_options_of_another_experiment_are_rejected(
+    arguments: tuple[str, ...], part: str, tmp_path: Path
+) -> None:
+    done = sweepctl("experiment", *arguments, "--out", tmp_path / "out")
+    assert done.status == 2
+    assert part in done.err

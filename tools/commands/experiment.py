@@ -24,11 +24,12 @@ _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-r
 _DEFAULT = "recovery"
 _PLANNERS = tuple(dict.fromkeys((_DEFAULT, *PLANNERS)))
 _GRID = ("rooms", "generated", "planners", "levels", "seeds", "robots")
-"""Parameters of ``compare`` and ``limits``; the paper's experiments have fixed ones."""
+"""Parameters of all but ``paper``, whose experiments have fixed ones."""
 _TITLES = {
     "paper": "The paper's experiments",
     "compare": "Planners compared",
     "limits": "What limits coverage",
+    "sensitivity": "Sensitivity to the tuned constants",
 }
 
 
@@ -43,6 +44,16 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
         return list(dict.fromkeys(names))
 
     return split
+
+
+def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[float]:
+    try:
+        factors = [float(part) for part in text.split(",")]
+    except ValueError:
+        factors = []
+    if not factors or not all(0.0 < factor < 100.0 for factor in factors):  # noqa: PLR2004 - far
+        raise click.BadParameter(f"{text!r} is not a list of factors above 0", ctx, param)
+    return factors
 
 
 @click.command(
@@ -94,6 +105,26 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     help="Robot files, separated by commas: every combination is run with each of them.  "
     "[default: the paper's robot]",
 )
+@click.option(
+    "--against",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Compare run by run with the results of compare in FOLDER, made by another version of the "
+    "code.",
+)
+@click.option(
+    "--constants",
+    callback=_listed(),
+    help="For sensitivity: names of tuned constants, or of their groups, separated by commas.  "
+    "[default: all]",
+)
+@click.option(
+    "--factors",
+    callback=_factors,
+    default="0.7,1.4",
+    show_default=True,
+    help="For sensitivity: factors of each constant.",
+)
 @click.option("--zimablue", is_flag=True, help="Add the online planners of the package zimablue.")
 @click.option(
     "--jobs",
@@ -134,6 +165,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     levels: list[str],
     seeds: int,
     robots: list[str] | None,
+    against: Path | None,
+    constants: list[str] | None,
+    factors: list[float],
     zimablue: bool,
     jobs: int | None,
     scheduler: str | None,
@@ -152,6 +186,12 @@ def command(  # noqa: PLR0913 - one parameter per option
     compare runs every combination of room, planner, noise level and seed. limits adds runs with a
     perfect pose and perfect ranges, and splits the lost coverage by cause.
 
+    With --against, compare also pairs each run with the same run in a folder of results of another
+    version of the code: first run compare with the one version, then with the other.
+
+    sensitivity runs recovery with each tuned constant multiplied by each of --factors, and compares
+    with the defaults run by run.
+
     Besides files and names of shipped rooms, --rooms takes generated:KIND:N and layout:NAME. With
     --robots, a table compares the robots.
 
@@ -163,16 +203,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.experiment import figures, output
     from tools.experiment.paper_trials import paper_trials
     from tools.experiment.runs import run_all
+    from tools.experiment.sensitivity import sensitivity_trials
     from tools.experiment.store import Store, code_version
     from tools.experiment.trials import generated_rooms, with_robots
+    from tools.experiment.versions import read_rows
 
     figures.check()
-    if scheduler is not None and jobs is not None:
-        raise click.UsageError("--jobs is for local processes: leave it out with --scheduler")
-    if zimablue and what != "compare":
-        raise click.UsageError("--zimablue needs compare")
-    if zimablue and robots:
-        raise click.UsageError("--zimablue has a robot of its own: leave out --robots")
+    _check_use(ctx, what, planners, zimablue=zimablue, robots=robots)
     if what == "paper":
         _reject_grid(ctx)
         trials = paper_trials(max_time_s)
@@ -182,9 +219,12 @@ def command(  # noqa: PLR0913 - one parameter per option
             raise click.UsageError("no room: give --rooms or --generated")
         trials = _trials(what, names, planners, levels, range(seeds), max_time_s, zimablue=zimablue)
         trials = with_robots(trials, robots) if robots else trials
+        if what == "sensitivity":
+            trials = sensitivity_trials(trials, _constants(constants), factors)
     for trial in {(trial.room, trial.robot): trial for trial in trials}.values():
         _ = trial.plan  # so that a wrong name is reported now, not after an hour
     _check_planners(trials)
+    before = None if against is None else read_rows(against)
     store = Store(out, code_version([trial.planner for trial in trials]), force=force)
     with leaving_at_once(
         f"interrupted before the report; completed runs are kept in {out}\n"
@@ -195,12 +235,61 @@ def command(  # noqa: PLR0913 - one parameter per option
         if outcome.interrupted and rows:
             inform("interrupted: writing the report on the completed runs")
         if rows or as_json:
-            made = output.write_results(out, _TITLES[what], _typed(what), rows)
+            made = output.write_results(out, _TITLES[what], _typed(what), rows, before)
             if as_json:
                 output.print_json(made, out, rows, outcome.failed)
             else:
                 output.print_tables(made, out)
     return _close(outcome, f"{len(rows)} of {len(trials)} runs done", out)
+
+
+def _check_use(
+    ctx: click.Context,
+    what: str,
+    planners: list[str] | None,
+    *,
+    zimablue: bool,
+    robots: list[str] | None,
+) -> None:
+    """Reject options that belong to another experiment.
+
+    Raises:
+        click.UsageError: one was given.
+
+    """
+    for name in ("against", "zimablue"):
+        if ctx.params[name] and what != "compare":
+            raise click.UsageError(f"--{name} needs compare")
+    for name in ("constants", "factors"):
+        given = ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if given and what != "sensitivity":
+            raise click.UsageError(f"--{name} needs sensitivity")
+    if ctx.params["scheduler"] is not None and ctx.params["jobs"] is not None:
+        raise click.UsageError("--jobs is for local processes: leave it out with --scheduler")
+    if zimablue and robots:
+        raise click.UsageError("--zimablue has a robot of its own: leave out --robots")
+    if what == "sensitivity" and planners is not None and list(planners) != [_DEFAULT]:
+        raise click.UsageError(f"sensitivity runs {_DEFAULT}: leave out --planners")
+
+
+def _constants(names: list[str] | None) -> list[str]:
+    """Return the constants of these names and groups.
+
+    Raises:
+        click.BadParameter: there is none of a name.
+
+    """
+    from bridge.spelling import unknown_key
+    from tools.experiment.settings import constants
+
+    known = list(constants())
+    found: list[str] = []
+    for name in names or ["planner", "motion", "follow", "drift"]:
+        mine = [each for each in known if each == name or each.startswith(f"{name}.")]
+        if not mine:
+            raise click.BadParameter(unknown_key("", name, known), param_hint="--constants")
+        found += mine
+    return list(dict.fromkeys(found))
 
 
 def _check_planners(trials: Sequence[Trial]) -> None:
@@ -235,7 +324,7 @@ def _reject_grid(ctx: click.Context) -> None:
     ]
     if given:
         raise click.UsageError(
-            f"{', '.join(given)}: only for compare and limits; paper has its own rooms, planners, "
+            f"{', '.join(given)}: not for paper, which has its own rooms, planners, "
             "noise levels and seeds"
         )
 
@@ -266,6 +355,8 @@ def _trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the grid
     from tools.experiment.trials import PERFECT, Kind, grid_trials
     from tools.experiment.zimablue_run import check, zimablue_trials
 
+    if what == "sensitivity":
+        return grid_trials(names, [_DEFAULT], levels, seeds, max_time_s)
     if what == "limits":
         mine = planners or [_DEFAULT]
         beside = dict.fromkeys([PERFECT, *levels])

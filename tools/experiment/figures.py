@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from tools.experiment.store import Row
+    from tools.experiment.versions import Pair
 
 _COLOURS = {"recovery": "#1f4e79", "paper": "#c0504d", "u-shape": "#6b9e46", "random": "#8a8f98"}
 _OTHER = "#444444"
@@ -73,6 +74,36 @@ def zimablue_curves(rows: Sequence[Row]) -> str:
     over_time.set_xlabel("time / own reference time")
     over_path.set_xlabel("path / own reference path")
     _finish(over_time, over_path)
+    return as_svg(figure)
+
+
+def versions_figure(pairs: Sequence[Pair]) -> str:
+    """Draw coverage and time ratio of each run against those of the same run before."""
+    figure = blank(9.6, 4.4)
+    for axes, name, scale, unit in zip(
+        figure.subplots(1, 2),
+        ("mouth_sweepable", "time_ratio"),
+        (100.0, 1.0),
+        ("mouth, % of sweepable", "time ratio"),
+        strict=True,
+    ):
+        for (planner,), rows in group([after for _, after in pairs], "planner").items():
+            mine = [(before, after) for before, after in pairs if any(after is r for r in rows)]
+            axes.plot(
+                [scale * before[name] for before, _ in mine],
+                [scale * after[name] for _, after in mine],
+                "o",
+                ms=3,
+                color=_COLOURS.get(planner, _OTHER),
+                label=planner,
+            )
+        both = [scale * row[name] for pair in pairs for row in pair]
+        ends = [min(both), max(both)]
+        axes.plot(ends, ends, color="#b9c2cc", lw=0.8, zorder=0)
+        axes.set_xlabel(f"{unit}, before")
+        axes.set_ylabel(f"{unit}, after")
+        axes.legend(frameon=False, fontsize=8)
+        tidy(axes)
     return as_svg(figure)
 
 

@@ -9,6 +9,7 @@ from bridge.coverage.runner import PlanRunner
 from bridge.record.sink import NullSink
 from bridge.run.ending import Ending
 from bridge.session.records import CommandRecord, TruthRecord
+from tools.experiment.settings import settings_of
 from tools.virtual.loop import HOST_BOOT_NS
 from tools.virtual.run import EPOCH_NS, run_virtual
 
@@ -102,6 +103,7 @@ def observe(  # noqa: PLR0913 - one parameter for each property of a run
 
     """
     eye, model = _Eye(), model or trial.model
+    settings = settings_of(trial.options)
     begun: list[VirtualRun] = []
     energy: list[tuple[float, float]] = []
     estimated: list[tuple[float, Pose2]] = []
@@ -133,8 +135,9 @@ def observe(  # noqa: PLR0913 - one parameter for each property of a run
         max_time_s=max_time_s,
         progress=sample,
         ended=ended,
-        runner=None if planner is None else PlanRunner(planner, model),
+        runner=None if planner is None else PlanRunner(planner, model, settings.motion),
         prepare=ready,
+        drift=settings.drift,
     )
     mission = run.host.mission
     first = mission.drive_started_s

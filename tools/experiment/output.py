@@ -13,6 +13,7 @@ from tools.experiment.limits import CAUSES
 from tools.experiment.store import write_csv
 from tools.experiment.tables import room_file
 from tools.experiment.trials import Kind, room_of
+from tools.experiment.versions import matched, version_of, versions_tables
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,8 +27,17 @@ _PLAIN_WIDTH = 220
 _NAMES = ("kind", "room", "planner", "noise", "seed", "robot")
 
 
-def write_results(out: Path, title: str, command: str, rows: Sequence[Row]) -> list[Table]:
-    """Write all files of the results and return the tables."""
+def write_results(
+    out: Path,
+    title: str,
+    command: str,
+    rows: Sequence[Row],
+    before: Sequence[Row] | None = None,
+) -> list[Table]:
+    """Write all files of the results and return the tables.
+
+    ``before``: results of another version of the code, which are compared run by run.
+    """
     write_csv(out / "runs.csv", rows)
     swept = [row for row in rows if "curve" in row]
     if swept:
@@ -50,8 +60,11 @@ def write_results(out: Path, title: str, command: str, rows: Sequence[Row]) -> l
         write_csv(out / "losses.csv", losses)
     _write_rooms(out / "rooms", rows)
     made = report.all_tables(rows, str(out / "rooms"))
+    pairs = matched(before or (), rows)
+    if before is not None:
+        made = [*versions_tables(pairs, version_of(before), version_of(rows)), *made]
     (out / "tables.md").write_text(report.markdown(made), encoding="utf-8")
-    page = report.render(title, command, rows, made)
+    page = report.render(title, command, rows, made, pairs)
     (out / "report.html").write_text(page, encoding="utf-8")
     return made
 

@@ -10,6 +10,7 @@ from bridge.view.report.page import Tile, document, gallery, section, table
 from tools.cli.planners import DEFAULT_PLANNER
 from tools.experiment import compare_tables, figures, layout_tables, paper_tables, tables
 from tools.experiment.paired import paired_table
+from tools.experiment.sensitivity import sensitivity_table
 from tools.experiment.trials import Kind
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from tools.experiment.store import Row
     from tools.experiment.tables import Table
+    from tools.experiment.versions import Pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +41,7 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
     """Return every table for which there are rows."""
     results = Results(rows)
     runs, cycles, limits = results.of(Kind.RUN), results.of(Kind.CYCLES), results.of(Kind.LIMITS)
-    made = []
-    if any(row["room"] in paper_tables.PAPER_SHARES and row["planner"] == "paper" for row in runs):
-        made.append(paper_tables.paper_table(runs))
-    if results.of(Kind.BESIDE):
-        made.append(paper_tables.beside_table(rows))
-    if results.of(Kind.LAYOUT):
-        made.append(layout_tables.layout_table(rows))
-    if results.of(Kind.RANGES):
-        made.append(layout_tables.range_table(rows))
+    made = _paper_tables(results)
     if cycles:
         made.append(paper_tables.cycle_table(cycles))
     if limits:
@@ -62,6 +56,8 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
             paired_table(swept, curve, DEFAULT_PLANNER) for curve in ("coverage", "by_energy")
         ]
         made += [table for table in (tables.robot_table(ours), *paired) if table.rows]
+    if results.of(Kind.SENSITIVITY):
+        made.append(sensitivity_table(results.of(Kind.RUN, Kind.SENSITIVITY)))
     if compare_tables.shared(rows) and results.of(Kind.ZIMABLUE):
         made += [compare_tables.zimablue_table(rows, curve) for curve in ("coverage", "by_path")]
     if ours:
@@ -71,8 +67,31 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
     return made
 
 
-def render(title: str, command: str, rows: Sequence[Row], tables_made: Sequence[Table]) -> str:
-    """Return the HTML page with the tables and the figures of the rows."""
+def _paper_tables(results: Results) -> list[Table]:
+    """Return the tables of the paper's experiments."""
+    rows, runs, made = results.rows, results.of(Kind.RUN), []
+    if any(row["room"] in paper_tables.PAPER_SHARES and row["planner"] == "paper" for row in runs):
+        made.append(paper_tables.paper_table(runs))
+    if results.of(Kind.BESIDE):
+        made.append(paper_tables.beside_table(rows))
+    if results.of(Kind.LAYOUT):
+        made.append(layout_tables.layout_table(rows))
+    if results.of(Kind.RANGES):
+        made.append(layout_tables.range_table(rows))
+    return made
+
+
+def render(
+    title: str,
+    command: str,
+    rows: Sequence[Row],
+    tables_made: Sequence[Table],
+    pairs: Sequence[Pair] = (),
+) -> str:
+    """Return the HTML page with the tables and the figures of the rows.
+
+    ``pairs``: the runs with the same runs of another version.
+    """
     facts = [
         ("runs", len(rows)),
         ("rooms", len({row["room"] for row in rows})),
@@ -80,6 +99,9 @@ def render(title: str, command: str, rows: Sequence[Row], tables_made: Sequence[
         ("seeds", len({row["seed"] for row in rows})),
     ]
     parts = [section(heading, svg, note) for heading, svg, note in _figures(rows)]
+    if pairs:
+        note = "Each dot is a pair of runs; above the line the new version is higher."
+        parts.insert(0, section("Run by run", figures.versions_figure(pairs), note))
     parts += [table(made.title, made.head, made.rows, note=made.note) for made in tables_made]
     firsts = [
         runs[0]

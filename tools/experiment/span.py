@@ -8,9 +8,11 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
+from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.coverage.registry import make_planner
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.observed import observe
+from tools.experiment.settings import settings_of
 from tools.experiment.trials import HOUR_S, OPEN_FLOOR, Trial, room_of
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ def planner_of(trial: Trial, model: RobotModel) -> Planner:
         UnknownPlannerError: no planner has this name.
 
     """
+    if trial.options:
+        return RecoveryPlanner(model, settings_of(trial.options).planner)
     rng = random.Random(trial.seed)
     planner = make_planner(trial.planner, model, rng)
     if isinstance(planner, RandomPlanner):

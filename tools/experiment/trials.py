@@ -57,6 +57,8 @@ class Kind(StrEnum):
     """A run of another planner in the paper's comprehensive room (section 5.3)."""
     LAYOUT = "layout"
     """A run in a layout in which the paper's algorithm fails, some with another reading of it."""
+    SENSITIVITY = "sensitivity"
+    """A run with another value of a tuned constant."""
     RANGES = "ranges"
     """A run of the paper's algorithm with 1 cm of range noise."""
 
@@ -82,6 +84,8 @@ class Trial:
     """Robot file; empty: the default robot."""
     robot_hash: str = ""
     """Hash of that file's content, so that results of another content are not reused."""
+    options: str = ""
+    """Tuned constants with other values, ``NAME=VALUE`` each, separated by commas."""
 
     @property
     def key(self) -> str:
@@ -92,6 +96,7 @@ class Trial:
     def label(self) -> str:
         """Short text for messages."""
         what = f"{self.room} {self.planner} {self.noise} seed {self.seed}"
+        what = f"{what} {self.options}" if self.options else what
         return f"{what} robot {robot_label(self.robot)}" if self.robot else what
 
     @property

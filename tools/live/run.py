@@ -210,7 +210,7 @@ def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
         link_of(asked.port),
         asked.key,
         asked.adapter_delay_ns,
-        asked.plan,
+        plan=asked.plan,
     )
     host = build_run(
         asked.model,

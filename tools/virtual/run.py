@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.motion.estimation.drift_model import DriftModel
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
@@ -93,6 +94,7 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
     link: type[LinkBase] = Link,
     crash_ends: bool = False,
     device: Sweeper[Any] | None = None,
+    drift: DriftModel | None = None,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
@@ -118,6 +120,7 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
             live run; else it is raised.
         device: the virtual sweeper, made with the same room, robot, seed, noise and link; None: one
             with the firmware's model in Python.
+        drift: noise model of the filter; None: the default.
 
     Raises:
         FaultSpecError: the device does not support a fault.
@@ -134,7 +137,9 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
     host = build_run(
         model,
         sink,
-        HostOptions(EPOCH_NS - HOST_BOOT_NS, planner or "", plan.start, None, link, plan=plan),
+        HostOptions(
+            EPOCH_NS - HOST_BOOT_NS, planner or "", plan.start, None, link, drift=drift, plan=plan
+        ),
         lambda: next(ids),
         runner=runner,
         onboard=onboard,

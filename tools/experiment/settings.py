@@ -1,0 +1,81 @@
+"""The tuned constants of planner, controllers and filter, and runs with other values of them.
+
+Every field of the config dataclasses that is a number is a constant. Its name is that of its group
+and field, such as ``planner.min_rate``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.motion.control.tuning import MotionTuning
+from bridge.motion.estimation.drift_model import DriftModel
+
+if TYPE_CHECKING:
+    from bridge.motion.control.wall_follow import FollowTuning
+
+
+class Settings(NamedTuple):
+    """The config of one run."""
+
+    planner: RecoveryOptions = RecoveryOptions()
+    motion: MotionTuning = MotionTuning()
+    drift: DriftModel = DriftModel()
+
+
+def constants() -> dict[str, float]:
+    """Return every constant with its default."""
+    found: dict[str, float] = {}
+    for group, values in _groups(Settings()).items():
+        for field in dataclasses.fields(values):
+            value = getattr(values, field.name)
+            if isinstance(value, int | float) and not isinstance(value, bool) and value:
+                found[f"{group}.{field.name}"] = value
+    return found
+
+
+def _groups(settings: Settings) -> dict[str, Any]:
+    return {
+        "planner": settings.planner,
+        "motion": settings.motion,
+        "follow": settings.motion.follow,
+        "drift": settings.drift,
+    }
+
+
+def scaled(name: str, factor: float) -> float:
+    """Return another value of a constant; one that counts something stays whole."""
+    value = constants()[name]
+    if not isinstance(value, int):
+        return value * factor
+    changed = round(value * factor)
+    if changed == value:
+        changed += 1 if factor > 1.0 else -1
+    return max(changed, 0)
+
+
+def settings_of(options: str) -> Settings:
+    """Return the settings that a trial's text names, ``NAME=VALUE`` and so on; empty: defaults."""
+    settings = Settings()
+    for part in filter(None, options.split(",")):
+        name, _, text = part.partition("=")
+        group, _, field = name.partition(".")
+        kind = type(constants()[name])
+        change: dict[str, Any] = {field: kind(float(text))}
+        match group:
+            case "planner":
+                settings = settings._replace(
+                    planner=dataclasses.replace(settings.planner, **change)
+                )
+            case "drift":
+                settings = settings._replace(drift=dataclasses.replace(settings.drift, **change))
+            case "motion":
+                settings = settings._replace(motion=dataclasses.replace(settings.motion, **change))
+            case _:
+                follow: FollowTuning = dataclasses.replace(settings.motion.follow, **change)
+                settings = settings._replace(
+                    motion=dataclasses.replace(settings.motion, follow=follow)
+                )
+    return settings
