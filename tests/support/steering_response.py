@@ -10,14 +10,13 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bridge.motion.control.executor import FOLLOW_TUNING
 from bridge.motion.control.point_to_point import (
     BEARING_GAINS,
     DISTANCE_GAINS,
     PointToPointController,
 )
 from bridge.motion.control.smoothing import VelocitySmoother
-from bridge.motion.control.tuning import MotionTuning
+from bridge.motion.control.tuning import FOLLOW_TUNING, MotionTuning
 from bridge.motion.control.wall_follow import Side, WallFollower
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.observation import Observation

@@ -16,26 +16,6 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
 
-_CHECK_M = 0.05
-"""Path between two checks whether a perimeter pass is closed, m."""
-_MOSTLY = 0.8
-"""Unswept share of the floor before a wall beside the lane above which the lane ends."""
-CLOSED_M = 0.25
-"""Path before a perimeter pass can be closed, m: it may begin on floor that a lane has swept."""
-_STRAIGHT_RAD_S = 0.3
-"""Yaw rate below which wall following is straight, rad/s."""
-_STEADY_RAD_S = 0.1
-"""Yaw rate below which the heading counts for the walls' main direction, rad/s."""
-_STEADY_M_S = 0.05
-"""Speed above which it counts, m/s."""
-_ON_LANE_M_S = 0.1
-"""Speed from which the robot is on its lane, m/s."""
-_BRAKE_SHARE = 0.75
-"""Share of the acceleration limit that planned braking uses, as the controllers do."""
-_LATENCY_S = 0.10
-"""Time from a command to the wheels, s."""
-_BRISK_M_S = 0.15
-"""Minimum speed that only straight driving reaches, m/s; it is above that of any corner."""
 _JUMP_M = 0.008
 """Motion of the estimate beyond the driven path that is a pose correction, m: a control step drives
 6 mm at top speed."""
@@ -62,7 +42,7 @@ class WallFollowing:
         """Path of this pass, m."""
         self.checked_m = 0.0
         """Path at the last check, m."""
-        self.min_m = CLOSED_M
+        self.min_m = 0.0
         """Path before the pass can be closed, m."""
         self.stale = 0
         """Checks in a row that found the floor ahead swept."""
@@ -98,7 +78,7 @@ class Lookout:
         self._model, self._options = model, options
         self._geometry = evidence.geometry
         self._map, self._record, self._segments = evidence, record, segments
-        self._brake = Braking(_BRAKE_SHARE * model.max_accel_m_s2, _LATENCY_S)
+        self._brake = Braking(options.brake_share * model.max_accel_m_s2, options.latency_s)
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf
@@ -123,7 +103,7 @@ class Lookout:
         self._see_cliff(obs)
         self._map.update(obs)
         wall = self.wall
-        straight = abs(obs.yaw_rate_rad_s) < _STRAIGHT_RAD_S
+        straight = abs(obs.yaw_rate_rad_s) < self._options.straight_rad_s
         self.speed_limit_m_s = self._map.pace(obs.pose, wall.side, self._brake, straight=straight)
         if wall.side and not straight:
             self.speed_limit_m_s = min(self.speed_limit_m_s, self._model.cruise_speed_m_s)
@@ -155,7 +135,7 @@ class Lookout:
     def _follow(self, obs: Observation) -> bool:
         """Take an observation of a perimeter pass; true: the pass is closed."""
         wall = self.wall
-        if obs.v_m_s > _BRISK_M_S:
+        if obs.v_m_s > self._options.brisk_m_s:
             wall.brisk_s = obs.time_s
         last, wall.last_pose = wall.last_pose, obs.pose
         rounds_corner = abs(obs.yaw_rate_rad_s) >= self._geometry.round_rad_s
@@ -164,10 +144,13 @@ class Lookout:
             return False
         step_m = last.distance_m(obs.pose)
         wall.distance_m += step_m
-        if abs(obs.yaw_rate_rad_s) < _STEADY_RAD_S and obs.v_m_s > _STEADY_M_S:
+        if (
+            abs(obs.yaw_rate_rad_s) < self._options.steady_rad_s
+            and obs.v_m_s > self._options.steady_m_s
+        ):
             angle = 4.0 * obs.pose.theta_rad
             self._direction += step_m * complex(math.cos(angle), math.sin(angle))
-        if wall.distance_m - wall.checked_m < _CHECK_M:
+        if wall.distance_m - wall.checked_m < self._options.check_m:
             return False
         wall.checked_m = wall.distance_m
         if self.fresh_along(obs.pose, wall.side) < self._options.fresh_share:
@@ -214,7 +197,10 @@ class Lookout:
 
     def _sees_wall_beside(self, obs: Observation) -> bool:
         """Return whether a wall with an unswept perimeter appears beside the lane."""
-        if abs(obs.yaw_rate_rad_s) > _STEADY_RAD_S or obs.v_m_s < _ON_LANE_M_S:
+        if (
+            abs(obs.yaw_rate_rad_s) > self._options.steady_rad_s
+            or obs.v_m_s < self._options.on_lane_m_s
+        ):
             return False
         for side, mount, range_m in (
             (1, self._model.infrared_left, obs.infrared_left_m),
@@ -228,7 +214,7 @@ class Lookout:
             low, high = (max(gap_m, 0.0) + edge_m for edge_m in self._geometry.beside_lane_m)
             ahead = (0.0, mount.x_m + _MOUNT_AHEAD_M)
             band = (low, high) if side > 0 else (-high, -low)
-            if self._map.fresh(obs.pose, ahead, band) > _MOSTLY:
+            if self._map.fresh(obs.pose, ahead, band) > self._options.beside_unswept:
                 self.beside = side
                 return True
         return False

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -84,6 +85,83 @@ class RecoveryOptions:
     """Minimum time between two heading fixes, s; it doubles after each fix without effect."""
     max_decisions: int = 4000
     """Decisions after which a plan ends."""
+
+    # -- lanes and contact -----------------------------------------------------------------------
+    obstacle_unswept: float = 0.4
+    """Unswept share of the floor before an obstacle from which the obstacle's perimeter is
+    followed."""
+    back_off_m_s: float = 0.05
+    """Speed of backing off, m/s."""
+    max_backs: int = 5
+    """Maximum number of times that the robot backs off from a cliff before it continues."""
+    cliff_clear_m: float = 0.05
+    """Further path back once there is floor ahead, m, so that no wheel turns over the cliff:
+    between two sensors a cliff may be as near as the outer ones look ahead, 9 cm."""
+
+    # -- perimeter pass --------------------------------------------------------------------------
+    perimeter_stuck_m: float = 0.02
+    """Path along a wall below which an attempt counts as stuck, m."""
+    perimeter_max_stuck: int = 8
+    """Stuck attempts in a row after which the pass ends."""
+    min_away_rad: float = math.radians(12.0)
+    """Minimum turn away from a contact, rad. The robot may mistake the followed wall for the
+    contact once. A repeat within ``same_bump_m`` makes the turn grow with each contact."""
+    same_bump_m: float = 0.06
+    """Path between two contacts that are at one place, m."""
+    brisk_stop_s: float = 0.5
+    """Time from a brisk speed to standstill, s: a robot that was faster was not rounding a corner,
+    so it did not graze that corner."""
+    min_turn_rad: float = math.radians(2.0)
+    """Turn below which the next leg steers instead, rad."""
+    fresher: float = 0.1
+    """Difference of the unswept shares that decides for the left side."""
+
+    # -- transit ---------------------------------------------------------------------------------
+    bend_rad: float = math.radians(15.0)
+    """Bend of a path below which the robot steers instead of turning in place, rad."""
+    slight_rad: float = math.radians(10.0)
+    """Maximum planned bend that stays below ``bend_rad`` from the actual place, rad."""
+    bend_m_s: float = 0.12
+    """Speed through a slight bend, m/s."""
+    corner_m_s: float = 0.05
+    """Speed into a turn in place, m/s; the turn takes the rest out."""
+    blocked_m: float = 0.03
+    """Missing length from which a piece of a path was blocked, m."""
+    passage_m: float = 0.4
+    """Minimum path along an obstacle that blocked the robot twice, for the paper's robot, m: round
+    the edge of a door and through."""
+
+    # -- heading fix -----------------------------------------------------------------------------
+    fix_uncertain_rad: float = math.radians(0.8)
+    """Heading standard deviation that makes a fix due, rad: 2 m of a lane end 3 cm aside."""
+    fix_helped: float = 0.75
+    """Remaining share of the standard deviation at which a run along a wall helped."""
+    fix_enough_rad: float = math.radians(0.6)
+    """Heading standard deviation after the transit that makes the run needless, rad."""
+    fix_run_m_s: float = 0.15
+    """Speed along the wall, m/s: slow, for more readings."""
+
+    # -- each observation ------------------------------------------------------------------------
+    check_m: float = 0.05
+    """Path between two checks whether a perimeter pass is closed, m."""
+    beside_unswept: float = 0.8
+    """Unswept share of the floor before a wall beside the lane above which the lane ends."""
+    straight_rad_s: float = 0.3
+    """Yaw rate below which wall following is straight, rad/s."""
+    steady_rad_s: float = 0.1
+    """Yaw rate below which the heading counts for the walls' main direction, rad/s."""
+    steady_m_s: float = 0.05
+    """Speed above which the heading counts for that direction, m/s."""
+    on_lane_m_s: float = 0.1
+    """Speed from which the robot is on its lane, m/s."""
+    brake_share: float = 0.75
+    """Share of the acceleration limit that planned braking uses, as the controllers do."""
+    latency_s: float = 0.10
+    """Time from a command to the wheels, s."""
+    brisk_m_s: float = 0.15
+    """Minimum speed that only straight driving reaches, m/s; it is above that of any corner."""
+    closed_after_m: float = 0.25
+    """Path before a perimeter pass can be closed, m: it may begin on swept floor of a lane."""
 
     # -- stuck policy; lengths are those of the paper's robot and grow with the robot ------------
     max_fruitless: int = 20

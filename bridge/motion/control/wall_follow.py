@@ -216,8 +216,8 @@ class WallFollower:
             self._state = FollowState.LOST
             return FollowStep(HALT, self._state, None, 0.0)
         self._state = FollowState.FOLLOWING
-        least_m = self._radius_m + self._tune.corner_gap_m
-        bend_m = max(2.8 * self._radius_m - self._felt_m, least_m)
+        min_bend_m = self._radius_m + self._tune.corner_gap_m
+        bend_m = max(2.8 * self._radius_m - self._felt_m, min_bend_m)
         speed = min(speed, self._brake.speed(room))
         command = VelocityCommand(speed, self._side * min(speed / bend_m, self._max_rate))
         return FollowStep(command, self._state, None, 0.0)

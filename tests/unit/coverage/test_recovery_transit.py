@@ -6,9 +6,12 @@ import math
 
 import pytest
 
-from bridge.coverage.recovery.behaviours.transit import BEND_RAD, course, end_speed
+from bridge.coverage.recovery.behaviours.transit import course, end_speed
+from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Choice
 from bridge.motion.geometry import Pose2
+
+OPTIONS = RecoveryOptions()
 
 
 def choice(kind: str, heading_deg: float, *path: tuple[float, float]) -> Choice:
@@ -28,18 +31,18 @@ def test_only_a_slight_bend_is_driven_without_a_stop(bend_deg: float, *, fast: b
     bend = math.radians(bend_deg)
     corner = (1.0, 0.0)
     onwards = (1.0 + math.cos(bend), math.sin(bend))
-    inner = end_speed(choice("lane", 90.0, corner, onwards), 0, 0.0)
-    last = end_speed(choice("lane", bend_deg, corner), 0, 0.0)
+    inner = end_speed(OPTIONS, choice("lane", 90.0, corner, onwards), 0, 0.0)
+    last = end_speed(OPTIONS, choice("lane", bend_deg, corner), 0, 0.0)
     assert inner == last
     assert (inner > 0.1) is fast
     # a planned slight bend is below the bend that needs a turn in place, with a margin
-    assert abs(bend) < BEND_RAD - math.radians(3.0) or not fast
+    assert abs(bend) < OPTIONS.bend_rad - math.radians(3.0) or not fast
 
 
 def test_it_is_slow_before_a_perimeter_pass_for_any_wall_direction() -> None:
     for heading_deg in (0.0, 180.0):
-        assert end_speed(choice("perimeter", heading_deg, (1.0, 0.0)), 0, 0.0) < 0.06
+        assert end_speed(OPTIONS, choice("perimeter", heading_deg, (1.0, 0.0)), 0, 0.0) < 0.06
 
 
 def test_a_bend_across_the_seam_is_slight_too() -> None:
-    assert end_speed(choice("lane", -176.0, (-1.0, 0.0)), 0, math.radians(176.0)) > 0.1
+    assert end_speed(OPTIONS, choice("lane", -176.0, (-1.0, 0.0)), 0, math.radians(176.0)) > 0.1

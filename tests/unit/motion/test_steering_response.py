@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.motion.control.executor import FOLLOW_TUNING, LegExecutor
+from bridge.motion.control.executor import LegExecutor
 from bridge.motion.control.pid import PidGains
 from bridge.motion.control.point_to_point import BEARING_GAINS
 from bridge.motion.control.rotary import ROTARY_GAINS
+from bridge.motion.control.tuning import FOLLOW_TUNING
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, GoTo, Leg
 from bridge.motion.robot_model import RobotModel

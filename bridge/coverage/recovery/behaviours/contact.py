@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.legs import Drive
 
-_UNSWEPT = 0.4
-"""Unswept share of the floor before an obstacle from which the obstacle's perimeter is followed."""
 
 Part = Generator[Leg, Step, LegResult]
 
@@ -59,7 +57,10 @@ def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Le
     left = bearing > 0.0
     towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
     ahead_m, beside_m = context.geometry.contact_ahead_m, context.geometry.contact_beside_m
-    if context.map.fresh(towards, ahead_m, (-beside_m, beside_m)) < _UNSWEPT:
+    if (
+        context.map.fresh(towards, ahead_m, (-beside_m, beside_m))
+        < context.options.obstacle_unswept
+    ):
         return False
     away = bearing + (-QUARTER if left else QUARTER)
     yield from turn(context, pose.theta_rad + away)

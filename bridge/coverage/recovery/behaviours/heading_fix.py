@@ -21,14 +21,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.window import Point
     from bridge.motion.legs import Leg
 
-_UNCERTAIN_RAD = math.radians(0.8)
-"""Heading standard deviation that makes a fix due, rad: 2 m of a lane end 3 cm aside."""
-_HELPED = 0.75
-"""Remaining share of the standard deviation at which a run along a wall helped."""
-_ENOUGH_RAD = math.radians(0.6)
-"""Heading standard deviation after the transit that makes the run needless, rad."""
-_RUN_M_S = 0.15
-"""Speed along the wall, m/s: slow, for more readings."""
 _READ_S = 0.15
 """Rest after the run, s, in which the last reading arrives."""
 
@@ -47,7 +39,11 @@ class HeadingFix:
         """Fix the heading if it is uncertain and a known wall is near; whether it was tried."""
         obs, starts = context.obs, context.wall_segments.starts()
         apart_s = context.options.heading_fix_apart_s
-        if not starts or obs.heading_sigma_rad < _UNCERTAIN_RAD or obs.time_s < self.due_s:
+        if (
+            not starts
+            or obs.heading_sigma_rad < context.options.fix_uncertain_rad
+            or obs.time_s < self.due_s
+        ):
             return False
         points = [(start.x_m, start.y_m) for start in starts]
         found = yield from context.in_slices(context.chooser.path_to(context.map, obs.pose, points))
@@ -65,10 +61,12 @@ class HeadingFix:
         )
         begun_rad = yield from self.drive_along(context, start, path)
         left_rad = context.obs.heading_sigma_rad
-        helped = left_rad < _HELPED * obs.heading_sigma_rad
+        helped = left_rad < context.options.fix_helped * obs.heading_sigma_rad
         self._failed = 0 if helped else self._failed + 1
         if begun_rad is not None:  # a blocked transit does not count against the wall
-            useful = left_rad < max(_HELPED * begun_rad, _ENOUGH_RAD)
+            useful = left_rad < max(
+                context.options.fix_helped * begun_rad, context.options.fix_enough_rad
+            )
             context.wall_segments.tried(start, helped=useful)
         self.due_s = context.obs.time_s + apart_s * 2**self._failed
         return True
@@ -86,14 +84,14 @@ class HeadingFix:
         choice = Choice("heading-fix", path, start.heading_rad, HEADING_RUN_M)
         arrived = yield from transit(context, choice)
         begun_rad = context.obs.heading_sigma_rad
-        if not arrived or begun_rad < _ENOUGH_RAD:
+        if not arrived or begun_rad < context.options.fix_enough_rad:
             return None
         yield from turn(context, start.heading_rad)
         context.enter("heading-fix", path[-1])
         leg = Drive(
             start.heading_rad,
             HEADING_RUN_M,
-            speed_m_s=_RUN_M_S,
+            speed_m_s=context.options.fix_run_m_s,
             stop_range_m=context.geometry.stop_range_m,
             wary=True,
             purpose="heading-fix",

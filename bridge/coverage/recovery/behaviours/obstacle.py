@@ -17,13 +17,6 @@ if TYPE_CHECKING:
 
 _RIM_M = 0.01
 """Distance beyond the rim at which an obstacle in the ultrasonic's range is mapped, m."""
-_BACK_M_S = 0.05
-"""Speed of backing off, m/s."""
-_MAX_BACKS = 5
-"""Maximum number of times that the robot backs off from a cliff before it continues."""
-_CLEAR_M = 0.05
-"""Further path back once there is floor ahead, m, so that no wheel turns over the cliff: between
-two sensors a cliff may be as near as the outer ones look ahead, 9 cm."""
 
 
 def react(
@@ -51,15 +44,17 @@ def react(
         )
         context.record.emit(events.obstacle_met(result))
         back_m = context.options.back_off_m
-        yield Drive(heading_rad, -back_m, speed_m_s=_BACK_M_S, purpose="back-off")
+        yield Drive(
+            heading_rad, -back_m, speed_m_s=context.options.back_off_m_s, purpose="back-off"
+        )
 
 
 def _leave_cliff(context: RecoveryContext, heading_rad: float) -> Generator[Leg, Step]:
     """Back off until there is floor ahead, and a little farther."""
     back_m = context.options.cliff_back_off_m
-    back = Drive(heading_rad, -back_m, speed_m_s=_BACK_M_S, purpose="back-off")
-    for _ in range(_MAX_BACKS):
+    back = Drive(heading_rad, -back_m, speed_m_s=context.options.back_off_m_s, purpose="back-off")
+    for _ in range(context.options.max_backs):
         yield back
         if not context.obs.cliff:
-            yield replace(back, distance_m=-_CLEAR_M)
+            yield replace(back, distance_m=-context.options.cliff_clear_m)
             return

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.recovery import events
 from bridge.coverage.recovery.behaviours.contact import drive, follow_obstacle
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
-from bridge.coverage.recovery.behaviours.transit import BEND_RAD, transit
+from bridge.coverage.recovery.behaviours.transit import transit
 from bridge.coverage.recovery.occlusions import MIN_M
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, StopReason
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.context import RecoveryContext
     from bridge.coverage.recovery.search import Choice
     from bridge.motion.legs import Leg, LegResult
-
-_FRESHER = 0.1
-"""Difference of the unswept shares that decides for the left side."""
 
 
 def approach_wall(context: RecoveryContext) -> Generator[Leg, Step]:
@@ -45,7 +42,7 @@ def sweep_lane(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step,
     """Drive to a lane and sweep it; whether the robot reached its beginning."""
     if not (yield from transit(context, choice)):
         return False
-    yield from turn(context, choice.heading_rad, BEND_RAD)
+    yield from turn(context, choice.heading_rad, context.options.bend_rad)
     context.enter("lane", choice.path[-1])
     leg = Drive(
         choice.heading_rad,
@@ -69,7 +66,7 @@ def sweep_perimeter(context: RecoveryContext, choice: Choice) -> Generator[Leg, 
     fresh = context.lookout.fresh_along
     ahead_left = fresh(Pose2(pose.x_m, pose.y_m, wall_rad + QUARTER), -1)
     ahead_right = fresh(Pose2(pose.x_m, pose.y_m, wall_rad - QUARTER), 1)
-    left = ahead_right > ahead_left + _FRESHER
+    left = ahead_right > ahead_left + context.options.fresher
     yield from turn(context, wall_rad - QUARTER if left else wall_rad + QUARTER)
     yield from follow_perimeter(context, left=left, touching=True)
     return True

@@ -15,26 +15,14 @@ if TYPE_CHECKING:
 
     from bridge.coverage.planner import Step
     from bridge.coverage.recovery.context import RecoveryContext
+    from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.search import Choice
     from bridge.motion.geometry import Pose2
     from bridge.motion.legs import Leg, LegResult
 
-BEND_RAD = math.radians(15.0)
-"""Bend of a path below which the robot steers instead of turning in place, rad."""
-_SLIGHT_RAD = math.radians(10.0)
-"""Maximum planned bend that stays below ``BEND_RAD`` from the actual place, rad."""
-_BEND_M_S = 0.12
-"""Speed through a slight bend, m/s."""
-_CORNER_M_S = 0.05
-"""Speed into a turn in place, m/s; the turn takes the rest out."""
 _NO_LEG_M = 0.01
 """Piece of a path that is too short to drive, m."""
-_BLOCKED_M = 0.03
-"""Missing length from which a piece of a path was blocked, m."""
 _CONTACT = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
-_PASSAGE_M = 0.4
-"""Minimum path along an obstacle that blocked the robot twice, for the paper's robot, m: round the
-edge of a door and through."""
 
 
 def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
@@ -43,7 +31,7 @@ def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
     return math.atan2(dy, dx), math.hypot(dx, dy)
 
 
-def end_speed(choice: Choice, k: int, heading_rad: float) -> float:
+def end_speed(options: RecoveryOptions, choice: Choice, k: int, heading_rad: float) -> float:
     """Return the speed (m/s) at the end of the ``k``-th piece of a choice's path."""
     if k + 1 < len(choice.path):
         (x, y), (x1, y1) = choice.path[k : k + 2]
@@ -51,8 +39,8 @@ def end_speed(choice: Choice, k: int, heading_rad: float) -> float:
     elif choice.kind == "lane":
         bend = choice.heading_rad - heading_rad
     else:  # the direction along the wall is decided there
-        return _CORNER_M_S
-    return _BEND_M_S if abs(wrap_angle(bend)) < _SLIGHT_RAD else _CORNER_M_S
+        return options.corner_m_s
+    return options.bend_m_s if abs(wrap_angle(bend)) < options.slight_rad else options.corner_m_s
 
 
 def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
@@ -68,7 +56,7 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
         heading, distance = course(context.pose, x, y)
         if distance < _NO_LEG_M:
             continue
-        yield from turn(context, heading, BEND_RAD)
+        yield from turn(context, heading, context.options.bend_rad)
         heading, distance = course(context.pose, x, y)  # it may have rolled on as it turned
         if distance < _NO_LEG_M:
             continue
@@ -77,12 +65,12 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
             distance,
             speed_m_s=context.geometry.lane_speed_m_s,
             stop_range_m=context.geometry.stop_range_m,
-            end_m_s=end_speed(choice, k, heading),
+            end_m_s=end_speed(context.options, choice, k, heading),
             wary=True,
             purpose="transit",
         )
         result = yield from drive(context, leg)
-        if result.reason.blocked and distance - result.distance_m > _BLOCKED_M:
+        if result.reason.blocked and distance - result.distance_m > context.options.blocked_m:
             reason = f"the path to the {choice.kind} ended early: {result.reason}"
             context.record.decide("blocked", reason)
             if choice.kind == "heading-fix":
@@ -107,5 +95,5 @@ def _seek_passage(
     away = context.map.bearing_rad(result) + (-QUARTER if left else QUARTER)
     yield from turn(context, result.pose.theta_rad + away)
     yield from follow_perimeter(
-        context, left=left, touching=True, min_m=_PASSAGE_M * context.geometry.scale
+        context, left=left, touching=True, min_m=context.options.passage_m * context.geometry.scale
     )
