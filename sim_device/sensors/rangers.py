@@ -40,7 +40,8 @@ class Rangers:
         self._right = Infrared(model.infrared_right, noise, light, self.reflectances)
         self._beams = np.array([beam(model.infrared_left), beam(model.infrared_right)])
         self._hits = np.empty((2, 3))
-        self._fitted = [mount.fitted for mount in model.rangers.values()]
+        self._has_ultrasonic = model.ultrasonic.fitted
+        self._has_left, self._has_right = model.infrared_left.fitted, model.infrared_right.fitted
 
     def read(self, tick_ms: int, pose: Pose2, world: World) -> Ranges:
         """Return the range from each sensor's face at this tick, m.
@@ -52,14 +53,11 @@ class Rangers:
         hits = self._hits
         world.cast_beams(pose, self._beams, hits)
         left, right = hits.tolist()
-        ranges = Ranges(
-            ultrasonic_m,
-            self._left.reading(left[HIT_RANGE], int(left[HIT_EDGE])),
-            self._right.reading(right[HIT_RANGE], int(right[HIT_EDGE])),
-            1000 * (tick_ms - self.ultrasonic.reported_ms),
-        )
-        if all(self._fitted):
-            return ranges
         return Ranges(
-            *(r if fitted else None for r, fitted in zip(ranges, self._fitted, strict=True))
+            ultrasonic_m if self._has_ultrasonic else None,
+            self._left.reading(left[HIT_RANGE], int(left[HIT_EDGE])) if self._has_left else None,
+            self._right.reading(right[HIT_RANGE], int(right[HIT_EDGE]))
+            if self._has_right
+            else None,
+            1000 * (tick_ms - self.ultrasonic.reported_ms),
         )
