@@ -11,6 +11,8 @@ import numpy as np
 from protocol.can.frames import RECORD
 from sim_device.faults.damage import Damage, Delay
 from sim_device.faults.injector import FaultInjector
+from sim_device.line.can_controller import CanController
+from sim_device.line.device_end import DeviceEnd
 from sim_device.line.line import (
     FIFO_BYTES,
     STRAIGHT,
@@ -85,7 +87,11 @@ class Rig:
         up, down, up_delay, down_delay = np.random.default_rng((_SEED, seed)).spawn(4)
         self._damage_up, self._damage_down = Damage(up), Damage(down)
         self._delay_up, self._delay_down = Delay(up_delay), Delay(down_delay)
-        self._up, self._down = _channels(settings, self._damage_up, self._damage_down)
+        self._controller = CanController() if settings.bitrate else None
+        self._up, self._down = _channels(
+            settings, self._damage_up, self._damage_down, self._controller
+        )
+        device.attach_line(DeviceEnd(self._up, self._controller))
         self._counts = LineCounts()
         self._held = b""
         self._offer_us = 0
@@ -211,6 +217,12 @@ class Rig:
         self._damage_down.turn(knobs.down)
         self._delay_up.turn(knobs.up)
         self._delay_down.turn(knobs.down)
+        controller = self._controller
+        if controller is not None and knobs.bus_off is not controller.is_off:
+            if knobs.bus_off:
+                controller.leave()
+            else:
+                controller.come_back()
         if knobs.unplugged:
             self._counts.unplugged += len(self._held)
             self._held = b""
@@ -219,13 +231,15 @@ class Rig:
             self._delay_up.clear()
 
 
-def _channels(settings: LineSettings, up: Damage, down: Damage) -> tuple[Channel, Channel]:
+def _channels(
+    settings: LineSettings, up: Damage, down: Damage, controller: CanController | None
+) -> tuple[Channel, Channel]:
     """Return the channels from device to host, and from host to device."""
     if settings.bitrate:
         latency_us = settings.latency_us
         return (
-            CanChannel(settings.bitrate, latency_us, up.frame),
-            CanChannel(settings.bitrate, 0, down.frame),
+            CanChannel(settings.bitrate, latency_us, up.frame, sends=controller),
+            CanChannel(settings.bitrate, 0, down.frame, receives=controller),
         )
     if settings.baud == 0:
         return StraightChannel(up.stretch), StraightChannel(down.stretch)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from protocol.messages.values import ResetCause
     from sim_device.body.plant import Plant, Truth
     from sim_device.device.clock import DeviceClock
+    from sim_device.line.device_end import DeviceEnd
     from sim_device.sensors.sensors import SensorSuite
 
 
@@ -27,6 +28,9 @@ class RiggedDevice(Protocol):
 
     def step(self, data: bytes, now_us: int) -> bytes:
         """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
+
+    def attach_line(self, end: DeviceEnd) -> None:
+        """Report what this end of the line counts; a chip with counters of its own ignores it."""
 
     def next_deadline_us(self) -> int:
         """Return the time of the device's next work, apart from received bytes."""

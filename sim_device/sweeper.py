@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
     from protocol.messages.values import Mode, StopCause
     from protocol.schema.catalogue import Catalogue
+    from sim_device.line.device_end import DeviceEnd
 
 BOOT_US = 300_000
 """Time from reset to the first control period, µs: clocks, the IMU's start-up, detection of
@@ -179,6 +180,9 @@ class Sweeper(ABC, Generic[P]):
                 self._memory.erase()
             self.reset(ResetCause.SOFTWARE)
         return out
+
+    def attach_line(self, end: DeviceEnd) -> None:
+        """Report what this end of the line counts; a chip with counters of its own ignores it."""
 
     def skip_to(self, now_us: int) -> None:
         """Set the device's clock ahead, µs, as if it had been on for that time."""
@@ -354,10 +358,16 @@ class VirtualSweeper(Sweeper[Firmware]):
             imu=self._imu,
         )
         self.catalogue, self._local = catalogue, local
+        self._line: DeviceEnd | None = None
         self.firmware = self._new_firmware()
 
+    def attach_line(self, end: DeviceEnd) -> None:
+        """Report what this end of the line counts."""
+        self._line = end
+        self.firmware.telemetry.counters.line_health = end.health
+
     def _new_firmware(self) -> Firmware:
-        return Firmware(
+        firmware = Firmware(
             self._model,
             self._identity,
             self.sensors,
@@ -369,3 +379,7 @@ class VirtualSweeper(Sweeper[Firmware]):
             imu_scale=self._imu.scale,
             local=self._local,
         )
+        if self._line is not None:
+            self._line.boot()
+            firmware.telemetry.counters.line_health = self._line.health
+        return firmware

@@ -32,7 +32,16 @@ from bridge.run.snapshot import (
 from bridge.session.states import State
 from bridge.session.timesync import Fit
 from protocol.link import LinkStatistics
-from protocol.messages.device import Encoders, Hello, Imu, PlannerState, Power, Range, Status
+from protocol.messages.device import (
+    Encoders,
+    Hello,
+    Imu,
+    LinkCounters,
+    PlannerState,
+    Power,
+    Range,
+    Status,
+)
 from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
@@ -57,7 +66,8 @@ class SnapshotWriter:
         """Return a snapshot for JSON; ages count from ``now_s``, host time, s."""
         state, mission, session = seen.state, seen.mission, seen.session
         kept = (state.imu, state.encoders, state.range, state.power, state.status, state.planner)
-        messages = [m for m in (*kept, seen.hello, *state.plugged.values()) if m is not None]
+        others = (state.counters, seen.hello, *state.plugged.values())
+        messages = [m for m in (*kept, *others) if m is not None]
         ends_s, runner = mission.ends_s, mission.runner
         pose, fit = seen.estimator.pose, seen.sync.fit
         return {
@@ -152,7 +162,7 @@ def _snapshot(data: Mapping[str, Any], model: RobotModel, now_s: float) -> Snaps
         for name, values in data["messages"].items()
         if (spec := CATALOGUE.by_name.get(name)) is not None
     }
-    own = {Imu, Encoders, Range, Power, Status, PlannerState, Hello}
+    own = {Imu, Encoders, Range, Power, Status, PlannerState, LinkCounters, Hello}
     arrived_s = {
         CATALOGUE.by_name[name].cls: now_s - age_s
         for name, age_s in data["age_s"].items()
@@ -170,6 +180,7 @@ def _snapshot(data: Mapping[str, Any], model: RobotModel, now_s: float) -> Snaps
             messages.get(PlannerState),
             arrived_s,
             {kind: message for kind, message in messages.items() if kind not in own},
+            messages.get(LinkCounters),
         ),
         MissionSnapshot(
             Phase(data["run"]),

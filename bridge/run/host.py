@@ -57,6 +57,7 @@ from protocol.link import Medium, Rejected
 from protocol.messages.device import (
     Encoders,
     Imu,
+    LinkCounters,
     LogText,
     ParameterValue,
     PlannerState,
@@ -164,6 +165,7 @@ class Host:
             Range: self._range,
             Power: self.localisation.keep,
             PlannerState: self.localisation.keep,
+            LinkCounters: self.localisation.keep,
             Status: self._status,
             LogText: self._log_text,
             ParameterValue: self.commands.parameter,
@@ -275,6 +277,7 @@ class Host:
                 state.planner,
                 dict(state.arrived_s),
                 dict(state.plugged),
+                state.counters,
             ),
             MissionSnapshot(
                 mission.phase,

@@ -12,6 +12,7 @@ from protocol.messages.device import (
     Encoders,
     Imu,
     ImuInfo,
+    LinkCounters,
     LogText,
     PlannerState,
     Power,
@@ -61,6 +62,7 @@ _KEPT: dict[type[Message], str] = {
     Power: "power",
     Status: "status",
     PlannerState: "planner",
+    LinkCounters: "counters",
 }
 PLUGGED: tuple[type[Message], ...] = tuple(
     spec.cls for spec in CATALOGUE if spec.type_id in MAKERS_TYPES
@@ -100,6 +102,8 @@ class RobotState:
     status: Status | None = None
     planner: PlannerState | None = None
     """State of the device's own planner."""
+    counters: LinkCounters | None = None
+    """What the device has received and dropped."""
     plugged: dict[type[Message], Message] = field(default_factory=dict)
     """Newest message of each class of a plug-in."""
     times: SampleTimes = field(default_factory=SampleTimes)
@@ -181,7 +185,9 @@ class RobotState:
 
     def forget(self) -> None:
         """Discard all data at a new boot or session."""
-        self.imu = self.encoders = self.range = self.power = self.status = self.planner = None
+        self.imu = self.encoders = self.range = self.power = self.status = self.planner = (
+            self.counters
+        ) = None
         self.plugged.clear()
         self.times.forget()
         self._came_s.clear()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from bridge.session.link_stats import wire_summary
 from bridge.session.monitor import physical
+from protocol.messages.device import LinkCounters
 from protocol.messages.values import Fault, Mode, ResetCause, StopCause, fault_labels, label
 from protocol.schema.catalogue import CATALOGUE
 
@@ -27,7 +28,15 @@ if TYPE_CHECKING:
     from bridge.session.states import State
     from bridge.session.timesync import Fit
     from protocol.link import LinkStatistics
-    from protocol.messages.device import Encoders, Hello, Imu, PlannerState, Power, Range, Status
+    from protocol.messages.device import (
+        Encoders,
+        Hello,
+        Imu,
+        PlannerState,
+        Power,
+        Range,
+        Status,
+    )
     from protocol.schema.message import Message
 
 M = TypeVar("M", bound="Message")
@@ -46,6 +55,8 @@ class StateSnapshot(NamedTuple):
     arrived_s: Mapping[type[Message], float]
     plugged: Mapping[type[Message], Message] = MappingProxyType({})
     """Newest message of each class of a plug-in."""
+    counters: LinkCounters | None = None
+    """What the device has received and dropped."""
 
     def newest(self, kind: type[M]) -> M | None:
         """Return the newest message of a plug-in's class; None before the first."""
@@ -201,7 +212,14 @@ def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
             "bound_ms": None if sync.fit is None else sync.fit.bound_ns / 1e6,
         },
         "wire": wire_summary(seen.session.link.statistics),
+        "device_link": None if state.counters is None else _counters(state.counters),
     }
+
+
+def _counters(counters: LinkCounters) -> dict[str, int | None]:
+    """Return the device's counters by name; None for one that an older device lacks."""
+    names = [field.name for field in CATALOGUE.spec(LinkCounters).fields]
+    return dict(zip(names, counters, strict=True))
 
 
 def _device(hello: Hello, node: int | None) -> dict[str, Any]:

@@ -85,12 +85,16 @@ class StreamMessages:
 
     def link_counters(self, _now_us: int) -> Message:
         """Return what was received and dropped."""
-        statistics = self._statistics
+        statistics, health = self._statistics, self._counters.line_health()
         return device.LinkCounters(
             statistics.frames_in & 0xFFFF,
             statistics.damaged + statistics.rejected & 0xFFFF,
             self._counters.stale & 0xFFFF,
-            *self._counters.line_health(),
+            health.receive_dropped & 0xFFFF,
+            health.send_dropped & 0xFFFF,
+            health.can_send_errors,
+            health.can_receive_errors,
+            health.can_bus_offs & 0xFFFF,
         )
 
     def planner_state(self, _now_us: int) -> Message:

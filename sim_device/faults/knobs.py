@@ -63,6 +63,8 @@ class Knobs:
     down: WireKnobs = field(default_factory=WireKnobs)
     """Faults from host to device."""
     unplugged: bool = False
+    bus_off: bool = False
+    """True: the device's CAN controller has left the bus."""
 
     stuck_left: bool = False
     stuck_right: bool = False

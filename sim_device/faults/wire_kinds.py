@@ -72,6 +72,7 @@ def _unplug(knobs: Knobs, values: Mapping[str, Value]) -> None:
 
 def _bus_off(knobs: Knobs, values: Mapping[str, Value]) -> None:
     del values
+    knobs.bus_off = True
     for wire in knobs.wires("both"):
         wire.silent = True
 

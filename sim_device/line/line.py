@@ -20,9 +20,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.can.frames import RECORD, worst_bits
+from sim_device.line.can_controller import RECOVERY_BITS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from sim_device.line.can_controller import CanController
 
 DEFAULT_BAUD = 921_600
 DEFAULT_LATENCY_US = 1_000
@@ -65,6 +68,8 @@ class Channel(ABC):
     def __init__(self) -> None:
         self.overrun = 0
         """Number of bytes lost because a buffer on this side of the line was full."""
+        self.dropped = 0
+        """Number of frames that lost bytes so."""
 
     @abstractmethod
     def push(self, data: bytes, now_us: int) -> None:
@@ -185,6 +190,8 @@ class UartUp(Channel):
     def push(self, data: bytes, now_us: int) -> None:
         """Put bytes into the device's transmit buffer."""
         self._run(now_us)
+        if len(data) > self._wire.room:
+            self.dropped += sum(map(bool, data[self._wire.room :].split(b"\0")))
         self._wire.put(data, now_us)
         self.overrun = self._wire.overrun
 
@@ -276,10 +283,20 @@ class CanChannel(Channel):
     """
 
     def __init__(
-        self, bitrate: int, latency_us: int, damage: Callable[[bytes], list[bytes] | None]
+        self,
+        bitrate: int,
+        latency_us: int,
+        damage: Callable[[bytes], list[bytes] | None],
+        *,
+        sends: CanController | None = None,
+        receives: CanController | None = None,
     ) -> None:
-        """``damage`` returns what becomes of a frame; None: it is destroyed and sent again."""
+        """``damage`` returns what becomes of a frame; None: it is destroyed and sent again.
+
+        ``sends`` and ``receives`` count the frames and errors of the device's controller.
+        """
         super().__init__()
+        self._sends, self._receives = sends, receives
         self._bitrate = bitrate
         self._latency_us = latency_us
         self._damage = damage
@@ -295,6 +312,7 @@ class CanChannel(Channel):
             record = data[start : start + RECORD.size]
             if len(self._queue) >= CAN_QUEUE:
                 self.overrun += RECORD.size
+                self.dropped += 1
                 continue
             if not self._queue:
                 self._sent_us = max(now_us, self._sent_us) + self._duration_us(record)
@@ -327,11 +345,24 @@ class CanChannel(Channel):
     def _run(self, now_us: int) -> None:
         while self._queue and self._sent_us <= now_us:
             outcome = self._damage(self._queue[0])
+            self._count(good=outcome is not None)
             if outcome is not None:
                 self._queue.popleft()
                 self._arriving += [(self._sent_us + self._latency_us, r) for r in outcome]
             if self._queue:
                 self._sent_us += self._duration_us(self._queue[0])
+
+    def _count(self, *, good: bool) -> None:
+        """Let the device's controller count a frame; one that leaves the bus is back soon."""
+        if self._receives is not None:
+            self._receives.received(good=good)
+        sender = self._sends
+        if sender is not None:
+            was_off = sender.is_off
+            sender.sent(good=good)
+            if sender.is_off and not was_off:
+                self._sent_us += RECOVERY_BITS * _US // self._bitrate
+                sender.come_back()
 
     def _duration_us(self, record: bytes) -> int:
         return -(-worst_bits(min(record[4], 8)) * _US // self._bitrate)

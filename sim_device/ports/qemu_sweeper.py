@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.floor_plan.floor_plan import FloorPlan
+    from sim_device.line.device_end import DeviceEnd
 
 CANNOT = "the emulated chip keeps its own time; --target python has this fault"
 CANNOT_IMU = "the emulated chip reads a sample in each period; --target python has this fault"
@@ -155,6 +156,9 @@ class QemuSweeper:
         out = bytes(self._out)
         self._out.clear()
         return out
+
+    def attach_line(self, end: DeviceEnd) -> None:
+        """Ignore it: the chip has counters of its own."""
 
     def next_deadline_us(self) -> int:
         """Return the time of the next work."""

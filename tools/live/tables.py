@@ -12,7 +12,7 @@ from bridge.io import clock
 from bridge.run.robot_state import PLUGGED
 from bridge.session.monitor import texts
 from bridge.session.states import State
-from protocol.messages.device import Encoders, Imu, Power, Range, Status
+from protocol.messages.device import Encoders, Imu, LinkCounters, Power, Range, Status
 from protocol.messages.values import (
     Contact,
     Fault,
@@ -234,6 +234,7 @@ def compact_table(host: Snapshot, rates: Rates, now_s: float) -> Table:
     wire = host.session.link.statistics
     shown = " ".join(f"{n} {rates.hz[n]:.0f}" for n in _RATES_SHOWN[:3] if n in rates.hz)
     rows += _shown([("Hz", shown or "-"), ("link", f"{wire.lost} lost, {wire.damaged} damaged")])
+    rows += _device_link(state.counters, troubles_only=True)
     return _rows(rows)
 
 
@@ -348,6 +349,23 @@ def _fields(spec: MessageSpec, message: Message) -> list[tuple[str, str]]:
     ]
 
 
+def _device_link(counters: LinkCounters | None, *, troubles_only: bool = False) -> _Rows:
+    """Return the rows of what the device counts at its end of the link."""
+    if counters is None:
+        return [] if troubles_only else _shown([("device", None)])
+    dropped = (counters.receive_dropped or 0) + (counters.send_dropped or 0)
+    bad = counters.damaged or dropped
+    text = f"{counters.damaged} damaged, {dropped} dropped"
+    rows: _Rows = []
+    if bad or not troubles_only:
+        rows.append(("device", Text(text, style="yellow" if bad else "")))
+    errors = max(counters.can_send_errors or 0, counters.can_receive_errors or 0)
+    if errors or counters.can_bus_offs:
+        bus = f"{errors} errors, {counters.can_bus_offs or 0} × off"
+        rows.append(("CAN", Text(bus, style="yellow")))
+    return rows
+
+
 def link_table(host: Snapshot, rates: Rates) -> Table:
     """Return the table of rates, losses, round trip and clock."""
     wire, sync = host.session.link.statistics, host.sync
@@ -366,6 +384,7 @@ def link_table(host: Snapshot, rates: Rates) -> Table:
         ("B/s", f"{rates.bytes_s[0]:.0f} in, {rates.bytes_s[1]:.0f} out"),
     ]
     lost = host.session.state is not State.READY
+    rows += _device_link(host.state.counters)
     if sync.round_trip_ns:
         rows += _shown([("trip", f"{sync.round_trip_ns / 1e6:.2f} ms")], dim=lost)
     if sync.fit is not None:

@@ -19,7 +19,7 @@ from bridge.run.manual import Operator
 from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
 from bridge.session.records import EventRecord, LogRecord, Severity
-from protocol.messages.device import Imu, Power, Range, Status
+from protocol.messages.device import Imu, LinkCounters, Power, Range, Status
 from tools.cli.console import err
 from tools.cli.visible_console import MAX_COLUMNS, MAX_ROWS, VisibleConsole
 from tools.cli.visible_text import is_visible
@@ -90,6 +90,24 @@ def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
     assert max(map(len, lines)) <= width
     assert "session  closed" in lines[1]
     assert lines[-1].startswith("space STOP"), "always the last line"
+
+
+@pytest.mark.parametrize(
+    ("counters", "shown"),
+    [
+        ((9, 0, 0, 0, 0, 0, 0, 0), "0 damaged, 0 dropped"),
+        ((9, 3, 0, 2, 5, 0, 0, 0), "3 damaged, 7 dropped"),
+        ((9, 0, 0, 0, 0, 96, 8, 2), "96 errors, 2 × off"),
+        ((9, 1, 0, None, None, None, None, None), "1 damaged, 0 dropped"),  # an older device
+    ],
+)
+def test_the_device_s_end_of_the_link_is_shown(
+    counters: tuple[int | None, ...], shown: str
+) -> None:
+    found = host()
+    found.state.take(LinkCounters(*counters), 0, 1.0)  # type: ignore[arg-type]  # absent fields
+    dashboard = Dashboard(found.snapshot, EventLines(NullSink(), plain=False))
+    assert shown in " ".join(" ".join(drawn(dashboard, 200, 42)).split())
 
 
 def test_the_map_shows_where_it_swept_and_where_it_looks() -> None:

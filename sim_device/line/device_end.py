@@ -1,0 +1,40 @@
+"""The device's end of its line: what its queues and its CAN controller count."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sim_device.device.counters import LineHealth
+
+if TYPE_CHECKING:
+    from sim_device.line.can_controller import CanController
+    from sim_device.line.line import Channel
+
+
+class DeviceEnd:
+    """Counters since the chip's boot. Nothing is lost on receipt: the line holds back the host."""
+
+    def __init__(self, up: Channel, controller: CanController | None) -> None:
+        """Count what ``up`` drops; a device that is not on a bus has no ``controller``."""
+        self._up, self._controller = up, controller
+        self._dropped = self._offs = 0
+        """Counts at the boot."""
+
+    def boot(self) -> None:
+        """Begin anew: the chip's memory and its controller are reset."""
+        self._dropped = self._up.dropped
+        if self._controller is not None:
+            self._offs = self._controller.offs
+            self._controller.come_back()
+
+    def health(self) -> LineHealth:
+        """Return the counters."""
+        dropped, controller = self._up.dropped - self._dropped, self._controller
+        if controller is None:
+            return LineHealth(send_dropped=dropped)
+        return LineHealth(
+            send_dropped=dropped,
+            can_send_errors=controller.send_errors,
+            can_receive_errors=controller.receive_errors,
+            can_bus_offs=controller.offs - self._offs,
+        )
