@@ -154,6 +154,8 @@ class Sweeper(ABC, Generic[P]):
         self._modes = ModeMachine()
         self._modes.fire(Event.SUPPLY_BACK)
         self._modes.fire(Event.BOOTED)
+        self.duties = (0.0, 0.0)
+        """Duties of the left and the right wheel since the last control period, -1..1."""
         self._next_tick_us = 0
         self._ready_us = 0
         """Time at which the firmware starts, or started, µs."""
@@ -237,6 +239,7 @@ class Sweeper(ABC, Generic[P]):
         also waits for its supply. Without a ``boot_id`` the device draws one.
         """
         self._modes.fire(Event.SUPPLY_LOST if cause in _SUPPLY_CAUSES else Event.RESET)
+        self.duties = (0.0, 0.0)
         self.plant.set_duty(0.0, 0.0)
         self._memory.power_lost()
         self._hung = False
@@ -280,7 +283,7 @@ class Sweeper(ABC, Generic[P]):
             else:
                 clock, firmware = self.clock, self.firmware
                 uptime_us = clock.uptime_us(now_us)
-                left, right = firmware.tick(uptime_us)
+                left, right = self.duties = firmware.tick(uptime_us)
                 plant.set_duty(left, right)
                 next_us = clock.true_us(firmware.next_us(uptime_us))
                 if firmware.fed:

@@ -8,7 +8,7 @@ import signal
 import pytest
 from hypothesis import HealthCheck, settings
 
-from support import conformance, fairly, needs
+from support import conformance, fairly, needs, targets
 from tools.dev import kernels
 
 # The same examples on every run, so that a red CI means a change of the code. No verdict depends on
@@ -36,6 +36,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     conformance.add_options(parser)
     fairly.add_options(parser)
     needs.add_options(parser)
+    targets.add_options(parser)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -51,5 +52,18 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
     conformance.configure(config)
     needs.configure(config)
+    targets.configure(config)
     if config.getoption("--port") is None:
         fairly.configure(config)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    targets.parametrize(metafunc)
+
+
+@pytest.fixture
+def target(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Firmware of the devices of this test: ``python`` or ``core``."""
+    name: str = getattr(request, "param", "python")  # a state machine has no parameters
+    targets.choose(name, monkeypatch)
+    return name

@@ -9,6 +9,7 @@ from protocol.messages.values import Fault, Mode, RebootKind, StopCause
 from sim_device.core.chip import PAYLOAD_MAX, Ask, Operation
 from sim_device.device.identity import CAPABILITIES
 from sim_device.device.modes import MODE_OF, State
+from sim_device.device.safety import StopLatch
 from sim_device.sensors.units import contact_bits, milli, range_steps
 
 if TYPE_CHECKING:
@@ -167,6 +168,21 @@ class CoreFirmware:
     def stop_cause(self) -> StopCause:
         """Cause of the latched stop."""
         return StopCause(self.view.stop_cause)
+
+    @property
+    def latch(self) -> StopLatch:
+        """The latched stop, as it is now."""
+        return StopLatch(self.stop_cause)
+
+    @property
+    def session_id(self) -> int:
+        """The host's session; 0: none."""
+        return self.view.session_id
+
+    @property
+    def negotiated(self) -> bool:
+        """Whether the host has agreed on the messages."""
+        return self.view.negotiated
 
     @property
     def faults(self) -> Fault:

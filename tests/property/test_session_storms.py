@@ -30,7 +30,7 @@ from support.hostile import BitFlips, Burst, CutTail, Delayed, Duplicating, Garb
 if TYPE_CHECKING:
     from protocol.clock import HostNs
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("target")]
 
 LATENCY_US = 2_000
 CALM_S = 1.0

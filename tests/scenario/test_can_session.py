@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from protocol.can.frames import CanFrame
     from sim_device.sweeper import VirtualSweeper
 
+pytestmark = pytest.mark.usefixtures("target")
+
 
 class BusEnds(Ends):
     """A host and any number of devices on one bus."""
@@ -150,6 +152,7 @@ def test_stop_wins_arbitration_over_a_bus_that_is_full(
     assert at_us - 10_000 <= 2 * longest_us, "one frame that was under way, and its own"
 
 
+@pytest.mark.python_only("counts within the firmware")
 def test_several_robots_are_listed_and_one_is_chosen() -> None:
     devices = [sweeper(seed=n, node=n, link=CanLink) for n in (1, 2, 7)]
     host = session_end(link=CanLink)
@@ -206,6 +209,7 @@ def test_a_second_host_is_rejected_and_changes_nothing() -> None:
     assert first.session.state is State.READY
 
 
+@pytest.mark.python_only("counts the damage of one sequence of frames")
 @pytest.mark.parametrize("seed", range(3))
 def test_a_bus_that_loses_and_doubles_frames(seed: int) -> None:
     rng = random.Random(seed)

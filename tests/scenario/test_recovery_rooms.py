@@ -24,6 +24,7 @@ pytestmark = pytest.mark.slow
 MODEL = RobotModel()
 
 
+@pytest.mark.usefixtures("target")
 @pytest.mark.parametrize(("room", "noise"), [("case-1", "none"), ("case-2", "typical")])
 def test_a_room_is_swept_and_the_run_ends_by_itself(room: str, noise: str) -> None:
     plan = load_room(room)

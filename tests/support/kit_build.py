@@ -36,17 +36,22 @@ def wire(directory: Path) -> Path:
     return folder
 
 
-def compile_kit(
+def compile_kit(  # noqa: PLR0913 - options of a build
     out: Path,
     wire_folder: Path,
     sources: Sequence[Path],
     *,
     flags: Sequence[str] = (),
     sanitized: bool = False,
+    core: Path = KIT / "core",
 ) -> Path:
     """Compile the core with ``sources``, every warning as an error; return the output's path."""
-    includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{wire_folder}")
-    files = [*CORE, wire_folder / "sweepctl_protocol.c", *sources]
+    includes = (f"-I{KIT / 'include'}", f"-I{core}", f"-I{wire_folder}")
+    files = [
+        *(core / source.name for source in CORE),
+        wire_folder / "sweepctl_protocol.c",
+        *sources,
+    ]
     compiler = any_compiler("gcc", "clang")
     checks = compiler.sanitized if sanitized else ()
     compiler.run(

@@ -148,7 +148,8 @@ static bool can_write(void *context, const sp_can_frame_t *frame)
 {
     chip_t *const chip = context;
     uint8_t record[CAN_RECORD] = {0};
-    if (uart_room(chip) < CAN_RECORD) {
+    const bool off = (chip->identity.troubles & BOARD_TROUBLE_CLOCK) != 0; /* see board.h */
+    if (off || uart_room(chip) < CAN_RECORD) {
         return false;
     }
     record[0] = (uint8_t)frame->id;

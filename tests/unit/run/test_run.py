@@ -31,6 +31,8 @@ from support.ends import (
 if TYPE_CHECKING:
     from bridge.run.host import Host
 
+pytestmark = pytest.mark.usefixtures("target")
+
 CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
 
 
@@ -246,6 +248,7 @@ def test_an_orderly_end_needs_no_clear_stop() -> None:
     assert ends.run(6.0, lambda: ends.moving)
 
 
+@pytest.mark.python_only("stops the device from inside")
 def test_an_operators_stop_from_elsewhere_ends_the_run() -> None:
     ends, host = started()
     ends.device.firmware.stop(StopCause.OPERATOR)
@@ -255,6 +258,7 @@ def test_an_operators_stop_from_elsewhere_ends_the_run() -> None:
     assert ends.device.firmware.latch.cause is StopCause.OPERATOR, "the graver cause stays"
 
 
+@pytest.mark.python_only("silences a stream from inside")
 def test_a_sensor_that_falls_silent_stops_the_robot() -> None:
     ends, host = started()
     ends.device.firmware.schedule.set_rate(0x20, 0)  # a sensor that hangs
@@ -286,6 +290,7 @@ def test_failures_are_logged() -> None:
     assert ending(host).exit_status == 3
 
 
+@pytest.mark.python_only("sets the clock of the chip")
 def test_it_runs_across_the_wrap_of_both_clocks() -> None:
     wrap = 1 << 32
     host = spinning_host()

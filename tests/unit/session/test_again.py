@@ -30,6 +30,8 @@ from support.peers import EXTRA, catalogue, hints_of, variant
 if TYPE_CHECKING:
     from sim_device.sweeper import VirtualSweeper
 
+pytestmark = pytest.mark.usefixtures("target")
+
 RicherPower = variant(Power, {**hints_of(Power), "fan": EXTRA})
 
 
@@ -93,6 +95,7 @@ def test_another_boot_is_distinguished() -> None:
     assert (last.again, last.rebooted, last.other_schema) == (True, True, False)
 
 
+@pytest.mark.python_only("changes the catalogue of the firmware")
 def test_another_schema_is_distinguished() -> None:
     ends, host = ready()
     unplug(ends)
@@ -192,6 +195,7 @@ def test_saying_so_unasked_changes_nothing() -> None:
     assert host.mission.phase is Phase.HOLDING
 
 
+@pytest.mark.python_only("stops the device from inside")
 def test_an_operators_stop_is_not_cleared_by_going_on() -> None:
     ends, host, _ = driving(Resume.ASK)
     unplug(ends)

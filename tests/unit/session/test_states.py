@@ -25,6 +25,8 @@ from protocol.uart.framing import encode_frame
 from support.ends import Ends, SessionEnd, session_end, sweeper
 from support.hostile import Pipe
 
+pytestmark = pytest.mark.usefixtures("target")
+
 EVENTS = sorted({event for _, event in TRANSITIONS})
 SECOND = 1_000_000_000
 

@@ -11,6 +11,8 @@ from protocol.schema.catalogue import CATALOGUE
 from support.device_bench import SESSION, Bench, kinds
 from support.ends import RAMP_US, REST_M_S, sweeper
 
+pytestmark = pytest.mark.usefixtures("target")
+
 
 def test_it_drives_on_fresh_setpoints_and_stops_when_they_end() -> None:
     bench = Bench()
@@ -89,6 +91,7 @@ def test_setpoints_while_latched_or_idle_are_nothing() -> None:
     assert bench.device.truth.path_m < 0.001
 
 
+@pytest.mark.python_only("sets the mode from inside")
 def test_the_latch_alone_holds_the_wheels() -> None:
     """The latch must be enough even if a fault handler does nothing else."""
     bench = Bench()
@@ -142,6 +145,7 @@ def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
     assert not bench.firmware.latch.latched
 
 
+@pytest.mark.python_only("sets the clock of the chip")
 def test_clocks_that_wrap_stop_nothing() -> None:
     """Both 32-bit microsecond clocks wrap after 71.6 minutes; here both within a second."""
     device = sweeper()

@@ -18,6 +18,8 @@ from sim_device.device.modes import MODE_OF, SET_EVENT, Event, Guard, ModeMachin
 from support.ends import sweeper
 from support.wire_host import SESSION, WireHost
 
+pytestmark = pytest.mark.usefixtures("target")
+
 
 def outcome(state: State, event: Event, *holding: Guard) -> object:
     machine = ModeMachine(state)

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
     from bridge.floor_plan.floor_plan import FloorPlan
 
+pytestmark = pytest.mark.usefixtures("target")
+
 NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 SIGNS = Fault.ENCODER_LEFT_REVERSED | Fault.ENCODER_RIGHT_REVERSED | Fault.ENCODERS_SWAPPED
 RAMP_S = 0.1
@@ -57,8 +59,7 @@ class Bench(WireHost[VirtualSweeper]):
         assert self.choose(mode) is None
 
     def _note(self) -> None:
-        wheels = self.device.firmware.control.wheels
-        self.duties.append((wheels.left.duty, wheels.right.duty))
+        self.duties.append(self.device.duties)
 
     def drive(self, duration_s: float, v_m_s: float = 0.2, yaw_rad_s: float = 0.0) -> None:
         for _ in range(round(duration_s * 50)):
@@ -141,6 +142,7 @@ def test_an_expiry_brakes_and_does_not_latch() -> None:
     assert not bench.standing()
 
 
+@pytest.mark.python_only("reads the integrators")
 def test_a_fresh_setpoint_starts_from_zero_integrators() -> None:
     bench = Bench(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)))
     bench.drive(6.0, 0.1)  # at the wall: the integral is saturated
@@ -441,6 +443,7 @@ def test_without_a_crystal_it_reports_a_fault_and_stays_off_a_can_bus() -> None:
     assert not any(device.step(b"", t) for t in range(2_000_000, 5_000_000, 10_000))
 
 
+@pytest.mark.python_only("wears the pages of the model out")
 @pytest.mark.parametrize("worn", [False, True])
 def test_a_save_is_acknowledged_if_it_reads_back(worn: bool) -> None:  # noqa: FBT001 - a table
     bench = Bench(mode=Mode.IDLE)

@@ -18,6 +18,8 @@ from sim_device.sweeper import BOOT_US
 from support.ends import HOST_BOOT_US
 from support.ready_device import Desk, cruise, f32
 
+pytestmark = pytest.mark.usefixtures("target")
+
 
 def test_a_reboot_is_acknowledged_then_done_then_the_handshake_repeats() -> None:
     desk = Desk()

@@ -25,6 +25,8 @@ from sim_device.sweeper import (
 from support.ends import RAMP_US, REST_M_S, sweeper
 from support.wire_host import WireHost
 
+pytestmark = pytest.mark.usefixtures("target")
+
 F32 = ParameterKind.F32
 NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 
@@ -208,6 +210,7 @@ def set_speed(host: WireHost[VirtualSweeper], value: float) -> None:
     assert any(isinstance(m, Ack) for m in answers)
 
 
+@pytest.mark.python_only("watches the pages of the model")
 def test_a_save_is_answered_when_it_is_done_and_not_before() -> None:
     host = WireHost(sweeper())
     host.join()
@@ -224,6 +227,7 @@ def test_a_save_is_answered_when_it_is_done_and_not_before() -> None:
     assert host.device.firmware.parameters.value("max_speed") == pytest.approx(0.25)
 
 
+@pytest.mark.python_only("watches the pages of the model")
 @pytest.mark.parametrize("after_ms", [0, 10, 100, 240, 250])
 def test_a_brown_out_during_a_save_keeps_the_old_values(after_ms: int) -> None:
     host = WireHost(sweeper())
@@ -353,6 +357,7 @@ def test_a_setpoint_expires_after_its_time_to_live_of_the_devices_clock(ppm: flo
     assert host.now_us - last_us < 200_000 + RAMP_US + 520_000
 
 
+@pytest.mark.python_only("the chip has one counter")
 def test_stamps_jump_and_deadlines_do_not() -> None:
     host = free()
     drive(host, 1.0)

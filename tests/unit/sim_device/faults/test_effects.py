@@ -12,6 +12,8 @@ from protocol.messages.values import Contact
 from support.rigs import Drive, rig
 from support.sim_body import box, room
 
+pytestmark = pytest.mark.usefixtures("target")
+
 AHEAD = room((5.0, 5.0, 0.0), walls=box(4.0, 4.0, 8.0, 6.0), obstacles=(box(7.0, 4.5, 7.2, 5.5),))
 """A room with an obstacle 2 m before the robot: 1.88 m before its ultrasonic sensor."""
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from bridge.session.states import SessionReady
 from sim_device.line.line import LineSettings
 from support.rigs import Drive, lost_frames, rig
+
+pytestmark = pytest.mark.usefixtures("target")
 
 # ---- together -----------------------------------------------------------------------------
 
