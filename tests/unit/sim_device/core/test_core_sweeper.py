@@ -171,6 +171,36 @@ def test_a_dead_crystal_is_a_fault_bit() -> None:
     assert all(Fault.CLOCK in Fault(m.faults) for m in drive.of(Status, 5.0))
 
 
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        ("encoder-reversed@0:side=left", Fault.ENCODER_LEFT_REVERSED),
+        ("encoder-reversed@0:side=right", Fault.ENCODER_RIGHT_REVERSED),
+        ("encoder-swapped@0", Fault.ENCODERS_SWAPPED),
+    ],
+)
+@pytest.mark.parametrize("target", ["core", "python"])
+def test_a_miswired_encoder_ends_at_rest_with_the_drivers_off(
+    target: str, fault: str, named: Fault
+) -> None:
+    """A curve, in which the wheels differ: the sign of duty against counts shows what is wrong."""
+    made = device() if target == "core" else VirtualSweeper(OPEN_FLOOR, noise="none", seed=1)
+    rig = Rig(made, faults=[parse_fault(fault)], seed=1)
+    drive = Drive(rig, V_M_S, 1.5)
+    drive.run(8.0)
+    assert made.stop_cause is StopCause.HARDWARE
+    assert abs(made.truth.v_m_s) < 0.001
+    assert not made.drivers
+    begun = rig.plant.pose
+    drive.run(12.0)
+    assert rig.plant.pose.distance_m(begun) < 0.001, "and it stays there"
+    statuses = [h.message for h in drive.heard if isinstance(h.message, Status)]
+    assert any(status.faults & named for status in statuses)
+    assert statuses[-1].faults & Fault.DRIVERS_OFF
+    lines = [h.message.line for h in drive.heard if isinstance(h.message, LogText)]
+    assert any("encoder" in line for line in lines), lines
+
+
 def test_its_clock_may_drift() -> None:
     drive = Drive(on_core("clock-drift@0:ppm=5000"))
     drive.run(10.0)
