@@ -85,7 +85,7 @@ class Plausibility:
             return Finding(
                 _MOVED.format("walls are where it has driven"), ends=True, displaced=True
             )
-        spinning = self._spin.step(inputs)
+        spinning = self._spin.step(inputs, stands=localisation.estimator.stands)
         if spinning is not None:
             return Finding(spinning, ends=True)
         if self._room is not None and self.plan is not None and now_ns >= self._room_ns:

@@ -186,6 +186,11 @@ class PoseEstimator:
         """Whether the accelerometer moves the position, after a bump."""
         return self._bridge is not None
 
+    @property
+    def stands(self) -> bool:
+        """Whether the wheels turn while the robot stands, by the accelerometer."""
+        return self._bridge is not None and self._bridge.stalled
+
     def reset(self, pose: Pose2) -> None:
         """Set an exact pose; landmarks are marginalised, the sensors' errors are kept."""
         self.ekf.restart(pose)

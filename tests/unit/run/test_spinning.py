@@ -33,6 +33,7 @@ class Drive:
         front_m: float | None = None,
         closing: float = 1.0,
         contacts: int = 0,
+        stands: bool = False,
     ) -> tuple[float, str] | None:
         """When the check speaks, s, and what it says; None: it does not."""
         begun_s = self.time_s
@@ -48,8 +49,9 @@ class Drive:
                 ),
                 "range": reading(None if front_m is None else front_m - closing * gone_m, contacts),
             }
-            pose = Pose2(0.0, 0.0, 0.0)
-            text = self.check.step(RuleInputs(self.time_s, pose, 0.0, yaw_rate_rad_s, **values))
+            pose, v_m_s = Pose2(0.0, 0.0, 0.0), 0.5 * (left_m_s + right_m_s)
+            inputs = RuleInputs(self.time_s, pose, v_m_s, yaw_rate_rad_s, **values)
+            text = self.check.step(inputs, stands=stands)
             if text is not None:
                 return self.time_s - begun_s, text
         return None
@@ -100,3 +102,13 @@ def test_nothing_is_concluded_across_a_gap() -> None:
     assert drive.run(0.6, -0.2, 0.2) is None
     drive.check.restart()
     assert drive.run(0.6, -0.2, 0.2) is None
+
+
+def test_a_standstill_by_the_accelerometer_while_the_wheels_turn() -> None:
+    found = Drive().run(4.0, 0.2, 0.2, stands=True)
+    assert found is not None
+    assert 1.0 < found[0] < 1.3
+    assert "the robot stands" in found[1]
+    assert Drive().run(4.0, 0.05, 0.05, stands=True) is None, "too slow to be certain"
+    contacts = int(Contact.BUMPER_RIGHT)
+    assert Drive().run(4.0, 0.2, 0.2, stands=True, contacts=contacts) is None, "something holds it"
