@@ -105,19 +105,17 @@ class Plausibility:
             self._fitted, self.fit = True, None
             return None
         text = f"{100.0 * fit.share:.0f} % of the walls match {plan.name}"
-        if self._fitted:
+        if self._fitted and fit.share < room.tuning.moved_fits:
             self.displaced = True
             return Finding(_MOVED.format(f"now {text}"), ends=True, displaced=True)
         if known:
             return None
         self.fit = fit
-        if fit.start is None:
-            return Finding(
-                f"{text}: this is another room, or the robot did not start at the room's start; "
-                "coverage is unknown"
+        where = "this is another room, or the robot did not start at the room's start"
+        if fit.start is not None:
+            off_m, off_rad = fit.off(plan.start)
+            where = (
+                f"the robot started {off_m:.2f} m away from the room's start, turned by "
+                f"{math.degrees(off_rad):.0f}°"
             )
-        off_m, off_rad = fit.off(plan.start)
-        return Finding(
-            f"{text}: the robot started {off_m:.2f} m away from the room's start, turned by "
-            f"{math.degrees(off_rad):.0f}°; map and coverage do not fit the room"
-        )
+        return Finding(f"{text}: {where}; map and coverage do not fit the room")

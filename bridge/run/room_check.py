@@ -38,12 +38,14 @@ class RoomTuning:
     """Length from which a measured wall counts, m."""
     min_total_m: float = 2.0
     """Total length of the measured walls from which they are compared, m."""
-    near_m: float = 0.08
+    near_m: float = 0.12
     """Distance to a wall of the room up to which a measured point belongs to it, m."""
     parallel_rad: float = math.radians(8.0)
     """Angle to that wall up to which it does, rad."""
     fits: float = 0.5
     """Share of the measured walls that belongs to the room if the start is right."""
+    moved_fits: float = 0.35
+    """Share below which a robot whose walls fitted before was moved during the run."""
     other_fits: float = 0.8
     """Share that must belong to it from another start."""
     as_good: float = 0.05
