@@ -95,7 +95,7 @@ covered: venv ## branch coverage of the safety code, which must reach its gate
 bench: venv ## speed of wire, round trip, runs, recording, export, decisions; memory over an hour
 	@PYTHONPATH=tests $(BIN)/python -m bench.wire
 	@PYTHONPATH=tests $(BIN)/python -m bench.round_trip
-	@PYTHONPATH=tests $(BIN)/python -m bench.simulate
+	@PYTHONPATH=tests $(BIN)/python -m bench.simulate --target python --target core --target library
 	@PYTHONPATH=tests $(BIN)/python -m bench.record
 	@PYTHONPATH=tests $(BIN)/python -m bench.export
 	@PYTHONPATH=tests $(BIN)/python -m bench.library

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 FOLDER = Path(__file__).resolve().parents[1] / "conformance"
 ROOT = FOLDER.parents[1]
 FLOOR = FOLDER / "floor.json"
-LINKS = ("pty", "slcan")
-LANES = {"pty": 4, "slcan": 2}
-"""Number of emulated devices for each kind of link."""
+LANES = {"pty": 4, "slcan": 2, "core-pty": 4, "core-slcan": 2}
+"""Number of emulated devices for each kind of device: the model in Python or the C core, and the
+kind of link."""
 LISTEN_S = 3.5
 """Time to listen for a device, s: three of its own hellos, after the end of its session."""
 HELD_UP_US = 500_000
@@ -94,11 +94,12 @@ def in_suite(path: Path) -> bool:
 class Emulated:
     """``sweepctl emulate`` in a separate process."""
 
-    def __init__(self, link: str, seed: int) -> None:
+    def __init__(self, kind: str, seed: int) -> None:
+        target, link = ("core", kind.removeprefix("core-")) if "-" in kind else ("python", kind)
         self._process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "tools.sweepctl", "emulate", str(FLOOR)),
-                *("--link", link, "--seed", str(seed)),
+                *("--target", target, "--link", link, "--seed", str(seed)),
             ],
             cwd=ROOT,
             stdin=subprocess.DEVNULL,
@@ -190,14 +191,14 @@ class Lanes:
         self._emulated: list[Emulated] = []
         self._threads: list[threading.Thread] = []
         self._end = threading.Event()
-        for link in LINKS:
+        for link, lanes in LANES.items():
             waiting: queue.SimpleQueue[pytest.Function] = queue.SimpleQueue()
             mine = [i for i in items if i.callspec.params["device"] == link]
             # The slowest first; otherwise one lane would finish long after the others.
             for item in sorted(mine, key=is_slow, reverse=True):
                 self._futures[item.nodeid] = Future()
                 waiting.put(item)
-            for seed in range(min(LANES[link], len(mine))):
+            for seed in range(min(lanes, len(mine))):
                 emulated = Emulated(link, seed)
                 self._emulated.append(emulated)
                 thread = threading.Thread(target=self._work, args=(emulated, waiting))
@@ -256,7 +257,7 @@ class ConformancePlugin:
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         if "device" in metafunc.fixturenames and in_suite(Path(metafunc.module.__file__ or "")):
-            links = LINKS if self._port is None else (self._port,)
+            links = tuple(LANES) if self._port is None else (self._port,)
             metafunc.parametrize("device", links, indirect=True)
 
     @pytest.hookimpl(tryfirst=True)  # before a choice by markers

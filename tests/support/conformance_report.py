@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def kind_of(device: str) -> str:
     """Return the kind of a port or an emulated link: ``uart`` or ``can``."""
-    return "can" if is_can(device) or device == "slcan" else "uart"
+    return "can" if is_can(device) or device.endswith("slcan") else "uart"
 
 
 @dataclass

@@ -93,11 +93,11 @@ LIBRARY = [KIT / "board_library" / name for name in ("board.c", "library.c")]
 
 
 @functools.cache
-def library(*sources: Path, sanitized: bool = False) -> Path:
+def library(*sources: Path, sanitized: bool = False, optimised: bool = False) -> Path:
     """The core and ``sources`` as a shared library, once for all tests of a run."""
     directory = Path(tempfile.mkdtemp(prefix="library-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
-    flags = ("-O0", "-g", "-fPIC", "-shared", "-fvisibility=hidden")
+    flags = ("-O2" if optimised else "-O0", "-g", "-fPIC", "-shared", "-fvisibility=hidden")
     return compile_kit(
         directory / "firmware.so", wire(directory), sources, flags=flags, sanitized=sanitized
     )
