@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MARKER = "sweeper"
 LINKS = ("pty", "tcp", "slcan", "udpcan")
+TARGETS = ("python", "core")
 READY_S = 60.0
 """Maximum time from the start of the emulator's process to its ``ready``, s; a busy machine is
 slow."""
@@ -44,6 +45,8 @@ _KEYS: dict[str, type] = {
     "faults": list,
     "node": int,
     "link": str,
+    "target": str,
+    "firmware": str,
 }
 _LIMITS = {"seed": range(1 << 63), "node": range(1, 16)}
 _OURS = (
@@ -60,6 +63,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
         f"{MARKER}(room='case-1', noise='typical', seed=0, faults=[...], node=1, link='pty', "
+        "target='python', firmware=None, "
         "record=False): what the fixtures sweeper and sweeper_port are made with; with record=True "
         f"the log of a failed test is kept in {_KEPT}/",
     )
@@ -70,13 +74,16 @@ def sweeper(request: pytest.FixtureRequest) -> Iterator[SimulatedSweeper]:
     """A virtual sweeper with a connected host, in virtual time: run, drive, clean, truth."""
     settings = _settings(request)
     from bridge.errors import BridgeError
+    from sim_device.core.chip import FirmwareCrashError, LibraryError
     from sim_device.faults.spec import FaultSpecError
     from sim_device.noise import UnknownNoiseLevelError
     from tools.virtual.sweeper import SimulatedSweeper
 
     try:
         made = SimulatedSweeper(settings)
-    except (FaultSpecError, UnknownNoiseLevelError, BridgeError) as error:
+    except FirmwareCrashError as error:
+        message = f"sweeper: {error}\n{error.details}"
+    except (FaultSpecError, UnknownNoiseLevelError, LibraryError, BridgeError) as error:
         message = f"sweeper: {error}"
     else:
         with _log_of(request) as log:
@@ -187,7 +194,7 @@ def _settings(request: pytest.FixtureRequest) -> Settings:
         if kind is None:
             known = ", ".join((*_KEYS, _RECORD))
             pytest.fail(f"@pytest.mark.{MARKER}: no {name!r}; there are {known}", pytrace=False)
-        other = {"room": Path, "faults": tuple}.get(name, kind)
+        other = {"room": Path, "faults": tuple, "firmware": Path}.get(name, kind)
         if not isinstance(value, kind | other) or isinstance(value, bool):
             text = f"@pytest.mark.{MARKER}: {name}={value!r} is not {kind.__name__}"
             pytest.fail(text, pytrace=False)
@@ -201,6 +208,13 @@ def _settings(request: pytest.FixtureRequest) -> Settings:
     if values.get("link", "pty") not in LINKS:
         text = f"@pytest.mark.{MARKER}: link {values['link']!r} is not one of {', '.join(LINKS)}"
         pytest.fail(text, pytrace=False)
+    if values.get("target", "python") not in TARGETS:
+        text = (
+            f"@pytest.mark.{MARKER}: target {values['target']!r} is not one of {', '.join(TARGETS)}"
+        )
+        pytest.fail(text, pytrace=False)
+    if "firmware" in values:
+        values["firmware"] = str(values["firmware"])
     values["room"] = str(values.get("room", "case-1"))
     values["faults"] = tuple(values.get("faults", ()))
     return Settings(**values)

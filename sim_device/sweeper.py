@@ -186,6 +186,9 @@ class Sweeper(ABC, Generic[P]):
     def attach_line(self, end: DeviceEnd) -> None:
         """Report what this end of the line counts; a chip with counters of its own ignores it."""
 
+    def close(self) -> None:
+        """Release what the firmware needs: nothing, unless a subclass says otherwise."""
+
     def skip_to(self, now_us: int) -> None:
         """Set the device's clock ahead, µs, as if it had been on for that time."""
         self._next_tick_us = now_us

@@ -62,38 +62,64 @@ def device(
 
     """
     from bridge.errors import BridgeError
-    from sim_device.core.chip import FirmwareCrashError, LibraryError, LocalChip
-    from sim_device.core.core_sweeper import CoreSweeper
-    from sim_device.ports.core_process import CoreProcess
+    from sim_device.core.chip import FirmwareCrashError, LibraryError
 
     def started(pid: int) -> None:
         if gdb:
             _await_debugger(notify, pid)
 
-    def make_chip(answer: Callable[[int], bytes]) -> Chip:
-        if firmware is not None:
-            return CoreProcess(answer, firmware, debugged=gdb, started=started)
-        chip = LocalChip(answer)
-        started(os.getpid())  # it is loaded: a debugger finds its functions
-        return chip
-
     try:
-        return CoreSweeper(
-            wanted.plan,
-            wanted.model,
-            seed=wanted.seed,
-            noise=wanted.noise,
-            node=wanted.node,
-            boot_id=wanted.boot_id,
-            link=wanted.link,
-            key=wanted.key,
-            make_chip=make_chip,
-        )
+        return make(wanted, firmware, started, debugged=gdb)
     except LibraryError as error:
         raise click.BadParameter(str(error), param_hint="'--firmware'") from None
     except FirmwareCrashError as error:
         print_trace(error)
         raise BridgeError(str(error)) from None
+
+
+def make(
+    wanted: Wanted,
+    firmware: Path | None,
+    started: Callable[[int], None] = lambda _pid: None,
+    *,
+    debugged: bool = False,
+) -> CoreSweeper:
+    """Make a device; the caller closes it.
+
+    Args:
+        wanted: properties of the device.
+        firmware: shared library to run, in a process of its own; None: the C core of sweepctl, in
+            this process.
+        started: called with the id of the process that runs the firmware, before its first boot.
+        debugged: the firmware may take any time.
+
+    Raises:
+        LibraryError: ``firmware`` is no firmware library.
+        FirmwareCrashError: it crashed as it was loaded or booted.
+
+    """
+    from sim_device.core.chip import LocalChip
+    from sim_device.core.core_sweeper import CoreSweeper
+    from sim_device.ports.core_process import CoreProcess
+
+    def make_chip(answer: Callable[[int], bytes]) -> Chip:
+        if firmware is not None:
+            return CoreProcess(answer, firmware, debugged=debugged, started=started)
+        chip = LocalChip(answer)
+        started(os.getpid())  # it is loaded: a debugger finds its functions
+        return chip
+
+    return CoreSweeper(
+        wanted.plan,
+        wanted.model,
+        seed=wanted.seed,
+        noise=wanted.noise,
+        node=wanted.node,
+        boot_id=wanted.boot_id,
+        link=wanted.link,
+        key=wanted.key,
+        make_chip=make_chip,
+    )
 
 
 @contextmanager

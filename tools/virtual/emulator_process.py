@@ -36,6 +36,9 @@ class EmulatorProcess:
         """
         arguments = ["emulate", settings.room, "--link", settings.link, "--noise", settings.noise]
         arguments += ["--seed", str(settings.seed), "--node", str(settings.node)]
+        arguments += ["--target", settings.target]
+        if settings.firmware is not None:
+            arguments += ["--firmware", settings.firmware]
         for fault in settings.faults:
             arguments += ["--fault", fault]
         if truth is not None:

@@ -21,3 +21,7 @@ class Settings:
     """Node number of the device, 1 to 15."""
     link: str = "pty"
     """``pty``, ``tcp``, ``slcan`` or ``udpcan``. In virtual time it only selects UART or CAN."""
+    target: str = "python"
+    """Firmware of the device: the model in Python, or ``core``, the C firmware."""
+    firmware: str | None = None
+    """Firmware library to run instead of the C core; None: the C core of sweepctl."""

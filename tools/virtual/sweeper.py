@@ -39,13 +39,15 @@ from protocol.uart.link import Link
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
-from sim_device.sweeper import VirtualSweeper
+from sim_device.sweeper import Sweeper, VirtualSweeper
 from tools.cli.fault_help import fault_record
 from tools.cli.rooms import load_room
 from tools.version import VERSION
+from tools.virtual import core_target
 from tools.virtual.loop import HOST_BOOT_NS, VirtualLoop
 from tools.virtual.run import EPOCH_NS, stop_crashed
 from tools.virtual.settings import Settings
+from tools.virtual.wanted import Wanted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -101,6 +103,7 @@ class SimulatedSweeper:
             FloorPlanError: no such room, or the robot does not fit at its start.
             UnknownNoiseLevelError: no such noise level.
             FaultSpecError: a fault is invalid, or this device does not support it.
+            LibraryError: the settings' firmware is no firmware library.
             StoppedForSafetyError: no handshake within 5 s; a fault at time 0 can prevent it.
 
         """
@@ -109,14 +112,7 @@ class SimulatedSweeper:
         self.model, self._robot_toml = load_robot(None)
         faults = [parse_fault(text) for text in settings.faults]
         self._link = CanLink if settings.link in {"slcan", "udpcan"} else Link
-        self.device = VirtualSweeper(
-            self.plan,
-            self.model,
-            seed=settings.seed,
-            noise=settings.noise,
-            node=settings.node,
-            link=self._link,
-        )
+        self.device = self._device()
         self.rig = Rig(self.device, STRAIGHT, faults, seed=settings.seed)
         self.imu = Newest(self, Imu)
         self.encoders = Newest(self, Encoders)
@@ -134,6 +130,28 @@ class SimulatedSweeper:
         self._connect(self.plan.start)
         if not self.run(READY_S, until=lambda: self.connected):
             raise StoppedForSafetyError(f"no handshake with the device within {READY_S:g} s")
+
+    def _device(self) -> Sweeper[Any]:
+        settings = self.settings
+        if settings.target == "core":
+            wanted = Wanted(
+                plan=self.plan,
+                model=self.model,
+                seed=settings.seed,
+                noise=settings.noise,
+                node=settings.node,
+                link=self._link,
+            )
+            library = None if settings.firmware is None else Path(settings.firmware)
+            return core_target.make(wanted, library)
+        return VirtualSweeper(
+            self.plan,
+            self.model,
+            seed=settings.seed,
+            noise=settings.noise,
+            node=settings.node,
+            link=self._link,
+        )
 
     def _connect(self, start: Pose2) -> None:
         self._drive = ManualDrive()
@@ -431,12 +449,13 @@ class SimulatedSweeper:
         return recording
 
     def close(self) -> None:
-        """Complete all recordings. Nothing else needs an end.
+        """Complete all recordings, and end the process of a firmware library.
 
         Raises:
             LogError: a recording could not be completed.
 
         """
+        self.device.close()
         recordings, self._recordings = self._recordings, []
         for recording in recordings:
             recording.close()

@@ -20,7 +20,7 @@ typedef struct {
 static const row_t table[PARAMETERS] = {
 #define PARAMETER(NAME, label, factory, low, high, kind, flags)                                   \
     [PARAMETER_##NAME] = {label, factory, low, high, kind, flags},
-    PARAMETER_TABLE(PARAMETER)
+    PARAMETER_TABLE(PARAMETER) OWN_PARAMETERS(PARAMETER)
 #undef PARAMETER
 };
 

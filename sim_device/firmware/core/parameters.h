@@ -14,7 +14,7 @@
 /* Numbers of the parameters: PARAMETER_NODE and so on. */
 enum {
 #define PARAMETER(NAME, label, factory, low, high, kind, flags) PARAMETER_##NAME,
-    PARAMETER_TABLE(PARAMETER)
+    PARAMETER_TABLE(PARAMETER) OWN_PARAMETERS(PARAMETER)
 #undef PARAMETER
         PARAMETERS
 };

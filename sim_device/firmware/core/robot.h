@@ -26,4 +26,9 @@
 
 #include "parameter_table.h"
 
+/* Parameters of your own, behind those of the table, in its format. */
+#ifndef OWN_PARAMETERS
+#define OWN_PARAMETERS(X)
+#endif
+
 #endif
