@@ -474,7 +474,9 @@ class Host:
         command = mission.step(obs, stale, now_s)
         if self.supervision is not None:
             command = self._supervised(self.supervision, command, now_ns)
-        if mission.phase is Phase.DRIVING and self.plausibility.due(now_ns):
+        if obs is None or stale is not None:  # a gyro rate that is held is no turn
+            self.plausibility.restart()
+        elif mission.phase is Phase.DRIVING and self.plausibility.due(now_ns):
             command = self._plausible(command, now_ns)
         if command is not None and self.session.state is State.READY:
             self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
