@@ -1,4 +1,4 @@
-"""A virtual sweeper with its line and its faults, with the interface of a sweeper."""
+"""A virtual sweeper behind a line with injected faults; it has the interface of a sweeper."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ WITHOUT_BUS: Mapping[str, str] = MappingProxyType(
 )
 """Kinds of fault that a device on a serial line does not support, with the reason."""
 _SEED = 0x11E
-"""Seed offset that keeps the line's draws apart from the device's, which use the same seed."""
+"""Number that is combined with the seed, so that the line and the device use different random
+sequences for the same seed."""
 
 
 @dataclass(slots=True)
@@ -72,7 +73,7 @@ class Rig:
         *,
         seed: int = 0,
     ) -> None:
-        """Connect ``device`` by ``settings``.
+        """Connect ``device`` to a line with ``settings``.
 
         Raises:
             FaultSpecError: a fault is impossible on this device.
@@ -122,7 +123,7 @@ class Rig:
         return out
 
     def next_deadline_us(self) -> int:
-        """Return the time of the next work, apart from the host's bytes."""
+        """Return when the next step is due if the host sends nothing."""
         deadline_us = self._inner_deadline_us()
         return min(deadline_us, self._offer_us) if self._held else deadline_us
 
@@ -144,11 +145,17 @@ class Rig:
         return not self.faults.knobs.unplugged
 
     def room(self) -> int:
-        """Return how many bytes of the host the adapter takes now; USB would hold back more."""
+        """Return how many bytes from the host the adapter accepts now.
+
+        With a real USB adapter the host would have to wait with more bytes.
+        """
         return max(0, self._down.room())
 
     def give_back(self, data: bytes, now_us: int) -> None:
-        """Return what the host did not take; what does not fit the adapter's buffer is lost."""
+        """Put data that the host did not take back into the adapter's buffer.
+
+        Data that does not fit is lost.
+        """
         if not data:
             return
         self._counts.to_host -= len(data)

@@ -78,11 +78,11 @@ class Result(NamedTuple):
     """Result of the calibration."""
 
     scale: float | None
-    """E_s; None if no straight path was measured."""
+    """Scale of both wheel diameters (E_s of UMBmark); None if no straight path was measured."""
     runs: tuple[Run, ...]
     before: Benchmark
     first: Correction
-    """Correction by the source's closed form."""
+    """Correction by the closed-form equations of Borenstein and Feng (``umbmark.py``)."""
     correction: Correction
     """The refined correction, which ``model`` contains."""
     after: Benchmark
@@ -121,7 +121,7 @@ class Wheels:
 
     @property
     def kept(self) -> list[tuple[float, Message]]:
-        """The list that the desk fills."""
+        """Received messages that are not yet processed; the desk appends to this list."""
         return self._kept
 
     def update(self) -> None:

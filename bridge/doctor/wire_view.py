@@ -108,7 +108,7 @@ class Marks:
 
 
 class WireView:
-    """Examines one link, passed in by :meth:`received` and :meth:`sent`."""
+    """Examines one link. Pass its bytes to :meth:`received` and :meth:`sent`."""
 
     def __init__(self, medium: Medium = Medium.UART) -> None:
         """Start without any data."""
@@ -137,9 +137,10 @@ class WireView:
         each answered ping."""
         self.unanswered = 0
         self.device_damaged = self.device_stale = self.device_received = 0
-        """Counters of the device for frames from the host, increase during the capture."""
+        """Increase, during the capture, of the device's counters of frames from the host."""
         self.device_receive_dropped = self.device_send_dropped = self.can_bus_offs = 0
-        """Counters of the device's queues and its CAN controller, increase during the capture."""
+        """Increase, during the capture, of the counters of the device's queues and of its CAN
+        controller."""
         self.can_errors = 0
         """Highest value of the CAN controller's error counters (TEC and REC)."""
         self.faults = 0

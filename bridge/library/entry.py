@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _KINDS = {VIRTUAL_PORT: "simulated", EMULATED_PORT: "truth"}
-"""Ports of logs that no host at a real port wrote."""
+"""Kind of a log by its port, for logs that were not recorded at a real port."""
 _STAMP = re.compile(r"(\d{8}T\d{6})Z-")
 """Begin of a log's default name."""
 _LARGEST = 1 << 63
@@ -36,7 +36,7 @@ class Entry(NamedTuple):
     """Content of the index for one file."""
 
     values: dict[str, Any] | None
-    """Values by column; None: the file is no run's first file."""
+    """Values by column; None: the file is not the first file of a run."""
     first: str | None = None
     """Name of the run's first file, for a later file of a run."""
     problem: str | None = None
@@ -62,7 +62,7 @@ def read_entry(path: Path, modified_ns: int) -> Entry:
 
 
 def _first_name(path: Path, run: dict[str, str]) -> str:
-    """Return the name of the first file of the run that a later file continues."""
+    """Return the name of the run's first file, from a later file of the same run."""
     number = f"-{int(run['part']):04d}" if run.get("part", "").isdecimal() else ""
     return path.stem.removesuffix(number) + path.suffix
 
@@ -106,7 +106,7 @@ def _values(path: Path, head: LogHead, modified_ns: int) -> dict[str, Any]:
 
 
 def _stored(kind: str, value: object) -> str | float | None:
-    """Return a value as SQLite takes it; None for one of another type."""
+    """Convert a value to the SQLite type of its column; None if the value does not fit it."""
     if kind == "TEXT":
         return value.encode("utf-8", "replace").decode() if isinstance(value, str) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -119,8 +119,8 @@ def _stored(kind: str, value: object) -> str | float | None:
 def _date(path: Path, run: dict[str, str], kind: str, modified_ns: int) -> str | None:
     """Return when the run began.
 
-    The clock of a simulated run is virtual: for its log the time in a default name counts, else
-    the time of the file.
+    The clock of a simulated run is virtual. For its log, return the time in the file name if it is
+    a default name, else the time at which the file was modified.
     """
     opened = run.get("opened_unix_ns", "")
     stamp = _STAMP.match(path.name)
@@ -144,7 +144,7 @@ def _text(unix_ns: int) -> str | None:
 
 @lru_cache(maxsize=64)
 def _robot_name(data: bytes) -> str | None:
-    """Return the name in a robot file; most logs have one of a few robots."""
+    """Return the name in a robot file; cached, because most logs contain one of a few robots."""
     try:
         name = tomllib.loads(data.decode()).get("name")
     except (ValueError, RecursionError):

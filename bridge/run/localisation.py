@@ -77,7 +77,7 @@ class Localisation:
         return self._displacement.displaced
 
     def measured_walls(self) -> list[MeasuredWall]:
-        """Return the walls of the estimate that were seen along a stretch."""
+        """Return the walls of the estimate that have a measured length, not only a distance."""
         found = []
         for wall, normal_rad, offset_m in self._walls.walls.known():
             if wall.seen_m > 0.0:
@@ -92,7 +92,7 @@ class Localisation:
         return found
 
     def see_walls(self, message: Range, device_us: DeviceUs) -> bool:
-        """Correct the estimate with a range sample of known walls; whether they confirm it."""
+        """Update the estimate with a range sample; return whether known walls confirm it."""
         self._walls.update(
             message.ultrasonic_m,
             message.infrared_left_m,

@@ -97,8 +97,8 @@ class _Sender:
     def __init__(self) -> None:
         self.stamps = StampExtender()
         self.pending: dict[tuple[int, int], _Incomplete] = {}
-        """Incomplete messages by node and message type; a host's messages name the addressed
-        device."""
+        """Incomplete messages by node and message type. For messages from a host, the node is that
+        of the addressed device."""
         self.slow: dict[tuple[int, int], bytes] = {}
         self.messages = 0
         """Number of messages delivered; it replaces the sequence number, which CAN lacks."""
@@ -138,7 +138,7 @@ class CanLink(LinkBase):
         self._frame_count = 0
         self._held = HeldMessages()
         self._unmarked: list[Received] = []
-        """Held messages whose tag did not come before the next message."""
+        """Held messages without an authentication tag: the next message came before the tag."""
 
     def _parts_of(self, spec: MessageSpec) -> tuple[Part, ...]:
         shared = self.codec.shared_fields(spec)

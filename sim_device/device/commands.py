@@ -1,6 +1,7 @@
 """The firmware's reaction to each command, and its reasons to reject one.
 
-The command log has passed every command here: each is new, and its answer is remembered.
+The command log removes repeated commands first, and stores each answer. So every command here is
+new.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ RATE_MAX = 10_000
 """Maximum rate of a stream, tenths of a hertz, as declared. A rate above the control rate means
 every tick."""
 SYNC_RATE_MIN = 40
-"""Minimum rate of the sync message, tenths of a hertz: 4 Hz. A stamp on CAN can be extended for 0.5
-s after a sync, and one may be lost."""
+"""Minimum rate of the sync message, tenths of a hertz: 4 Hz. On CAN a receiver can extend a stamp
+only within 0.5 s after a sync. At 4 Hz this holds even if one sync is lost."""
 
 
 class Commanded(Protocol):

@@ -103,12 +103,12 @@ class Firmware:
             model: The robot.
             identity: The identity that the device reports.
             sensors: The sensors.
-            catalogue: The declarations of this firmware's version of the project.
+            catalogue: The message catalogue of this firmware's version.
             flash: The memory in which parameters outlive a boot.
             link: The link to the host.
             clock: The clock of the stamps.
             modes: The mode machine, already booted.
-            local: Whether reaching the link requires standing beside the robot.
+            local: Whether only a person beside the robot can use the link.
             imu_scale: The IMU scale that the firmware configures.
 
         """

@@ -1,4 +1,4 @@
-"""Fingerprints of whole runs in virtual time: the same before and after a change of structure.
+"""Fingerprints of whole runs in virtual time; a change of structure must not change them.
 
     PYTHONPATH=tests python -m bench.reference_runs record before.json
     PYTHONPATH=tests python -m bench.reference_runs compare before.json

@@ -1,4 +1,6 @@
-"""The other end of a pty for :mod:`soak.line`: it agrees as a device does, then fills the line.
+"""The device at the other end of a pseudo-terminal (pty) for :mod:`soak.line`.
+
+It completes the handshake, then sends as fast as the line carries.
 
 ``feeder.py SECONDS BAUD [noise]`` prints the pty's name on its first line and, at its end, how many
 bytes it wrote and their CRC-32. With ``noise`` the line is full of damaged frames of 3 bytes.
@@ -28,10 +30,11 @@ MAX_AT_ONCE = 200
 carries.
 
 Without a bound, a feeder that gets too little of a core has more to catch up at each turn. Each
-turn then takes longer than the one before, until it sends nothing for seconds and counts as lost.
+turn then takes longer than the one before. In the end the feeder sends nothing for seconds, and
+the host treats it as lost.
 """
 DRAIN_S = 30.0
-"""Maximum time for a host to read the rest, s; for a host that has gone, the rest is not sent."""
+"""Maximum time for the host to read the remaining bytes, s. After that they are discarded."""
 BITS_PER_BYTE = 10
 _FRAME = 28
 """Encoded length of an inertial sample, delimiters included."""
@@ -60,7 +63,7 @@ class Feeder:
         self._pending = b""
 
     def run(self, seconds: float) -> None:
-        """Send for a time, once a host has agreed."""
+        """Send for ``seconds`` after the handshake."""
         begun_s: float | None = None
         while begun_s is None or time.monotonic() - begun_s < seconds:
             now_s = time.monotonic()
@@ -69,7 +72,7 @@ class Feeder:
                 begun_s = now_s
             if begun_s is not None:
                 due = self._bytes_s * (now_s - begun_s) - self.sent - len(self._pending)
-                # Frames that a delayed host did not take are not all made up for at once.
+                # After a delay of the host, do not create all missing frames at once.
                 for _ in range(min(int(due / _FRAME), MAX_AT_ONCE)):
                     self._sample(now_s)
             self._write()

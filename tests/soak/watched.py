@@ -1,4 +1,4 @@
-"""Checks the truth at every logged sample: whether a robot moves that must stand."""
+"""Checks the true pose at every logged sample: a robot that must stand still must not move."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from tools.virtual.run import VirtualRun
 
 MOVES_M_S = 0.03
-"""Minimum speed that counts as motion, m/s: a robot settles more slowly after a bump."""
+"""Minimum speed that counts as motion, m/s. After a bump a stopped robot may move more slowly."""
 RAMP_S = 0.35
 """Time to brake from top speed, s: 0.3 m/s at 1 m/s², and a control period."""
 TOP_M_S = 0.45
-"""Maximum plausible speed, m/s: half over the model's top speed."""
+"""Maximum plausible speed, m/s: 1.5 times the model's top speed."""
 
 
 class Truth:
@@ -44,7 +44,7 @@ class Truth:
         if isinstance(record, TruthRecord):
             self._look(record.log_ns * 1e-9, record.pose)
         elif isinstance(record, EventRecord) and record.data.get("fault") == "obstacle":
-            self._last = None  # it may appear where the robot stands, and push it aside
+            self._last = None  # it may appear at the robot's place and push the robot
         self._sink.write(record)
 
     @property

@@ -28,7 +28,7 @@ class LogPath(click.Path):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> Any:  # noqa: ANN401 - click's interface
-        """Convert the text to a path; `latest` to that of a run.
+        """Convert the text to a path; `latest` and `latest~N` become the path of a recorded run.
 
         Raises:
             NoRunError: there is no such run.

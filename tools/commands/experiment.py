@@ -87,7 +87,7 @@ def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[floa
     callback=_listed(options.NOISE_LEVELS),
     default="typical",
     show_default=True,
-    help="Noise levels, separated by commas; limits adds a perfect one.",
+    help="Noise levels, separated by commas; limits also runs the level perfect.",
 )
 @click.option(
     "--seeds",
@@ -178,10 +178,10 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Reproduce the paper's experiments, compare planners, or find what limits their coverage.
 
-    paper reproduces Table 2, cases 1 and 2, the comprehensive room with the U-shaped and the random
-    planner (section 5.3), path keeping (Figs. 14 and 15), velocity smoothing (Fig. 12), and the
-    layouts where the paper's algorithm fails. It has its own rooms, planners, noise levels and
-    seeds.
+    paper reproduces Table 2 (cases 1 and 2), section 5.3 (the comprehensive room with the planners
+    u-shape and random), Figs. 14 and 15 (path keeping) and Fig. 12 (velocity smoothing). It also
+    runs the layouts in which the paper's algorithm fails. It has its own rooms, planners, noise
+    levels and seeds.
 
     compare runs every combination of room, planner, noise level and seed. limits adds runs with a
     perfect pose and perfect ranges, and splits the lost coverage by cause.

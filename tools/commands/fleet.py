@@ -60,7 +60,8 @@ _PORT_OPTIONS = ("baud", "bitrate")
 @click.option(
     "--room",
     shell_complete=complete_room,
-    help="Room file or name of a shipped room, the same for all; adds coverage.",
+    help="Room file or name of a shipped room, the same for all robots. Each summary then has the "
+    "coverage.",
 )
 @click.option(
     "--robot",
@@ -90,11 +91,13 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Connect to several robots, show them on one dashboard, and record a log of each.
 
-    PORT is a port or the name of a robot in a configuration file. Each robot has a process of its
-    own, so that one that fails touches no other. Space stops all robots and waits until each has
-    confirmed; those that have not are named. The robots move only with --plan or --supervise.
+    PORT is a port or the name of a robot in a configuration file. Each robot has its own
+    process, so a failure of one does not affect the others. Space stops all robots and waits for
+    their confirmations. Robots that do not confirm in time are listed. The robots move only with
+    --plan or --supervise.
 
-    Exit status: that of `connect`, the gravest of all robots; 3 if one did not confirm a stop.
+    Exit status: the most severe status of `connect` among all robots; 3 if a robot did not confirm
+    a stop.
     """
     if supervise and planner is not None:
         raise click.UsageError("give --plan or --supervise, not both")

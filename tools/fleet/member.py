@@ -26,7 +26,8 @@ WATCH_HZ = 4.0
 _RETRY_S = 0.2
 """Period at which the socket of a starting process is looked for, s."""
 _END_S = 5.0
-"""Maximum time for a process to end after a signal, before its robot is stopped by the wire, s."""
+"""Maximum time for a process to end after a signal, s. After that it is killed, and the fleet stops
+the robot through the port."""
 _ROOT = Path(__file__).resolve().parents[2]
 LOST_STATUS = 3
 """Exit status for a robot that did not confirm its stop."""
@@ -39,7 +40,7 @@ class Target:
     label: str
     """Name of the robot, or the port; unique in the fleet."""
     given: str
-    """The word of the command line."""
+    """The argument as the user gave it: a port or the name of a robot."""
     port: str
     node: int | None
     how: Mapping[str, Any]
@@ -74,7 +75,7 @@ class Ended:
 
 
 class Member:
-    """A running ``sweepctl connect``. What happens to it touches no other member."""
+    """A running ``sweepctl connect``. Its failure does not affect other members."""
 
     def __init__(
         self, target: Target, arguments: Sequence[str], on_line: Callable[[str, str], None]
@@ -141,7 +142,10 @@ class Member:
         return self.stopped
 
     def _stop_again(self, error: BridgeError) -> dict[str, Any]:
-        """End the process, which may have the port open without a socket yet, and stop again."""
+        """End the process and stop the robot again.
+
+        The process may have opened the port, but not yet its socket.
+        """
         if self._over.is_set():
             return {"confirmed": False, "ending": str(error)}
         self.end()

@@ -2,7 +2,7 @@
 
 Rooms are mostly rectilinear, but boxes in them may be oblique. So orthogonality is used only with
 evidence: if the angle between two walls is known to better than ``SQUARE_SURE_RAD`` and agrees
-with a multiple of 90°. An oblique box stays a reference of its own.
+with a multiple of 90°. The walls of an oblique box form a frame of their own.
 """
 
 from __future__ import annotations
@@ -27,26 +27,27 @@ SQUARE_GATE_RAD = math.radians(1.6)
 LONG_M = 0.5
 """Length from which the weaker limits below hold, m."""
 LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
-"""Limits of the angle's standard deviation and of its difference from 90° for long walls, rad: a
-slightly oblique box seldom has long walls."""
+"""Limits for long walls, rad: of the angle's standard deviation, and of its difference from a
+multiple of 90°. They are weaker, because a slightly oblique box seldom has long walls."""
 _QUARTER = 0.5 * math.pi
 
 
 @dataclass(slots=True)
 class Wall:
-    """A wall, apart from its two states."""
+    """Data of a wall, without its states in the filter: direction and distance."""
 
     anchor_x_m: float
     anchor_y_m: float
     low_m: float
-    """Known part of the wall along (-sin α, cos α) from the anchor, m."""
+    """Start of the measured part of the wall, along (-sin α, cos α) from the anchor, m."""
     high_m: float
+    """End of the measured part, m."""
     seen_m: float = 0.0
     measurements: int = 0
     frame: int = -1
     """Number of the frame; walls of one frame are orthogonal. -1: none."""
     number: int = 0
-    """Number of the wall in the order of their first measurement."""
+    """Number of the wall: walls are numbered in the order in which they are first measured."""
 
 
 class Frames:
@@ -57,12 +58,15 @@ class Frames:
         self._walls = walls
         self._newest = -1
         self.widest = -1
-        """A wall of the widest frame; -1: no walls are orthogonal."""
+        """Index of a wall in the frame with the greatest measured length; -1: there is no frame."""
 
     def partner(
         self, i: int, alphas: Sequence[float], p: NDArray[np.float64]
     ) -> tuple[int, float] | None:
-        """Return the longest orthogonal wall that is not yet tied, and the angle's error.
+        """Return the longest wall that is orthogonal or parallel to a wall, but not in its frame.
+
+        The second value is the difference of their angle from a multiple of 90°, rad. Without such
+        a wall the result is None.
 
         Args:
             i: the wall.

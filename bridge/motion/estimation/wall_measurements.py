@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount
 
 MIN_SPAN_M = 0.09
-"""Minimum length of a fitted line, m; a side step of one cleaning width gives 0.12 m."""
+"""Minimum length of a fitted line, m. When the robot moves to the next lane, by one cleaning width,
+it measures 0.12 m of the wall."""
 MAX_SPAN_M = 0.40
 MIN_HITS = 7
 MAX_CHI2 = 12.0
@@ -25,12 +26,12 @@ noisier than assumed, and the measurement counts less."""
 MAX_BOW_M = 0.003
 """Maximum bow of a flat wall, m: a column of 0.7 m diameter bows 5 mm over 0.12 m."""
 WANDER_BOW = 1.5 * 5.0 / math.sqrt(210.0)
-"""Standard deviation of the bow that a flat wall seems to have for a robot with random lateral
-slip, over that slip: a Brownian path's share of the second Legendre polynomial, 0.52."""
+"""Ratio of two standard deviations, 0.52: of the bow that random lateral slip gives to a flat wall,
+and of that slip. It is the second Legendre coefficient of a Brownian path."""
 JUMP_M = 0.012
 GAP_M, GAP_RAD = 0.08, math.radians(15.0)
-"""Maximum distance (m) and turn (rad) between two hits of a line: beyond, another wall may be
-abeam."""
+"""Maximum distance (m) and turn (rad) between two hits of a line. After a longer gap the sensor
+may measure another wall."""
 STEADY_RAD_S = 0.30
 MOVING_M_S = 0.02
 FLAT_M, FLAT_RAD = 0.0008, math.radians(0.07)
@@ -45,8 +46,8 @@ FRONT_SIGMA_M = 0.003
 _RANGE_SHARE = 0.43
 """Mean ratio of the standard deviation of five normal values to their range."""
 CONE_SHARE = 0.005
-"""Standard deviation as a share of the range: a corner at the cone's rim echoes from up to 0.9 %
-too far."""
+"""Standard deviation as a share of the range. If a corner at the edge of the cone returns the echo,
+the range is up to 0.9 % too long."""
 FRONT_MAX_M = 1.2
 FRONT_STEP_M = 0.03
 """Minimum motion between two measurements, m: at rest the errors repeat."""
@@ -63,9 +64,10 @@ class LineMeasurement(NamedTuple):
     covar: float
     var_distance: float
     low_m: float
-    """Ends of the piece along the wall from the foot of the normal, m, counter-clockwise as seen
-    from the robot."""
+    """Start of the piece, m. Positions along the wall count from the foot of the normal. They
+    increase counter-clockwise as seen from the robot."""
     high_m: float
+    """End of the piece, m."""
 
     @property
     def span_m(self) -> float:
@@ -119,8 +121,9 @@ class SideMeasurement:
     ) -> LineMeasurement | None:
         """Take a reading and return the measurement that it ends, if any.
 
-        Readings in a quick turn are skipped. A short turn does not end the line, since a noisy
-        infrared makes wall following turn to and fro; a robot that rounds a corner turns on.
+        Readings in a quick turn are skipped. A short turn does not end the line, because a noisy
+        infrared sensor makes the robot turn to and fro while it follows a wall. At a corner the
+        robot keeps turning in one direction.
 
         ``wander_m_sqrt_m`` is the standard deviation of lateral slip, m per square root of the
         path.

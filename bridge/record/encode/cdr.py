@@ -1,7 +1,7 @@
 """Encoder of ROS 2 messages with a fixed layout in CDR: one ``struct.pack`` per message.
 
-Plain CDR, little-endian: each value is aligned to its size, counted after the 4-byte header. A text
-is its length with the final zero, then its bytes.
+Plain CDR, little-endian: each value is aligned to its size, counted after the 4-byte header. A
+string is encoded as its length, including the final zero byte, then its bytes.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ _NANOSECONDS = 1_000_000_000
 class CdrLayout:
     """Encoder of a message whose texts and array lengths are constant.
 
-    ``parts`` are the message's values in order: a ``struct`` code for a value that varies (``"d"``,
-    ``"3d"`` for three), a text, or a (code, value) pair for a constant.
+    ``parts`` are the message's values in order. A value that varies is a ``struct`` code (``"d"``,
+    or ``"3d"`` for three values). A constant is a (code, value) pair. A constant string has the
+    code ``"text"``.
     """
 
     def __init__(self, *parts: str | tuple[str, Any]) -> None:

@@ -27,9 +27,9 @@ _SCALED = cython.declare(cython.int, 4)
 _FLOAT = cython.declare(cython.int, 10)
 _SIN_HALF = cython.declare(cython.int, 11)
 _COS_HALF = cython.declare(cython.int, 12)
-# Sources from an integer column.
+# Kinds of values that are computed from an integer column.
 WHOLE, SECONDS, NANOSECONDS, STAMP, SCALED = _WHOLE, _SECONDS, _NANOSECONDS, _STAMP, _SCALED
-# Sources from a float column.
+# Kinds of values that are computed from a float column.
 FLOAT, SIN_HALF, COS_HALF = _FLOAT, _SIN_HALF, _COS_HALF
 _NS = cython.declare(cython.longlong, 1_000_000_000)
 
@@ -135,12 +135,13 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     """Write a record for each row, and the index of its messages.
 
     Args:
-        ints: Rows of integers, ``(n, columns)``; the first is the offset of the row's records.
+        ints: Rows of integers, ``(n, columns)``. The first column is the offset in ``out`` at which
+            the row's record is written.
         floats: Rows of floats, ``(n, columns)``.
         template: One record with its constants.
         ops: For each value: offset in the record, kind, column, width in bytes.
         scales: For each value: gain and offset.
-        out: The chunk; the rows' places are still empty.
+        out: The chunk, with space for the rows' records.
         log_column: Column of the log time.
         places: Offset of each message in a record, ``(messages,)``.
         index: Filled with each message's log times and offsets, ``(messages, n, 2)``.

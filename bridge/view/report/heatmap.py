@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _RESOLUTION_M = 0.01
 """Size of a cell, m, for which the coverage figures are defined."""
 _OFTEN = 0.5
-"""Share of the runs from which a piece of floor counts as often missed."""
+"""Minimum share of the runs that miss a piece of floor for it to count as often missed."""
 _MIN_PIECE_CM2 = 5.0
 """Area of the smallest piece that is listed, and surrounded by a line, cm²."""
 _MAX_PIECES = 20
@@ -62,9 +62,9 @@ class RoomMisses:
     reached: NDArray[np.int32]
     """Per cell (rows along y): number of runs whose robot could sweep it."""
     missed: NDArray[np.int32]
-    """Per cell: number of these runs that did not."""
+    """Per cell: number of those runs that did not sweep it."""
     shares: list[float] = field(default_factory=list)
-    """Main figure of each run."""
+    """Coverage of each run (``mouth_sweepable``, 0 to 1)."""
 
     @property
     def runs(self) -> int:

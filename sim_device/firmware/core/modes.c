@@ -15,8 +15,8 @@ typedef struct {
 
 #define REJECTED 0x80u
 
-/* The first row for the state and the event whose guard is true applies. Without a row nothing
- * happens. */
+/* The first row applies that matches the state and the event, and whose guard is true. Without such
+ * a row nothing happens. */
 static const row_t table[] = {
 #define ENTER(states, event, guard, state) {states, EVENT_##event, guard, STATE_##state},
 #define REJECT(states, event, guard, reason)                                                      \

@@ -50,8 +50,9 @@ void board_motors(board_t *board, int16_t left, int16_t right) {
 }
 
 /* Every edge of both inputs counts (18.3.12). A level is valid after eight samples at 84 MHz / 4 /
- * 32 (18.4.1: CKD, 18.4.7: filter 1111), 12.2 us. By then the ringing of the bridges' edges, 40 000
- * a second, is over. At the top speed of 0.30 m/s a level lasts for 870 us. */
+ * 32 (18.4.1: CKD, 18.4.7: filter 1111), 12.2 us. The H-bridges switch 40 000 times a second;
+ * by then the ringing of each edge is over. At the top speed of 0.30 m/s a level lasts for
+ * 870 us. */
 static void encoder(tim_regs_t *timer) {
     timer->ccmr[0] = 1u << 0 | 15u << 4 | 1u << 8 | 15u << 12; /* inputs TI1, TI2 */
     timer->smcr = TIM_SMCR_ENCODER_BOTH;

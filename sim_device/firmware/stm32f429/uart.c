@@ -1,6 +1,6 @@
-/* The serial link by DMA: a receive ring that fills by itself, with an interrupt at half, full and
- * idle line; a send queue that leaves in one transfer for each contiguous part. RM0090 sections 10
- * and 30. */
+/* The serial link by DMA. DMA fills the receive ring. An interrupt occurs when the ring is half
+ * full, when it is full, and when the line is idle. DMA sends each contiguous part of the send
+ * queue in one transfer. RM0090 sections 10 and 30. */
 #include <string.h>
 
 #include "cortex_m4.h"
@@ -9,13 +9,13 @@
 #include "stm32f4.h"
 
 #define RX_SIZE 256u
-#define TX_SIZE 1024u /* a power of two: places are taken modulo it */
+#define TX_SIZE 1024u /* a power of two, so that an index modulo it is right when a count wraps */
 #define BYTE_NS (10u * 1000000u / (BOARD_BAUD / 1000u))
 #define IN (&LINK_DMA->stream[LINK_RX_STREAM])
 #define OUT (&LINK_DMA->stream[LINK_TX_STREAM])
 
-/* The receiver samples the middle of each bit, so ten bits may be off by 3 % in all; the other side
- * may use half of that. */
+/* The receiver samples the middle of each bit, so the baud rates of both sides may differ by 3 %
+ * over ten bits. Each side may use half of that. */
 _Static_assert(BOARD_BAUD * 1000u < LINK_UART_HZ / ((LINK_UART_HZ + BOARD_BAUD / 2u) / BOARD_BAUD) * 1015u &&
                    BOARD_BAUD * 1000u > LINK_UART_HZ / ((LINK_UART_HZ + BOARD_BAUD / 2u) / BOARD_BAUD) * 985u,
                "this UART cannot make BOARD_BAUD to 1.5 %");
@@ -65,7 +65,7 @@ static void take(uint32_t arrived_us) {
 void link_uart_handler(void) {
     const uint32_t flags = LINK_UART->sr;
     if ((flags & (USART_SR_IDLE | USART_SR_ERRORS)) != 0) {
-        (void)LINK_UART->dr; /* 30.6.1: reading both clears them; the DMA has taken the byte */
+        (void)LINK_UART->dr; /* 30.6.1: reading SR, then DR clears the flags; DMA has the byte */
     }
     if ((flags & USART_SR_IDLE) != 0) {
         take(uptime_us() - (BYTE_NS + 999u) / 1000u); /* the line has been idle for a byte */
@@ -92,7 +92,7 @@ static void send_more(void) {
     dma_clear_flags(LINK_DMA, LINK_TX_STREAM);
     out->m0ar = (uint32_t)(uintptr_t)&tx[from];
     out->ndtr = tx_under_way;
-    LINK_UART->sr = ~USART_SR_TC; /* 30.3.13: before the stream is enabled */
+    LINK_UART->sr = ~USART_SR_TC; /* 30.3.13: clear TC before the stream is enabled */
     out->cr = DMA_CR_CHSEL(LINK_DMA_CHANNEL) | DMA_CR_MINC | DMA_CR_DIR_TO_PERIPHERAL | DMA_CR_TCIE |
               DMA_CR_TEIE | DMA_CR_EN;
 }

@@ -1,4 +1,4 @@
-"""Effect of a bad line on bytes: each knob by its effect and rate, independent of splits."""
+"""Damage by a bad line: effect and rate of each knob, however the bytes are split."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_flips_turn_one_bit_in_the_share_of_bytes() -> None:
     line = damage(WireKnobs(flips=0.01))
     out = line.stretch(DATA)
     wrong = [i for i, (x, y) in enumerate(zip(DATA, out, strict=True)) if x != y]
-    # 1000 expected, binomial sigma 31.5: five of them.
+    # 1000 expected; the tolerance is five times the binomial σ of 31.5.
     assert abs(len(wrong) - 1000) < 160
     assert ones(DATA, out) == len(wrong) == line.harmed
 
@@ -66,7 +66,8 @@ def test_bursts_are_noise_for_their_length_and_nothing_else() -> None:
     out = line.stretch(DATA)
     assert len(out) == len(DATA)
     wrong = [i for i, (x, y) in enumerate(zip(DATA, out, strict=True)) if x != y]
-    # 50 bursts of 16, each byte correct by chance once in 256; overlapping ones are one.
+    # About 50 bursts of 16 bytes; one byte in 256 is correct by chance. Bursts that overlap count
+    # as one.
     assert 400 < len(wrong) < 1200
     groups, last = 0, -100
     for i in wrong:
