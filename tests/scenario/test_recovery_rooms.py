@@ -81,6 +81,10 @@ def test_in_open_floor_gyro_vibration_sends_the_robot_to_a_known_wall(seed: int)
     assert len(reported.measurements_s) < 8, "not again and again"
     for begun_s in reported.measurements_s:
         assert max(sigma for t_s, sigma in sigmas if begun_s - 1.5 < t_s <= begun_s) > 0.75
-    for begun_s in whole:
-        assert min(sigma for t_s, sigma in sigmas if begun_s < t_s < begun_s + 25.0) < 0.6
+    helped = [
+        min(sigma for t_s, sigma in sigmas if begun_s < t_s < begun_s + 25.0) < 0.6
+        for begun_s in whole
+    ]
+    # A wall may be missed or blocked: the planner then waits longer before it tries again.
+    assert sum(helped) > 0.5 * len(helped)
     assert max(sigma for _, sigma in sigmas) < 1.5, "it is never left to grow"
