@@ -158,12 +158,14 @@ class Wire:
         bits = (self._sent + count) * BITS_PER_BYTE * _US
         return self._began_us + -(-bits // self._baud)
 
-    def take(self, now_us: int) -> bytes:
-        """Return the bytes that have left by now."""
+    def take(self, now_us: int, limit: int | None = None) -> bytes:
+        """Return the bytes that have left by now, at most ``limit``."""
         if not self._waiting:
             return b""
         sent = (now_us - self._began_us) * self._baud // (BITS_PER_BYTE * _US)
         count = min(len(self._waiting), max(0, sent - self._sent))
+        if limit is not None:
+            count = min(count, max(0, limit))
         data = bytes(self._waiting[:count])
         del self._waiting[:count]
         self._sent += count
@@ -233,7 +235,7 @@ class UartUp(Channel):
 
     def _run(self, now_us: int) -> None:
         while (at_us := self._next_packet_us()) is not None and at_us <= now_us:
-            self._packet += self._damage(self._wire.take(at_us))
+            self._packet += self._damage(self._wire.take(at_us, PACKET - len(self._packet)))
             self._handed += self._packet
             self._packet.clear()
             self._timer_us = at_us

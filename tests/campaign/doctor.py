@@ -162,6 +162,10 @@ PATIENTS: tuple[Patient, ...] = (
     _patient(
         "lifted", "lifted", "lifted@12:3", moving=True, seconds=25.0, beside=f"cliff {_STOPPED}"
     ),
+    _patient(
+        "carried", "lifted", "carried@12:3", moving=True, seconds=25.0, beside=f"cliff {_STOPPED}"
+    ),
+    _patient("displaced", "", "displaced@12", moving=True, seconds=25.0),
     _patient("obstacle", "", "obstacle@12:index=0,dx=0.3", moving=True, seconds=30.0),
     _patient("person", "", "person@12:15:ahead=0.5", moving=True, seconds=30.0),
 )

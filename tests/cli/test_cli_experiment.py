@@ -190,10 +190,10 @@ def test_a_users_mistakes_are_one_line(tmp_path: Path, monkeypatch: pytest.Monke
         (("limits", "--zimablue"), "--zimablue needs compare"),
         (("paper", "--zimablue"), "--zimablue needs compare"),
         (("compare", "--rooms", "layout:moat"), "no layout 'moat': give one of wall-obstacle,"),
-        (("paper", "--rooms", "case-1"), "--rooms: only for compare and limits; paper has its"),
-        (("paper", "--planners", "recovery"), "--planners: only for compare and limits"),
-        (("paper", "--generated", "0"), "--generated: only for compare and limits"),
-        (("--noise", "typical", "--seeds", "3"), "--noise, --seeds: only for compare and limits"),
+        (("paper", "--rooms", "case-1"), "--rooms: not for paper, which has its own rooms"),
+        (("paper", "--planners", "recovery"), "--planners: not for paper"),
+        (("paper", "--generated", "0"), "--generated: not for paper"),
+        (("--noise", "typical", "--seeds", "3"), "--noise, --seeds: not for paper"),
     ):
         done = sweepctl("experiment", *arguments, "--out", tmp_path)
         assert done.status == 2

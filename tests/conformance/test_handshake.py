@@ -1,4 +1,4 @@
-"""Hello and handshake: identity of the device, and its declarations."""
+"""Handshake: hello with the identity of the device, and its declarations."""
 
 from __future__ import annotations
 

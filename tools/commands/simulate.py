@@ -138,6 +138,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.virtual.wanted import Wanted
 
     core_target.check(target, firmware, gdb=gdb, in_real_time=False)
+    supervision = supervise_rules(robot, rules) if supervise or rules else None
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m, start)
     check_faults(plan, fault, target)
@@ -189,7 +190,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                     runner=runner,
                     onboard=planner_number(planner) if supervise else None,
                     resume=Resume(resume),
-                    supervise=supervise_rules(robot, rules) if supervise or rules else None,
+                    supervise=supervision,
                     crash_ends=True,
                     device=device,
                 )

@@ -36,6 +36,9 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "requirements-build.lock").write_text("cython==3")
     kernels.compiled(path).write_bytes(b"\x7fELF" + kernels.stamp(path).encode() + b"\0")
     kernels.compiled(tmp_path / kernels.SHARED).touch()
+    core = tmp_path / kernels.CORE
+    kernels.compiled(core).parent.mkdir(parents=True)
+    kernels.compiled(core).write_bytes(kernels.stamp(core).encode())
     return path
 
 
@@ -91,7 +94,7 @@ def test_the_tests_do_not_begin_without_compiled_kernels() -> None:
     )
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     (line,) = (text for text in done.stderr.splitlines() if text)
-    more = len(kernels.sources(tests=True)) - 1
+    more = len(kernels.sources(tests=True))  # and the core, less the first
     assert f"and {more} more: not compiled, or of another source; run `make venv`" in line
 
 
