@@ -474,10 +474,9 @@ class Host:
         command = mission.step(obs, stale, now_s)
         if self.supervision is not None:
             command = self._supervised(self.supervision, command, now_ns)
-        if obs is None or stale is not None:  # a gyro rate that is held is no turn
-            self.plausibility.restart()
-        elif mission.phase is Phase.DRIVING and self.plausibility.due(now_ns):
-            command = self._plausible(command, now_ns)
+        if mission.phase is Phase.DRIVING and self.plausibility.due(now_ns):
+            current = obs is not None and stale is None
+            command = self._plausible(command, now_ns, current=current)
         if command is not None and self.session.state is State.READY:
             self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
             target = HALT if mission.runner is None else mission.runner.target
@@ -543,11 +542,20 @@ class Host:
             state.plugged,
         )
 
-    def _plausible(self, command: VelocityCommand | None, now_ns: HostNs) -> VelocityCommand | None:
-        """Check that the estimate is about the real robot; return the velocity to send."""
+    def _plausible(
+        self, command: VelocityCommand | None, now_ns: HostNs, *, current: bool
+    ) -> VelocityCommand | None:
+        """Check that the estimate is about the real robot; return the velocity to send.
+
+        Without ``current`` samples there is no check: a gyro rate that is held is no turn.
+        """
         mission, supervision = self.mission, self.supervision
         planned = follows_plan(mission.runner) or isinstance(mission, OnboardMission)
-        if not planned or (supervision is not None and supervision.supervisor.holding):
+        if (
+            not current
+            or not planned
+            or (supervision is not None and supervision.supervisor.holding)
+        ):
             self.plausibility.restart()
             return command
         inputs = self._inputs(now_ns, None, "")
