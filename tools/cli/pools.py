@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import logging
 import multiprocessing
+import re
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
@@ -39,6 +40,10 @@ class ClusterMissingError(BridgeError):
 
     def __init__(self) -> None:
         super().__init__("a cluster needs more packages: pip install 'sweepctl[cluster]'")
+
+
+_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss)://)?[\w.\-\[\]:]{1,255}:\d{1,5}/?", re.ASCII)
+"""Address of a scheduler: Dask's client may hang on others."""
 
 
 class ClusterError(BridgeError):
@@ -227,6 +232,8 @@ def _connected(address: str) -> Any:  # noqa: ANN401 - distributed is optional
         ClusterError: the scheduler cannot be reached.
 
     """
+    if not _ADDRESS.fullmatch(address):
+        raise ClusterError(f"{address[:80]!r} is no scheduler address: use tcp://HOST:PORT")
     if not all(map(importlib.util.find_spec, ("distributed", "pyarrow"))):
         raise ClusterMissingError
     import distributed
