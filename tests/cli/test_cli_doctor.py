@@ -116,7 +116,7 @@ def test_invalid_logs(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "option", "reported"),
+    ("file_or_port", "option", "reported"),
     [
         ("can:virtual:x", "--find-baud", "for can:virtual:x give --bitrate"),
         ("socket://127.0.0.1:9", "--find-baud", "socket://127.0.0.1:9 has no baud rate"),
@@ -124,8 +124,8 @@ def test_invalid_logs(folder: Path) -> None:
         (__file__, "--listen", "is a file"),
     ],
 )
-def test_conflicting_options(target: str, option: str, reported: str) -> None:
-    done = sweepctl("doctor", target, option)
+def test_conflicting_options(file_or_port: str, option: str, reported: str) -> None:
+    done = sweepctl("doctor", file_or_port, option)
     assert done.status == 2
     assert option in done.line
     assert reported in done.line

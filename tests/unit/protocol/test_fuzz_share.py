@@ -24,36 +24,36 @@ SHARE = 5
 
 
 @pytest.mark.parametrize("share", [SHARE, pytest.param(1, marks=pytest.mark.nightly)])
-@pytest.mark.parametrize("target", list(TARGETS))
-def test_no_input_that_the_fuzzer_finds_breaks_it(target: str, share: int, tmp_path: Path) -> None:
-    runs = RUNS[target] // share
+@pytest.mark.parametrize("decoder", list(TARGETS))
+def test_no_input_that_the_fuzzer_finds_breaks_it(decoder: str, share: int, tmp_path: Path) -> None:
+    runs = RUNS[decoder] // share
     # Without reload: reading the corpus every second would run more inputs, and others on each
     # machine.
     options = [f"-runs={runs}", "-seed=1", "-reload=0", f"-artifact_prefix={tmp_path}/"]
-    done = fuzz(target, tmp_path / "found", *options)
+    done = fuzz(decoder, tmp_path / "found", *options)
     assert done.returncode == 0, done.stderr[-3000:]
     assert f"Done {runs} runs" in done.stderr
 
 
-def fuzz(target: str, into: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "fuzz.run", target, "--into", str(into), *options]
+def fuzz(decoder: str, into: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "fuzz.run", decoder, "--into", str(into), *options]
     paths = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
     return subprocess.run(
         command, cwd=into.parent, env=paths, capture_output=True, text=True, check=False
     )
 
 
-@pytest.mark.parametrize("target", list(TARGETS))
-def test_the_fuzzing_corpus_passes(target: str) -> None:
-    inputs = corpus(target)
+@pytest.mark.parametrize("decoder", list(TARGETS))
+def test_the_fuzzing_corpus_passes(decoder: str) -> None:
+    inputs = corpus(decoder)
     assert len(inputs) > 5
     assert len(set(inputs)) == len(inputs)
     for data in inputs:
-        TARGETS[target](data)
+        TARGETS[decoder](data)
 
 
-def corpus(target: str) -> list[bytes]:
-    path = ROOT / "tests" / "fuzz" / "corpus" / f"{target}.txt"
+def corpus(decoder: str) -> list[bytes]:
+    path = ROOT / "tests" / "fuzz" / "corpus" / f"{decoder}.txt"
     return [bytes.fromhex(line) for line in path.read_text(encoding="ascii").splitlines()]
 
 

@@ -179,12 +179,12 @@ def test_a_dead_crystal_is_a_fault_bit() -> None:
         ("encoder-swapped@0", Fault.ENCODERS_SWAPPED),
     ],
 )
-@pytest.mark.parametrize("target", ["core", "python"])
+@pytest.mark.parametrize("firmware", ["core", "python"])
 def test_a_miswired_encoder_ends_at_rest_with_the_drivers_off(
-    target: str, fault: str, named: Fault
+    firmware: str, fault: str, named: Fault
 ) -> None:
     """A curve, in which the wheels differ: the sign of duty against counts shows what is wrong."""
-    made = device() if target == "core" else VirtualSweeper(OPEN_FLOOR, noise="none", seed=1)
+    made = device() if firmware == "core" else VirtualSweeper(OPEN_FLOOR, noise="none", seed=1)
     rig = Rig(made, faults=[parse_fault(fault)], seed=1)
     drive = Drive(rig, V_M_S, 1.5)
     drive.run(8.0)
