@@ -31,6 +31,7 @@ from protocol.can.link import CanLink
 from sim_device.ports import MulticastPort, SlcanPort
 from support.ends import sweeper
 from support.two_processes import PATIENCE_S, Command, Emulator, connect
+from support.waiting import until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,8 +75,8 @@ def device_on(port: str, node: int = 1) -> Iterator[None]:
 def drive_a_little(port: str) -> None:
     """Use the public API: agree, receive every sensor, drive, stop."""
     with bridge.open(port) as robot:
-        assert robot.imu.latest is not None or wait_for(lambda: robot.imu.latest is not None)
-        assert wait_for(lambda: robot.range.latest is not None)
+        until(lambda: robot.imu.latest is not None)
+        until(lambda: robot.range.latest is not None)
         robot.enable()
         start = robot.pose
         for _ in range(20):
@@ -84,23 +85,13 @@ def drive_a_little(port: str) -> None:
         assert robot.pose.distance_m(start) > 0.05
 
 
-def wait_for(true: object, patience_s: float = 10.0) -> bool:
-    assert callable(true)
-    end_s = time.monotonic() + patience_s
-    while not true():
-        if time.monotonic() > end_s:
-            return False
-        time.sleep(0.01)
-    return True
-
-
 def test_the_virtual_bus_of_one_process_with_two_robots_and_a_listener() -> None:
     tap = can.Bus(interface="virtual", channel="sweepers", ignore_config=True)
     with device_on("can:virtual:sweepers"), device_on("can:virtual:sweepers", node=2):
         with pytest.raises(SeveralDevicesError, match=r"several devices answer.*node 1.*node 2"):
             bridge.open("can:virtual:sweepers")
         with bridge.open("can:virtual:sweepers", node=2) as robot:
-            assert wait_for(lambda: robot.imu.latest is not None)
+            until(lambda: robot.imu.latest is not None)
             time.sleep(1.0)
     bits = count = 0
     while (message := tap.recv(0.0)) is not None:

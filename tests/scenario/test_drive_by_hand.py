@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import struct
-import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,14 +13,14 @@ from protocol.messages.values import StopCause
 from support.cli import sweepctl
 from support.served import Served
 from support.terminal import OnTerminal
+from support.waiting import until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.realtime
 
-PATIENCE_S = 60.0
 UP, UP_AGAIN, UP_RELEASED = b"\x1b[A", b"\x1b[1;1:2A", b"\x1b[1;1:3A"
 
 
@@ -29,14 +28,6 @@ UP, UP_AGAIN, UP_RELEASED = b"\x1b[A", b"\x1b[1;1:2A", b"\x1b[1;1:3A"
 def served() -> Iterator[Served]:
     with Served() as served:
         yield served
-
-
-def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < deadline, "it never came"
-        meanwhile()
-        time.sleep(0.05)
 
 
 def latched(served: Served) -> int:

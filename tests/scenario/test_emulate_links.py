@@ -29,17 +29,10 @@ from support.root import ROOT
 from support.two_processes import PATIENCE_S, Command, Emulator, Together, connect
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.realtime
-
-
-def wait_until(true: Callable[[], object]) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.01)
 
 
 def read_all(client: socket.socket) -> bytes:

@@ -14,6 +14,7 @@ from support.cli import sweepctl
 from support.served import Served
 from support.terminal import OnTerminal
 from support.two_processes import Command
+from support.waiting import until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -75,14 +76,14 @@ def test_beside_an_owner_a_terminal_shows_the_owners_dashboard(
 
 
 def test_a_terminal_shows_the_dashboard_of_an_idle_robot(served: Served, tmp_path: Path) -> None:
+    until(lambda: served.device.truth.v_m_s == 0.0, what="it rests after its drive")
     before = served.device.truth.pose
     with OnTerminal("monitor", served.port, "--handshake", cwd=tmp_path) as terminal:
         for text in ("run waiting", "idle", "battery", "moves nothing"):
             terminal.shows(text)
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.end() == 0
-    # The robot may still coast from the drive of the test before.
-    assert served.device.truth.pose.distance_m(before) < 0.05
+    assert served.device.truth.pose == before
     assert list(tmp_path.iterdir()) == [], "nothing is recorded"
 
 

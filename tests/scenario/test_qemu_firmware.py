@@ -18,8 +18,9 @@ from sim_device.ports.qemu_build import FirmwareBuildError, firmware_elf
 from support.c_build import run, tool
 from support.cli import end, start, sweepctl
 from support.probe import Probe
-from support.qemu import READY_S, build, emulated, finish, true_coverage, until
+from support.qemu import READY_S, build, emulated, finish, true_coverage
 from support.root import ROOT
+from support.waiting import until
 from tools.dev.firmware_report import BOARDS, taken
 
 if TYPE_CHECKING:
@@ -192,7 +193,7 @@ def test_the_first_seconds_of_a_clean(built: Path, tmp_path: Path) -> None:
 def test_a_host_that_is_killed(device: Emulated, tmp_path: Path) -> None:
     """The wheels rest after a setpoint's life and a ramp; a second later a stop latches."""
     host = start("connect", device.port, "--plan", "recovery", "--json", cwd=tmp_path)
-    until(lambda: device.truth()["v_m_s"] > 0.1, READY_S, "it drives")
+    until(lambda: device.truth()["v_m_s"] > 0.1, within_s=READY_S, what="it drives")
     host.kill()
     killed = device.truth()
     host.communicate()
@@ -204,7 +205,11 @@ def test_a_host_that_is_killed(device: Emulated, tmp_path: Path) -> None:
     assert rested_s <= 0.25 + RAMP_S + WHEELS_S
     with_probe = probe(device)
     try:
-        until(lambda: _latched(with_probe) is StopCause.LINK, 5.0, "it latches for silence")
+        until(
+            lambda: _latched(with_probe) is StopCause.LINK,
+            within_s=5.0,
+            what="it latches for silence",
+        )
         where = device.truth()
         assert abs(where["v_m_s"]) < 0.005
         assert where["path_m"] - last["path_m"] < 0.005, "and stays where it is"
@@ -253,7 +258,7 @@ def test_a_reset_is_reported_and_latched(device: Emulated, fault: str, cause: Re
     try:
         before = host.handshake()
         device.ask(f"start {fault}")
-        until(lambda: _booted(host, before), 5.0, "it boots anew")
+        until(lambda: _booted(host, before), within_s=5.0, what="it boots anew")
         hello = host.handshake()
         assert hello.reset_cause == cause
         assert hello.uid == before.uid
@@ -277,7 +282,11 @@ def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
         host.handshake()
         assert not host.status().faults & ~Fault.DRIVERS_OFF
         device.ask("start battery-flat:charge=0.02")
-        until(lambda: bool(host.status().faults & Fault.BATTERY_LOW), 5.0, "the battery is low")
+        until(
+            lambda: bool(host.status().faults & Fault.BATTERY_LOW),
+            within_s=5.0,
+            what="the battery is low",
+        )
     finally:
         device.ask("start battery-flat:charge=1.0")
         host.port.close()
@@ -301,7 +310,7 @@ def test_qemu_does_not_outlive_an_emulator_that_is_killed(built: Path, tmp_path:
         pid = made.qemu_pid()
         made.process.kill()
         made.process.communicate()
-        until(lambda: _gone(pid), 10.0, "QEMU ends")
+        until(lambda: _gone(pid), within_s=10.0, what="QEMU ends")
 
 
 def _gone(pid: int) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import random
 import threading
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,29 +34,18 @@ from protocol.messages.values import Mode, StopCause
 from sim_device.ports import PtyPort
 from support.emulated import PLAN, Emulated
 from support.observed import AT_REST
+from support.waiting import PATIENCE_S, until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 pytestmark = pytest.mark.realtime
-
-PATIENCE_S = 60.0
-"""Maximum time of a step, s; only a hang is longer."""
 
 
 @pytest.fixture
 def emulated() -> Iterator[Emulated]:
     with Emulated() as emulated:
         yield emulated
-
-
-def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
-    """Wait for a condition that must become true."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < deadline, "it never came"
-        meanwhile()
-        time.sleep(0.02)
 
 
 def another(stream: Latest[Encoders]) -> None:

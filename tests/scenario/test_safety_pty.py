@@ -29,9 +29,10 @@ from support.two_processes import (
     last_motion_s,
     truth,
 )
+from support.waiting import until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from support.processes import Done
@@ -61,14 +62,6 @@ def under_way(device: Emulator, path_m: float) -> None:
         return bool(reported["path_m"] > path_m and reported["v_m_s"] > MOVING_M_S)
 
     until(moving)
-
-
-def until(true: Callable[[], bool]) -> None:
-    """Wait for a condition that must become true."""
-    until_s = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < until_s, f"it did not come in {PATIENCE_S} s"
-        time.sleep(0.02)
 
 
 def comes_to_rest(poses: list[Pose], before_s: float, broken_s: float) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import signal
-import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,7 +18,7 @@ from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
     import subprocess
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from support.processes import Done
 
@@ -108,11 +107,3 @@ def true_coverage(log: Path, room: str) -> float:
         theta = 2.0 * math.atan2(turn.z, turn.w)
         poses.append((plain.log_ns / 1e9, value.pose.position.x, value.pose.position.y, theta))
     return CoverageMeter(load_room(room), RobotModel()).measure(poses).coverage.mouth_sweepable
-
-
-def until(so: Callable[[], bool], within_s: float, what: str) -> None:
-    """Wait for a condition that another process fulfils."""
-    limit = time.monotonic() + within_s
-    while not so():
-        assert time.monotonic() < limit, f"not within {within_s:g} s: {what}"
-        time.sleep(0.01)
