@@ -29,8 +29,6 @@ WHOLE = {"room": "case-1"}
 """Valid values of other required arguments, whose names would otherwise be rejected first."""
 LISTED = {("ports", "named")}
 """Arguments for which any name is valid: it is shown as given."""
-REPORTING = {("fleet",)}
-"""Commands that print lines of other processes, after the name of a robot."""
 
 
 def leaves(
@@ -46,7 +44,7 @@ def leaves(
         yield from leaves(below, (*words, name))
 
 
-COMMANDS = {words: command for words, command in leaves(cli) if words not in REPORTING}
+COMMANDS = dict(leaves(cli))
 
 
 def given(parameter: click.Parameter, value: str) -> list[str]:

@@ -103,6 +103,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError("give --plan or --supervise, not both")
     if onboard is not None and not supervise:
         raise click.UsageError("--onboard needs --supervise")
+    _check_files(robots, robot, room, planner)
     arguments: list[str] = []
     if planner is not None:
         arguments += ["--plan", planner]
@@ -115,6 +116,29 @@ def command(  # noqa: PLR0913 - one parameter per option
     for event, line in on_events:
         arguments += ["--on", event, line]
     return _run(_targets(robots, out, robot), arguments, as_json=as_json)
+
+
+def _check_files(
+    robots: Sequence[Named], robot: Path | None, room: str | None, planner: str | None
+) -> None:
+    """Read every robot file, the room and the planner before a process starts.
+
+    Raises:
+        BridgeError: one of them is invalid; the text names it.
+
+    """
+    import random
+
+    from bridge.config import load_robot
+    from tools.cli.rooms import load_room
+
+    for named in robots:
+        own = named.values.get("robot")
+        model, _ = load_robot(robot if own is None else Path(own.value))
+        if room is not None:
+            load_room(room, model.radius_m)
+        if planner is not None:
+            planners.make(planner, model, random.Random(0), option="--plan")
 
 
 def _targets(robots: Sequence[Named], out: Path | None, robot: Path | None) -> list[Target]:
@@ -178,9 +202,7 @@ def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) 
 
     drawn = is_drawable()
     board = FleetDashboard(has_keys=Keyboard.possible()) if drawn else None
-    fleet = Fleet(
-        targets, arguments, board.line if board else lambda label, line: inform(f"{label}: {line}")
-    )
+    fleet = Fleet(targets, arguments, board.line if board else _print_line)
 
     def on_key(key: Key) -> None:
         if key.kind == "press" and key.name in {"space", "s"}:
@@ -199,11 +221,18 @@ def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) 
         write_json(fleet.to_dict())
     for member in fleet.members:
         ended = member.ended
-        if ended is not None:
-            inform(f"{member.target.label}: {ended.outcome} - {ended.reason}")
+        if ended is None or (board is None and ended.reason == member.last_error):
+            continue
+        inform(f"{member.target.label}: {ended.outcome} - {ended.reason}")
     for label in fleet.unconfirmed:
         complain(f"{label}: the stop is NOT CONFIRMED; switch the robot off")
     return fleet.exit_status
+
+
+def _print_line(label: str, line: str, *, is_error: bool) -> None:
+    from tools.cli.console import complain, inform
+
+    (complain if is_error else inform)(f"{label}: {line}")
 
 
 def _wait(fleet: Fleet) -> None:

@@ -87,8 +87,9 @@ class FleetDashboard:
         self._lines: deque[tuple[str, str]] = deque(maxlen=_KEPT_EVENTS)
         self._live = Live(self, console=err(), refresh_per_second=3, screen=True)
 
-    def line(self, label: str, text: str) -> None:
+    def line(self, label: str, text: str, *, is_error: bool = False) -> None:
         """Add a line of a robot's process; callable from any thread."""
+        del is_error
         self._lines.append((label, one_line(text)))
 
     def start(self) -> None:

@@ -6,12 +6,12 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from tools.cli.paths import is_there
-from tools.fleet.member import LOST_STATUS, Member
+from tools.fleet.member import LOST_STATUS, Member, drop_line
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from tools.fleet.member import Target
+    from tools.fleet.member import OnLine, Target
 
 GRAVITY = (3, 5, 4, 2, 1, 0)
 """Exit statuses from the gravest one to success; the fleet has the gravest of its robots."""
@@ -26,7 +26,7 @@ class Fleet:
         self,
         targets: Sequence[Target],
         arguments: Sequence[str],
-        on_line: Callable[[str, str], None] = lambda _label, _line: None,
+        on_line: OnLine = drop_line,
     ) -> None:
         """Start a process for each robot; ``arguments`` are options of ``connect``."""
         self.message = ""

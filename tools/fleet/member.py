@@ -11,7 +11,7 @@ import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from bridge.errors import BridgeError
 from bridge.io import clock
@@ -19,7 +19,7 @@ from bridge.io.owner_client import watch
 from tools.cli.stopping import stop_port
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
 WATCH_HZ = 4.0
 """Rate at which the state of a robot is read, Hz."""
@@ -28,6 +28,8 @@ _RETRY_S = 0.2
 _END_S = 5.0
 """Maximum time for a process to end after a signal, s. After that it is killed, and the fleet stops
 the robot through the port."""
+_ERROR = "sweepctl: "
+"""Beginning of each error that a process prints."""
 _ROOT = Path(__file__).resolve().parents[2]
 LOST_STATUS = 3
 """Exit status for a robot that did not confirm its stop."""
@@ -74,18 +76,30 @@ class Ended:
         return "fault" if self.summary is None else str(self.summary["outcome"])
 
 
+class OnLine(Protocol):
+    """Receiver of lines, called from another thread."""
+
+    def __call__(self, label: str, line: str, *, is_error: bool) -> None:
+        """Receive a line of the robot with this label, and whether it is an error."""
+
+
+def drop_line(label: str, line: str, *, is_error: bool) -> None:
+    """Drop a line."""
+    del label, line, is_error
+
+
 class Member:
     """A running ``sweepctl connect``. Its failure does not affect other members."""
 
     def __init__(
-        self, target: Target, arguments: Sequence[str], on_line: Callable[[str, str], None]
+        self, target: Target, arguments: Sequence[str], on_line: OnLine = drop_line
     ) -> None:
         """Start the process.
 
         Args:
             target: the robot.
             arguments: options of ``connect`` that every robot gets.
-            on_line: called in another thread with the label and each line that the process prints.
+            on_line: receives each line that the process prints.
 
         """
         self.target = target
@@ -111,7 +125,8 @@ class Member:
             start_new_session=True,  # Ctrl-C is handled by the fleet
         )
         self._over = threading.Event()
-        self._last_line = ""
+        self.last_error = ""
+        """Newest error that the process printed; empty: none."""
         for work in (self._read_lines, self._watch, self._wait):
             threading.Thread(target=work, daemon=True).start()
 
@@ -163,9 +178,13 @@ class Member:
         assert self._process.stderr is not None  # noqa: S101 - Popen was given PIPE
         for line in self._process.stderr:
             text = line.rstrip()
-            if text:
-                self._last_line = text.removeprefix("sweepctl: ")
-                self._on_line(self.target.label, self._last_line)
+            if not text:
+                continue
+            is_error = text.startswith(_ERROR)
+            text = text.removeprefix(_ERROR)
+            if is_error:
+                self.last_error = text
+            self._on_line(self.target.label, text, is_error=is_error)
 
     def _watch(self) -> None:
         while not self._over.is_set():
@@ -187,12 +206,12 @@ class Member:
         if not isinstance(summary, dict) or "outcome" not in summary:
             summary = None
         if code >= 0:
-            reason = self._last_line if summary is None else str(summary.get("reason"))
+            reason = self.last_error if summary is None else str(summary.get("reason"))
             self.ended = Ended(code, reason, summary if "path_m" in (summary or {}) else None)
             return
         # Killed: the device stops by itself when its host is silent; do not rely on it.
         reason = f"its process was killed by signal {-code}"
-        self._on_line(self.target.label, f"{reason}; stopping the robot")
+        self._on_line(self.target.label, f"{reason}; stopping the robot", is_error=True)
         if self.stop().confirmed:
             self.ended = Ended(1, f"{reason}; the robot has confirmed a stop", None)
         else:
