@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from support.served import Served
 from support.terminal import OnTerminal
 from support.two_processes import Command
 from support.waiting import until
+from tools.live.shared import OwnerPicture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -85,6 +87,28 @@ def test_a_terminal_shows_the_dashboard_of_an_idle_robot(served: Served, tmp_pat
         assert terminal.end() == 0
     assert served.device.truth.pose == before
     assert list(tmp_path.iterdir()) == [], "nothing is recorded"
+
+
+def test_the_path_before_joining_is_shown_of_an_owner_without_a_dashboard(
+    served: Served, tmp_path: Path
+) -> None:
+    run = ("--plan", "u-shape", "--room", "empty", "--out", "run.mcap", "--quiet")
+    with Command("connect", served.port, *run, cwd=tmp_path) as owner:
+        owner.prints("run is driving")
+        begun_m = served.device.truth.path_m
+        until(lambda: served.device.truth.path_m > begun_m + 0.3, what="the robot drives")
+        picture = OwnerPicture(served.port, hz=4.0)
+        trail = list(picture.facts.trail)
+        owner.send(signal.SIGINT)
+        assert owner.end().status == 0
+    assert len(trail) > 3
+    assert sum(map(math.dist, trail, trail[1:])) == pytest.approx(0.3, abs=0.1)
+
+
+def test_the_robot_file_is_read_before_the_port_is_opened(served: Served, tmp_path: Path) -> None:
+    done = sweepctl("monitor", served.port, "--handshake", "--robot", tmp_path / "no.toml")
+    assert done.status == 2
+    assert "cannot read robot file" in done.line
 
 
 def test_conflicting_options_are_rejected(served: Served) -> None:

@@ -13,6 +13,7 @@ from tools.cli.port_options import PortAsked, port_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from bridge.api.robot import Robot
     from bridge.run.snapshot import Snapshot
@@ -49,6 +50,7 @@ def _complete_type(
     help="Connect to the device, so that it sends its sensor data, and show its state. Nothing "
     "moves.",
 )
+@options.robot_option
 @click.option("--raw", is_flag=True, help="Also show each payload in hex.")
 @click.option(
     "--lines",
@@ -69,6 +71,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     port: PortAsked,
     types: tuple[str, ...],
     handshake: bool,
+    robot: Path | None,
     raw: bool,
     lines: bool,
     jsonl: bool,
@@ -108,7 +111,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         _check_followed(port, types, raw=raw)
         looker.look_on_owner()
     elif handshake:
-        looker.look_on_device(port)
+        looker.look_on_device(port, robot)
     else:
         view = _view(monitor, port.name, types, raw=raw, lines=lines, jsonl=jsonl, quiet=as_json)
         _listen(port, monitor, view, duration_s)
@@ -229,10 +232,11 @@ class _Looker:
         inform(f"another sweepctl has {self._port} open: its state is shown, not the traffic")
         self._print(watch(self._port, hz=_STATES_HZ), "owner")
 
-    def look_on_device(self, port: PortAsked) -> None:
+    def look_on_device(self, port: PortAsked, robot_file: Path | None) -> None:
         """Connect to an idle device and show its state; nothing moves.
 
         Raises:
+            RobotFileError: the robot file is invalid.
             PortError: the port cannot be opened.
             NoDeviceError: no device answered.
             IncompatibleError: the device is incompatible.
@@ -240,12 +244,14 @@ class _Looker:
 
         """
         import bridge
+        from bridge.config import load_robot
         from bridge.record.sink import NullSink
         from tools.live.heading import RunFacts
         from tools.live.live import EventLines
 
         events = EventLines(NullSink(), plain=False)
-        with bridge.open(port.name, node=port.node, sink=events, **port.how) as robot:
+        model, _ = load_robot(robot_file)
+        with bridge.open(port.name, model=model, node=port.node, sink=events, **port.how) as robot:
             robot.wait_for_status()
             if self._draws:
                 facts = RunFacts(self._port, note="connected; moves nothing, records nothing")

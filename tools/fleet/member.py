@@ -176,15 +176,16 @@ class Member:
 
     def _read_lines(self) -> None:
         assert self._process.stderr is not None  # noqa: S101 - Popen was given PIPE
-        for line in self._process.stderr:
-            text = line.rstrip()
-            if not text:
-                continue
-            is_error = text.startswith(_ERROR)
-            text = text.removeprefix(_ERROR)
-            if is_error:
-                self.last_error = text
-            self._on_line(self.target.label, text, is_error=is_error)
+        with self._process.stderr as lines:
+            for line in lines:
+                text = line.rstrip()
+                if not text:
+                    continue
+                is_error = text.startswith(_ERROR)
+                text = text.removeprefix(_ERROR)
+                if is_error:
+                    self.last_error = text
+                self._on_line(self.target.label, text, is_error=is_error)
 
     def _watch(self) -> None:
         while not self._over.is_set():
@@ -197,7 +198,8 @@ class Member:
 
     def _wait(self) -> None:
         assert self._process.stdout is not None  # noqa: S101 - Popen was given PIPE
-        printed = self._process.stdout.read()
+        with self._process.stdout as output:
+            printed = output.read()
         code = self._process.wait()
         self._over.set()
         summary = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from dataclasses import dataclass, field
@@ -34,8 +35,14 @@ class Coverage(Protocol):
         ...
 
 
+TRAIL_STEP_M = 0.05
+"""Distance between positions of the path that is drawn, m: below a cell of the map."""
+_TRAIL_POSITIONS = 2000
+"""Maximum number of positions: 100 m of path."""
+
+
 def _trail() -> deque[tuple[float, float]]:
-    return deque(maxlen=2000)
+    return deque(maxlen=_TRAIL_POSITIONS)
 
 
 @dataclass(slots=True)
@@ -56,11 +63,17 @@ class RunFacts:
     began_ns: int | None = None
     """Host time at which the run began, ns."""
     trail: deque[tuple[float, float]] = field(default_factory=_trail)
-    """Positions of the path, m; the dashboard adds them."""
+    """Positions of the path, m. Another thread may append: copy it before iterating."""
     note: str = ""
     """What the footer says of a dashboard without keys."""
     foxglove: str = ""
     """Address for Foxglove; empty: the run is not served."""
+
+    def follow(self, x_m: float, y_m: float) -> None:
+        """Append a position to the path if it is a step from the newest one."""
+        trail = self.trail
+        if not trail or math.dist(trail[-1], (x_m, y_m)) > TRAIL_STEP_M:
+            trail.append((x_m, y_m))
 
 
 class LiveCoverage:

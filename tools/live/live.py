@@ -7,7 +7,6 @@ line.
 from __future__ import annotations
 
 import contextlib
-import math
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -191,9 +190,7 @@ class Dashboard:
         """
         host = self._look()
         pose = host.estimator.pose
-        trail = self._facts.trail
-        if not trail or math.dist(trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
-            trail.append((pose.x_m, pose.y_m))
+        self._facts.follow(pose.x_m, pose.y_m)
         # A low window shows only the compact table and the footer with the keys.
         facts, now_ns = self._facts, clock.now() if now_ns is None else now_ns
         heads = 0 if height < _LOWEST else 2 if height < _TALL else 3
@@ -232,7 +229,7 @@ class Dashboard:
         shown = legend(plan, inside - 2)
         below = shown if len(shown) > 1 else []
         rows = max(1, height - 2 - len(below))
-        picture = swept_picture(host, inside, max(2, 2 * rows), self._facts.trail, plan)
+        picture = swept_picture(host, inside, max(2, 2 * rows), self._facts.trail.copy(), plan)
         subtitle = None if below else shown[0]
         content = Group(picture, *below) if rows >= _MIN_ROWS else picture
         return Panel(content, title="map", title_align="left", subtitle=subtitle)

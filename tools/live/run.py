@@ -224,8 +224,9 @@ def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
         resume=asked.resume,
     )
     path = array("d")
-    if asked.plan is not None:
-        host.on_drive_pose = lambda time_s, pose: path.extend((time_s, *pose))
+    facts = _facts(asked, path)
+
+    host.on_drive_pose = _keep_path(asked, facts, path)
     pump = Pump(host, opened, opener)
     pump.watch = LogFailureRule(
         recorder,
@@ -234,7 +235,7 @@ def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
     )
     for source, text in cautions(asked.model, asked.plan):
         host.event(clock.now(), Severity.WARNING, source, EventKind.CAUTION, text)
-    operating, facts = _operating(asked, pump, operator), _facts(asked, path)
+    operating = _operating(asked, pump, operator)
     facts.foxglove = "" if publisher is None else publisher.address
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
@@ -455,6 +456,19 @@ def _gamepad(path: str, operating: Operating) -> Gamepad:
         lambda: operating.stop("stopped by the gamepad's button"),
         on_gone=lambda: operating.pad_gone(path),
     )
+
+
+def _keep_path(
+    asked: LiveOptions, facts: RunFacts, path: array[float]
+) -> Callable[[float, Pose2], None]:
+    """Return what appends a pose to the path that is drawn, and to that of the report."""
+
+    def keep(time_s: float, pose: Pose2) -> None:
+        facts.follow(pose.x_m, pose.y_m)
+        if asked.plan is not None:
+            path.extend((time_s, *pose))
+
+    return keep
 
 
 def _facts(asked: LiveOptions, path: array[float]) -> RunFacts:
