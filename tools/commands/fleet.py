@@ -196,6 +196,7 @@ def _unique(log: Path, taken: Sequence[Path]) -> Path:
 def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) -> int:
     from tools.cli.console import complain, inform, is_drawable, write_json
     from tools.cli.signals import until_signalled
+    from tools.cli.visible_text import one_line
     from tools.fleet.dashboard import FleetDashboard
     from tools.fleet.fleet import Fleet
     from tools.live.terminal_keys import Key, Keyboard
@@ -221,7 +222,7 @@ def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) 
         write_json(fleet.to_dict())
     for member in fleet.members:
         ended = member.ended
-        if ended is None or (board is None and ended.reason == member.last_error):
+        if ended is None or (board is None and one_line(ended.reason) == member.last_error):
             continue
         inform(f"{member.target.label}: {ended.outcome} - {ended.reason}")
     for label in fleet.unconfirmed:
