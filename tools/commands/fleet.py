@@ -134,7 +134,7 @@ def _check_files(
 
     for named in robots:
         own = named.values.get("robot")
-        model, _ = load_robot(robot if own is None else Path(own.value))
+        model, _ = load_robot(robot if own is None else Path(str(own.value)))
         if room is not None:
             load_room(room, model.radius_m)
         if planner is not None:

@@ -87,10 +87,10 @@ class FleetDashboard:
         self._lines: deque[tuple[str, str]] = deque(maxlen=_KEPT_EVENTS)
         self._live = Live(self, console=err(), refresh_per_second=3, screen=True)
 
-    def line(self, label: str, text: str, *, is_error: bool = False) -> None:
+    def line(self, label: str, line: str, *, is_error: bool = False) -> None:
         """Add a line of a robot's process; callable from any thread."""
         del is_error
-        self._lines.append((label, one_line(text)))
+        self._lines.append((label, one_line(line)))
 
     def start(self) -> None:
         """Take the screen and begin to draw."""
