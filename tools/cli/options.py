@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tools.cli import planners
 from tools.cli.completion import complete_fault, complete_robot
 from tools.cli.configuration import ConfiguredOption
 from tools.cli.paths import is_there
@@ -113,6 +114,42 @@ def _pose(ctx: click.Context, param: click.Parameter, text: str | None) -> Pose2
 
 _MAX_START = 1000.0
 """Largest number of a start, m or degrees; the room's own limits are narrower."""
+
+
+def plan_options(f: Callable[..., object]) -> Callable[..., object]:
+    """Add ``--plan``, ``--supervise`` and ``--onboard``."""
+    for option in (
+        click.option(
+            "--onboard",
+            type=click.Choice(planners.PLANNERS),
+            help="With --supervise: planner that the device runs.  "
+            f"[default: {planners.DEFAULT_PLANNER}]",
+        ),
+        click.option(
+            "--supervise",
+            is_flag=True,
+            help="Start the device's own planner and supervise it: the robot moves.",
+        ),
+        click.option(
+            "--plan",
+            "planner",
+            type=planners.PlannerName(),
+            help="Run this planner on the host: the robot moves.",
+        ),
+    ):
+        f = option(f)
+    return f
+
+
+def duration_option(f: Callable[..., object]) -> Callable[..., object]:
+    """Add ``--duration`` of a run."""
+    return click.option(
+        "--duration",
+        "duration_s",
+        type=Number(0.1, 1e6),
+        metavar="N",
+        help="Stop cleanly after N seconds.",
+    )(f)
 
 
 def start_option(f: Callable[..., object]) -> Callable[..., object]:

@@ -33,32 +33,9 @@ if TYPE_CHECKING:
     epilog="Example:  sweepctl connect /dev/ttyUSB0 --plan paper --out clean.mcap",
 )
 @port_argument
-@click.option(
-    "--plan",
-    "planner",
-    type=planners.PlannerName(),
-    help="Run this planner on the host: the robot moves.",
-)
-@click.option(
-    "--supervise",
-    is_flag=True,
-    help="Start the device's own planner and supervise it: the robot moves.",
-)
-@click.option(
-    "--onboard",
-    type=click.Choice(planners.PLANNERS),
-    default=planners.DEFAULT_PLANNER,
-    show_default=True,
-    help="With --supervise: planner that the device runs.",
-)
+@options.plan_options
 @rule_option
-@click.option(
-    "--duration",
-    "duration_s",
-    type=options.Number(0.1, 1e6),
-    metavar="N",
-    help="Stop cleanly after N seconds.",
-)
+@options.duration_option
 @click.option(
     "--room",
     shell_complete=complete_room,
@@ -98,7 +75,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     port: str,
     planner: str | None,
     supervise: bool,
-    onboard: str,
+    onboard: str | None,
     rules: tuple[str, ...],
     duration_s: float | None,
     room: str | None,
@@ -171,7 +148,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             robot_toml=robot_toml,
             plan=plan,
             planner=planner,
-            onboard=planner_number(onboard) if supervise else None,
+            onboard=planner_number(onboard or planners.DEFAULT_PLANNER) if supervise else None,
             supervise=supervise_rules(robot, rules) if supervise or rules else None,
             resume=Resume(resume),
             duration_s=duration_s,

@@ -32,13 +32,7 @@ from tools.cli.recording import recording_options, take_record_options
     help="Linux joystick (/dev/input/js0): hold the left shoulder button and steer with the left "
     "stick; B stops.",
 )
-@click.option(
-    "--duration",
-    "duration_s",
-    type=options.Number(0.1, 1e6),
-    metavar="N",
-    help="Stop cleanly after N seconds.",
-)
+@options.duration_option
 @clear_stop_option
 @options.robot_option
 @options.out_option

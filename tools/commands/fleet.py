@@ -34,29 +34,8 @@ _PORT_OPTIONS = ("baud", "bitrate")
     callback=robots_of,
     shell_complete=complete_port,
 )
-@click.option(
-    "--plan",
-    "planner",
-    type=planners.PlannerName(),
-    help="Run this planner for each robot on the host: the robots move.",
-)
-@click.option(
-    "--supervise",
-    is_flag=True,
-    help="Start each device's own planner and supervise it: the robots move.",
-)
-@click.option(
-    "--onboard",
-    type=click.Choice(planners.PLANNERS),
-    help=f"With --supervise: planner that the devices run.  [default: {planners.DEFAULT_PLANNER}]",
-)
-@click.option(
-    "--duration",
-    "duration_s",
-    type=options.Number(0.1, 1e6),
-    metavar="N",
-    help="Stop each robot cleanly after N seconds.",
-)
+@options.plan_options
+@options.duration_option
 @click.option(
     "--room",
     shell_complete=complete_room,
@@ -92,9 +71,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     """Connect to several robots, show them on one dashboard, and record a log of each.
 
     PORT is a port or the name of a robot in a configuration file. Each robot has its own
-    process, so a failure of one does not affect the others. Space stops all robots and waits for
-    their confirmations. Robots that do not confirm in time are listed. The robots move only with
-    --plan or --supervise.
+    process, so a failure of one does not affect the others. Options apply to each robot. Space
+    stops all robots and waits for their confirmations. Robots that do not confirm in time are
+    listed. The robots move only with --plan or --supervise.
 
     Exit status: the most severe status of `connect` among all robots; 3 if a robot did not confirm
     a stop.
