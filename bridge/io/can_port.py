@@ -86,7 +86,8 @@ class CanPort:
             options["lan"] = lan
         self._lock: DeviceLock | None = None
         if interface == "slcan":
-            # Before python-can opens it, because its first bytes would close another host's bus.
+            # Lock the device before python-can opens it: its first bytes would close another host's
+            # bus.
             self._lock = DeviceLock(channel.split("@")[0])
             options["sleep_after_open"] = 0.0  # python-can waits 2 s for a board's reset
         self._waker = Waker()

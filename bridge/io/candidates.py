@@ -133,9 +133,9 @@ def _can() -> list[str]:
 def probe(
     found: Sequence[Candidate], *, active: bool = False, baud: int = DEFAULT_BAUD
 ) -> list[Candidate]:
-    """Listen for a device's hello on all ports at the same time; ``active`` requests one.
+    """Listen for a device's hello on all ports at the same time.
 
-    A port that another process has open is skipped.
+    With ``active`` the probe also requests a hello. Ports in use by another process are skipped.
     """
     results = list(found)
 

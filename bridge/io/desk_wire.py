@@ -35,7 +35,7 @@ class PortWire:
         return clock.now()
 
     def turn(self, data: bytes, until_ns: HostNs) -> bytes:
-        """Send ``data`` and return the bytes received until ``until_ns``, at the first that arrive.
+        """Send ``data`` and return the first bytes that arrive, or no bytes at ``until_ns``.
 
         Raises:
             PortError: the port is gone.

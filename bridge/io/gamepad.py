@@ -25,7 +25,7 @@ BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 FULL = 32767.0
 """Value of a full deflection."""
 DEAD_SHARE = 0.12
-"""Dead zone, share of the full deflection. Sticks of this kind rest within 0.1."""
+"""Dead zone, share of the full deflection. A stick at rest reads up to 0.1."""
 REPEAT_S = 0.1
 """Interval of repeated stick reports, s. The interface itself reports changes only."""
 

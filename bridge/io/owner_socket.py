@@ -63,7 +63,7 @@ _TICK_S = 0.25
 _CREDENTIALS = struct.Struct("3i")
 """Linux' struct ucred: process, user and group id."""
 _CROWDED = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
-"""Errors of an accept that lacks a resource."""
+"""Errors of ``accept`` when the system has no free descriptor or memory."""
 _numbers = itertools.count()
 
 
@@ -118,7 +118,7 @@ class _Client:
     answers: int = 0
     """Number of threads that answer it."""
     in_order: bool = False
-    """One of them answers its requests in order."""
+    """True while one thread answers the queued requests in order."""
     lock: threading.Lock = field(default_factory=threading.Lock)
     """Held while a line is sent."""
 
@@ -130,7 +130,8 @@ class OwnerSocket:
         """Listen under the port's names.
 
         Raises:
-            BridgeError: it has no Unix sockets, or no private folder for one.
+            BridgeError: the system has no Unix sockets, or no private folder exists for the
+                socket.
 
         """
         if not hasattr(socket, "AF_UNIX"):

@@ -17,7 +17,7 @@ _INTERFACES = {
     "udpcan": ("udp_multicast", "239.74.163.2"),
     "virtual": ("virtual", "bench"),
 }
-"""Interfaces of python-can and the emulator's name for one, each with an example channel."""
+"""python-can's interfaces and the emulator's ``udpcan``, each with an example channel."""
 _PASSED_ON = frozenset({"spy", "loop", "hwgrep", "alt", "cp2110"})
 """URL schemes of pyserial that refer to another port."""
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9_+.-]+):(?://)?(.*)", re.DOTALL)

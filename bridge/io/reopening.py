@@ -30,10 +30,11 @@ class PortOptions:
 class Opener:
     """Opens a port, and after a loss the port of the same device.
 
-    ``/dev/ttyUSB0`` is the first adapter that was plugged in. Its link in ``/dev/serial/by-id``
-    contains the adapter's serial number. If there is such a link, it is opened again, so that the
-    same device is found as ``ttyUSB1`` too and no other adapter is opened. A given link (by-id, an
-    own udev rule, an emulator's) is resolved again each time.
+    ``/dev/ttyUSB0`` names the first adapter on the system, which may be another one after a
+    reconnection. Its link in ``/dev/serial/by-id`` contains the adapter's serial number. The opener
+    uses such a link if it exists: it then finds the same device even as ``ttyUSB1``, and opens no
+    other adapter. A link given by the user (by-id, a udev rule, the emulator's) is resolved again
+    at each opening.
     """
 
     def __init__(self, port: str, options: PortOptions, *, by_id: Path = BY_ID) -> None:

@@ -10,8 +10,8 @@ from threading import RLock
 class Waker:
     """A pipe that becomes readable on request.
 
-    The lock prevents a wake on a closed pipe, whose descriptor another file may have. It is
-    re-entrant, because a signal handler may wake while its own thread closes.
+    The lock prevents a wake after the pipe is closed: its descriptor may then belong to another
+    file. The lock is re-entrant, because a signal handler may wake while its own thread closes.
     """
 
     def __init__(self) -> None:

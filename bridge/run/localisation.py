@@ -73,7 +73,7 @@ class Localisation:
 
     @property
     def displaced(self) -> bool:
-        """Whether the robot is not where the estimate says."""
+        """True if the robot is not at its estimated place."""
         return self._displacement.displaced
 
     def measured_walls(self) -> list[MeasuredWall]:

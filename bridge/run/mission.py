@@ -31,12 +31,13 @@ if TYPE_CHECKING:
 AT_REST_S = 2.5
 """Standstill before the first move, s: the gyro bias is averaged over 250 samples."""
 DATA_TIMEOUT_S = 3.0
-"""Maximum wait for the first status, and after settling for data, s: thirty periods."""
+"""Maximum wait for the first status, and for sensor data after the standstill, s: thirty
+periods."""
 END_TIMEOUT_S = 1.0
 """Maximum wait for the confirmation of the final stop, s."""
 SLOW_LIMIT_S = 4.0
-"""Maximum time of a slow link before a run's first move, s. Both sides may be slow while they
-start, on a busy machine for seconds. There is no motion meanwhile."""
+"""Maximum time of a slow link before a run's first move, s. On a busy machine, host and simulator
+may be slow for seconds while they start. The robot does not move in this time."""
 LOST_TIMEOUT_S = 30.0
 """Maximum time that a run waits for a lost device, s."""
 

@@ -35,4 +35,4 @@ class HostOptions:
     drift: DriftModel | None = None
     """Noise model of the filter; None: the default."""
     plan: FloorPlan | None = None
-    """The room, with which the walls are compared; None: it is unknown."""
+    """Room to compare the walls with; None: unknown."""

@@ -31,7 +31,7 @@ class Pings:
         """``declared_ns`` is the declared minimum delay of both directions together, ns."""
         self._wire, self._log_event = wire, log_event
         self._declared_ns = declared_ns
-        """Assumed value; 0 after a round trip has disproved it."""
+        """Declared delay in use, ns; 0 after a shorter round trip."""
 
     def take(self, ping: Ping, ingest: Ingest, now_ns: HostNs) -> None:
         """Update the clock fit, the round-trip statistics and the check of the declared delay."""

@@ -1,8 +1,8 @@
-"""Checks of every planned run that its estimate is about the real robot, supervised or not.
+"""Checks whether the estimate of a planned run fits the real robot, with or without supervision.
 
-They find what neither planner nor estimator can: wheels that spin, a robot that was moved, and a
-start that is not that of the room file. The first two end the run; the last one is reported once,
-because the run itself is right, only its place in the room is not.
+The checks find three errors that neither planner nor estimator can find: wheels that spin, a robot
+that was moved, and a wrong start pose. The first two end the run. A wrong start pose is only
+reported, once: the estimate is still correct relative to the real start.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bridge.supervise import RuleInputs
 
 PERIOD_NS = 60_000_000
-"""Period of the check of the wheels, ns: three control steps."""
+"""Period of the wheel check, ns: three control steps."""
 ROOM_PERIOD_NS = 2_000_000_000
 """Period of the comparison with the room, ns."""
 
@@ -32,17 +32,17 @@ _MOVED = "the robot was moved, and its position is unknown: {}; put it at its st
 
 
 class Finding(NamedTuple):
-    """What a check found."""
+    """Result of a check that failed."""
 
     text: str
     ends: bool = False
-    """Whether it ends the run."""
+    """True if the run must end."""
     displaced: bool = False
-    """Whether the robot was moved during the run, so that its last poses are uncertain."""
+    """True if the robot was moved during the run. Its last poses are then uncertain."""
 
     @property
     def ending(self) -> Ending:
-        """The end of the run."""
+        """Return the end of the run."""
         return Ending("stopped", self.text, 5, StopCause.SUPERVISE)
 
 
@@ -50,35 +50,35 @@ class Plausibility:
     """The checks of one run."""
 
     def __init__(self, model: RobotModel, plan: FloorPlan | None) -> None:
-        """Check a run in a room; None: the room is unknown."""
+        """Check a run in the room ``plan``; None: the room is unknown."""
         self._spin = SpinCheck(model)
         self.plan = plan
         """The room; None: it is unknown."""
         self._room = None if plan is None else RoomCheck(plan)
         self._next_ns = self._room_ns = 0
         self._fitted = False
-        """Whether the walls have fitted the room at some time."""
+        """True once the walls have fitted the room."""
         self.fit: RoomFit | None = None
-        """Comparison of the walls with the room from which they were found not to fit; None: they
-        fit, or nothing is known."""
+        """Last comparison in which the walls did not fit the room; None: they fit, or there was no
+        comparison."""
         self.displaced = False
-        """Whether the robot was moved during the run."""
+        """True if the robot was moved during the run."""
 
     @property
     def placed(self) -> bool:
-        """Whether the run's poses are poses in the room, as far as is known."""
+        """True if the run's poses are valid in the room, as far as is known."""
         return self.fit is None and not self.displaced
 
     def restart(self) -> None:
-        """Discard what was measured before a pause."""
+        """Discard the measurements from before a pause."""
         self._spin.restart()
 
     def due(self, now_ns: int) -> bool:
-        """Whether :meth:`step` has something to do."""
+        """True if :meth:`step` is due."""
         return now_ns >= self._next_ns
 
     def step(self, inputs: RuleInputs, localisation: Localisation, now_ns: int) -> Finding | None:
-        """Check the run; return what is wrong, once."""
+        """Check the run; return each failed check once."""
         self._next_ns = now_ns + PERIOD_NS
         if localisation.displaced:
             self.displaced = True

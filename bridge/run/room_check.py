@@ -1,8 +1,8 @@
-"""Whether the walls that the robot finds are those of the room file. Pure.
+"""Comparison of the measured walls with the walls of the room file. Pure.
 
-If the robot did not start where the room file says, its estimate is right in its own frame, but
-map and coverage do not fit the room. The walls of the estimate show it after a few metres, and
-where it started.
+If the robot starts at another place than the room file says, its estimate is still correct relative
+to the real start. Map and coverage then do not fit the room. After a few metres the measured walls
+show the error, and often the real start.
 """
 
 from __future__ import annotations
@@ -29,33 +29,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RoomTuning:
-    """Limits between furniture that the room file lacks and another start.
+    """Limits that tell a wrong start from furniture that the room file lacks.
 
-    Source of all: ``campaign.changes``.
+    The source of all values is ``campaign.changes``.
     """
 
     min_wall_m: float = 0.4
-    """Length from which a measured wall counts, m."""
+    """Minimum length of a measured wall that counts, m."""
     min_total_m: float = 2.0
-    """Total length of the measured walls from which they are compared, m."""
+    """Minimum total length of measured walls for a comparison, m."""
     near_m: float = 0.12
-    """Distance to a wall of the room up to which a measured point belongs to it, m."""
+    """Maximum distance from a measured point to its wall in the room, m."""
     parallel_rad: float = math.radians(8.0)
-    """Angle to that wall up to which it does, rad."""
+    """Maximum angle between a measured wall and its wall in the room, rad."""
     fits: float = 0.5
-    """Share of the measured walls that belongs to the room if the start is right."""
+    """Minimum share of the measured walls that fits the room if the start is right."""
     moved_fits: float = 0.35
-    """Share below which a robot whose walls fitted before was moved during the run."""
+    """Fitting share below which the robot was moved during the run, if its walls fitted before."""
     other_fits: float = 0.8
-    """Share that must belong to it from another start."""
+    """Minimum share that must fit the room from another start."""
     as_good: float = 0.05
-    """Difference of that share within which two starts are equally good: the nearer one counts."""
+    """Difference in the fitting share below which two starts are equally good. The nearer start is
+    then used."""
     strange_m: float = 5.0
-    """Total length from which the walls are reported even if no start explains them, m."""
+    """Total wall length from which a misfit is reported even if no start explains it, m."""
 
 
 class MeasuredWall(NamedTuple):
-    """A measured piece of a wall, m, with the floor on its left."""
+    """A measured piece of a wall, m. The floor is on its left."""
 
     x0_m: float
     y0_m: float
@@ -77,19 +78,19 @@ class RoomFit(NamedTuple):
     """Result of a comparison."""
 
     share: float
-    """Share of the measured walls that are walls of the room."""
+    """Share of the measured walls that fit walls of the room."""
     start: Pose2 | None
-    """Start from which they are; None: the room's start, or none was found."""
+    """Start pose from which they fit; None: the room's own start, or no start was found."""
 
     def off(self, start: Pose2) -> tuple[float, float]:
-        """Return distance (m) and turn (rad) from the start of the room file to the found one."""
+        """Return distance (m) and turn (rad) from the room file's start to the start found."""
         if self.start is None:
             return 0.0, 0.0
         return self.start.distance_m(start), wrap_angle(self.start.theta_rad - start.theta_rad)
 
 
 _POINT_M = 0.1
-"""Distance between two compared points of a measured wall, m."""
+"""Distance between compared points on a measured wall, m."""
 
 
 class RoomCheck:
@@ -121,9 +122,9 @@ class RoomCheck:
         return self._tuning
 
     def fit(self, walls: Sequence[MeasuredWall], *, seek: bool = True) -> RoomFit | None:
-        """Compare the walls; None: they are too few to tell.
+        """Compare the walls with the room; None: the walls are too short for a result.
 
-        ``seek``: if they do not fit, look for the start from which they do.
+        ``seek``: search for another start if the walls do not fit.
         """
         tuning = self._tuning
         long = sorted(
@@ -142,7 +143,7 @@ class RoomCheck:
         return RoomFit(float(share), start)
 
     def _other_start(self, walls: Sequence[MeasuredWall]) -> Pose2 | None:
-        """Return the start from which the walls fit the room best, if they do."""
+        """Return the start from which the walls fit the room best; None: they fit from no start."""
         first = walls[0]
         second = next((wall for wall in walls if _crosses(first, wall)), None)
         if second is None:

@@ -68,7 +68,7 @@ def release(runner: object) -> None:
 
 @runtime_checkable
 class Planned(Protocol):
-    """A runner that knows whether a plan drives the robot, and not an operator."""
+    """A runner that reports whether a plan drives the robot. An operator may drive it instead."""
 
     @property
     def follows_plan(self) -> bool:

@@ -1,8 +1,9 @@
-"""Wheels that turn while the robot stays: found by the gyro and by the range ahead. Pure.
+"""Detection of wheels that turn while the robot stands still. Pure.
 
-A robot with free-spinning wheels counts distance and goes nowhere, so neither its estimate nor its
-planner ends the run. Turning shows it by the gyro; driving straight by a range that stays as it is.
-Where nothing is in range ahead, the accelerometer feels that the robot stops while its wheels turn.
+The encoders of a robot with spinning wheels count distance, so neither its estimate nor its planner
+ends the run. Three measurements show the error. In a turn, the gyro measures no rotation. On a
+straight line, the range ahead stays constant. If nothing is in range, the accelerometer measures
+that the robot stops while its wheels turn.
 """
 
 from __future__ import annotations
@@ -21,29 +22,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SpinTuning:
-    """Limits between a robot that slips and one that does not move.
+    """Limits that tell a robot that slips from a robot that does not move.
 
-    Source of all: ``campaign.changes``, with no stop in its runs without a fault.
+    The source of all values is ``campaign.changes``; none of its runs without a fault is stopped.
     """
 
     turn_rad: float = 1.0
-    """Turn by which wheels and gyro may differ within ``turn_s``, rad. Late samples: 0.06."""
+    """Maximum difference between the turns by wheels and by gyro, rad. Late samples cause 0.06."""
     turn_s: float = 2.0
-    """Time constant with which a difference is forgotten, s."""
+    """Time constant with which a difference decays, s."""
     run_m: float = 0.4
-    """Distance by the wheels over which the range ahead must decrease, m."""
+    """Distance by the wheels after which the range ahead must have decreased, m."""
     min_readings: int = 12
-    """Number of range samples in it."""
+    """Minimum number of range samples over that distance."""
     stand_s: float = 1.0
-    """Time for which the accelerometer shows standstill while the wheels turn, s."""
+    """Minimum time of standstill by the accelerometer while the wheels turn, s."""
     stand_m_s: float = 0.1
-    """Speed of the wheels above which that time counts, m/s."""
+    """Minimum wheel speed at which that time counts, m/s."""
     lost_share: float = 0.85
-    """Share of that distance by which the range does not decrease."""
+    """Share of the distance ``run_m`` that the range ahead must miss for a detection."""
 
 
 class SpinCheck:
-    """Compares the wheels with gyro and range; take a step every 0.3 s or more often."""
+    """Compares the wheels with gyro and ranges. Call :meth:`step` at least every 0.3 s."""
 
     def __init__(self, model: RobotModel, tuning: SpinTuning | None = None) -> None:
         """Start without motion."""
@@ -52,20 +53,20 @@ class SpinCheck:
         self._measured = Measured(model)
         self._run = RangeRun(tuning.run_m, tuning.min_readings)
         self._excess_m = 0.0
-        """Distance by which the right wheel leads the gyro's turn, leaky, m."""
+        """Distance by which the right wheel exceeds the gyro's turn, with decay, m."""
         self._stood_s = 0.0
-        """Time of the standstill without a contact while the wheels turn, s."""
+        """Time of standstill without a contact while the wheels turn, s."""
 
     def restart(self) -> None:
-        """Discard what was measured before a gap."""
+        """Discard the measurements from before a gap."""
         self._measured.restart()
         self._run.forget()
         self._excess_m = self._stood_s = 0.0
 
     def step(self, inputs: RuleInputs, *, stands: bool) -> str | None:
-        """Return why the wheels seem to spin; None: they do not.
+        """Return the reason if the wheels seem to spin, else None.
 
-        ``stands``: the accelerometer shows that the robot stands while its wheels turn.
+        ``stands``: the accelerometer measures standstill while the wheels turn.
         """
         tuning, measured = self._tuning, self._measured
         turned_rad = measured.turn_rad
@@ -83,7 +84,7 @@ class SpinCheck:
         else:
             self._stood_s = 0.0
         if touches:
-            self._run.forget()  # wheels may slip while something holds the robot
+            self._run.forget()  # in a contact the wheels may slip for another reason
         elif measured.new_range:
             self._run.see(inputs, measured)
         excess_rad = self._excess_m / self._base_m

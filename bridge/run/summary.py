@@ -119,7 +119,7 @@ def crash_summary(
 
 
 def _start_error(host: Host) -> dict[str, float | None] | None:
-    """Return how the start differs from the room file; None: it does not, as far as is known."""
+    """Return the difference between real start and room file; None: no difference is known."""
     fit, plan = host.plausibility.fit, host.plausibility.plan
     if fit is None or plan is None:
         return None

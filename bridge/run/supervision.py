@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 _SPEED = "max_speed"
 """Name of the device's parameter for its maximum speed."""
 GIVE_BACK_NS = 900_000_000
-"""Maximum time to restore the device's maximum speed after a stop request, ns. Later, the run would
-count the stop as unconfirmed."""
+"""Maximum time to restore the device's maximum speed after a stop request, ns. After more time the
+run would count the stop as unconfirmed."""
 _SEVERITY = {
     Level.REPORT: Severity.WARNING,
     Level.SLOW: Severity.WARNING,

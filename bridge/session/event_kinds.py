@@ -79,8 +79,8 @@ class EventKind(StrEnum):
 
     # ---- link
     DAMAGED = "damaged"
-    """The link received bytes that are not a frame; ``frames``, ``bytes`` and a count per
-    damage."""
+    """The link received bytes that are not a frame; ``frames``, ``bytes`` and a count for each kind
+    of damage."""
     REJECTED = "rejected"
     """The link rejected intact frames; ``frames``, ``type`` and a count per reason."""
     STATISTICS = "statistics"

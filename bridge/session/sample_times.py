@@ -17,9 +17,9 @@ Equal to the age at which samples count as stale."""
 DRIFT = 0.02
 """Maximum relative clock drift that is accepted: twice the maximum of the emulator's faults."""
 FOLLOWING = 0.7
-"""Rate at which the mapping follows frames that all arrive later, s/s. With it, a link delay that
-grows by up to 1 s makes no sample stale; a device clock at less than 0.3 of its nominal rate
-does."""
+"""Rate at which the mapping follows frames that all arrive later, s/s. Samples stay fresh while a
+link delay grows by up to 1 s. They become stale if the device's clock runs at less than 0.3 of its
+nominal rate."""
 RESYNC_S = 1.0
 """Time after which advancing samples that are rejected count as a clock reset, s. The run has ended
 by then, since its data are stale after 0.3 s."""
@@ -41,7 +41,7 @@ class SampleTimes:
         self._usual_s = math.inf
         """Host time minus device time of the fastest recent frame, s."""
         self._at_s = 0.0
-        """Time of the last update of both, s."""
+        """Time of the last update of ``_quickest_s`` and ``_usual_s``, s."""
         self._rejected: dict[type, tuple[float, int]] = {}
         """Streams with rejected samples: start of the rejection (s) and newest rejected stamp
         (µs)."""
@@ -67,7 +67,7 @@ class SampleTimes:
         self._usual_s = min(delay_s, self._usual_s + FOLLOWING * elapsed_s)
 
     def note(self, stream: type, now_s: float) -> None:
-        """Note the arrival of a message that nothing depends on; its stamp is not used."""
+        """Note the arrival of a message without using its stamp, because nothing depends on it."""
         self.taken_s[stream] = now_s
 
     def take(self, stream: type, device_us: int, now_s: float) -> bool:

@@ -80,7 +80,7 @@ class Failed:
     """The session cannot continue."""
 
     kind: EventKind
-    """A kind that is the reason of a failed session."""
+    """Reason: one of the kinds of :class:`EventKind` for a session that cannot continue."""
     text: str
 
 

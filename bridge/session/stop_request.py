@@ -25,12 +25,12 @@ REPEAT_NS = STOP_REPEAT_US * 1000
 """Interval of the repeated stop, ns: above an FTDI adapter's latency of 16 ms, so that a reply
 arrives before the next stop leaves."""
 GATHER_NS = 200_000_000
-"""Time to detect every device on a bus, ns: two periods of the slowest stream that each sends in a
-session. A device without a session stands still, and answers a stop at once."""
+"""Time to detect every device on a bus, ns: two periods of the slowest stream that a device sends
+in every session. A device without a session stands still, and answers a stop at once."""
 _STOP = CATALOGUE.by_class[Stop].type_id
 _STATUS = CATALOGUE.by_class[Status].type_id
 _LATCH_FIELDS = 2
-"""Leading fields of the status that are read: a status of any later version has them."""
+"""Number of leading status fields that a stop reads. Every later version of the status has them."""
 
 
 class StopRequest(ABC):
@@ -115,12 +115,12 @@ class StopEverything(StopRequest):
 
     @property
     def missing(self) -> list[int]:
-        """Nodes of the devices that are known and do not."""
+        """Nodes of the known devices that do not show the latched stop."""
         return sorted(node for node, latched in self._latched.items() if not latched)
 
     @property
     def confirmed_by(self) -> int | None:
-        """Lowest node of the devices, once all that are known show the latched stop."""
+        """Lowest node of the devices, once every known device shows the latched stop."""
         if not self.confirmed or self.missing or self._begun_ns is None:
             return None
         if self._gathers and self._now_ns - self._begun_ns < GATHER_NS:

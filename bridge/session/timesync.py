@@ -26,9 +26,9 @@ BUCKETS = 60
 STAMP_NS = 1_000
 """Resolution of a device stamp, ns: the stamp is truncated to whole microseconds."""
 STEP_NS = 1_000_000
-"""Minimum contradiction that counts towards a clock step, ns."""
+"""Minimum violation of a constraint that counts towards a clock step, ns."""
 STEP_SAMPLES = 5
-"""Consecutive contradictions that count as a clock step. A single one is a damaged stamp."""
+"""Consecutive violations that count as a clock step. A single one is a damaged stamp."""
 
 
 class Mapped(NamedTuple):
@@ -77,7 +77,7 @@ class TimeSync:
         self._lower: dict[int, tuple[int, int]] = {}
         self._upper_corners: list[tuple[int, int]] | None = None
         self._lower_corners: list[tuple[int, int]] | None = None
-        """Convex hulls of the constraints, None after a change."""
+        """Convex hulls of the upper and of the lower constraints; None after a change."""
         self._contradictions = 0
 
     @property
