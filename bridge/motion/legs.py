@@ -14,26 +14,24 @@ if TYPE_CHECKING:
 class Drive:
     """Drive along a heading line through the position at the start of the leg.
 
-    This is the paper's "set the target's x to infinity": the distance is only a limit, and without
-    one the robot follows the line until a sensor stops it.
+    This is the paper's "set the target's x to infinity". The distance is only a limit; without it
+    the robot follows the line until a sensor stops it.
     """
 
     heading_rad: float
     distance_m: float | None = None
-    """Length along the line, m; negative: backwards; ``None``: no limit."""
+    """Length along the line, m; negative: backwards; None: no limit."""
     speed_m_s: float | None = None
-    """Speed, m/s; ``None``: the robot's cruise speed."""
+    """Speed, m/s; None: the robot's cruise speed."""
     stop_range_m: float | None = None
-    """Ultrasonic range at which the leg stops, m; ``None``: the ultrasonic does not stop the leg.
-    """
+    """Ultrasonic range at which the leg stops, m; None: no such stop."""
     timeout_s: float | None = None
-    """Time limit, s. ``None``: twice the time that the distance should take and 5 s, or 600 s
-    without a distance."""
+    """Time limit, s. None: twice the expected time plus 5 s, or 600 s without a distance."""
     end_m_s: float = 0.0
-    """Speed at which the leg may end at its distance, m/s, the next leg following at once; 0: at
-    rest."""
+    """Maximum speed at which the leg may end at its distance, m/s. The next leg then follows at
+    once. 0: the leg ends at rest."""
     wary: bool = False
-    """Whether to slow down for obstacles that have left the ultrasonic's cone."""
+    """True: slow down for obstacles that have left the ultrasonic cone."""
     purpose: str = "drive"
     """Purpose, for events and lane lengths; it does not affect the motion."""
 
@@ -44,15 +42,15 @@ class Turn:
 
     heading_rad: float
     flowing: bool = False
-    """End within ``MotionTuning.flow_rad``, still turning: the next leg, which steers, follows at
-    once."""
+    """True: end within ``MotionTuning.flow_rad`` of the heading, still turning. The next leg steers
+    and follows at once."""
     timeout_s: float = 15.0
     purpose: str = "turn"
 
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Drive to a point in a straight line, turning in place first if it lies off the bow."""
+    """Drive to a point in a straight line, after a turn in place if it is far off the heading."""
 
     x_m: float
     y_m: float
@@ -72,18 +70,18 @@ class Rest:
 
 @dataclass(frozen=True, slots=True)
 class FollowWall:
-    """Drive along the wall on one side, by that side's infrared.
+    """Drive along the wall on one side, with that side's infrared sensor.
 
-    It ends at an obstacle ahead, when the wall is lost, after ``distance_m``, or when the planner
-    cancels it.
+    The leg ends at an obstacle ahead, when the wall is lost, after ``distance_m``, or when the
+    planner cancels it.
     """
 
     left: bool
-    """Whether the wall is on the left."""
+    """True if the wall is on the left."""
     gap_m: float
     """Gap between rim and wall, m; 0: light contact."""
     touching: bool = False
-    """Whether to begin with a contact abeam, detected by infrared or not."""
+    """True: begin with a contact on that side, even if the infrared sensor does not detect it."""
     distance_m: float | None = None
     speed_m_s: float | None = None
     timeout_s: float = 600.0
@@ -94,27 +92,27 @@ Leg = Drive | Turn | GoTo | Rest | FollowWall
 
 
 class StopReason(enum.StrEnum):
-    """Why a leg ended."""
+    """Reason why a leg ended."""
 
     DONE = "done"
     """The heading or the point was reached, or the rest is over."""
     DISTANCE = "distance"
     """The distance was driven."""
     RANGE = "range"
-    """The ultrasonic read the stop range."""
+    """The ultrasonic range has reached the stop range."""
     BUMPER = "bumper"
     CLIFF = "cliff"
     STALLED = "stalled"
     """The robot was commanded to move, but its estimate did not change."""
     TIMEOUT = "timeout"
     LOST = "lost"
-    """The wall to follow is not there."""
+    """There is no wall to follow."""
     CANCELLED = "cancelled"
     """The planner has cancelled the leg; the robot may still move."""
 
     @property
     def blocked(self) -> bool:
-        """Whether something in the world ended the leg, not its own goal."""
+        """True if an obstacle, a cliff or a missing wall ended the leg, not its own goal."""
         return self not in _GOALS
 
 
@@ -125,12 +123,12 @@ _GOALS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class LegResult:
-    """How a leg ended: at rest, but for legs that flow into the next, or were cancelled."""
+    """Result of a leg. The robot is at rest, except after a flowing or a cancelled leg."""
 
     leg: Leg
     reason: StopReason
     distance_m: float
-    """Distance along the leg's line, m, signed as ``Drive.distance_m``; 0 for a turn."""
+    """Distance along the leg's line, m, with the sign of ``Drive.distance_m``; 0 for a turn."""
     duration_s: float
     pose: Pose2
     bumper_left: bool = False

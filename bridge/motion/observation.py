@@ -12,25 +12,25 @@ class Observation(NamedTuple):
     """Sensor readings and estimate at one control step."""
 
     time_s: float
-    """Time of this step; only differences matter."""
+    """Time of this step, s; only differences matter."""
     pose: Pose2
     """Estimated pose."""
     v_m_s: float
-    """Estimated forward speed."""
+    """Estimated forward speed, m/s."""
     yaw_rate_rad_s: float
     ultrasonic_m: float | None
-    """Range from the ultrasonic's face; ``None``: no echo."""
+    """Ultrasonic range from the sensor, m; None: no echo."""
     infrared_left_m: float | None
-    """Range of the left infrared sensor, m; ``None``: nothing within its range."""
+    """Range of the left infrared sensor, m; None: nothing is in range."""
     infrared_right_m: float | None
     bumper_left: bool
     bumper_right: bool
     cliff: bool
     gyro_bias_sigma_rad_s: float = 0.0
-    """Standard deviation of the gyro's bias; a rest reduces it."""
+    """Standard deviation of the gyro bias, rad/s; a standstill reduces it."""
     heading_sigma_rad: float = 0.0
-    """Standard deviation of the heading against the walls that are known to be square; a run along
-    one of them reduces it. 0: no such walls."""
+    """Standard deviation of the heading relative to the orthogonal walls, rad; a drive along one of
+    them reduces it. 0: no such walls."""
 
 
 class VelocityCommand(NamedTuple):

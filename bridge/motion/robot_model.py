@@ -12,20 +12,20 @@ from typing import Any
 
 
 def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """Declare a number with range, unit and meaning, as in the reference of robot files."""
+    """Declare a number with default, range, unit and meaning, for the reference of robot files."""
     return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
 def _limited(low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """The same without a default."""
+    """Declare a number with range, unit and meaning, but no default."""
     return field(metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
 @dataclass(frozen=True, slots=True)
 class RangerMount:
-    """Place and limits of a range sensor.
+    """Mount and limits of a range sensor.
 
-    Mount in the body frame (x forward, y left, from the axle's centre).
+    Positions are in the robot's frame: x forward, y left, from the axle's centre.
     """
 
     x_m: float = _limited(-1.0, 1.0, "m", "position ahead of the axle's centre")
@@ -53,7 +53,7 @@ class RangerMount:
     def hull_distance_m(self, radius_m: float) -> float:
         """Return the distance along the beam from the sensor to the rim, m.
 
-        A wall in contact reads this. The mount must be inside the disc.
+        A wall in contact has this range. The mount must be inside the footprint.
         """
         ahead_x, ahead_y = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         along = self.x_m * ahead_x + self.y_m * ahead_y
@@ -87,12 +87,12 @@ LOST = {
         "corrects the pose"
     ),
 }
-"""What a robot loses without a range sensor."""
+"""Consequence of a missing range sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotModel:
-    """Everything about the robot that the host and the virtual device must agree on."""
+    """Robot parameters on which host and virtual device must agree."""
 
     name: str = field(default="sweeper", metadata={"meaning": "name for people"})
     robot_diameter_m: float = _in(
@@ -139,12 +139,12 @@ class RobotModel:
 
     @property
     def radius_m(self) -> float:
-        """Radius of the body's disc."""
+        """Radius of the footprint, m."""
         return self.robot_diameter_m / 2.0
 
     @property
     def mouth_reach_m(self) -> float:
-        """Distance from the axle's centre to the ends of the mouth."""
+        """Distance from the axle's centre to the ends of the mouth, m."""
         return math.hypot(self.mouth_offset_m, 0.5 * self.cleaning_width_m)
 
     @property

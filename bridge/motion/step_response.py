@@ -1,14 +1,14 @@
 """Effect of the controllers' gains: closed-loop step responses, and Fig. 12's smoothing.
 
-The plant of these experiments is the robot as the controllers see it, as in the virtual sweeper: a
-commanded velocity takes effect after a dead time (link and control period) through a first-order
-lag (motors and wheel control). The gains follow from it:
+The plant of these experiments is the virtual sweeper as the controllers see it. A commanded
+velocity takes effect after a dead time (link and control period) and a first-order lag (motors and
+wheel control). The gains are chosen as follows:
 
-- Rotary (``gain_table``): of the pairs that overshoot a 90° turn by less than 2 %, the one with the
-  shortest settling time. Kp 5 1/s and Td 0.03 s settle in 1.38 s; Kp 4 takes 1.60 s, Kp 6 1.56 s.
-- Point to point: near the point the speed falls as v = Kp·r, a deceleration of Kp·v. It must stay
-  within the share of the acceleration limit that is kept for braking: Kp = 0.75·0.4/0.2 = 1.5 1/s
-  at cruise speed. It does not overshoot.
+- Rotary (``gain_table``): the gains with the shortest settling time of those that overshoot a 90°
+  turn by less than 2 %. Kp 5 1/s and Td 0.03 s settle in 1.38 s; Kp 4 takes 1.60 s, Kp 6 1.56 s.
+- Point to point: near the point the speed falls as v = Kp·r, which is a deceleration of Kp·v. It
+  must stay within the share of the acceleration limit for braking: Kp = 0.75·0.4/0.2 = 1.5 1/s at
+  cruise speed. The response does not overshoot.
 
 ``steering_response`` has the controllers that steer a moving robot, by bearing and by wall.
 """
@@ -98,7 +98,7 @@ def _respond(
         command = smoother.update(control(value), STEP_S)
         pending.append(command)
         wanted = pending.popleft()
-        # exact for a lag towards a constant over the step
+        # exact, because the input of the lag is constant over the step
         value += wanted * STEP_S + (velocity - wanted) * LAG_S * (1.0 - keep)
         velocity = wanted + (velocity - wanted) * keep
         response.time_s.append((i + 1) * STEP_S)
@@ -143,7 +143,7 @@ def point_step(
 
 
 class GainRow(NamedTuple):
-    """One row of the table that the gains were chosen from."""
+    """One row of the table from which the gains were chosen."""
 
     kp: float
     td_s: float

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Braking:
-    """How a motion can be stopped; in m, or in rad for turning.
+    """Limits with which a motion stops; in m, or in rad for a turn.
 
     Raises:
-        ValueError: the deceleration is not positive, or a figure is negative.
+        ValueError: the deceleration is not positive, or another value is negative.
 
     """
 
@@ -24,7 +24,7 @@ class Braking:
     """Deceleration, m/s² (rad/s²)."""
     latency_s: float = 0.0
     creep: float = 0.0
-    """Lowest approach speed, m/s (rad/s): below it wheels stick, and the robot never arrives."""
+    """Lowest approach speed, m/s (rad/s). At a lower speed the wheels stick."""
 
     def __post_init__(self) -> None:
         """Reject meaningless figures."""
@@ -32,11 +32,11 @@ class Braking:
             raise ValueError(f"braking needs decel > 0, latency_s >= 0, creep >= 0, not {self}")
 
     def distance(self, speed: float) -> float:
-        """Way made from now to rest at a speed of either sign: |v|·τ + v²/2a."""
+        """Return the distance from now to rest: |v|·τ + v²/2a; ``speed`` may have either sign."""
         return abs(speed) * self.latency_s + speed * speed / (2.0 * self.decel)
 
     def speed(self, distance: float) -> float:
-        """Fastest speed that stops within ``distance``, not below the creep.
+        """Return the highest speed that stops within ``distance``, but at least the creep speed.
 
         From d = v·τ + v²/2a: v = sqrt((aτ)² + 2ad) - aτ.
         """
@@ -45,8 +45,8 @@ class Braking:
         return max(fastest, self.creep)
 
     def run_out(self, speed: float) -> float:
-        """Way still made after a command of zero at a creeping speed: |v|·τ/2.
+        """Return the distance driven after a stop command at a creeping speed: |v|·τ/2.
 
-        The follower's lag ends such a motion before the ramp matters.
+        At such a speed the lag of the velocity control dominates, not the deceleration limit.
         """
         return 0.5 * self.latency_s * abs(speed)

@@ -38,13 +38,13 @@ _MAX_STEP_S = 0.1
 class LegExecutor:
     """Executes legs.
 
-    ``start`` a leg, then ``step`` with every observation and send the returned command until
-    ``result`` is set. A bumper switch or a cliff ends a forward leg at once, without a ramp. It
-    does not end a turn in place or a backward leg, which lead away.
+    Call ``start`` with a leg. Then call ``step`` with every observation and send the returned
+    command, until ``result`` is set. A bumper switch or a cliff ends a forward leg at once, without
+    a ramp. Turns in place and backward legs continue, because they lead away from the obstacle.
     """
 
     def __init__(self, model: RobotModel, tuning: MotionTuning | None = None) -> None:
-        """At rest, with no leg."""
+        """Begin at rest, without a leg."""
         self._model = model
         self._tuning = tune = tuning or MotionTuning()
         brake_m_s2 = tune.brake_share * model.max_accel_m_s2
@@ -63,7 +63,7 @@ class LegExecutor:
         self._hidden = HiddenAhead(model, brake_m_s2)
         self._wary_m_s = math.inf
         self.speed_limit_m_s = math.inf
-        """Fastest forward speed that the planner allows now."""
+        """Maximum forward speed that the planner allows now, m/s."""
         self._leg: Leg | None = None
         self._result: LegResult | None = None
         self._last_s = 0.0
@@ -72,23 +72,23 @@ class LegExecutor:
 
     @property
     def result(self) -> LegResult | None:
-        """How the last leg ended; ``None`` while one is under way."""
+        """Result of the last leg; None while a leg runs."""
         return self._result
 
     @property
     def leg(self) -> Leg | None:
-        """The leg under way or last done."""
+        """The leg that runs, or the last one."""
         return self._leg
 
     # -- running ---------------------------------------------------------------------------
 
     @property
     def target(self) -> VelocityCommand:
-        """The last velocity asked for, before smoothing (the paper's Fig. 12)."""
+        """Velocity before smoothing (the paper's Fig. 12)."""
         return self._target
 
     def start(self, leg: Leg, obs: Observation) -> None:
-        """Begin a leg at the observed pose, dropping any leg under way."""
+        """Begin a leg at the observed pose; a running leg is dropped."""
         self._leg = leg
         self._result = None
         self._stopping: StopReason | None = None
@@ -142,7 +142,7 @@ class LegExecutor:
             self._timeout_s = 5.0 + 2.0 * abs(length) / self._speed
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """Command for this control step; a halt when there is nothing to do."""
+        """Return the command of this control step; a halt if no leg runs."""
         leg = self._leg
         if leg is None or self._result is not None:
             return HALT

@@ -1,7 +1,7 @@
-"""Obstacles that have left the ultrasonic's cone and may still be in the way.
+"""Obstacles that have left the ultrasonic cone and may still be ahead.
 
 A cone of half angle α is narrower than the footprint. An obstacle at lateral distance y is visible
-from afar and leaves the cone at the range y / tan α. So the range at which the echo disappears
+from far away and leaves the cone at the range y / tan α. So the range at which the echo disappears
 gives the lateral distance, but not the side.
 """
 
@@ -16,23 +16,24 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 TOUCH_M_S = 0.026
-"""Normal speed of a harmless contact, m/s; a collision begins at 0.03."""
+"""Maximum normal speed of a harmless contact, m/s; a collision begins at 0.03."""
 _LOST_M = 0.08
 """Growth of the range between readings that means another obstacle, m."""
 _SAME_M = 0.06
-"""Distance within which an echo is a hidden obstacle that is visible again, m."""
+"""Maximum distance from a hidden obstacle at which an echo shows the same obstacle again, m."""
 _MARGIN_M = 0.012
 _TURNED_RAD = 0.15
-"""Turn after which a hidden obstacle's place is unknown, rad."""
-_PAST_M, _ASIDE_M = 0.01, 0.02
-"""Path beyond the expected contact (m), with a further lateral margin (m), after which there is no
-obstacle."""
+"""Turn after which the place of a hidden obstacle is unknown, rad."""
+_PAST_M = 0.01
+"""Path beyond the expected contact after which the obstacle is not there, m."""
+_ASIDE_M = 0.02
+"""Lateral margin of that expected contact, m."""
 _MOST = 4
 _LATENCY_S = 0.10
 
 
 def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) -> float:
-    """Return the highest speed, m/s, with a harmless contact at a point, braking from here.
+    """Return the maximum present speed from which a contact with a point is harmless, m/s.
 
     It is infinite if the disc passes the point.
 
@@ -55,24 +56,25 @@ def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) 
 
 
 class HiddenAhead:
-    """Things that left the cone, and the speed that they allow."""
+    """Obstacles that left the cone, and the speed that they allow."""
 
     def __init__(self, model: RobotModel, decel_m_s2: float) -> None:
-        """Nothing seen yet."""
+        """Begin without obstacles."""
         self._mount = model.ultrasonic
         self._rim_m = model.radius_m + _MARGIN_M
         self._slope = math.tan(0.5 * model.ultrasonic.cone_rad)
         self._far_m = (self._rim_m + _MARGIN_M) / max(self._slope, 1e-6)
         self._brake = Braking(decel_m_s2, _LATENCY_S)
         self._things: list[list[float]] = []
-        """Each: ahead of the axle, aside, turned since (m, m, rad)."""
+        """Obstacles, each as distance ahead of the axle (m), lateral distance (m) and turn since
+        (rad)."""
         self._range_m: float | None = None
-        """Last range less the path since, m."""
+        """Last range minus the path since, m."""
         self._raw_m: float | None = None
         self._turned_rad = 0.0
 
     def update(self, raw_m: float | None, ahead_m: float, turn_rad: float) -> float:
-        """Fastest forward speed, after driving ``ahead_m`` and turning, with the newest reading."""
+        """Return the maximum forward speed after a motion and with the newest reading, m/s."""
         for thing in self._things:
             thing[0] -= ahead_m
             thing[2] += turn_rad
@@ -95,7 +97,7 @@ class HiddenAhead:
         )
 
     def _passed_m(self, aside_m: float) -> float:
-        """Return the distance ahead of an obstacle after its latest contact, with a margin, m."""
+        """Return the distance ahead of the axle below which an obstacle has been passed, m."""
         body_m, aside_m = self._rim_m - _MARGIN_M, aside_m + _ASIDE_M
         reach_m = math.sqrt(max(body_m * body_m - aside_m * aside_m, 0.0))
         return max(reach_m - _PAST_M, 0.0)

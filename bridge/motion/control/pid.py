@@ -32,11 +32,11 @@ class PidGains:
 
 
 class Pid:
-    """Discrete PID on an error that the caller forms.
+    """Discrete PID controller; the caller computes the error.
 
-    Beyond the paper: the output is limited to ±``limit``, and the integral only takes a step
-    that does not push a saturated output further out (conditional integration), so it never
-    holds more than the actuator could use. The derivative is zero on the first sample.
+    Beyond the paper, the output is limited to ±``limit``. A saturated output stops the integral in
+    the direction of the saturation (conditional integration). The derivative is zero on the first
+    sample.
     """
 
     __slots__ = ("_integral", "_kd", "_ki", "_kp", "_limit", "_previous")
@@ -61,7 +61,7 @@ class Pid:
         self._previous = None
 
     def update(self, error: float, dt_s: float) -> float:
-        """Output for this sample's error; with ``dt_s`` ≤ 0 only the P and held I parts act."""
+        """Return the output; with ``dt_s`` ≤ 0 the integral stays and the derivative part is 0."""
         output = self._kp * error + self._integral
         if dt_s > 0.0:
             if self._previous is not None:

@@ -17,11 +17,11 @@ TURN_IN_PLACE_RAD = math.radians(45.0)
 
 
 class PointCommand(NamedTuple):
-    """Command of the controller; a differential drive can follow ``vx`` and the yaw rate."""
+    """Output of the controller. A differential drive can follow ``vx`` and the yaw rate."""
 
     vx_m_s: float
     vy_m_s: float
-    """Lateral part of the paper's transform: it cannot be driven, it is for the log."""
+    """Lateral part of the paper's transform, for the log only: the robot cannot drive sideways."""
     yaw_rate_rad_s: float
     distance_m: float
     bearing_error_rad: float

@@ -6,10 +6,10 @@ from __future__ import annotations
 class VelocitySmoother:
     """First-order low-pass followed by an acceleration limit, for one velocity.
 
-    The paper's low-pass mixes v(t-1) and v(t) of its *input*, a two-tap average with next to
-    no smoothing. Its Fig. 11 shows an exponential filter, so the usual one on the filter's own
-    previous output is used: y(t) = (1 - k) y(t-1) + k v(t). The clamp then bounds the change of
-    y against the *last output*, so the limit holds for what is really sent.
+    The paper's low-pass mixes v(t-1) and v(t) of its *input*, which smooths almost nothing. Its
+    Fig. 11 shows an exponential filter. So this filter uses its own previous output: y(t) = (1 - k)
+    y(t-1) + k v(t). The acceleration limit then applies to the difference from the *last output*,
+    so it holds for the velocity that is sent.
     """
 
     __slots__ = ("_k", "_limit", "_output")
@@ -30,11 +30,11 @@ class VelocitySmoother:
         return self._output
 
     def reset(self, output: float = 0.0) -> None:
-        """Set the last output, as after a halt that was not ramped."""
+        """Set the last output, for example after a halt without a ramp."""
         self._output = output
 
     def update(self, target: float, dt_s: float) -> float:
-        """Velocity to send now for a wanted ``target``; no change with ``dt_s`` ≤ 0."""
+        """Return the velocity to send for a ``target``; the last output with ``dt_s`` ≤ 0."""
         if dt_s <= 0.0:
             return self._output
         step = self._k * (target - self._output)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from bridge.motion.control.wall_follow import FollowTuning
 
 FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
-"""Tuning of wall following. The robot drives into inner corners, because floor before which it
-stops stays unswept. It follows a leg that is too thin for the beam all around."""
+"""Tuning of wall following. The robot drives into inner corners, because it does not sweep the
+floor beyond its stopping point. A table leg is too thin for the beam; the robot follows it all
+around."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,33 +18,32 @@ class MotionTuning:
     """Gains and thresholds of the executor; lengths in metres, angles in radians."""
 
     brake_share: float = 0.75
-    """Share of the acceleration limit for which stop distances are computed: the rest is for
-    control."""
+    """Share of the acceleration limit that stop distances assume. The rest is for control."""
     lag_s: float = 0.10
     """Time from a command to the wheels' response, s: link, smoothing, motor."""
     creep_m_s: float = 0.025
     """Lowest approach speed, m/s; a contact at this speed is no collision (< 0.03 m/s)."""
     lookahead_m: float = 0.25
-    """Distance ahead of the point on the heading line at which lane keeping aims, m."""
+    """Distance from the robot to the point on the heading line that lane keeping aims at, m."""
     turn_rate_share: float = 0.75
-    """Share of the yaw rate limit used for turns that end at rest: control keeps authority."""
+    """Share of the yaw rate limit in turns that end at rest. The rest is for control."""
     min_turn_rad_s: float = 0.10
-    """Minimum yaw rate of a turn, rad/s: at a lower one, wheels of this size stick."""
+    """Minimum yaw rate of a turn, rad/s. At a lower rate the wheels stick."""
     heading_tolerance_rad: float = 0.004
     flow_rad: float = 0.02
-    """Maximum heading error at which a turn may flow into the next leg, rad; the next leg corrects
+    """Maximum heading error at which a turn may flow into the next leg, rad. The next leg corrects
     the rest."""
     flow_rate_share: float = 0.9
-    """Share of the yaw rate's limit in a turn that flows into the next leg."""
+    """Share of the yaw rate limit in a turn that flows into the next leg."""
     flow_brake_share: float = 0.75
-    """Share of the yaw acceleration's limit at which such a turn brakes."""
+    """Share of the yaw acceleration limit with which a turn that flows into the next leg brakes."""
     point_tolerance_m: float = 0.006
     lowpass: float = 0.6
     """k of the velocity smoothing, per 20 ms step."""
     rest_m_s: float = 0.01
     rest_rad_s: float = 0.03
     settling_s: float = 0.6
-    """Maximum time from a leg's stop to its end, at rest or not, s."""
+    """Maximum time from a leg's stop command to its end, s. The leg then ends even in motion."""
     stall_s: float = 1.5
     stall_m: float = 0.003
     stall_rad: float = 0.02

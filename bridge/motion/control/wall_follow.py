@@ -1,7 +1,7 @@
-"""Following a wall by one side infrared: set distance, or light contact.
+"""Wall following with one side infrared sensor, at a set distance or in light contact.
 
-Without that sensor the robot bends towards the wall until it touches it; the planner then turns it
-away, and the next leg begins.
+Without that sensor the robot curves towards the wall until it touches the wall. The planner then
+turns it away, and the next leg begins.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Side(enum.IntEnum):
-    """Which infrared; the value turns its side into the left one."""
+    """Side of the infrared sensor. Multiplication by the value mirrors that side to the left."""
 
     LEFT = 1
     RIGHT = -1
@@ -35,24 +35,24 @@ class FollowState(enum.StrEnum):
 
     FOLLOWING = "following"
     CORNER = "corner"
-    """The wall has ended abeam at an outer corner, which the robot rounds."""
+    """The wall has ended at an outer corner beside the robot, and the robot drives round the
+    corner."""
     LOST = "lost"
-    """The wall is lost, and none was found round the corner: the robot halts."""
+    """The wall is lost, and the robot found no wall round the corner. It halts."""
     BLOCKED = "blocked"
-    """Something is ahead (an inner corner, a bumper, a cliff): the robot halts."""
+    """An inner corner, an obstacle or a cliff is ahead. The robot halts."""
 
 
 class FollowStep(NamedTuple):
-    """One control step's outcome."""
+    """Result of one control step."""
 
     command: VelocityCommand
-    """Unsmoothed command: as with every controller, the smoothing applies the acceleration limit.
-    """
+    """Velocity before smoothing. The smoothing applies the acceleration limit."""
     state: FollowState
     gap_m: float | None
-    """Gap between the rim and the wall, m; ``None``: no wall."""
+    """Gap between the rim and the wall, m; None: no wall."""
     yaw_rad: float
-    """Heading less the wall's direction, positive towards the wall."""
+    """Heading minus the wall's direction, rad; positive towards the wall."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,52 +60,53 @@ class FollowTuning:
     """Gains and limits; lengths in metres, angles in radians."""
 
     lookahead_m: float = 0.15
-    """Distance ahead of the point on the set line at which the heading aims, m."""
+    """Distance ahead of the robot at which its heading meets the line at the set distance, m."""
     integral_s: float = 2.5
-    """Integral time of the distance controller, s: along a round column the robot stands off by a
-    few degrees."""
+    """Integral time of the distance controller, s. Along a round column the heading must point a
+    few degrees away from the wall, which only the integral corrects."""
     yaw_gain_s: float = 4.0
-    """Yaw rate per rad of heading error."""
+    """Gain from the heading error (rad) to the yaw rate (rad/s), 1/s."""
     approach_rad: float = math.radians(20.0)
-    """Steepest heading towards or off the wall."""
+    """Maximum angle of the heading to or from the wall, rad."""
     touch_m_s: float = 0.015
-    """Maximum lateral speed at which contact is sought, m/s: half of a collision's minimum."""
+    """Maximum lateral speed in the approach to a contact, m/s: half the speed of a collision."""
     press_m: float = 0.004
-    """Depth inside the wall at which light contact aims, m, so that range noise does not lift it
-    off."""
+    """Depth inside the wall at which light contact aims, m. Range noise then does not end the
+    contact."""
     corner_gap_m: float = 0.005
-    """Minimum gap at which a corner is circled, m: the corner's estimated place is no more precise.
-    """
+    """Minimum gap at which the robot drives round a corner, m: the accuracy of the corner's
+    estimated position."""
     stop_gap_m: float = 0.03
-    """Gap ahead of the rim at which it halts before a wall ahead."""
+    """Gap between the rim and a wall ahead at which the robot halts, m."""
     jump_m: float = 0.02
     """Minimum difference between reading and prediction that means another surface, m."""
     gate_sigmas: float = 4.0
     round_rad: float = math.radians(200.0)
     """Turn round a corner without a wall after which the wall counts as lost, rad."""
     nudge_s: float = 0.5
-    """Maximum time for which the wall beside may press a bumper, s; later, an obstacle ahead
-    presses it."""
+    """Maximum time for which the followed wall may press a bumper switch, s. After this time the
+    switch means an obstacle ahead."""
 
 
 _READING_S = 0.05
-"""Age from which an equal reading is a new one, s; readings come at 20 Hz."""
+"""Age from which an equal reading counts as new, s. Readings arrive at 20 Hz."""
 
 
 class WallFollower:
     """Drives along the wall on one side.
 
-    Call ``step`` with every observation and send its result through the smoothing. The first
-    reading of a wall starts the following. From then on the filter of ``wall_track`` estimates
-    distance and direction, and the heading aims at the line at the set distance. The set heading ψ*
-    is a PI of the distance error, with anti-windup as in ``pid``. The integral is off far from the
-    line, and it never steers towards the wall: it would press for seconds, and wheels do not
-    measure lateral slip. The yaw rate is ω = K·(ψ* - ψ), less while ψ is uncertain. Near the wall
-    the heading is limited so that the lateral speed stays below ``touch_m_s``.
+    Call ``step`` with every observation and send its result through the smoothing. Wall following
+    starts with the first reading of a wall. From then on the filter of ``wall_track`` estimates
+    distance and direction. The heading aims at the line at the set distance. The set heading ψ* is
+    a PI controller of the distance error, with anti-windup as in ``pid``. The integral is off far
+    from the line. It never steers towards the wall: the robot would press against the wall for
+    seconds, and wheels do not measure lateral slip. The yaw rate is ω = K·(ψ* - ψ), with a smaller
+    gain while ψ is uncertain. Near the wall the heading is limited so that the lateral speed stays
+    below ``touch_m_s``.
 
-    Where the wall ends, the robot drives on until the end is abeam of its axle. It then circles the
-    end at the set distance until the infrared detects a wall again. The corner and the new hit give
-    that wall's direction at once. A round column is simply followed.
+    At the end of the wall the robot drives on until the end is beside its axle. It then drives
+    round the end at the set distance until the infrared sensor detects a wall again. The corner and
+    this reading give the new wall's direction at once. A round column needs no special case.
     """
 
     def __init__(  # noqa: PLR0913 - a robot, a wall, and how to follow it
@@ -121,7 +122,7 @@ class WallFollower:
         """Follow at ``distance_m`` between rim and wall; 0: in light contact.
 
         Raises:
-            ValueError: the distance is negative or beyond the infrared's range, or the speed is not
+            ValueError: the distance is negative or beyond the sensor's range, or the speed is not
                 positive.
 
         """

@@ -1,9 +1,9 @@
 """Effect of contact on the estimate: the wheels measure a path that an obstacle prevents.
 
-A robot that presses one bumper switch against a wall moves along the wall, not into it. The wall is
-then about 80° off the heading (nearer to the heading it stops the robot), so cos 80° of the wheels'
-path is missing towards the wall for as long as the contact lasts. That share is subtracted. The
-remaining error is one error for the whole contact, and inflates the covariance once.
+A robot that presses one bumper switch against a wall moves along the wall, not into it. Such a wall
+is about 80° off the heading, because a wall closer to the heading stops the robot. So cos 80° of
+the wheels' path is missing towards the wall during the contact. The filter subtracts this share.
+The remaining error is constant during a contact, so it inflates the covariance once.
 """
 
 from __future__ import annotations
@@ -16,31 +16,36 @@ if TYPE_CHECKING:
 
 BUMP_SIGMA_M = 0.01
 BUMP_SIGMA_RAD = math.radians(0.5)
-"""Standard deviations (m, rad) of a contact's motion that the wheels do not measure."""
+"""Standard deviation (m, rad) of the motion in a contact that the wheels do not measure."""
 FELT_SIGMA_M = 0.0012
 FELT_SIGMA_RAD = math.radians(0.05)
-"""The same if the accelerometer measures hard contacts, for the soft ones."""
-SLIDE_ASIDE, SLIDE_AHEAD = 0.18, 0.05
-"""Shares of the wheels' path that are missing aside and ahead while one switch is pressed,
-measured over 700 contacts at ``typical`` and ``harsh`` (equal)."""
-SLIDE_SHARE, PRESS_SHARE = 0.1, 0.3
-"""Standard deviation of the rest over a contact, as shares of the path: with one switch pressed,
-and with both pressed or without an accelerometer."""
+"""Standard deviation (m, rad) of that motion if the accelerometer measures hard contacts, so that
+only soft contacts remain."""
+SLIDE_ASIDE = 0.18
+"""Share of the wheels' path by which the robot moves sideways while one switch is pressed. Measured
+in 700 contacts; equal at ``typical`` and ``harsh`` noise."""
+SLIDE_AHEAD = 0.05
+"""Share of the wheels' path that is missing ahead in the same contacts."""
+SLIDE_SHARE = 0.1
+"""Standard deviation of the remaining error with one switch pressed, as a share of the path."""
+PRESS_SHARE = 0.3
+"""The same share with both switches pressed, or without an accelerometer."""
 GRAZE_M_SQRT_M = 0.0007
-"""Standard deviation per √m of grazing a wall abeam with nominal slip, m: the wall pushes the robot
-aside, and its friction holds it back."""
-_READING_M, _STUCK_M = 0.02, 0.3
-"""Maximum path between two readings, and along a contact, m: a switch that is pressed for longer is
-stuck."""
+"""Standard deviation per √m while the robot grazes a wall at nominal slip, m. The wall pushes the
+robot sideways, and its friction holds it back."""
+_READING_M = 0.02
+"""Maximum path between two readings, m."""
+_STUCK_M = 0.3
+"""Maximum path of a contact, m. A switch that stays pressed for longer is stuck."""
 _FREE_READINGS = 4
-"""Readings of a free bumper that end a contact: 0.15 s."""
+"""Number of readings without contact that end a contact: 0.15 s."""
 
 
 class ContactUncertainty:
     """Corrects the pose and inflates the covariance during contacts."""
 
     def __init__(self, estimator: PoseEstimator) -> None:
-        """Correct this estimator."""
+        """Correct ``estimator``."""
         self._estimator = estimator
         self._pressed = (False, False)
         self._pressed_m = 0.0
@@ -49,7 +54,7 @@ class ContactUncertainty:
         self._last = estimator.odometry
 
     def update(self, *, left: bool, right: bool, grazing: bool) -> float:
-        """Take the bumper switches, and whether the robot grazes a wall abeam.
+        """Use the state of the bumper switches, and whether the robot grazes a wall beside it.
 
         Returns:
             Path since the last reading, m, before the correction.
@@ -74,8 +79,8 @@ class ContactUncertainty:
     def _see_release(self, *, pressed: bool) -> None:
         """End bridging after a released bumper switch.
 
-        Without a contact of the bumper its state does not count, because the shell may be stuck or
-        pass over a sill.
+        Without a contact the switches do not count, because the bumper may be stuck or may pass
+        over a sill.
         """
         estimator = self._estimator
         self._free = 0 if pressed else self._free + 1
@@ -104,7 +109,7 @@ class ContactUncertainty:
             self._estimator.ekf.inflate(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
 
     def _slide(self, way_m: float, pressed: tuple[bool, bool]) -> None:
-        """Take a path driven with a pressed switch, m, not negative."""
+        """Correct the estimate after a path with a pressed switch; ``way_m`` is not negative."""
         if way_m == 0.0:
             return
         left, right = pressed
@@ -115,7 +120,7 @@ class ContactUncertainty:
             aside_m = SLIDE_ASIDE * way_m * (-1.0 if left else 1.0)
             estimator.ekf.shift(-SLIDE_AHEAD * way_m, aside_m)
         share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
-        # One error for the whole contact: its standard deviation grows with the path, not with its
-        # root.
+        # The error is constant during the contact. So its standard deviation grows with the path,
+        # not with the root of the path.
         grown_m = math.sqrt(self._pressed_m**2 - before_m**2)
         estimator.ekf.inflate(share * grown_m, 0.0)

@@ -1,11 +1,11 @@
-"""Whether the robot was moved while no sensor measured it: walls stand where it has driven. Pure.
+"""Detection of a robot that was moved without a measurement by its sensors. Pure.
 
-The filter cannot find this: a wall that does not fit is a new wall, and the estimate goes on. Two
-things contradict the estimate. The side infrared finds a wall on floor that the robot has driven
-over, or the robot drives through a wall of the map. A moved chair or a person causes the same, but
-in one place, and the known walls are still found around it. So the evidence must extend over more
-than a piece of furniture, without a known wall in between. A wall confirms the estimate across its
-own direction only, so it removes only evidence across that direction.
+The filter cannot detect this: it takes a wall that does not fit for a new wall, and continues. Two
+observations contradict the estimate. The side infrared finds a wall on floor that the robot has
+driven over, or the robot drives through a wall of the map. A moved chair or a person has the same
+effect, but only in one place, and the known walls around it still fit. So the evidence must extend
+over more than a piece of furniture, with no known wall found in between. A wall confirms the
+estimate only across its own direction, so it removes only evidence across that direction.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Walls(Protocol):
-    """The walls of the estimate, as :class:`bridge.motion.estimation.wall_map.WallMap` has them."""
+    """The walls of the estimate, as in :class:`bridge.motion.estimation.wall_map.WallMap`."""
 
     def known(self) -> Iterable[tuple[Wall, float, float]]:
         """Yield every wall with the direction of its normal, rad, and its offset, m."""
@@ -34,19 +34,19 @@ class Walls(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DisplacementTuning:
-    """Limits between moved furniture and a moved robot. Source of all: ``campaign.changes``."""
+    """Limits that tell moved furniture from a moved robot. The source is ``campaign.changes``."""
 
     core: float = 0.5
-    """Share of the footprint's radius around the axle that is free where the robot has driven. The
-    rest is for the error of the estimate."""
+    """Share of the footprint's radius within which driven floor is free. The rest allows for the
+    error of the estimate."""
     max_range_m: float = 0.22
     """Infrared range beyond which a hit is too uncertain, m."""
     min_cells: int = 8
-    """Cells of 10 cm with evidence."""
+    """Minimum number of 10 cm cells with evidence."""
     min_span_m: float = 1.2
-    """Extent of the evidence, m: more than most furniture."""
+    """Minimum extent of the evidence, m: more than most furniture."""
     min_wall_m: float = 0.5
-    """Measured length from which the robot cannot drive through a wall of the map, m."""
+    """Minimum measured length of a wall that the robot cannot drive through, m."""
     known_m: float = 1.0
     """Path after which a new wall of the map counts as known, m."""
     steady_rad_s: float = 0.3
@@ -54,15 +54,16 @@ class DisplacementTuning:
 
 
 _FREE_M = 0.05
-"""Edge of the cells of the driven floor, m."""
+"""Edge of a cell of the driven floor, m."""
 _CELL_M = 0.10
-"""Edge of the cells of the evidence, m."""
+"""Edge of a cell of the evidence, m."""
 _STEP_M = 0.025
 """Path between two entries of the driven floor, m."""
 _END_M = 0.1
-"""End of a measured wall that does not count, m: an estimate may see it too long."""
+"""Length at each end of a measured wall that does not count, m. The estimate may be too long."""
 _FAR_M = 10.0
-"""Path that is longer than any between two readings, m: the estimate was reset."""
+"""Path that no robot drives between two readings, m. A longer one means that the estimate was
+reset."""
 
 
 class DisplacementCheck:
@@ -75,13 +76,14 @@ class DisplacementCheck:
         self._core_m = self._tuning.core * model.radius_m
         self._free: set[tuple[int, int]] = set()
         self._evidence: dict[tuple[int, int], float] = {}
-        """Cells with evidence, and the direction across which it contradicts the estimate, rad."""
+        """Cells with evidence, each with the direction across which it contradicts the estimate,
+        rad."""
         self._last: Pose2 | None = None
         self._path_m = 0.0
         self._since_m = 0.0
         """Path at the first evidence, m."""
         self._known: dict[int, float] = {}
-        """By a wall's number: path at which it was first found again, m."""
+        """Path at which each wall was first found again, m, by the wall's number."""
         self._crossed: set[bool] = set()
         """Directions confirmed since the last confirmation: along x or along y of the map."""
 
@@ -92,7 +94,7 @@ class DisplacementCheck:
 
     @property
     def displaced(self) -> bool:
-        """Whether the robot is not where the estimate says."""
+        """True if the robot is not at its estimated place."""
         return (
             len(self._evidence) >= self._tuning.min_cells
             and _extent(self._evidence) >= self._tuning.min_span_m
@@ -105,10 +107,10 @@ class DisplacementCheck:
         ranges_m: tuple[float | None, float | None],
         walls: Walls,
     ) -> bool:
-        """Take a reading of the side infrared; whether the estimate is confirmed now.
+        """Use a reading of the side infrared. Return True if the estimate is confirmed now.
 
-        It is confirmed if nothing contradicts it and known walls across both directions were found
-        since the last time.
+        It is confirmed if no evidence contradicts it and known walls in both directions were found
+        since the last confirmation.
 
         Args:
             pose: estimated pose.

@@ -1,15 +1,15 @@
 """Detection of slip and bumps by the disagreement of encoders, gyro and accelerometer.
 
 - A *bump* is a jerk: within one sample of 10 ms the robot loses speed faster than its motors could
-  brake. The wheels still turn, so the encoders measure a path that the robot did not drive. Just
-  after a bump the integrated accelerometer measures the velocity much better (``InertialBridge``),
-  slip along the wall included.
-- A *stall* is a bump that does not end: the robot stands and the wheels turn. A robot that gains
-  speed with its wheels does not stand.
-- A *slip* of one wheel shows as a difference between encoders and gyro. The slipping wheel counts
-  too much, so the other wheel is used.
+  brake. The wheels still turn, so the encoders measure a path that the robot did not drive. For a
+  short time after a bump, the integrated accelerometer measures the velocity much better
+  (``InertialBridge``), including slip along the wall.
+- A *stall* is a bump that does not end: the robot stands while its wheels turn. If the robot gains
+  speed with its wheels, it is not a stall.
+- A *slip* of one wheel shows as a difference between encoders and gyro. The slipping wheel measures
+  too long a path, so the other wheel is used.
 
-These sensors cannot detect that both wheels slip alike and gently; walls seen again can.
+These sensors cannot detect a gentle, equal slip of both wheels. Known walls can show it later.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ import math
 from typing import NamedTuple
 
 BUMP_M_S2 = 1.8
-"""Minimum jerk of a bump, m/s²: a contact at 2 cm/s. The robot itself reaches 1 m/s² when it
-stops."""
+"""Minimum jerk of a bump, m/s²: a contact at 2 cm/s. A normal stop reaches 1 m/s²."""
 BUMP_SIGMAS = 6.0
-"""Minimum jerk in standard deviations of the vibration, which is learned while driving."""
+"""Minimum jerk in standard deviations of the vibration, which is learned in motion."""
 _VIBRATION_M_S2 = 0.15
 """Initial vibration, m/s²."""
 _VIBRATION_SHARE = 0.01
@@ -30,37 +29,37 @@ _VIBRATION_SHARE = 0.01
 _LASTING_SHARE = 0.001
 """Share of the newest sample in the lasting vibration, so that a short graze does not count."""
 _RINGS = 15
-"""Samples after a jerk that do not count for the vibration."""
+"""Number of samples after a jerk that do not count for the vibration."""
 _REST_SHARE = 0.01
 """Share of the newest sample in the accelerometer's offset at rest: 100 samples."""
 _HELD = 5
-"""Newest samples at rest that are held back, since they may belong to the start."""
+"""Number of newest samples at rest that are held back, because the start may affect them."""
 AGREE_M_S = 0.025
 """Difference of speed below which encoders and accelerometer agree again, m/s."""
 AGREE_S = 0.05
 """Time for which they must agree, s."""
 AWAY_M_S = 0.01
-"""Speed of wheels that turn away from the obstacle, m/s. Then nothing holds the robot, and such a
-gentle start would look like a standstill."""
+"""Minimum speed of wheels that turn away from the obstacle, m/s. Nothing holds the robot then, but
+such a gentle start looks like a standstill."""
 STANDS_M_S = 0.012
-"""Inertial speed below which the robot stands after a bump, m/s: the offset's error would add
-up."""
+"""Inertial speed below which the robot stands after a bump, m/s. It covers the integrated error of
+the offset."""
 STALL_S = 0.5
-"""Time of standing with turning wheels that is a stall, s."""
+"""Minimum time of standstill with turning wheels in a stall, s."""
 GAIN_M_S = 0.05
-"""Gain of the wheels' speed in a stall that shows whether the robot follows, m/s: the accelerometer
-measures the same gain or none."""
+"""Gain of the wheels' speed during a stall that allows a check, m/s. The accelerometer measures the
+same gain if the robot follows its wheels, and no gain if it stands."""
 _MIN_SHARE, _MAX_SHARE = 0.5, 2.0
-"""Shares of the wheels' gain within which the accelerometer confirms it."""
+"""Limits of the measured share of that gain at which the robot follows."""
 LONGEST_S = 2.0
-"""Maximum time of inertial motion, s: then the offset's error dominates the velocity."""
+"""Maximum time of inertial motion, s. Later the offset's error dominates the velocity."""
 SLIP_M_S = 0.02
 """Difference between gyro and encoders that is slip, m/s at the rim: ten times that of a hard
 floor at cruise speed."""
 SLIP_S = 0.06
-"""Time for which it must last, s."""
+"""Minimum time of the difference, s."""
 FULL_SCALE_M_S2 = 19.0
-"""Acceleration just below the ±2 g range, m/s²: a larger sample is clipped."""
+"""Acceleration just below the ±2 g range, m/s². A larger sample is clipped."""
 
 
 class DisturbanceKind(enum.StrEnum):
@@ -107,7 +106,7 @@ class BumpDetector:
 
     @property
     def ready(self) -> bool:
-        """Whether a rest has measured the offset: bias, and gravity on a sloping floor."""
+        """True once a standstill has measured the offset: bias, and gravity on a sloping floor."""
         return self._rests > 0
 
     @property
@@ -132,18 +131,18 @@ class BumpDetector:
         self._offset_y += share * (ripe_y - self._offset_y)
 
     def leave_rest(self) -> None:
-        """Drop the newest samples, which may belong to the start."""
+        """Discard the newest samples, which the start may affect."""
         self._held.clear()
 
     def level(self, accel_x: float, accel_y: float) -> tuple[float, float]:
-        """Return the sample less the offset, m/s²."""
+        """Return the sample minus the offset, m/s²."""
         return accel_x - self._offset_x, accel_y - self._offset_y
 
     def moving(self, ahead: float, aside: float) -> bool:
-        """Take a levelled sample in motion, m/s²; whether it is a bump."""
+        """Use a sample in motion, minus the offset, m/s². Return True if it is a bump."""
         if not self.ready:
             return False
-        # From sample to sample: the robot's own accelerations are slow and cancel.
+        # The jerk is the difference of two samples: the robot's own slow accelerations cancel.
         by_x, by_y = ahead - self._last_x, aside - self._last_y
         self._last_x, self._last_y = ahead, aside
         if math.hypot(ahead, aside) > self.threshold_m_s2:

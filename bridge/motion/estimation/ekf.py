@@ -1,9 +1,9 @@
 """The extended Kalman filter: mean and covariance of the robot's states and of its landmarks.
 
-States: x, y, θ; b, the gyro bias at rest; m, its shift in motion (vibration), which only walls
-observe; k, the gyro's scale error; s, the wheels' scale error (a count is worth 1 + s times its
-nominal path); c, the slope of b with the chip's temperature. The landmarks of ``wall_map`` follow.
-The filter has no samples and no clock; the estimator calls ``predict`` and ``update``.
+States: x, y, θ; the gyro bias at rest, b; the shift of that bias by vibration in motion, m, which
+only walls observe; the gyro's scale error, k; the wheels' scale error, s (a count is 1 + s times
+its nominal path); the slope of b with the chip's temperature, c. The landmarks of ``wall_map``
+follow. The filter has no samples and no clock; the estimator calls ``predict`` and ``update``.
 """
 
 from __future__ import annotations
@@ -35,26 +35,27 @@ Covariance = tuple[
 X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE, BIAS_SLOPE = range(8)
 STATES = 8
 _VIBRATION_BIAS_POWER = 0.6
-"""Power of the gyro's vibration share with which its bias in motion and its scale error grow: from
-``typical`` to ``harsh`` (2.7 times the vibration) threefold."""
+"""Exponent of the gyro's vibration share with which the bias in motion and the scale error grow.
+From ``typical`` to ``harsh`` (2.7 times the vibration) they grow threefold."""
 _VIBRATION_WALK_POWER = 1.5
-"""Exponent of that share in the angle random walk: a growth by 19, too."""
+"""Exponent of that share with which the angle random walk grows: by a factor of 19."""
 UPDATE_DELAY_S = 0.1
 """Maximum age of the covariance, s."""
 
 
 @dataclass(slots=True)
 class Due:
-    """Motion since the covariance was predicted last."""
+    """Motion since the last prediction of the covariance."""
 
     dx: float = 0.0
     dy: float = 0.0
     way_cc: float = 0.0
-    """Path times cos² of the heading, m, and so on: noise along and across the path differs."""
+    """Path times cos² of the heading, m. The three sums separate noise along and across the
+    path."""
     way_cs: float = 0.0
     way_ss: float = 0.0
     wheel_rotation: float = 0.0
-    """Sum of turning by the wheels while the gyro was silent, rad."""
+    """Sum of the turns that were measured by the wheels because the gyro was silent, rad."""
     turned: float = 0.0
     turning_s: float = 0.0
     rotation: float = 0.0
@@ -64,7 +65,7 @@ class Due:
 
 
 class Ekf:
-    """Mean and covariance of the pose, of the sensors' errors and of walls."""
+    """Mean and covariance of the pose, the sensor errors and the walls."""
 
     def __init__(self, start: Pose2, drift: DriftModel | None = None) -> None:
         """Begin at an exact pose, which is the frame of all poses."""
@@ -107,7 +108,7 @@ class Ekf:
 
     @property
     def odometry(self) -> Pose2:
-        """The same motion without pose corrections; its frame drifts."""
+        """Pose from dead reckoning without corrections. Its frame drifts."""
         return self._odometry
 
     @property
@@ -117,7 +118,7 @@ class Ekf:
 
     @property
     def wheel_scale(self) -> float:
-        """True path over the nominal path of a count, about 1."""
+        """Ratio of the true to the nominal path of a count, about 1."""
         return 1.0 + self.wheel_scale_error
 
     @property
@@ -134,7 +135,7 @@ class Ekf:
     # -- updates ---------------------------------------------------------------------------
 
     def update_heading(self, error_rad: float, variance: float) -> None:
-        """Update with the heading's error (estimate less truth), rad, and its variance, rad²."""
+        """Update with the heading's error (estimate minus truth), rad, and its variance, rad²."""
         self.propagate_covariance()
         self.apply(self.joint_covariance.update_one(THETA, -error_rad, variance))
 

@@ -37,52 +37,53 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ENCODER_GAP_S = 10.0
-"""Longest gap between encoder samples, s: in a longer one a 16-bit counter may wrap by more than
-half (4.3 m) unseen."""
+"""Maximum gap between encoder samples, s. In a longer gap a 16-bit counter may turn by more than
+half its range (4.3 m), which is ambiguous."""
 IMU_GAP_S = 0.1
-"""Longest gap between gyro samples, s: in a longer one the wheels turn the heading."""
+"""Maximum gap between gyro samples, s. After a longer gap the wheels measure the heading."""
 _FIRST_BIAS_SAMPLES = 25
-"""Samples at rest before the gyro is used; until then the wheels turn the heading."""
+"""Number of samples at rest before the gyro is used. Until then the wheels measure the heading."""
 _REST_BATCH = 5
-"""Samples at rest that are averaged for one update, to save time."""
+"""Number of samples at rest that are averaged for one update, to save time."""
 _LARGEST_BIAS_RAD_S = 0.4
-"""Largest bias, rad/s: a first sample above the data sheet's ±20 °/s is motion."""
+"""Maximum bias, rad/s: the data sheet's ±20 °/s. A larger first sample means that the robot
+moves."""
 _BRIDGE_M = 0.0015
-"""Standard deviation of the position after a bump whose motion was measured whole, m."""
+"""Standard deviation of the position after a bump that the accelerometer measured completely, m."""
 _BRIDGE_CUT_M = 0.006
-"""The same after a bump whose measurement was clipped."""
+"""Standard deviation of the position after a bump with clipped samples, m."""
 _BRIDGE_RAD = math.radians(0.05)
 """Standard deviation that a bump adds to the heading, rad."""
 _BRIDGE_M_S = 0.012
-"""Standard deviation of the inertial velocity at first, m/s."""
+"""Initial standard deviation of the inertial velocity, m/s."""
 _BRIDGE_M_S2 = 0.02
-"""Growth of that standard deviation, m/s²."""
+"""Growth of the standard deviation of the inertial velocity, m/s²."""
 _SLIP_SHARE = 0.5
-"""Share of the path corrected for a slipping wheel that is its standard deviation."""
+"""Standard deviation of the correction for a slipping wheel, as a share of the corrected path."""
 _RELEASE_SHARE = 0.3
-"""Standard deviation of the path that is restored after a release, as a share of it: the time of
-the release is known to one reading of the bumper."""
+"""Standard deviation of the path that is restored after a release, as a share of that path. The
+time of the release is known only to one reading of the bumper."""
 _ONSET_S = 1.0
-"""Time in which repeated disturbances of one kind count as one, s."""
+"""Time within which repeated disturbances of one kind count as one, s."""
 _KEPT = 64
-"""Disturbances that are kept."""
+"""Maximum number of kept disturbances."""
 _WARMING_LOWPASS = 0.02
-"""Share of the newest sample in the filtered temperature, whose register is noisy."""
+"""Weight of the newest sample in the filtered temperature. The register is noisy."""
 _WARMING_JUMP_C = 2.0
-"""Change of the temperature between samples that only a restarted device shows, °C."""
+"""Minimum change of the temperature between samples that means a restarted device, °C."""
 _SPEED_LOWPASS = 0.5
-"""Share of the newest interval in the speed: one count in 20 ms is 6.5 mm/s."""
+"""Weight of the newest interval in the speed. One count in 20 ms is 6.5 mm/s."""
 _STILL_M_S = 1e-3
-"""Speed that counts as standstill while no count comes, m/s."""
+"""Maximum speed of a standstill while no count arrives, m/s."""
 
 
 class PoseEstimator:
     """Feeds an extended Kalman filter with the samples of encoders, gyro and accelerometer.
 
-    Samples come in the order of their stamps as far as possible; a stale gyro sample is ignored.
-    All times are of one clock, s; only differences matter. The first encoder sample is the
-    reference. While no gyro sample comes for 0.1 s, and before the first 25 gyro samples at rest,
-    the wheels give the heading (eq. 4).
+    Samples should arrive in the order of their stamps; an old gyro sample is ignored. All times are
+    from one clock, s; only differences matter. The first encoder sample is the reference. The
+    wheels give the heading (eq. 4) before the first 25 gyro samples at rest, and while no gyro
+    sample arrives for 0.1 s.
     """
 
     def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
@@ -116,7 +117,7 @@ class PoseEstimator:
 
     @property
     def odometry(self) -> Pose2:
-        """The same motion without pose corrections; its frame drifts."""
+        """Pose from dead reckoning without corrections. Its frame drifts."""
         return self.ekf.odometry
 
     @property
@@ -136,7 +137,7 @@ class PoseEstimator:
 
     @property
     def wheel_scale(self) -> float:
-        """True path over the nominal path of a count, about 1."""
+        """Ratio of the true to the nominal path of a count, about 1."""
         return self.ekf.wheel_scale
 
     def pose_at(self, t_s: float) -> Pose2:

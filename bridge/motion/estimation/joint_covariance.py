@@ -1,7 +1,8 @@
 """The covariance of a Kalman filter with landmarks: algebra only.
 
-Robot and landmarks share one covariance. A wall first seen from an uncertain pose is correlated
-with that pose, so that seeing it again removes only the uncertainty that came since.
+Robot and landmarks share one covariance. The estimate of a new wall is correlated with the robot's
+uncertain pose. So a later measurement of the wall removes only the uncertainty that was added
+since.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 class JointCovariance:
     """A covariance of moving states, followed by static ones, the landmarks.
 
-    The mean belongs to the caller; every update returns the step to add to it.
+    The caller owns the mean. Each update returns the step to add to it.
     """
 
     __slots__ = ("_moving", "p")
@@ -72,8 +73,8 @@ class JointCovariance:
             rows: Those columns, ``(measurements, len(index))``.
             innovation: Measured minus predicted, ``(measurements,)``.
             noise: Covariance of the measurement, ``(measurements, measurements)``.
-            held: States whose variance counts but which do not change (Schmidt's filter). They
-                serve a measurement whose error could be mistaken for theirs.
+            held: States that do not change although their variance counts (Schmidt's filter). Used
+                if an error of the measurement could be mistaken for an error of these states.
 
         Raises:
             numpy.linalg.LinAlgError: the innovation's covariance is singular.
@@ -84,7 +85,7 @@ class JointCovariance:
         block = np.ix_(held, held) if held else None
         kept = self.p[block] if block else None
         self.p -= gain @ ph.T
-        # Rounding makes it asymmetric in the long run, which leads to negative variances.
+        # Rounding errors add up to an asymmetric matrix, which leads to negative variances.
         self.p += self.p.T
         self.p *= 0.5
         step: Floats = gain @ innovation

@@ -7,7 +7,7 @@ import math
 from bridge.motion.geometry import Pose2, wrap_angle
 
 _SERIES_BELOW_RAD = 1e-3
-"""Half angle below which sin(x)/x is 1 - x²/6 to within x⁴/120 < 1e-14, rad."""
+"""Half angle below which sin(x)/x is 1 - x²/6 with an error below x⁴/120 < 1e-14, rad."""
 
 
 def sinc(x_rad: float) -> float:
@@ -35,8 +35,8 @@ def advance_arc(pose: Pose2, travel_m: float, rotation_rad: float) -> Pose2:
 def advance_midpoint(pose: Pose2, travel_m: float, rotation_rad: float) -> Pose2:
     """Move by the paper's second-order form (eq. 7): eq. 5 with sinc taken as 1.
 
-    It points the right way and goes too far: the position is off by at most
-    :func:`midpoint_error_bound_m`, the heading is exact.
+    Its heading is exact. Its position lies in the right direction but too far, by at most
+    :func:`midpoint_error_bound_m`.
     """
     mid = pose.theta_rad + 0.5 * rotation_rad
     return Pose2(

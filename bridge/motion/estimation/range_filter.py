@@ -1,22 +1,22 @@
-"""The range ahead, smoothed by dead reckoning between and across ultrasonic readings."""
+"""Range ahead: ultrasonic readings, smoothed with the driven path."""
 
 from __future__ import annotations
 
 _GAIN = 0.4
-"""Share of a fresh reading in the estimate: its σ is half that of a reading at constant speed."""
+"""Weight of a new reading. At constant speed the estimate has half the reading's σ."""
 _GATE_M = 0.05
 """Innovation above which a reading is an outlier or a new obstacle, m."""
 _DROPOUT_S = 0.3
-"""Time without an echo after which nothing is ahead, s: six readings at 20 Hz."""
+"""Time without an echo after which the path ahead counts as free, s: six readings at 20 Hz."""
 
 
 class RangeAhead:
     """Present range to an obstacle ahead.
 
-    Ranges come at 20 Hz and control steps at 50 Hz, so a raw reading is up to 50 ms old and 1 cm
-    wrong. Between readings the estimate decreases by the driven path; a fresh reading (one that
-    differs from the last) corrects it by a share. A single outlier is ignored; two in a row that
-    agree are used.
+    Readings arrive at 20 Hz and control steps at 50 Hz, so a raw reading is up to 50 ms old and 1
+    cm wrong. Between readings the estimate decreases by the driven path. A new reading, one that
+    differs from the last, corrects it by a share. A single outlier is ignored; two outliers in a
+    row that agree are used.
     """
 
     __slots__ = ("_last_raw_m", "_pending_m", "_silent_s", "range_m")
@@ -24,7 +24,7 @@ class RangeAhead:
     def __init__(self) -> None:
         """Begin with nothing ahead."""
         self.range_m: float | None = None
-        """Present estimate, m; ``None``: nothing is ahead."""
+        """Present estimate, m; None: nothing is ahead."""
         self._last_raw_m: float | None = None
         self._pending_m: float | None = None
         self._silent_s = 0.0

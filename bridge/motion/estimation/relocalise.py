@@ -1,4 +1,4 @@
-"""Relocalisation: walls seen again update direction and position of the estimate."""
+"""Relocalisation: measurements of known walls update heading and position of the estimate."""
 
 from __future__ import annotations
 
@@ -25,37 +25,37 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ECHO_AGE_S = 0.03
-"""Age of an ultrasonic range that differs from the last, s, if the device does not send its age:
-the sensor pings every 60 ms, and the stream samples it. A repeated range is older and is not
-used."""
+"""Age of a new ultrasonic range if the device does not send the age, s. The sensor pings every 60
+ms, and the stream samples its result. A repeated range is older and is not used."""
 ECHO_AGE_SIGMA_S = 0.02
-"""Standard deviation of the age, s: a wall approached at cruise speed seems 4 mm off when the
-robot has stopped before it. An age that the device sends is exact to a few ms, but 3 ms here left
-coverage and pose error as they were in 60 paired runs."""
+"""Standard deviation of the age, s. It is equivalent to an error of 4 mm at cruise speed. An age
+that the device sends is exact to a few ms, but 3 ms here left coverage and pose error the same in
+60 paired runs."""
 SAME_PULSE_S = 0.005
-"""Maximum difference between the times of one pulse in two messages, s: the age is sent in
+"""Maximum time difference at which two messages have the same pulse, s. The age is sent in
 milliseconds, and no ultrasonic sensor pings every 5 ms."""
 MAX_ECHO_AGE_S = IMU_GAP_S
-"""Maximum age of an ultrasonic range that is used, s: the pose is extrapolated no further."""
+"""Maximum age of an ultrasonic range that is used, s: the limit of the pose extrapolation."""
 GRAZE_M = 0.005
-"""Gap between rim and a wall abeam below which the robot may graze it, m."""
+"""Gap between the rim and a wall beside the robot below which the robot may graze the wall, m."""
 _READINGS = 5
-RUB_M, RUB_RAD = 0.0005, math.radians(1.5)
-"""Mean gap (m) below which grazing turns the measured direction towards the heading, and the
-standard deviation (rad) for it: seldom, and by up to 1.4°. The measurement on the other side
-turns as well."""
+RUB_M = 0.0005
+"""Mean gap below which grazing may turn the measured direction towards the heading, m."""
+RUB_RAD = math.radians(1.5)
+"""Standard deviation of the direction with such a gap, rad. Grazing turns it seldom, by up to 1.4°.
+It turns the measurement on the other side as well."""
 GRAZE_RAD = math.radians(0.4)
-"""Standard deviation of the direction with a larger gap, rad: occasional grazing turns it by 0.2
-to 0.36°."""
+"""Standard deviation of the direction with a larger gap, rad. Occasional grazing turns it by 0.2 to
+0.36°."""
 GRAZED_M = 0.01
-"""Gap beyond which a measured wall was not the grazed one, m."""
+"""Gap from which a measured wall cannot be the grazed wall, m."""
 
 
 class Relocaliser:
     """Updates an estimator with wall measurements."""
 
     def __init__(self, model: RobotModel, estimator: PoseEstimator) -> None:
-        """Update this estimator."""
+        """Update ``estimator``."""
         self._estimator = estimator
         self._ultrasonic = model.ultrasonic
         self._graze_m = tuple(
@@ -70,7 +70,7 @@ class Relocaliser:
         self.walls = WallMap(estimator.ekf)
         self._echo_m: float | None = None
         self._pulse_s = -math.inf
-        """Time of the newest ultrasonic pulse whose age was sent, s."""
+        """Time of the newest ultrasonic pulse with a sent age, s."""
         self._contact = ContactUncertainty(estimator)
         self.yaw_fixes = 0
         self.position_fixes = 0
@@ -86,12 +86,12 @@ class Relocaliser:
         t_s: float | None = None,
         ultrasonic_age_s: float | None = None,
     ) -> None:
-        """Take readings of range sensors and bumper.
+        """Use readings of range sensors and bumper.
 
         ``t_s`` is the time of the infrared ranges on the clock of the estimator's samples, s.
-        Without it the time of the newest encoder sample counts, which costs up to 4 mm at cruise
-        speed. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``; without it an
-        average counts.
+        Without it, the time of the newest encoder sample is used, with an error of up to 4 mm at
+        cruise speed. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``. Without
+        it, a mean age is used.
         """
         estimator = self._estimator
         grazing = any(

@@ -6,22 +6,22 @@ import math
 
 
 class Standstill:
-    """Detects standstill by the encoders; the gyro can veto it.
+    """Detects standstill from the encoders; the gyro can veto it.
 
-    The robot is at rest from the start until the first count. After a motion it is at rest once
-    the counts have not changed for ``settling_s``, when gearbox play and run-out are over.
+    The robot is at rest from the start until the first count. After a motion it is at rest when the
+    counts have not changed for ``settling_s``: the gearbox play and the run-out have then ended.
     """
 
     __slots__ = ("_last_count_s", "_last_sample_s", "_settling_s")
 
     RATE_VETO_RAD_S = 0.05
-    """Maximum yaw rate beyond the bias at rest, rad/s (3 °/s): a robot that a person turns has
-    standing wheels."""
+    """Maximum yaw rate minus the bias at rest, rad/s (3 °/s). It excludes a robot that a person
+    turns while its wheels stand still."""
     STALE_S = 0.2
-    """Time without encoder samples after which rest is unknown, s."""
+    """Time without encoder samples after which the robot no longer counts as at rest, s."""
 
     def __init__(self, settling_s: float = 0.3) -> None:
-        """Wait this long after the last count, s."""
+        """Wait ``settling_s`` after the last count."""
         self._settling_s = settling_s
         self._last_count_s = -math.inf
         self._last_sample_s: float | None = None

@@ -1,8 +1,8 @@
 """Frames of orthogonal walls: the walls of a frame share their direction.
 
-Rooms are mostly rectilinear, but boxes in them may be oblique. So orthogonality is used only with
-evidence: if the angle between two walls is known to better than ``SQUARE_SURE_RAD`` and agrees
-with a multiple of 90°. The walls of an oblique box form a frame of their own.
+Rooms are mostly rectilinear, but boxes in them may be oblique. So orthogonality needs evidence: the
+angle between two walls must be known better than ``SQUARE_SURE_RAD`` and agree with a multiple of
+90°. The walls of an oblique box form their own frame.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ SQUARE_RAD = math.radians(0.15)
 SQUARE_SIGMAS = 2.5
 SQUARE_GATE_RAD = math.radians(1.6)
 LONG_M = 0.5
-"""Length from which the weaker limits below hold, m."""
+"""Minimum length at which the weaker limits ``LONG_SURE_RAD`` and ``LONG_GATE_RAD`` apply, m."""
 LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
 """Limits for long walls, rad: of the angle's standard deviation, and of its difference from a
-multiple of 90°. They are weaker, because a slightly oblique box seldom has long walls."""
+multiple of 90°. They are weaker than for short walls, because a slightly oblique box rarely has
+long walls."""
 _QUARTER = 0.5 * math.pi
 
 
@@ -58,15 +59,15 @@ class Frames:
         self._walls = walls
         self._newest = -1
         self.widest = -1
-        """Index of a wall in the frame with the greatest measured length; -1: there is no frame."""
+        """Index of a wall in the frame with the greatest measured length; -1: no frame."""
 
     def partner(
         self, i: int, alphas: Sequence[float], p: NDArray[np.float64]
     ) -> tuple[int, float] | None:
         """Return the longest wall that is orthogonal or parallel to a wall, but not in its frame.
 
-        The second value is the difference of their angle from a multiple of 90°, rad. Without such
-        a wall the result is None.
+        The second value is the difference of their angle from a multiple of 90°, rad. The result is
+        None if there is no such wall.
 
         Args:
             i: the wall.
@@ -104,7 +105,7 @@ class Frames:
         self.count()
 
     def count(self) -> None:
-        """Find the widest frame again after walls were joined or marginalised."""
+        """Determine the frame with the greatest length after walls were joined or marginalised."""
         seen_m: dict[int, float] = {}
         for wall in self._walls:
             if wall.frame >= 0:

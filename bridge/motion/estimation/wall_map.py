@@ -1,9 +1,10 @@
 """The walls of the estimate: straight lines as landmarks of the filter.
 
-A wall is a line n·(p - a) = ρ with n = (cos α, sin α) pointing into it and a fixed anchor a near
-its first measurement, so that α turns it about that place. α and ρ are states of the filter: the
-uncertain pose of the first measurement stays correlated with the wall, and a wall seen again
-removes only the drift since. ``wall_frames`` decides which walls are orthogonal.
+A wall is the line n·(p - a) = ρ. Its normal n = (cos α, sin α) points into the wall. The fixed
+anchor a is near the first measurement, so a change of α turns the wall about that place. α and ρ
+are states of the filter and stay correlated with the uncertain pose of the first measurement. So a
+later measurement of the wall removes only the drift since then. ``wall_frames`` decides which walls
+are orthogonal.
 """
 
 from __future__ import annotations
@@ -29,34 +30,35 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 SAME_CHI2, SAME_CHI1 = 9.2, 6.6
-"""Gates of the squared innovation for the same wall, with two numbers and with one: 99 %."""
+"""Maximum squared innovation of the same wall, with two values and with one value: 99 %."""
 OTHER_CHI2, OTHER_CHI1 = 30.0, 25.0
-"""Squared innovations above which a surface is another wall; between the gates it is ignored."""
+"""Squared innovations from which a surface is another wall. Between the two gates it is ignored."""
 SAME_SHARE, SAME_M, SAME_RAD = 0.7, 0.03, math.radians(2.5)
-"""Share of a piece that lies before a known wall, its distance (m) and direction (rad), to be that
-wall."""
+"""Limits at which a measured piece belongs to a known wall: share of the piece that lies in front
+of the wall, distance (m) and direction (rad)."""
 STEP_M = 0.003
-"""Step that belongs to a flat wall, m."""
+"""Maximum step in a flat wall, m."""
 GATE_M, GATE_SIGMAS = 0.06, 2.5
-"""Maximum innovation of a wall seen again: a distance (m), or standard deviations if these are
+"""Maximum innovation of a known wall: a distance (m), or a number of standard deviations if that is
 larger."""
 GATE_RAD = math.radians(5.0)
 NEW_SIGMA_RAD = math.radians(1.2)
-APART_M, APART_SHORT_M = 0.5, 0.1
-"""Distance from the known part of a wall beyond which a piece may belong to another wall in line,
-m; for a piece below ``NEW_SPAN_M``, which may be part of a column, the second value."""
+APART_M = 0.5
+"""Distance from the known part of a wall beyond which a piece in line may be another wall, m."""
+APART_SHORT_M = 0.1
+"""The same for a piece below ``NEW_SPAN_M``, which may be part of a column, m."""
 FRONT_MARGIN_M = 0.2
 FRONT_CONE_RAD = math.radians(7.0)
 FRONT_NEW_RAD = math.radians(4.3)
-"""Standard deviation of the direction of a surface that only the ultrasonic saw, rad: uniform over
-its cone."""
+"""Standard deviation of the direction of a surface that only the ultrasonic sensor measured, rad:
+uniform over its cone."""
 SKEW = 0.7
-"""Factor on the error of an oblique wall: ranges to it shrink by δ²/2 of the path less than the
-path."""
+"""Factor on the error of an oblique wall. With an angle δ to the normal, the range decreases by
+less than the path, by δ²/2 of the path."""
 FRONT_NEW_M = 1.0
 FRONT_SQUARE_RAD = math.radians(6.0)
-"""Angle to a known wall's normal within which a surface that only the ultrasonic saw counts,
-rad."""
+"""Maximum angle to a known wall's normal at which a surface that only the ultrasonic sensor
+measured counts, rad."""
 MAX_WALLS = 40
 _QUARTER = 0.5 * math.pi
 
@@ -65,7 +67,7 @@ class _Match(NamedTuple):
     wall: int
     chi2: float
     second_chi2: float
-    """Squared innovation of the next other wall."""
+    """Squared innovation of the second-best wall."""
     rows: Floats
     innovation: Floats
     """Innovation of direction (rad) and distance (m)."""
@@ -79,14 +81,14 @@ class WallMap:
     """Associates measurements with walls and updates the filter."""
 
     def __init__(self, ekf: Ekf) -> None:
-        """Keep the walls of a filter as its landmarks."""
+        """Store the walls as landmarks of ``ekf``."""
         self._ekf = ekf
         self.walls: list[Wall] = []
         self._frames = Frames(self.walls)
         self._made = 0
-        """Number of walls that were ever added."""
+        """Number of walls added so far."""
         self._found: Wall | None = None
-        """Wall that was found again since the last call of :meth:`take_found`."""
+        """Last wall that was measured again since the last call of :meth:`take_found`."""
 
     # -- present estimate -------------------------------------------------------------------
 
@@ -106,7 +108,7 @@ class WallMap:
                 yield wall, values[2 * i], values[2 * i + 1]
 
     def take_found(self) -> tuple[Wall, float] | None:
-        """Return the wall that was last found again, and its normal, rad; once."""
+        """Return the wall that was measured again last, and its normal, rad; then forget it."""
         wall, self._found = self._found, None
         if wall is None or not any(wall is each for each in self.walls):
             return None
@@ -114,10 +116,10 @@ class WallMap:
 
     @property
     def heading_sigma_rad(self) -> float:
-        """Standard deviation of the heading against the orthogonal walls, rad; 0: there are none.
+        """Standard deviation of the heading relative to orthogonal walls, rad; 0: no walls.
 
-        These walls are tied to each other, so one wall of the widest frame represents all. The
-        value is at most 0.1 s old, like the covariance.
+        These walls are correlated with each other, so one wall of the longest frame represents all.
+        The value is at most 0.1 s old, like the covariance.
         """
         i = self._frames.widest
         if i < 0 or 2 * len(self.walls) != len(self._ekf.walls):
@@ -129,7 +131,7 @@ class WallMap:
     # -- sights ----------------------------------------------------------------------------
 
     def see_line(self, measurement: LineMeasurement) -> bool:
-        """Take a line measured at the present pose; whether the wall was known."""
+        """Use a line measured at the present pose. Return True if the wall was known."""
         self._check()
         ekf, pose = self._ekf, self._ekf.pose
         noise = np.array(

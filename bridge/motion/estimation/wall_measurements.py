@@ -1,7 +1,7 @@
-"""Measurements of flat walls: straight lines by the side infrared, distances by the ultrasonic.
+"""Measurements of flat walls: lines from the side infrared, distances from the ultrasonic sensor.
 
-A measurement is given in the robot's frame at the moment it is complete. Its hits are collected
-along the odometry, so that updates of the estimate do not bend it.
+A measurement is in the robot's frame at the time of its completion. Its hits are collected along
+the odometry, so that updates of the estimate do not bend the line.
 """
 
 from __future__ import annotations
@@ -21,36 +21,36 @@ it measures 0.12 m of the wall."""
 MAX_SPAN_M = 0.40
 MIN_HITS = 7
 MAX_CHI2 = 12.0
-"""Maximum mean squared residual, per degree of freedom, of a flat wall. Above 1 the sensor is
-noisier than assumed, and the measurement counts less."""
+"""Maximum mean squared residual of a flat wall, per degree of freedom. Above 1 the sensor is
+noisier than assumed, and the measurement gets less weight."""
 MAX_BOW_M = 0.003
 """Maximum bow of a flat wall, m: a column of 0.7 m diameter bows 5 mm over 0.12 m."""
 WANDER_BOW = 1.5 * 5.0 / math.sqrt(210.0)
-"""Ratio of two standard deviations, 0.52: of the bow that random lateral slip gives to a flat wall,
-and of that slip. It is the second Legendre coefficient of a Brownian path."""
+"""Ratio of the standard deviation of a flat wall's apparent bow to that of the lateral slip that
+causes it: 0.52. It is the second Legendre coefficient of a Brownian path."""
 JUMP_M = 0.012
 GAP_M, GAP_RAD = 0.08, math.radians(15.0)
-"""Maximum distance (m) and turn (rad) between two hits of a line. After a longer gap the sensor
-may measure another wall."""
+"""Maximum distance (m) and turn (rad) between two hits of a line. Beyond them the sensor may
+measure another wall."""
 STEADY_RAD_S = 0.30
 MOVING_M_S = 0.02
 FLAT_M, FLAT_RAD = 0.0008, math.radians(0.07)
-"""Standard deviations (m, rad) that no averaging removes: walls are not perfectly flat, sensors
-not perfectly aimed."""
+"""Standard deviations (m, rad) that averaging does not reduce. Walls are not perfectly flat, and
+sensors are not perfectly aligned."""
 FRONT_HITS = 5
-"""Ultrasonic readings for one measurement: 0.25 s at 20 Hz."""
+"""Number of ultrasonic readings for one measurement: 0.25 s at 20 Hz."""
 FRONT_SPREAD_M = 0.025
-"""Maximum spread of the wall's place within one measurement, m: more is a corner, or two
-surfaces."""
+"""Maximum spread of the wall's position within one measurement, m. A larger spread means a corner
+or two surfaces."""
 FRONT_SIGMA_M = 0.003
 _RANGE_SHARE = 0.43
 """Mean ratio of the standard deviation of five normal values to their range."""
 CONE_SHARE = 0.005
-"""Standard deviation as a share of the range. If a corner at the edge of the cone returns the echo,
-the range is up to 0.9 % too long."""
+"""Standard deviation as a share of the range. The range is up to 0.9 % too long if a corner at the
+edge of the cone returns the echo."""
 FRONT_MAX_M = 1.2
 FRONT_STEP_M = 0.03
-"""Minimum motion between two measurements, m: at rest the errors repeat."""
+"""Minimum motion between two measurements, m. At rest the errors repeat."""
 
 
 class LineMeasurement(NamedTuple):
@@ -86,7 +86,7 @@ class LineMeasurement(NamedTuple):
 
 
 class FrontMeasurement(NamedTuple):
-    """A flat surface ahead of the ultrasonic."""
+    """A flat surface ahead of the ultrasonic sensor."""
 
     range_m: float
     """Distance from the sensor along the surface's normal, m; the normal lies within the cone."""
@@ -100,10 +100,10 @@ class _Hit(NamedTuple):
 
 
 class SideMeasurement:
-    """Collects the hits of one infrared and fits a line when the wall ends."""
+    """Collects the hits of one infrared sensor and fits a line at the end of the wall."""
 
     def __init__(self, mount: RangerMount) -> None:
-        """Collect for a sensor at this mount."""
+        """Collect the hits of a sensor at this mount."""
         self._mount = mount
         self._hits: list[_Hit] = []
         self._last_m = 0.0
@@ -119,14 +119,14 @@ class SideMeasurement:
         steady: bool,
         wander_m_sqrt_m: float = 0.0,
     ) -> LineMeasurement | None:
-        """Take a reading and return the measurement that it ends, if any.
+        """Use a reading; return the measurement that it completes, if any.
 
         Readings in a quick turn are skipped. A short turn does not end the line, because a noisy
-        infrared sensor makes the robot turn to and fro while it follows a wall. At a corner the
-        robot keeps turning in one direction.
+        infrared sensor makes the robot turn to and fro along a wall. At a corner the robot keeps
+        turning in one direction.
 
-        ``wander_m_sqrt_m`` is the standard deviation of lateral slip, m per square root of the
-        path.
+        ``wander_m_sqrt_m`` is the standard deviation of lateral slip, m per square root of the path
+        in metres.
         """
         if range_m is None or not moving:
             return self._end(odometry, wander_m_sqrt_m)

@@ -1,6 +1,7 @@
-"""Distance and direction of a wall beside the robot, from one infrared's successive readings.
+"""Distance and direction of a wall beside the robot, from successive readings of one sensor.
 
-One beam gives one distance; driving on gives the direction. A Kalman filter over two numbers,
+One reading gives one distance. Readings along a path also give the direction. A Kalman filter has
+two states:
 
     d: distance from the axle's centre to the wall, along the wall's normal (m)
     ψ: heading minus the wall's direction, positive if the robot points into the wall (rad)
@@ -20,20 +21,21 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount
 
 _NEAR_SIGMA_M = 0.0012
-"""Standard deviation of every reading, m: calibration, and the protocol's step of 1.25 mm."""
+"""Standard deviation of every reading, m: calibration, and the protocol's resolution of 1.25 mm."""
 _SIGMA_M = 0.0015
-"""Further standard deviation of a reading at 10 cm, m; it grows with the range squared
+"""Additional standard deviation of a reading at 10 cm, m. It grows with the square of the range
 (triangulation)."""
 _SIGMA_AT_M = 0.10
 _WAY_SIGMA = 0.02
-"""Standard deviation of d relative to the path: wheels, and walls that are not flat."""
+"""Standard deviation of d relative to the path. It covers the wheels and walls that are not
+flat."""
 _BEND_RAD_SQRT_M = 0.25
-"""Standard deviation of ψ per √m for bending walls, rad: a column of 0.3 m radius bends 0.4 rad in
-12 cm."""
+"""Standard deviation of ψ per √m along a curved wall, rad. A column of 0.3 m radius turns by 0.4
+rad in 12 cm."""
 _FIRST_RAD = 0.3
 """Standard deviation of ψ for a new wall, rad."""
 MAX_YAW_RAD = math.radians(60.0)
-"""Angle to the wall's normal beyond which a beam measures almost nothing, rad."""
+"""Maximum angle between beam and normal, rad. A flatter beam measures almost nothing."""
 
 
 def infrared_sigma_m(range_m: float) -> float:
@@ -42,18 +44,18 @@ def infrared_sigma_m(range_m: float) -> float:
 
 
 class WallTrack:
-    """The filter; both numbers are ``None`` before the first reading."""
+    """The filter. Both states are None before the first reading."""
 
     __slots__ = ("_arm_m", "_pdd", "_pdy", "_pyy", "_reach_m", "distance_m", "yaw_rad")
 
     def __init__(self, mount: RangerMount) -> None:
-        """Track with a range sensor that faces abeam."""
+        """Track with a range sensor that faces sideways."""
         self._reach_m = mount.x_m
         self._arm_m = abs(mount.y_m)
         self.clear()
 
     def clear(self) -> None:
-        """Drop the wall."""
+        """Forget the wall."""
         self.distance_m: float | None = None
         self.yaw_rad = 0.0
         self._pdd = self._pdy = self._pyy = 0.0
@@ -81,9 +83,10 @@ class WallTrack:
     def move(self, ahead_m: float, into_rad: float, min_m: float = 0.0) -> None:
         """Predict a motion of ``ahead_m``, m, and a turn of ``into_rad`` towards the wall, rad.
 
-        At ``min_m`` the robot touches the wall: it then moves along it, and a constant distance
-        does not measure the direction. At a corner the robot may be nearer to the line of a wall
-        that only begins there; no motion leads to the line then, and none is limited.
+        In contact, at ``min_m``, the robot moves along the wall. A constant distance then gives no
+        information about the direction. At a corner the robot may be closer than ``min_m`` to the
+        line of a wall that only begins there. The limit does not apply then, because no motion
+        reaches the line.
         """
         if self.distance_m is None:
             return
@@ -98,14 +101,14 @@ class WallTrack:
         self._pyy += _BEND_RAD_SQRT_M**2 * way
 
     def expected_m(self) -> float | None:
-        """Expected reading, m; ``None``: no wall, or too flat a beam."""
+        """Expected reading, m; None: no wall, or the beam is too flat."""
         if self.distance_m is None or abs(self.yaw_rad) > MAX_YAW_RAD:
             return None
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return (self.distance_m - self._reach_m * s) / c - self._arm_m
 
     def take(self, range_m: float, gate_sigmas: float, min_gate_m: float) -> bool:
-        """Update with a reading; false, without an update, if it is not of this wall."""
+        """Update with a reading. Return False, without an update, if it is from another surface."""
         expected = self.expected_m()
         if expected is None or self.distance_m is None:
             return False
