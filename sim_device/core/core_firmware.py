@@ -17,18 +17,19 @@ if TYPE_CHECKING:
     from sim_device.device.identity import Identity
     from sim_device.sensors.sensors import SensorSuite
 
-_BOOT = struct.Struct("<12sIBB?BH?x4I")
-_POLL = struct.Struct("<Q2H?7h")
-_RECEIVE = struct.Struct("<Q")
+# Payloads, replies and answers, in the layout of ``chip.h``.
+BOOT = struct.Struct("<12sIBB?BH?x4I")
+POLL = struct.Struct("<Q2H?7h")
+RECEIVE = struct.Struct("<Q")
 _REPLY = struct.Struct("<2h??BBB??BHIIq")
-_RANGES = struct.Struct("<3HI")
-_POWER = struct.Struct("<4H")
+RANGES = struct.Struct("<3HI")
+POWER = struct.Struct("<4H")
 _DUTY_ONE = 10_000
 _PAGES, _PAGE_SIZE = 2, 1024
 _NO_CLOCK = 1
 """``BOARD_TROUBLE_CLOCK`` of ``board.h``."""
-_ROOM = PAYLOAD_MAX - _RECEIVE.size
-_STATES = (
+_ROOM = PAYLOAD_MAX - RECEIVE.size
+STATES = (
     State.STOPPED,
     State.IDLE,
     State.VELOCITY,
@@ -65,6 +66,11 @@ class View(NamedTuple):
     """Uptime of its next control period."""
 
 
+def view_of(reply: bytes) -> tuple[View, bytes]:
+    """Return what a reply says of the chip, and the bytes that it has sent."""
+    return View._make(_REPLY.unpack_from(reply)), reply[_REPLY.size :]
+
+
 class CoreFirmware:
     """One life of the program on a chip, from a boot to the next reset."""
 
@@ -80,7 +86,7 @@ class CoreFirmware:
         self.view = self._take(
             chip.call(
                 Operation.BOOT,
-                _BOOT.pack(
+                BOOT.pack(
                     identity.uid,
                     identity.boot_id,
                     identity.reset_cause,
@@ -108,7 +114,7 @@ class CoreFirmware:
         counts = sensors.imu()
         samples = sensors.imu_samples()
         fresh, self._imu_samples = samples != self._imu_samples, samples
-        payload = _POLL.pack(now_us, left, right, fresh, *counts)
+        payload = POLL.pack(now_us, left, right, fresh, *counts)
         view = self.view = self._take(self._chip.call(Operation.POLL, payload))
         return view.left / _DUTY_ONE, view.right / _DUTY_ONE
 
@@ -119,7 +125,7 @@ class CoreFirmware:
     def receive(self, data: bytes, now_us: int) -> None:
         """Take bytes that arrived at ``now_us``, microseconds of uptime."""
         for at in range(0, max(1, len(data)), _ROOM):
-            payload = _RECEIVE.pack(now_us) + data[at : at + _ROOM]
+            payload = RECEIVE.pack(now_us) + data[at : at + _ROOM]
             fed = self.view.fed
             view = self._take(self._chip.call(Operation.RECEIVE, payload))
             self.view = view._replace(fed=fed)
@@ -130,9 +136,8 @@ class CoreFirmware:
         return out
 
     def _take(self, reply: bytes) -> View:
-        view = View._make(_REPLY.unpack_from(reply))
-        if len(reply) > _REPLY.size:
-            self._out += reply[_REPLY.size :]
+        view, wrote = view_of(reply)
+        self._out += wrote
         if view.rebooted:
             self.reboot_wanted = RebootKind.NORMAL
         return view
@@ -157,7 +162,7 @@ class CoreFirmware:
     @property
     def state(self) -> State:
         """Where it stands in the mode table."""
-        return _STATES[self.view.state]
+        return STATES[self.view.state]
 
     @property
     def mode(self) -> Mode:
@@ -217,7 +222,7 @@ def answer(sensors: SensorSuite, what: int) -> bytes:
         return bytes((contact_bits(sensors.bumpers(), cliff=sensors.cliff()),))
     if what == Ask.RANGES:
         front_m, left_m, right_m, age_us = sensors.ranges()
-        return _RANGES.pack(
+        return RANGES.pack(
             range_steps(front_m, 1e3), range_steps(left_m, 1e4), range_steps(right_m, 1e4), age_us
         )
-    return _POWER.pack(*map(milli, sensors.power()))
+    return POWER.pack(*map(milli, sensors.power()))

@@ -6,14 +6,18 @@ specification.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sim_device.line.line import DEFAULT_BITRATE, LineSettings
 from support.kit_compare import compare
+from support.kit_replay import compare_recorded, lines, record_run, recorded
 from support.kit_sessions import FAIR, HOSTILE, SENSED, write
+from support.rigs import OPEN_FLOOR, Drive, rig
 
 pytestmark = pytest.mark.slow
 
@@ -37,3 +41,46 @@ def test_hostile_sessions(deeds: list[Any], *, begun: bool) -> None:
 @given(deeds=st.lists(st.one_of(FAIR, SENSED), max_size=50))
 def test_sessions_on_can(deeds: list[Any]) -> None:
     compare(write(deeds, can=True), can=True)
+
+
+# ---- recorded runs: the inputs of a closed loop, open loop through both ------------------------
+
+
+@pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])
+def test_a_recorded_clean(*, can: bool) -> None:
+    made = compare_recorded(record_run("case-1", can=can, max_time_s=30.0))
+    assert made.exact, "equal inputs give the core's bytes again"
+    assert not made.unexplained, "\n".join(lines(made))
+    assert not made.unasked, "both read a sensor in the same control periods"
+    assert made.frames > 6_000
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        ("bit-flips@1:4:rate=0.001", "bumper-stuck@5:1:side=left", "ultrasonic-blind@6:1"),
+        ("reset@3", "crash@6", "brown-out@9:off=0.2"),
+        ("hang@3", "hse-failed@6"),
+        ("encoder-reversed@3:side=left",),
+        ("wheel-stuck@3:side=right", "lifted@6:1"),
+        ("i2c-stuck@3:1", "adc-frozen@5:2", "clock-drift@0:ppm=2000"),
+    ],
+    ids=lambda faults: faults[0].partition("@")[0],
+)
+@pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])
+def test_a_recorded_run_with_faults(faults: tuple[str, ...], *, can: bool) -> None:
+    recording, device = recorded(OPEN_FLOOR, can=can)
+    settings = LineSettings(0, 1_000, DEFAULT_BITRATE) if can else LineSettings()
+    Drive(rig(*faults, settings=settings, device=device), 0.2, 0.3).run(12.0)
+    made = compare_recorded(recording)
+    assert made.exact
+    assert not made.unexplained, "\n".join(lines(made))
+    assert not made.unasked
+
+
+def test_a_firmware_that_differs_is_found() -> None:
+    """A model that drives another robot: its duties differ, and so do its frames."""
+    recording, device = recorded(OPEN_FLOOR)
+    Drive(rig(device=device), 0.2).run(4.0)
+    other = replace(recording, model=replace(recording.model, wheel_diameter_m=0.07))
+    assert "duty" in compare_recorded(other).unexplained

@@ -61,9 +61,9 @@ class PaperSensors:
     def ranges(self) -> Ranges:
         left, right = self.now.infrared_dmm
         return Ranges(
-            _seen(self.now.ultrasonic_mm, 1e3),
-            _seen(left, 1e4),
-            _seen(right, 1e4),
+            seen(self.now.ultrasonic_mm, 1e3),
+            seen(left, 1e4),
+            seen(right, 1e4),
             self.now.ultrasonic_age_us,
         )
 
@@ -80,8 +80,17 @@ class PaperSensors:
         return PowerReading(now.battery_mv / 1e3, now.logic_mv / 1e3, left / 1e3, right / 1e3)
 
 
-def _seen(reading: int, per_m: float) -> float | None:
+def seen(reading: int, per_m: float) -> float | None:
     return None if reading == NO_RANGE else reading / per_m
+
+
+def pieces(data: bytes, *, can: bool) -> list[bytes]:
+    """Return one frame at a time: a describe message affects the frames behind it."""
+    if can:
+        size = RECORD.size
+        whole = len(data) - len(data) % size
+        return [data[i : i + size] for i in range(0, whole, size)]
+    return re.findall(rb"[^\0]*\0|[^\0]+", data)
 
 
 class Twin:
@@ -136,7 +145,7 @@ class Twin:
             if self._can:  # frames of one period leave by rank
                 wrote += self.firmware.data_to_send()
         self._now_us = until_us
-        for piece in self._pieces(step.data):
+        for piece in pieces(step.data, can=self._can):
             self.firmware.receive(piece, until_us - self._booted_us)
         reported = self._report(wrote + self.firmware.data_to_send())
         if self.firmware.reboot_wanted is not None:
@@ -147,14 +156,6 @@ class Twin:
             self._cause = ResetCause.SOFTWARE
             self._boot()
         return reported
-
-    def _pieces(self, data: bytes) -> list[bytes]:
-        """Return one frame at a time: a describe message affects the frames behind it."""
-        if self._can:
-            size = RECORD.size
-            whole = len(data) - len(data) % size
-            return [data[i : i + size] for i in range(0, whole, size)]
-        return re.findall(rb"[^\0]*\0|[^\0]+", data)
 
     def _report(self, wrote: bytes) -> Reported:
         firmware, control = self.firmware, self.firmware.control
