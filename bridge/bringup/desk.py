@@ -1,8 +1,9 @@
-"""A session with one device for bring-up: it asks, listens and moves the robot a little.
+"""A session with one device for bring-up: requests, measurements and small motions.
 
 Sans-I/O: a :class:`bridge.bringup.desk_wire.Wire` carries bytes and gives the time. So the same
-procedure runs on a port and, in virtual time, against the emulated device. Time passes only in
-calls. Single-threaded, without planner, log or estimate; :class:`bridge.run.host.Host` has those.
+procedure runs on a port and, in virtual time, against the emulated device. Time passes only inside
+its calls. It has one thread, and no planner, log or estimate; :class:`bridge.run.host.Host` has
+these.
 """
 
 from __future__ import annotations
@@ -45,20 +46,20 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 CYCLE_NS = 20_000_000
-"""Period at which velocities and duties are repeated, ns: 50 Hz, the catalogue's default."""
+"""Period of repeated velocities and duties, ns: 50 Hz, the catalogue's default."""
 TTL_MS = 200
 CONFIRM_S = 1.0
 """Maximum time for a device to confirm a stop, s: as long as a run waits at its end."""
 ANSWER_S = 8.0
 """Maximum wait for an answer, s: six tries with doubled timeouts, and a flash erase."""
 STALE_S = 0.3
-"""Age of an encoder reading at which a motion is stopped, s: fifteen readings, by their stamps."""
+"""Age of an encoder reading at which a motion is stopped, s: fifteen readings."""
 LINK_S = 4.0
 """Maximum time until the link counts as fast enough for the first motion, s; four pings take 0.4 s.
 """
 SILENT_NS = 100_000_000
-"""Minimum silence in which the link is not evaluated, ns: ten frames of the fastest stream. The
-session itself detects a silence within a second."""
+"""Silence after which the link is not evaluated, ns: ten frames of the fastest stream. The session
+itself detects a silence within a second."""
 _INCOMPATIBLE = frozenset({EventKind.INCOMPATIBLE, EventKind.VERSION})
 """Failures of a session with a device that answers but is incompatible."""
 M = TypeVar("M", bound="Message")
@@ -66,7 +67,7 @@ R = TypeVar("R")
 
 
 class Desk:
-    """A session with one device; use it as a context manager, which leaves it stopped."""
+    """A session with one device. As a context manager it leaves the device stopped."""
 
     def __init__(  # noqa: PLR0913 - options of a session
         self,
@@ -85,7 +86,7 @@ class Desk:
         ``records`` gets every record of the session.
 
         Raises:
-            NoDeviceError: none answered.
+            NoDeviceError: no device answered.
             IncompatibleError: the device is incompatible.
 
         """
@@ -107,13 +108,13 @@ class Desk:
         """Results of the newest stop and of earlier ones that ended meanwhile."""
         self._failed: Failed | None = None
         self._unsafe = ""
-        """Reason for which the robot was or must be stopped; empty: none."""
+        """Reason why the robot was stopped or must be stopped; empty: no reason."""
         self._moved = self._interrupted = False
         self._free = False
-        """True while no stop should be latched. A stop that is latched then came from the device.
-        """
+        """True while no stop should be latched. The device itself has then caused a latched
+        stop."""
         self._cause = StopCause.SESSION_END
-        """The gravest cause for a stop so far."""
+        """The most severe cause for a stop so far."""
         self._cycle_ns = wire.now()
         self._t_us = DeviceUs(0)
         self._error = ""

@@ -22,7 +22,7 @@ class Wire(Protocol):
         """Return the monotonic time."""
 
     def turn(self, data: bytes, until_ns: HostNs) -> bytes:
-        """Send ``data``; return the received bytes as soon as there are any, or at ``until_ns``."""
+        """Send ``data`` and return the first bytes that arrive, or no bytes at ``until_ns``."""
 
     def close(self) -> None:
         """Close the port."""

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MIN_SAMPLES = 100
-"""Smallest number of samples for a bias."""
+"""Minimum number of samples for a bias."""
 BLOCK_S = 1.0
 """Length of the blocks whose means give the standard error, s."""
 REST_RAD_S = math.radians(20.0)
-"""Largest rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
+"""Maximum rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
 MOVED_RAD_S = math.radians(0.5)
 """Standard deviation above which the robot was moved, rad/s: ten times the noise at 100 Hz."""
 
@@ -29,7 +29,7 @@ class AxisBias(NamedTuple):
     sigma_rad_s: float
     """Standard error of the bias, from means over a second: consecutive samples are correlated."""
     range_rad_s: float
-    """Difference between the largest and the smallest of these means."""
+    """Difference between the largest and the smallest of these means, rad/s."""
 
 
 def biases(samples: Sequence[tuple[float, tuple[float, float, float]]]) -> tuple[AxisBias, ...]:

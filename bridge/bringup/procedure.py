@@ -46,9 +46,9 @@ STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
 REST_S = 2.0
 """Duration of a measurement at standstill, s."""
 REST_TRIES = 5
-"""Attempts to measure a robot that keeps being touched, before the check of the axes is skipped."""
+"""Maximum number of attempts to measure a robot that is touched. Then the axes are skipped."""
 KICK_DUTY = 0.3
-"""Duty of a kick. With ``KICK_S`` the rim moves about 6 cm, which is visible."""
+"""Duty of a kick, -1..1. With ``KICK_S`` the rim moves about 6 cm, which is visible."""
 KICK_S = 0.8
 """Duration of a kick, s."""
 HAND_S = 20.0

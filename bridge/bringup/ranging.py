@@ -53,7 +53,7 @@ def point(true_m: float, readings: Sequence[float | None]) -> Point:
     if len(seen) < max(MIN_READINGS, len(readings) // 2):
         raise BridgeError(f"at {true_m:g} m only {len(seen)} of {len(readings)} readings are valid")
     middle = median(seen)
-    # Crosstalk from other ultrasonic sensors lies far from the median: leave it out.
+    # Crosstalk from other ultrasonic sensors lies far from the median and is left out.
     kept = [r for r in seen if abs(r - middle) <= max(0.01, 0.05 * middle)]
     return Point(true_m, fmean(kept), pstdev(kept), len(kept))
 

@@ -15,10 +15,10 @@ equations differently, so they are named here by their result, in the order of t
 - E_b = 90°/(90° - α);
 - the correction keeps the mean diameter: c_l = 2/(E_d + 1), c_r = 2/(1/E_d + 1).
 
-These equations are of first order: with errors of 1 % they leave an error of a few tenths of a
-per cent in E_b. ``refine`` therefore starts from them and fits E_d and E_b to the same ε by
-integrating the recorded counts, without approximation. Squares do not show the mean diameter (the
-source's E_s); it is measured on a straight path by ``straight_scale``.
+These equations are of first order: with errors of 1 % they leave an error of a few tenths of a per
+cent in E_b. ``refine`` starts from them and fits E_d and E_b to the same ε by integration of the
+recorded counts, without approximation. Squares do not show the mean diameter (the source's E_s). It
+is measured on a straight path by ``straight_scale``.
 """
 
 from __future__ import annotations

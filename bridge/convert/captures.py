@@ -1,8 +1,8 @@
 """Import of captures of other programs: candump logs and raw serial bytes.
 
-``candump -l`` has a time for every frame. A raw capture, as saved by a terminal program, has none:
-the device's stamps give the times between its frames, the file's date the end. The result is an
-MCAP file like the log of a run, so that every command for logs supports captures too.
+``candump -l`` stores a time for every frame. A raw capture, as saved by a terminal program, has no
+times: the device's stamps give the intervals, and the file's date gives the end. The result is an
+MCAP file like the log of a run, so every command for logs also supports captures.
 """
 
 from __future__ import annotations
@@ -134,7 +134,8 @@ def _raw(path: Path) -> Iterator[_Piece]:
     link = Link(Direction.HOST)
     begun = 0
     while begun < len(data):
-        # No frame is shorter. Zeros and noise are so grouped, and cost no more than frames.
+        # Zeros and noise are grouped up to the minimum frame size, so they cost no more than
+        # frames.
         end = data.find(b"\0", begun + _SHORTEST - 1) + 1 or len(data)
         stretch = data[begun:end]
         for event in link.receive(stretch) if stretch.strip(b"\0") else ():

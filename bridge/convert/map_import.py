@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Point, Polygon
 
 _MAX_BYTES = 64 * 1024 * 1024
-"""Largest file, bytes: a map of 8000 × 8000 cells."""
+"""Maximum size of a file, bytes: a map of 8000 × 8000 cells."""
 _MAX_PIXELS = 64_000_000
 _YAML = (".yaml", ".yml")
 FORMATS = (*_YAML, ".svg")
 _MODES = ("trinary",)
 _SVG_TOLERANCE_M = 0.01
 _STEP = 0.75
-"""Tolerance of a ROS map in cells: a corner of a wall at 45° is 0.71 cells off its line."""
+"""Tolerance for a ROS map, cells. In a wall at 45° the corners are 0.71 cells off the line."""
 _CURVE_STEPS = 16
-"""Straight pieces for each curve of an SVG; those that are not needed are left out again."""
+"""Number of straight segments per curve of an SVG. The simplification removes unneeded ones."""
 _THRESHOLD_M = 0.005
-"""Height of a threshold of an SVG, which has none, m: a door bar that the default robot climbs."""
+"""Height of a threshold from an SVG, which has no heights, m. The default robot can climb it."""
 
 
 class MapsMissingError(BridgeError):
@@ -58,12 +58,12 @@ def import_map(
     Args:
         path: the file.
         scale_m: length of one unit of an SVG, m.
-        tolerance_m: corners closer than this to a straight line are left out, m; None: the steps
-            of a map's slanted walls, and 1 cm of an SVG.
-        start: start pose; None: that of the file, else the place with most room.
+        tolerance_m: corners closer than this to a straight line are removed, m; None: the cell
+            steps of a map, or 1 cm for an SVG.
+        start: start pose; None: the start in the file, else the place farthest from all walls.
 
     Raises:
-        FloorPlanError: the file is no map, or cannot be a room.
+        FloorPlanError: the file is not a map, or not valid as a room.
         MapsMissingError: a library is not installed.
 
     """
@@ -94,7 +94,7 @@ def _content(path: Path) -> bytes:
 
 
 class _RosMap(NamedTuple):
-    """The YAML file of a map, as nav2's map_server reads it."""
+    """The YAML file of a map, with the fields that nav2's map_server reads."""
 
     image: str
     resolution_m: float
@@ -138,7 +138,7 @@ def _ros_map(path: Path, tolerance_m: float | None, start: Pose2 | None) -> Floo
 def _piece_at(
     labels: np.ndarray[Any, np.dtype[np.int32]], about: _RosMap, start: Pose2, path: Path
 ) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """The connected free floor at the start."""
+    """Return the connected free floor that contains the start."""
     dx_m, dy_m = start.x_m - about.origin[0], start.y_m - about.origin[1]
     cosine, sine = math.cos(about.origin[2]), math.sin(about.origin[2])
     column = math.floor((cosine * dx_m + sine * dy_m) / about.resolution_m)

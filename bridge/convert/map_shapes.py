@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Point, Polygon
 
 _MAX_CELLS = 1_000_000
-"""Cells of the raster in which a start is searched."""
+"""Maximum number of cells in the raster in which a start is searched."""
 _Corner = tuple[int, int]
 
 
 def outlines(mask: NDArray[np.bool_]) -> list[list[_Corner]]:
     """Trace the outlines of a mask along the edges of its cells, as (column, row) corners.
 
-    The mask lies on the left of each edge: outlines are counter-clockwise and those of holes
-    clockwise, where rows grow upward.
+    The mask lies on the left of each edge. With rows upwards, outlines are counter-clockwise and
+    holes are clockwise.
     """
     padded = np.pad(mask, 1)
     following: dict[_Corner, list[_Corner]] = {}
@@ -48,7 +48,7 @@ def outlines(mask: NDArray[np.bool_]) -> list[list[_Corner]]:
         loop: list[_Corner] = []
         while True:
             ahead = following[here]
-            # Where two cells meet at a corner, turn left: each cell keeps its own outline.
+            # Where two cells meet at a corner, turn left, so that each cell keeps its own outline.
             target = min(ahead, key=lambda to: _turn(came, (to[0] - here[0], to[1] - here[1])))
             ahead.remove(target)
             if not ahead:
@@ -64,12 +64,12 @@ def outlines(mask: NDArray[np.bool_]) -> list[list[_Corner]]:
 
 
 def _turn(came: _Corner, step: _Corner) -> int:
-    """Rank of a turn: left, straight on, right."""
+    """Return the rank of a turn: left, straight on, right."""
     return came[1] * step[0] - came[0] * step[1]
 
 
 def simplified(polygon: Sequence[Point], tolerance_m: float) -> Polygon:
-    """Remove corners that are within a tolerance of the rest (Douglas and Peucker).
+    """Remove corners that are within a tolerance of the remaining outline (Douglas and Peucker).
 
     A polygon that would vanish, such as a single cell of a map, is kept unchanged.
     """

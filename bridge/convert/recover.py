@@ -1,11 +1,11 @@
 """Recovery of damaged logs: copies everything that is provably intact.
 
-Chunks are copied after a check of their content's CRC. A damaged chunk is left out; the message
-indexes after it give its lost messages. From a truncated last chunk, the part that unpacks is kept.
-A record whose fields and CRC are valid is kept even if its opcode or length is damaged. A lost
-declaration is taken from the file's summary, then from a later one in the file, otherwise a stub
-replaces it. Joined files are recovered one after the other; conflicting ids of a later file are
-changed.
+Chunks are copied after a check of their content's CRC. A damaged chunk is left out, and the message
+indexes after it show which messages are lost. Of a truncated last chunk, the part that can be
+decompressed is kept. A record with valid fields and CRC is kept even if its opcode or length is
+damaged. A lost declaration is taken from the file's summary or from a later declaration in the
+file; otherwise a stub replaces it. Joined files are recovered one after the other. Ids of a later
+file that conflict with earlier ones are changed.
 """
 
 from __future__ import annotations
@@ -75,13 +75,13 @@ _OF_SUMMARY = frozenset(
 )
 _OVERSIZE_BYTES = 4 * MAX_CHUNK_BYTES
 """Maximum number of bytes by which all chunks of a file together may exceed their declared sizes. A
-declared size may be damaged, but the limit bounds the time."""
+declared size may be damaged, so some excess is allowed. The limit bounds the time."""
 _GUESSED_BYTES = 512 << 20
-"""Maximum number of bytes of any file that are read on a guess, where an opcode or length may be
-damaged. Each costs a copy and a checksum, about 1 ns per byte."""
+"""Maximum number of bytes per file that are read because an opcode or length may be damaged. Each
+byte costs a copy and a checksum, about 1 ns."""
 _GUESSED_TIMES = 16
-"""Additional bytes read on a guess, per byte of the file. A log unpacks to about 5 times its size,
-so each chunk may be guessed three times."""
+"""Additional number of such bytes per byte of the file. A log decompresses to about 5 times its
+size, so each chunk may be tried three times."""
 
 
 @dataclass(slots=True)

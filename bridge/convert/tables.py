@@ -74,7 +74,7 @@ class TableWriter:
         else:
             if not is_utf8(path):
                 raise OSError(errno.EILSEQ, "Parquet needs a name in UTF-8; CSV does not")
-            # Dictionaries take twice the time and, for measured values, more space. Statistics of
+            # Dictionaries take twice the time and more space for measured values. Statistics of
             # lists do not help to find a row.
             self._parquet = pa_parquet.ParquetWriter(
                 str(path),

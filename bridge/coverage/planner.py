@@ -23,14 +23,14 @@ Scalar = float | int | str | bool
 
 @dataclass(frozen=True, slots=True)
 class Finish:
-    """The planner has ended by itself."""
+    """Returned instead of a leg when the plan has ended."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerEvent:
-    """A decision. ``kind`` is a fixed word of the planner, ``reason`` a sentence for people."""
+    """A decision. ``kind`` is a fixed code of the planner, ``reason`` a sentence for people."""
 
     kind: str
     reason: str
@@ -53,11 +53,11 @@ class PlannerState:
     case: int = 0
     """Case 1, 2 or 3 of the last lane; 0: none of them."""
     target: tuple[float, float] | None = None
-    """Point being driven to, m; ``None``: no point."""
+    """Point that the robot drives to, m; None: no point."""
 
 
 class Planner(Protocol):
-    """Decides the next leg when one has ended, from the observations only."""
+    """Decides the next leg at the end of each leg, from observations only."""
 
     @property
     def state(self) -> PlannerState:
@@ -65,29 +65,29 @@ class Planner(Protocol):
         ...
 
     def start(self, obs: Observation) -> Leg | Finish:
-        """First leg, from the pose observed now."""
+        """Return the first leg, from the pose in ``obs``."""
         ...
 
     def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
-        """Leg after the one that gave ``result``."""
+        """Return the leg that follows after ``result``."""
         ...
 
     def drain_events(self) -> list[PlannerEvent]:
-        """Decisions since the last call, oldest first."""
+        """Return the decisions since the last call, oldest first."""
         ...
 
 
 @runtime_checkable
 class ObservingPlanner(Protocol):
-    """A planner that takes every observation, not only those at the ends of legs."""
+    """A planner that gets every observation, not only those at the ends of legs."""
 
     @property
     def speed_limit_m_s(self) -> float:
-        """Fastest forward speed that the last observation allows, m/s."""
+        """Maximum forward speed that the last observation allows, m/s."""
         ...
 
     def observe(self, obs: Observation) -> bool:
-        """Take an observation; true: cancel the leg under way."""
+        """Use an observation. Return True to cancel the running leg."""
         ...
 
 
@@ -100,7 +100,7 @@ ORIGINS: dict[type, str] = {}
 
 
 def check_planner(planner: object) -> None:
-    """Check that an object has everything that a run asks of a planner.
+    """Check that an object has the methods and attributes of a planner.
 
     Raises:
         PlannerError: it lacks a method or an attribute, or has only one of ``observe`` and
@@ -130,7 +130,7 @@ def check_leg(planner: object, leg: object) -> None:
     """Check that a planner returned a leg with finite fields of the right types.
 
     Raises:
-        PlannerError: it did not; the text names planner, leg and field.
+        PlannerError: the leg is invalid; the text names planner, leg and field.
 
     """
     name = type(planner).__name__

@@ -20,11 +20,11 @@ class NoOptions:
 
 
 class PlannerOptionError(ValueError):
-    """An option that the planner has not, or a value that it cannot be."""
+    """An unknown planner option or an invalid value."""
 
 
 def option_names(kind: type[Any]) -> list[str]:
-    """The options of a planner that a text can set: numbers, words, yes or no."""
+    """Return the names of the options that a text can set: numbers, words, yes or no."""
     return [field.name for field in fields(kind) if _expected(_hint(kind, field.name))]
 
 
@@ -71,7 +71,7 @@ def _expected(hint: Any) -> str:  # noqa: ANN401 - as above
 
 
 def _read(hint: Any, text: str) -> bool | float | str | None:  # noqa: ANN401 - as above
-    """The value; ``None``: it cannot be."""
+    """Return the value of ``text``; None if it is invalid."""
     if get_origin(hint) is Literal:
         return text if text in get_args(hint) else None
     if hint is bool:

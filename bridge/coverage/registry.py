@@ -1,4 +1,4 @@
-"""The planners by name: those of the project, those of plug-ins, and ``module:callable``."""
+"""Planners by name: those of the project, those of plug-ins, and ``module:callable``."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ _FACTORIES: dict[str, Factory] = {
 
 
 class UnknownPlannerError(ValueError):
-    """No planner has this name."""
+    """There is no planner with this name."""
 
     def __init__(self, name: str) -> None:
-        """Keep the requested name."""
+        """Store the requested name."""
         self.name = name
         super().__init__(f"unknown planner '{name}'; there are: {', '.join(planner_names())}")
 
 
 class PlannerMakingError(PlannerError):
-    """A planner from outside the project that cannot be imported or made; the text names it."""
+    """A planner from outside the project that cannot be imported or created; the text names it."""
 
 
 def planner_names() -> list[str]:
@@ -71,7 +71,7 @@ def planner_names() -> list[str]:
 
 
 def is_planner_path(name: str) -> bool:
-    """Whether a name is ``module:callable``."""
+    """Return True if a name has the form ``module:callable``."""
     module, colon, attribute = name.partition(":")
     return bool(colon) and all(
         part.isidentifier() for text in (module, attribute) for part in text.split(".")
@@ -81,7 +81,7 @@ def is_planner_path(name: str) -> bool:
 def make_planner(
     name: str, model: RobotModel, rng: RandomSource, options: Sequence[str] = ()
 ) -> Planner:
-    """Make a planner from its name.
+    """Create a planner from its name.
 
     Args:
         name: one of :func:`planner_names`, or ``module:callable``.
@@ -91,7 +91,7 @@ def make_planner(
 
     Raises:
         UnknownPlannerError: no planner has this name.
-        PlannerOptionError: the planner has no such option, or it cannot be that.
+        PlannerOptionError: the planner has no such option, or the value is invalid.
         PlannerError: a plug-in or ``module:callable`` cannot be loaded or raises, or its result
             lacks a method; the text names it.
 
@@ -115,7 +115,7 @@ def make_planner(
 
 
 def _outside(name: str) -> tuple[str, Factory]:
-    """Return a planner outside the project: its description for messages, and its factory."""
+    """Return the description and the factory of a planner from outside the project."""
     plugin = sweepctl_plugins.found("planners").get(name)
     clash = sweepctl_plugins.clashes("planners").get(name)
     if clash is not None:

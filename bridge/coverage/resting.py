@@ -1,8 +1,8 @@
 """Rests between legs that measure the gyro bias.
 
 The bias follows the chip's temperature, which rises for minutes after power-up. A standstill of one
-second measures it: an error of 0.01 °/s, which would turn the heading by 0.6° in a minute, is gone.
-The filter's standard deviation of the bias decides when a rest is due.
+second measures the bias. It removes an error of 0.01 °/s, which would turn the heading by 0.6° per
+minute. The standard deviation of the bias in the filter decides when a rest is due.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
 _UNCERTAIN_RAD_S = math.radians(0.012)
-"""Standard deviation of the bias from which a rest is due, rad/s: 0.7° of heading in a minute."""
+"""Bias standard deviation from which a rest is due, rad/s: 0.7° of heading per minute."""
 _SURE_RAD_S = math.radians(0.005)
-"""Standard deviation at which a rest ends, rad/s."""
+"""Bias standard deviation at which a rest ends, rad/s."""
 _MAX_S = 2.5
 """Maximum duration of a rest, s."""
 _APART_S = 20.0
@@ -34,11 +34,11 @@ class GyroRest:
 
     @property
     def held(self) -> bool:
-        """Whether a rest is under way."""
+        """True during a rest."""
         return self._begun_s is not None
 
     def holds(self, obs: Observation) -> bool:
-        """Whether to stand still in this step; called only between legs."""
+        """Return True if the robot must stand still in this step; called only between legs."""
         if self._begun_s is None:
             due = (
                 obs.gyro_bias_sigma_rad_s > _UNCERTAIN_RAD_S

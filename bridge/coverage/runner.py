@@ -1,4 +1,4 @@
-"""Joins a planner and the leg executor into one step per observation."""
+"""Combines a planner and the leg executor into one step per observation."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _MAX_DECISIONS = 16
-"""Maximum number of legs in a row that end in the step in which they begin: more is an endless
-loop."""
+"""Maximum number of legs in a row that end in the step in which they begin. More legs mean an
+endless loop."""
 
 
 class PlanRunner:
@@ -42,7 +42,7 @@ class PlanRunner:
         model: RobotModel,
         tuning: MotionTuning | None = None,
     ) -> None:
-        """Run a planner that was not started.
+        """Run a planner that has not started.
 
         Raises:
             PlannerError: the planner lacks a method. Nothing has moved.
@@ -63,32 +63,32 @@ class PlanRunner:
 
     @property
     def finished(self) -> bool:
-        """Whether the plan has ended."""
+        """True once the plan has ended."""
         return self._finish is not None
 
     @property
     def finish_reason(self) -> str | None:
-        """Why the plan ended; ``None`` while it runs."""
+        """Reason of the plan's end; None while it runs."""
         return None if self._finish is None else self._finish.reason
 
     @property
     def follows_plan(self) -> bool:
-        """Whether a plan drives: always true here."""
+        """True: a plan drives the robot."""
         return True
 
     @property
     def turns(self) -> int:
-        """Turns in place begun."""
+        """Number of turns in place begun."""
         return self._turns
 
     @property
     def legs(self) -> int:
-        """Legs begun."""
+        """Number of legs begun."""
         return self._legs
 
     @property
     def lane_length_m(self) -> float:
-        """Sum of the lanes' lengths: Σ d of eq. 8."""
+        """Total length of the lanes, m: Σ d of eq. 8."""
         return self._lane_length_m
 
     @property
@@ -108,7 +108,7 @@ class PlanRunner:
 
     @property
     def paused(self) -> bool:
-        """Whether ``pause`` holds the plan."""
+        """True if ``pause`` holds the plan."""
         return self._paused
 
     def drain_events(self) -> list[PlannerEvent]:
@@ -121,7 +121,7 @@ class PlanRunner:
         self._paused = True
 
     def resume(self) -> None:
-        """Continue the held leg along its line."""
+        """Continue the paused leg along its line."""
         self._paused = False
 
     def step(self, obs: Observation) -> VelocityCommand:

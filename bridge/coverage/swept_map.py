@@ -1,4 +1,4 @@
-"""The swept floor as it grows, for drawing and for the log: cheap, coarse, no floor plan."""
+"""The swept floor during the run, for drawing and for the log. It needs no floor plan."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ if TYPE_CHECKING:
 
 UNKNOWN = -1
 SWEPT = 0
-"""Value of a cell over which the mouth went. The cell holds no obstacle, so it is free as in
+"""Value of a cell that the mouth has passed. The cell has no obstacle, so it is free as in
 ``nav_msgs/OccupancyGrid`` (0 free, 100 occupied, -1 unknown)."""
 
 _MARGIN_CELLS = 50
 _MAX_CELLS = 4096 * 4096
 _GAP_M = 0.5
-"""Distance of poses that are not joined, m: the estimate was reset."""
+"""Minimum distance between poses that are not connected, m: the estimate was reset."""
 
 
 class OccupancyArray(NamedTuple):
-    """The data that an OccupancyGrid needs."""
+    """Data of an OccupancyGrid."""
 
     cells: NDArray[np.int8]
-    """Shape (rows along +y, columns along +x): ravelled, it is the message's ``data``."""
+    """Cells of shape (rows along +y, columns along +x). Flattened, they are the message's
+    ``data``."""
     origin_x_m: float
-    """Corner of cell (0, 0)."""
+    """Corner of cell (0, 0), m."""
     origin_y_m: float
     resolution_m: float
 
@@ -38,9 +39,9 @@ class OccupancyArray(NamedTuple):
 class SweptMap:
     """Cells that the mouth has covered.
 
-    The map grows in steps of at least 1 m. A partly covered cell counts whole, so the drawn area
-    is up to half a cell too large on each side; use the metrics for figures. Beyond 16 million
-    cells marks are dropped and counted.
+    The map grows in steps of at least 1 m. A partly covered cell counts as covered, so the drawn
+    area is up to half a cell too large on each side. Use the metrics for exact values. Beyond 16
+    million cells, marks are dropped and counted.
     """
 
     __slots__ = (
@@ -62,12 +63,12 @@ class SweptMap:
     )
 
     def __init__(self, model: RobotModel, resolution_m: float = 0.02) -> None:
-        """Empty, with no extent."""
+        """Begin without cells."""
         self.resolution_m = resolution_m
         self.revision = 0
         """Grows with every change of a cell."""
         self.dropped = 0
-        """Number of marks outside the largest extent."""
+        """Number of marks outside the maximum extent."""
         self._per_m = 1.0 / resolution_m
         self._half_m = 0.5 * model.cleaning_width_m
         self._offset_m = model.mouth_offset_m
@@ -76,11 +77,11 @@ class SweptMap:
         self._x0 = self._y0 = 0
         self._rows = self._columns = 0
         self._grid = (self._cells, 0, 0, 0, 0)
-        """Cells, rows, columns and origin that belong together; replaced as a whole."""
+        """Cells, rows, columns and origin of one map; replaced as a whole."""
         self._last: Pose2 | None = None
         self._unconfirmed: list[tuple[int, int]] = []
-        """Cells that were covered since the pose was last confirmed, by column and row from the
-        frame's origin."""
+        """Cells covered since the last confirmation of the pose, by column and row from the frame's
+        origin."""
 
     @property
     def swept_m2(self) -> float:
@@ -112,11 +113,11 @@ class SweptMap:
             )
 
     def confirm(self) -> None:
-        """Keep what was covered: the poses were right."""
+        """Keep the cells covered so far, because the poses were right."""
         self._unconfirmed.clear()
 
     def revert(self) -> float:
-        """Remove what was covered since the last confirmation, and return its area, m²."""
+        """Remove the cells covered since the last confirmation; return their area, m²."""
         count = len(self._unconfirmed)
         for column, row in self._unconfirmed:
             self._cells[(row - self._y0) * self._columns + column - self._x0] = 0
@@ -125,7 +126,7 @@ class SweptMap:
         return count * self.resolution_m**2
 
     def to_occupancy(self) -> OccupancyArray:
-        """A copy as an occupancy array: 0 swept, -1 not known. May be called from any thread."""
+        """Return a copy: 0 swept, -1 unknown. It may be called from any thread."""
         swept, rows, columns, x0, y0 = self._grid
         cells = np.frombuffer(bytes(swept), dtype=np.uint8)
         grid = np.where(cells > 0, SWEPT, UNKNOWN).astype(np.int8)

@@ -64,7 +64,7 @@ def attend(  # noqa: PLR0913 - options of a visit
 def find_baud(
     name: str, rates: Iterable[int] = RATES, *, on_rate: Callable[[int], None] = lambda _: None
 ) -> int | None:
-    """Listen at each baud rate until an intact frame arrives; return that rate, None if none does.
+    """Listen at each baud rate. Return the first rate with an intact frame, or None.
 
     Nothing is sent. ``on_rate`` is called with each rate before listening at it.
 

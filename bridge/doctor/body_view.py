@@ -45,9 +45,9 @@ LIVELY = 3
 _G_LSB = 16384.0
 _DEG_S_LSB = 131.0
 _MAX_SIGNS = 200
-"""Limit of the signs kept for one examination."""
+"""Maximum number of signs kept for one examination."""
 _QUIET = {"silence": "off", "progress": "off", "fence": "off", "reset": "off"}
-"""Rules that are off: they evaluate the link, or need to know the robot's task."""
+"""Rules that are off, because they evaluate the link or need the robot's task."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,19 +24,18 @@ if TYPE_CHECKING:
     from bridge.doctor.wire_view import Boot
 
 MIN_DAMAGED = 3
-"""Smallest number of damaged frames that is a finding: after opening a port the first bytes are
+"""Minimum number of damaged frames for a finding. The first bytes after the port is opened are
 usually the end of a frame."""
 STRANGE_BYTES = 1000
-"""Number of damaged bytes without resemblance to a message, above which the baud rate is taken to
-be wrong."""
+"""Number of damaged bytes that resemble no message, above which the baud rate is probably wrong."""
 STRANGE_TIMES = 10
-"""Ratio of these bytes to the other damaged bytes, above which the same holds; both are needed."""
+"""Ratio of these bytes to the other damaged bytes that is required in addition."""
 MIN_PIECE = 10
-"""Number of consecutive missing frames that count as a gap: a full buffer drops fewer."""
+"""Number of consecutive missing frames that count as a gap. A full buffer drops fewer."""
 NOISE_SHARE = 1e-4
 """Share of damaged frames below which noise is only a note."""
 LATE_P95_MS = 5.0
-"""Largest normal 95th percentile of the delay, ms; below 2 for an idle host and a 1 ms adapter."""
+"""Maximum normal 95th percentile of the delay, ms; below 2 for an idle host and a 1 ms adapter."""
 ROUND_TRIP_MS = 8.0
 """Largest normal median round trip, ms. An idle host with a 1 ms adapter stays below 4."""
 DRIFT_PPM = 200.0

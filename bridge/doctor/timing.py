@@ -1,9 +1,9 @@
 """Timing analysis of a capture: clock offset and drift, delays, gaps and host stalls.
 
-The arrival time of a frame minus its stamp is the clock offset plus the delay. The minimum of
-each half second is the offset plus the shortest delay. A line fitted to these minima gives the
-clock drift; the distance above the line is the additional delay; a jump of the line is a step of
-a clock or of the link's delay.
+The arrival time of a frame minus its stamp is the clock offset plus the delay. The minimum of each
+half second is the offset plus the shortest delay. A line fitted to these minima gives the clock
+drift. The distance above the line is the additional delay. A jump of the line is a step of a clock
+or of the link's delay.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MIN_FRAMES = 50
 DRIFT_BUCKETS = 6
 """Smallest number of intervals for a drift: fewer do not show the scatter."""
 DRIFT_SIGMAS = 4.0
-"""Uncertainty of the drift in standard errors: delays are not Gaussian."""
+"""Uncertainty of the drift in standard errors. It is large, because delays are not Gaussian."""
 STAMP_S = 5e-6
 """Lower bound of the scatter of an offset, s: the resolution of a stamp and of its reading."""
 _AROUND = 3
@@ -89,10 +89,10 @@ class Timing:
     round_trip_ms: dict[str, float] = field(default_factory=dict)
     """Round trip: ``min``, ``p50``, ``p99``, ``max``."""
     timer_ms: float | None = None
-    """Period of the adapter's latency timer; None: none was detected."""
+    """Period of the adapter's latency timer, ms; None: no timer was detected."""
     holes: list[Hole] = field(default_factory=list)
     stalls: list[Hole] = field(default_factory=list)
-    """Periods without frames in which none was lost: the host did not read."""
+    """Periods without frames in which no frame was lost: the host did not read."""
     steps: list[Step] = field(default_factory=list)
 
 

@@ -1,6 +1,6 @@
 """Examines the bytes of a link: frames, damage, losses, round trips and boots.
 
-It takes every byte of both directions with its time and keeps figures, not the bytes.
+It uses every byte of both directions with its time. It keeps statistics, not the bytes.
 """
 
 from __future__ import annotations

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 _new = tuple.__new__
 _CHUNK_S = 0.25
-"""Maximum duration of a piece into which poses are merged, s: the resolution of the times."""
+"""Maximum duration of a segment into which poses are merged, s: the resolution of the times."""
 _TOLERANCE_M = 2e-4
-"""Maximum distance of the driven path of either end of the mouth from such a piece, m."""
+"""Maximum distance of the driven path of either end of the mouth from such a segment, m."""
 _JUMP_M = 0.2
 """Maximum distance of poses that are joined, m. A larger jump means a gap in the log, or a reset of
 the estimate."""
 _T90, _T99 = 0.90, 0.99
 _Mouth = tuple[float, float, float, float]
-"""x and y of its left, then of its right end."""
+"""x and y of the mouth's left end, then of its right end."""
 _NO_MOUTH: _Mouth = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -46,20 +46,19 @@ class Coverage:
     """Shares of the floor, 0 to 1."""
 
     mouth_sweepable: float
-    """Main figure: swept share of the floor that the mouth can reach."""
+    """Swept share of the floor that the mouth can reach. This is the metric that goals refer to."""
     mouth_passing: float
-    """Swept share of the floor that the mouth reaches while the robot passes. With the mouth ahead
-    of the axle, this leaves out floor that the mouth reaches only by turning towards a wall."""
+    """Swept share of the floor that the mouth reaches while the robot passes. It leaves out floor
+    that a mouth ahead of the axle reaches only in a turn towards a wall."""
     mouth_free: float
     body_reachable: float
     body_free: float
-    """Coverage by the paper's eq. 9, over the body's footprint: for comparison with the paper's
-    tables."""
+    """Coverage by the paper's eq. 9, for the footprint: for comparison with the paper's tables."""
     eq8: float | None
-    """Lane lengths times W over the free floor, turns left out; ``None``: lengths not known."""
+    """Lane lengths times W over the free floor, without turns; None: the lengths are not known."""
 
     def to_dict(self) -> dict[str, float | None]:
-        """For a summary."""
+        """Return the values for a summary."""
         return {
             "mouth_sweepable": self.mouth_sweepable,
             "mouth_passing": self.mouth_passing,
@@ -72,7 +71,7 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoverageReport:
-    """Everything measured over one run."""
+    """All metrics of one run."""
 
     coverage: Coverage
     free_m2: float
@@ -81,25 +80,25 @@ class CoverageReport:
     duration_s: float
     path_m: float
     t90_s: float | None
-    """Time at which 90 % of the sweepable floor was swept, s from the first pose; ``None``: never.
-    """
+    """Time at which 90 % of the sweepable floor was swept, s from the first pose; None: never."""
     t99_s: float | None
     largest_hole_cm2: float
     hole_inradius_m: float
-    """Radius of the largest disc that fits in an unswept sweepable piece, to half a cell."""
+    """Radius of the largest disc inside an unswept sweepable piece, m, with an error of half a
+    cell."""
     repeat_ratio: float | None
-    """Path times W over the swept area, minus 1; slightly negative where only the raster's edges
-    differ. ``None``: nothing was swept."""
+    """Path times W over the swept area, minus 1; None: nothing was swept. Raster errors can make it
+    slightly negative."""
     path_ratio: float
-    """Path over sweepable area / W."""
+    """Path length over (sweepable area / W)."""
     time_ratio: float
     """Duration over the reference time."""
     reference_time_s: float
-    """Sweepable area / (W · cruise speed): a yardstick, which a run may beat."""
+    """Sweepable area / (W · cruise speed), s. It is a reference; a run may be faster."""
     min_time_s: float
-    """Sweepable area over ``max_sweep_rate_m2_s``: a lower bound, which no run can beat."""
+    """Sweepable area over ``max_sweep_rate_m2_s``, s: a lower bound for every run."""
     first_swept_s: Floats
-    """Per cell (rows along y, columns along x): time from the first pose; infinite: never."""
+    """Time from the first pose per cell, s (rows along y, columns along x); infinite: never."""
     body_swept: Mask
     origin_m: tuple[float, float]
     """Corner of the first cell of the two grids."""
@@ -109,10 +108,10 @@ class CoverageReport:
 def max_sweep_rate_m2_s(model: RobotModel) -> float:
     """Return the maximum area that the mouth can sweep per second, at the robot's speed limits.
 
-    A point of the mouth at y left of its middle moves across the mouth at v - ωy, wherever the
-    mouth sits on the robot. The rate is the integral of |v - ωy| over the width W. It is convex in
-    v and ω, so that it is largest at both limits: v·W if the mouth's ends never move backward,
-    otherwise v²/ω + ωW²/4.
+    A point of the mouth at y left of its middle moves across the mouth at v - ωy, for any position
+    of the mouth on the robot. The rate is the integral of |v - ωy| over the width W. It is convex
+    in v and ω, so the maximum is at the limits of both. It is v·W if the mouth's ends never move
+    backward, otherwise v²/ω + ωW²/4.
     """
     speed, yaw_rate = model.max_speed_m_s, model.max_yaw_rate_rad_s
     half = 0.5 * model.cleaning_width_m
@@ -125,7 +124,7 @@ class CoverageMeter:
     """Measures runs on one floor plan; the plan's areas are computed once."""
 
     def __init__(self, plan: FloorPlan, model: RobotModel, resolution_m: float = 0.005) -> None:
-        """Use cells of 1 cm or finer, for which the figures are defined."""
+        """Use cells of 1 cm or finer, for which the metrics are defined."""
         self.model = model
         self.regions = find_regions(plan, model, resolution_m)
         raster = self.regions.raster
@@ -135,7 +134,7 @@ class CoverageMeter:
 
     @property
     def reference_time_s(self) -> float:
-        """Time to sweep the sweepable floor once at cruise speed, with no turns."""
+        """Time to sweep the sweepable floor once at cruise speed, without turns, s."""
         width, speed = self.model.cleaning_width_m, self.model.cruise_speed_m_s
         return self.sweepable_m2 / (width * speed)
 

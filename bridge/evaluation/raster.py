@@ -1,9 +1,9 @@
 """A raster of sample points, one in each cell of a grid, to measure areas.
 
-The position of the point within its cell follows a low-discrepancy sequence. If the points were
-at the centres of the cells, a wall along the grid would add or remove whole rows: a systematic
-error of up to half a cell times the wall's length. With scattered points the errors along an edge
-cancel: for a 2 m edge and 5 mm cells they are below 1e-4 m², instead of 5e-3 m².
+The position of the point in its cell follows a low-discrepancy sequence. With points at the cells'
+centres, a wall along the grid would add or remove whole rows: a systematic error of up to half a
+cell times the wall's length. With scattered points the errors along an edge cancel. For an edge of
+2 m and cells of 5 mm they are below 1e-4 m², instead of 5e-3 m².
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ class Regions:
 
     raster: Raster
     free: Mask
-    """Floor inside the walls less the obstacles and the cliffs."""
+    """Floor inside the walls minus the obstacles and the cliffs."""
     centres: Mask
     """Collision-free positions of the axle's centre that are connected to the start."""
     reachable: Mask
@@ -37,18 +37,18 @@ class Regions:
     """Floor that the mouth can reach while the footprint is free of collision."""
     passing: Mask
     """Floor that the mouth reaches while the robot passes with any heading along its motion. For a
-    mouth on the axle it is the same as ``sweepable``. A mouth ahead of the axle reaches more only
-    by turning towards a wall."""
+    mouth on the axle it equals ``sweepable``. A mouth ahead of the axle reaches additional floor
+    only in a turn towards a wall."""
 
 
 def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Regions:
     """Return the regions of a floor plan for a robot.
 
     The region C of collision-free centres is bounded by lines parallel to the edges and by arcs
-    about the corners, both at the footprint's radius. These curves are followed exactly, in 1 mm
-    steps, and are not taken from the raster. The dilation of C is C plus everything within the
-    given distance of its boundary, so no half cell is lost along the walls. A passage is open if
-    its width is at least Φ.
+    The region C of collision-free centres is bounded by lines parallel to the edges and by arcs
+    about the corners, both at the footprint's radius. These curves are followed exactly, in steps
+    of 1 mm, not in the raster. The dilation of C is C plus all points within the given distance of
+    its boundary, so the walls cost no half cell. A passage is open if its width is at least Φ.
     """
     plan = replace(plan, obstacles=plan.obstacles + plan.cliffs)
     raster = Raster(plan.bounds(), resolution_m)

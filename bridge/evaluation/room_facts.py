@@ -1,4 +1,4 @@
-"""Properties of a room for a robot: areas, and floor that the robot fits on but cannot reach."""
+"""Properties of a room for a robot: areas, and unreachable floor on which the robot would fit."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 _FINEST_M = 0.01
 """Minimum cell size of a picture, m: that of the coverage metrics."""
 _MAX_CELLS = 4_000_000
-"""Largest raster: 400 m² at 1 cm take 2 s. A hall gets larger cells."""
+"""Maximum number of cells of the raster: 400 m² at 1 cm take 2 s. A hall gets larger cells."""
 
 
 class Separate(NamedTuple):
-    """Floor on which the robot fits and which it cannot reach from the start."""
+    """Floor on which the robot fits but that it cannot reach from the start."""
 
     area_m2: float
-    """Area of the places where the axle's centre can be."""
+    """Area of the possible places of the axle's centre, m²."""
     x_m: float
     y_m: float
-    """One of these places, the farthest from every wall."""
+    """One of these places, the farthest from all walls."""
 
 
 @dataclass(frozen=True, slots=True)

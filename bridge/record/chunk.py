@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 256 * 1024
 """Maximum size of a chunk's content, bytes."""
 CHUNK_NS = 250_000_000
-"""Maximum time span of a chunk, ns: half of the 0.5 s that a kill may lose. The other half is the
-recorder's idle time."""
+"""Maximum time span of a chunk, ns. A kill may lose 0.5 s: this span, and the recorder's idle time
+of the same length."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _FIXED = _MESSAGE.size - RECORD_HEAD
@@ -66,8 +66,8 @@ class OpenChunk:
 
     def begin(self, log_ns: int) -> None:
         """Start the chunk with a message of this time."""
-        # The lower limit closes the chunk when the clock is set back; otherwise it would stay open
-        # until it is full.
+        # The lower limit closes the chunk if the clock is set back. Otherwise the chunk would stay
+        # open until it is full.
         self.earliest_ns, self.deadline_ns = log_ns - CHUNK_NS, log_ns + CHUNK_NS
 
     def add(

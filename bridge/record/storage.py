@@ -32,10 +32,10 @@ REPLACED = "another file took its name during the recording"
 
 
 class LogFile(FileIO):
-    """File of a log, with disk space reserved for its end in an unnamed file.
+    """File of a log. An unnamed file reserves disk space for the log's end.
 
-    On a full disk the log can so still be completed: the failed write releases the reserved space,
-    which is then available for the end.
+    On a full disk the failed write releases the reserved space. The end then fits, and the log is
+    complete.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
-"""Reads the raw bytes of logs of protocol version 1 as version 2 would have sent them.
+"""Conversion of raw bytes in logs of protocol version 1 to version 2.
 
-Version 2 differs in the version nibble, in types, in fields that were added, and on CAN in the
-place of the short stamp: before the payload instead of behind it. Sweepctl 0.1 wrote such logs.
+Version 2 has another version nibble, other types and additional fields. On CAN its short stamp is
+before the payload instead of after it. Sweepctl 0.1 wrote logs of version 1.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ _TYPES = {
     0x1D: 0x79,  # log_text
     0x1E: 0x78,  # parameter_value
 }
-"""Changed types: the type in version 2 for each type of version 1."""
+"""Type in version 2 for each changed type of version 1."""
 _HOST_HELLO = CATALOGUE.by_class[HostHello].type_id
 _HELLO_BOOT = 8
-"""Place of the boot id that version 2 has added to the host's hello."""
+"""Offset of the boot id that version 2 has added to the host's hello."""
 _NO_BOOT = bytes(4)
 _REPLIES = {CATALOGUE.by_class[kind].type_id for kind in (Ack, Nack)}
 _COMMAND_TYPE = 2
-"""Place of the command's type in a reply."""
+"""Offset of the command's type in a reply."""
 _FLAGS = 0x0F
 _PART_SIZES = {
     part.can_type: sum(f.wire.size for f in spec.fields if f.can_part == number)
@@ -61,24 +61,24 @@ _PART_SIZES = {
 
 
 def is_version_1(reader: LogReader) -> bool:
-    """Return whether a log's raw bytes are of protocol version 1."""
+    """Return True if a log's raw bytes are of protocol version 1."""
     return str(reader.run.get("protocol_version")) == str(_VERSION)
 
 
 class Version1:
-    """Rewrites the records of one log, in their order."""
+    """Converts the records of one log, in their order."""
 
     def __init__(self) -> None:
-        """Start with no byte held back."""
+        """Start without unfinished frames."""
         self._open = {False: b"", True: b""}
         """Bytes of an unfinished serial frame, by direction."""
         self._transfers: dict[int, list[bytes]] = {}
         """Segments of an unfinished CAN transfer, by identifier."""
 
     def rewrite(self, record: WireRecord) -> WireRecord:
-        """Return the record with the bytes of version 2; bytes of an open frame come with its end.
+        """Return the record with the bytes of version 2.
 
-        Damaged bytes stay as they are.
+        Bytes of an unfinished frame are held back until its end. Damaged bytes do not change.
         """
         if record.is_can:
             return record._replace(data=self._can(record.data))
@@ -117,7 +117,7 @@ class Version1:
         if len(held) > 1:
             content, check = content[: -CRC.size], content[-CRC.size :]
             if CRC.pack(crc32(content)) != check:
-                return held  # damaged: it stays so
+                return held  # damaged bytes do not change
         if content[:1] and content[0] >> 4 == _VERSION:
             head = 1 + (T32.size if content[0] & FLAG_WHOLE_STAMP else T16.size)
             content = (
@@ -129,7 +129,7 @@ class Version1:
 
 
 def _payload(type_id: int, payload: bytes) -> bytes:
-    """Return the payload of a message of version 2."""
+    """Return the payload of a message in version 2."""
     if type_id == _HOST_HELLO:
         return payload[:_HELLO_BOOT] + _NO_BOOT + payload[_HELLO_BOOT:]
     if type_id in _REPLIES and len(payload) > _COMMAND_TYPE:
@@ -143,7 +143,7 @@ def _payload(type_id: int, payload: bytes) -> bytes:
 
 
 def _serial(stretch: bytes) -> bytes:
-    """Return the bytes between two delimiters."""
+    """Return the converted bytes between two delimiters."""
     events = UartParser().feed(b"\0" + stretch + b"\0")
     if len(events) != 1 or not isinstance(events[0], Frame) or events[0].version != _VERSION:
         return stretch

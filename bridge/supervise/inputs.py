@@ -30,8 +30,8 @@ def limited_command(
 ) -> VelocityCommand:
     """Return the setpoint that the device obeys.
 
-    At a cliff the device's reflex allows no forward speed, and with a bumper pressed a small one.
-    The yaw rate and the speed backwards are never limited.
+    At a cliff the device's reflex allows no forward speed. With a bumper pressed it allows a low
+    one. The yaw rate and the backward speed are never limited.
     """
     if status is None or not status.faults & _LIMITED:
         return command
@@ -64,8 +64,8 @@ class RuleInputs(NamedTuple):
     arrived_s: Mapping[type[Message], float] = MappingProxyType({})
     """Host time of the newest message of each type, s."""
     command: VelocityCommand | None = None
-    """Velocity setpoint that the device obeys: the one sent last, as its reflexes limit it; None if
-    the device plans."""
+    """Velocity setpoint that the device obeys, after its own reflexes have limited it; None if the
+    device plans."""
     onboard: str = ""
     """Name of the device's planner; empty if the host plans."""
     plugged: Mapping[type[Message], Message] = MappingProxyType({})

@@ -91,8 +91,8 @@ class Measured:
     def _beyond_lateness(self, yaw_rate_rad_s: float) -> float:
         """Return the part of the wheels' lead that late samples do not explain, m/s.
 
-        Wheels with a delay L lag a yaw acceleration α by -αL at their base. Smoothed with the time
-        constant τ, that is -(L/τ)·(ω - ω smoothed over τ), for any turn.
+        Wheel samples with a delay L lag by -αL at a yaw acceleration α, times the wheel base.
+        Smoothed with the time constant τ this is -(L/τ)·(ω - ω smoothed over τ), for any turn.
         """
         swing_m_s = self._base_m / SMOOTH_S * (yaw_rate_rad_s - self._slow_yaw_rad_s)
         one, other = -WHEELS_LATE_S * swing_m_s, GYRO_LATE_S * swing_m_s

@@ -18,53 +18,55 @@ Side = Literal["left", "right"]
 End = Literal["last_partial_lane", "blocked_step", "never"]
 
 Part = Generator[Leg, Step, LegResult]
-"""Part of a script: returns how its main leg ended."""
+"""Part of a script. Its value is the result of its main leg."""
 
 
 @dataclass(frozen=True, slots=True)
 class LaneOptions:
-    """Choices of the lane planners that the paper leaves open, with lengths in metres."""
+    """Options of the lane planners that the paper leaves open; lengths in metres."""
 
     side: Side = "left"
-    """Side of the first lane on which the next one lies."""
+    """Side of the first lane on which the second lane lies."""
     end: End = "last_partial_lane"
-    """Condition that ends the plan if a side step is blocked before W. ``blocked_step`` ends it
-    there. ``last_partial_lane`` sweeps one more lane there, and ends the plan if the step at that
-    lane's other end is blocked too. ``never`` continues until ``max_lanes``."""
+    """Condition that ends the plan after a side step that is blocked before W. ``blocked_step``
+    ends the plan at once. ``last_partial_lane`` sweeps one more lane there; the plan ends if the
+    side step at the other end of that lane is blocked too. ``never`` continues until
+    ``max_lanes``."""
     stop_range_m: float = 0.046
-    """Ultrasonic reading that is a wall: 6 mm of clearance, for the sensor sits 4 cm inside
-    the body's front."""
+    """Ultrasonic range that counts as a wall, m. The gap at the rim is then 6 mm, because the
+    sensor is mounted 4 cm inside the front."""
     step_stop_range_m: float = 0.054
-    """The same at the end of a side step, m. The next lane runs along that wall, and a heading
-    error of 1 cm in 1.7 m must not make it graze."""
+    """The same at the end of a side step, m. The next lane runs along that wall, so the gap must
+    allow for a heading error of 1 cm in 1.7 m."""
     back_off_m: float = 0.015
-    """Distance of backing off after a contact, so that the turn does not graze."""
+    """Distance to back off after a contact, so that the following turn does not graze the obstacle,
+    m."""
     cliff_back_off_m: float = 0.05
     short_step_m: float = 0.015
-    """Maximum shortfall of W at which a side step still counts as whole, m."""
+    """Maximum missing length at which a side step still counts as complete, m."""
     step_from: Literal["lane_line", "here"] = "lane_line"
-    """Reference of "move distance W": the intended line of the last lane, or the robot's place.
-    With the line, lanes stay W apart whatever a contact or slip did in between."""
+    """Start of the paper's "move distance W": the intended line of the last lane, or the robot's
+    present place. With ``lane_line``, lanes stay W apart after a contact or slip."""
     rest_s: float = 0.6
-    """Rest at the end of each lane; the gyro bias is measured in its second half. With an error of
-    0.01 °/s a run of case 1 would end 2° off. 0: no rest."""
+    """Rest at the end of each lane, s; 0: no rest. Its second half measures the gyro bias. A bias
+    error of 0.01 °/s would turn the map by 2° in a run of case 1."""
     min_step_m: float = 0.02
-    """Minimum length of a side step, m, however far a lane strayed towards the next one."""
+    """Minimum length of a side step, m, even if the last lane ended closer to the next line."""
     both_ends_widths: float = 1.0
-    """Length in W from which a lane has two ends. The ends of a shorter lane are the same place,
-    so two blocked steps there count as one. Only for ``last_partial_lane``."""
+    """Minimum length of a lane with two distinct ends, in W. On a shorter lane, blocked steps at
+    both ends count as one. Only for ``last_partial_lane``."""
     max_blocked: int = 3
-    """Blocked side steps in a row with which the robot is not yet shut in, however short the lanes
-    between them; one more is the end of ``last_partial_lane``."""
+    """Maximum number of blocked side steps in a row, for lanes of any length. One more ends the
+    plan of ``last_partial_lane``."""
     max_lanes: int = 2000
-    """Maximum number of lanes of a run that no other rule ends."""
+    """Maximum number of lanes in a run."""
 
 
 class LaneSweep:
-    """Parallel lanes along the heading of the start, each a step of W beside the last."""
+    """Parallel lanes along the start heading, each offset by W from the last."""
 
     def __init__(self, model: RobotModel, options: LaneOptions, start: Pose2) -> None:
-        """Begin at a pose; ``options.side`` decides to which side the lanes proceed."""
+        """Begin at ``start``. The lanes proceed to ``options.side``."""
         self._model, self._options = model, options
         self._origin = start
         turn = math.pi / 2 if options.side == "left" else -math.pi / 2
@@ -72,11 +74,11 @@ class LaneSweep:
         self.line_m = 0.0
         """Offset of the last lane's line from the first, m."""
         self.blocked_steps = 0
-        """Side steps blocked in a row."""
+        """Number of blocked side steps in a row."""
         self._lanes = 0
 
     def offset_m(self, pose: Pose2) -> float:
-        """How far a pose lies from the first lane, along the stepping direction."""
+        """Return the offset of a pose from the first lane, along the stepping direction, m."""
         return (pose.x_m - self._origin.x_m) * math.cos(self._step_heading) + (
             pose.y_m - self._origin.y_m
         ) * math.sin(self._step_heading)
@@ -94,9 +96,9 @@ class LaneSweep:
         return lane
 
     def side_step(self, pose: Pose2, distance_m: float) -> Part:
-        """Turn across the lanes and drive to the line ``distance_m`` on, or back if negative.
+        """Turn across the lanes and drive to the line ``distance_m`` farther, or back if negative.
 
-        The path depends on ``pose``, the robot's place, and on the line of the last lane.
+        The path depends on the robot's place ``pose`` and on the line of the last lane.
         """
         options = self._options
         if options.step_from == "here":
@@ -127,7 +129,7 @@ class LaneSweep:
         return result
 
     def back_off(self, heading_rad: float, result: LegResult) -> Generator[Leg, Step]:
-        """Back off after a bump or a cliff, on the heading of the leg, rad."""
+        """Back off after a bump or a cliff, against the heading of the leg, rad."""
         options = self._options
         if result.reason is StopReason.BUMPER:
             yield Drive(heading_rad, -options.back_off_m, speed_m_s=0.05, purpose="back-off")
@@ -135,13 +137,13 @@ class LaneSweep:
             yield Drive(heading_rad, -options.cliff_back_off_m, speed_m_s=0.1, purpose="back-off")
 
     def is_short(self, result: LegResult) -> bool:
-        """Whether a step ended before its length for a reason in the world."""
+        """Return True if an obstacle or a cliff ended a side step before its length."""
         wanted_m = result.leg.distance_m if isinstance(result.leg, Drive) else None
         lacking = (wanted_m or 0.0) - result.distance_m
         return result.reason.blocked and lacking > self._options.short_step_m
 
     def stuck(self, lane: LegResult, *, blocked: bool) -> str | None:
-        """Why the sweep ends after a lane and a side step, if it does."""
+        """Return the reason if the sweep ends after a lane and a side step, else None."""
         options = self._options
         if self._lanes >= options.max_lanes:
             return f"{self._lanes} lanes driven, the limit"

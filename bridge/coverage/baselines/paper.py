@@ -1,7 +1,8 @@
-"""The paper's algorithm, faithfully: U-shaped lanes and one slot of memory (section 3.2).
+"""The paper's algorithm without changes: U-shaped lanes and one memory slot (section 3.2).
 
-This is a reference and must not be repaired: where the paper's algorithm fails, this must fail.
-Each choice that the paper leaves open is an option; the defaults reproduce the paper's tables.
+This is the reference for comparisons. Do not repair it: it must fail where the paper's algorithm
+fails. Each choice that the paper leaves open is an option. The defaults reproduce the paper's
+tables.
 """
 
 from __future__ import annotations
@@ -25,47 +26,47 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PaperOptions(LaneOptions):
-    """Every choice that the paper leaves open."""
+    """Options for the choices that the paper leaves open."""
 
     equal_tolerance_m: float = 0.02
-    """D = Prev-D (case 1) up to this: no two lanes are equal to the millimetre."""
+    """Maximum difference of D and Prev-D in case 1, m. Real lanes are never exactly equal."""
     count_turns: Literal["whole_step", "every_turn", "on_equal"] = "whole_step"
-    """Condition under which T grows. Pseudo-code 1 counts after "turn, move distance W, turn": at
-    every turn (``every_turn``), or only after a full W (``whole_step``), without which W·T is no
-    length. Pseudo-code 2 counts in case 1 only (``on_equal``), which is one lane short after case
-    2."""
+    """Condition under which T grows. Pseudo-code 1 counts after "turn, move distance W, turn". That
+    may mean every turn (``every_turn``), or only a complete step of W (``whole_step``). Only with
+    ``whole_step`` is W·T a length. Pseudo-code 2 counts in case 1 only (``on_equal``), which gives
+    one lane too few after case 2."""
     between: Literal["count", "keep", "reset"] = "count"
-    """Effect on T of tolerance < |D - Prev-D| ≤ Φ, which the paper leaves open, if T is counted
-    ``on_equal``; with ``count`` this is case 1."""
+    """Effect on T if tolerance < |D - Prev-D| ≤ Φ, with ``count_turns="on_equal"``. The paper
+    leaves it open. ``count`` treats it as case 1."""
     clear_after_recovery: bool = True
-    """T = 0 after a case 3 is dealt with: else a second case 3 without a case 2 between
-    would count the same lanes again."""
+    """True: set T to 0 after the recovery of case 3. Otherwise a second case 3 without a case 2 in
+    between counts the same lanes again."""
     recovery_lanes: Literal["unobserved", "observed"] = "unobserved"
-    """Whether D, Prev-D and T also follow the lanes inside the occluded region. There is one slot
-    and no stack: with "observed", a second obstacle in that region overwrites the values of the
-    first one."""
+    """``observed``: D, Prev-D and T also follow the lanes inside the occluded region. There is only
+    one memory slot. So a second obstacle in that region overwrites the values of the first one."""
     return_by: Literal["leave_point", "nearest"] = "leave_point"
-    """Place at which to continue after recovery: that of case 3, or the end of the last lane in the
-    occluded region."""
+    """Place at which the sweep continues after recovery: the place of case 3, or the end of the
+    last lane in the occluded region."""
 
 
 class PaperPlanner(ScriptedPlanner):
     """Sweeps by the paper's cases 1 to 3.
 
-    Case 1, D = Prev-D: count the turn. Case 2, D + Φ < Prev-D: an obstacle, restart the count.
-    Case 3, D - Φ > Prev-D: past the obstacle; the occluded region is Length = W·T long. Drive back
-    by Length against the stepping direction, sweep up to the lane that was left, and continue.
+    Case 1, D = Prev-D: count the turn. Case 2, D + Φ < Prev-D: an obstacle; restart the count. Case
+    3, D - Φ > Prev-D: the obstacle is passed, and the occluded region has Length = W·T. The robot
+    drives back by Length against the stepping direction. It sweeps up to the lane that it left, and
+    continues.
     """
 
     def __init__(self, model: RobotModel, options: PaperOptions | None = None) -> None:
-        """Nothing begins before ``start``."""
+        """Create the planner; the plan begins with ``start``."""
         super().__init__(model)
         self.options = options or PaperOptions()
         self._sweep = LaneSweep(model, self.options, Pose2(0.0, 0.0, 0.0))
         self._first_lane = True
 
     def script(self, obs: Observation) -> Script:
-        """The plan from the pose in ``obs``."""
+        """Return the plan from the pose in ``obs``."""
         width = self.model.cleaning_width_m
         self._sweep = LaneSweep(self.model, self.options, obs.pose)
         self._first_lane = True
@@ -93,7 +94,7 @@ class PaperPlanner(ScriptedPlanner):
     # -- the three cases -------------------------------------------------------------------
 
     def _compare(self, lane: LegResult) -> int:
-        """Record D, compare it with Prev-D, count T; return the case, 0 for none."""
+        """Record D, compare it with Prev-D and count T. Return the case, or 0 for none."""
         options, state = self.options, self.record.state
         distance = lane.distance_m
         previous = distance if self._first_lane else state.previous_lane_distance_m
@@ -137,7 +138,7 @@ class PaperPlanner(ScriptedPlanner):
     # -- recovery of the occluded region ---------------------------------------------------
 
     def _recover(self, heading: float, lane: LegResult) -> Generator[Leg, Step]:
-        """Drive back by Length, sweep the strip up to the lane that was left, return."""
+        """Drive back by Length, sweep the strip up to the lane that was left, and return."""
         leave = lane.pose
         length = self.record.state.length_m
         width = self.model.cleaning_width_m

@@ -1,4 +1,4 @@
-"""Random bounce: drive until an obstacle, turn by a random angle, drive on."""
+"""Random bounce: drive to an obstacle, turn by a random angle, drive on."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ if TYPE_CHECKING:
 
 
 class RandomSource(Protocol):
-    """Where chance comes from: ``random.Random`` is one."""
+    """Source of random numbers, for example ``random.Random``."""
 
     def uniform(self, a: float, b: float, /) -> float:
-        """A number between ``a`` and ``b``, all equally likely."""
+        """Return a number between ``a`` and ``b`` with uniform distribution."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class RandomOptions:
-    """Choices of the random baseline."""
+    """Options of the random planner."""
 
     max_time_s: float = 1800.0
-    """Maximum duration, s: the planner cannot know when the floor is swept."""
+    """Maximum duration, s. The planner cannot detect that the floor is swept."""
     min_turn_rad: float = math.radians(90.0)
-    """Minimum turn, rad; turns are uniform over all larger ones."""
+    """Minimum turn, rad. Turns are uniform from this angle to 180°."""
     stop_range_m: float = 0.05
     back_off_m: float = 0.02
     cliff_back_off_m: float = 0.05
 
 
 class RandomPlanner(ScriptedPlanner):
-    """The baseline that the paper compares with but gives no figures for."""
+    """Random baseline. The paper mentions it in its comparison but gives no values for it."""
 
     def __init__(
         self,
@@ -45,13 +45,13 @@ class RandomPlanner(ScriptedPlanner):
         rng: RandomSource,
         options: RandomOptions | None = None,
     ) -> None:
-        """All chance comes from ``rng``."""
+        """Create the planner; ``rng`` gives all random numbers."""
         super().__init__(model)
         self.options = options or RandomOptions()
         self._rng = rng
 
     def script(self, obs: Observation) -> Script:
-        """The plan from the pose in ``obs``."""
+        """Return the plan from the pose in ``obs``."""
         options = self.options
         heading = obs.pose.theta_rad
         begin_s = obs.time_s

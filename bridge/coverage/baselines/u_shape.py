@@ -1,4 +1,4 @@
-"""The traditional U-shaped trajectory (paper section 3.1): lanes with no memory."""
+"""The traditional U-shaped trajectory (paper section 3.1): lanes without memory."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 
 class UShapePlanner(ScriptedPlanner):
-    """Drive to a wall, step aside by W, drive back, until the step is blocked."""
+    """Drives to a wall, steps aside by W and drives back, until a step is blocked."""
 
     def __init__(self, model: RobotModel, options: LaneOptions | None = None) -> None:
-        """Nothing begins before ``start``."""
+        """Create the planner; the plan begins with ``start``."""
         super().__init__(model)
         self.options = options or LaneOptions()
 
     def script(self, obs: Observation) -> Script:
-        """The plan from the pose in ``obs``."""
+        """Return the plan from the pose in ``obs``."""
         width = self.model.cleaning_width_m
         sweep = LaneSweep(self.model, self.options, obs.pose)
         heading = obs.pose.theta_rad

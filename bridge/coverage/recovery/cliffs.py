@@ -1,8 +1,9 @@
-"""Cliffs: places where the cliff sensor missed the floor, and the resulting restrictions.
+"""Cliffs: places where the cliff sensor detected no floor, and the resulting restrictions.
 
-The sensor gives one bit for three barriers under the front rim, so neither the barrier nor the
-direction of the cliff is known. No range sensor detects a cliff, so the robot does not follow it.
-Lanes lead up to a cliff, slowly if it is known; perimeter passes and transits avoid it.
+The sensor has three light barriers under the front rim but reports one bit. So the robot knows
+neither which barrier detected the cliff nor the direction of the edge. No range sensor detects a
+cliff, so the robot does not follow it. Lanes lead up to a cliff, slowly if it is known. Perimeter
+passes and transits avoid it.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.geometry import PlannerGeometry
 
 SPAN_RAD = math.radians(55.0)
-"""Angle between the heading and the outer spots, rad."""
+"""Angle between the heading and the outer barriers, rad."""
 _INSIDE_M = 0.01
-"""Distance from the rim to the spots, m."""
+"""Distance from the rim to the barriers, m."""
 _SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
-"""Distance (m) and turn (rad) within which a cliff seen again adds nothing."""
+"""Distance (m) and turn (rad) within which a new detection is of the same cliff."""
 _FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
-"""Distance ahead (m, both bounds) and aside (m) of a mark within which seen floor removes it."""
+"""Limits ahead (m), and distance aside (m), of the marks that detected floor removes."""
 _SLOW_M_S = 0.10
-"""Speed near a cliff, m/s: stopping from 0.28 m/s takes 5 of the 9 cm that the outer spots look
-ahead of the wheels."""
+"""Speed near a cliff, m/s. To stop from 0.28 m/s takes 5 cm. The outer barriers detect a cliff only
+9 cm ahead of the wheels."""
 
 
 class Cliffs:
-    """Poses at which the floor ahead was missing, and the spots concerned."""
+    """Poses at which the floor ahead was missing, and the barriers that may have detected it."""
 
     def __init__(self, geometry: PlannerGeometry) -> None:
         """Begin without a cliff."""
@@ -41,16 +42,16 @@ class Cliffs:
         self.rims: list[tuple[float, float]] = []
         """Middle of the front rim at each pose, m."""
         self.marks: list[Pose2] = []
-        """Spots that saw no floor or are next to one, with their direction."""
+        """Places of barriers that detected no floor, or are next to one, with their direction."""
 
     def __bool__(self) -> bool:
-        """Whether any was seen."""
+        """Return True if any cliff was detected."""
         return bool(self.poses)
 
     def add(self, pose: Pose2, floor: Callable[[float, float], bool]) -> None:
-        """Add a pose, unless an almost equal one is kept.
+        """Add a pose, unless an almost equal one is stored.
 
-        ``floor`` returns whether the robot has been beside a point, so that there is floor.
+        ``floor`` returns True for a point beside the driven path, where there must be floor.
         """
         for known in self.poses:
             turned = math.remainder(known.theta_rad - pose.theta_rad, math.tau)
@@ -63,7 +64,7 @@ class Cliffs:
         self.marks += [Pose2(x, y, pose.theta_rad) for x, y in missing]
 
     def see_floor(self, pose: Pose2) -> None:
-        """Note that all barriers detect floor at a pose: the floor under them is not missing."""
+        """Remove the marks at a pose at which all barriers detect floor."""
         if not self.marks or not self.beside(pose.x_m, pose.y_m, self._near_m):
             return
         spots = self._spots(pose)
@@ -78,7 +79,7 @@ class Cliffs:
         self.marks = [mark for mark in self.marks if mark.distance_m(pose) > radius_m]
 
     def beside(self, x_m: float, y_m: float, radius_m: float) -> bool:
-        """Whether the rim was so near to a point when no floor was seen."""
+        """Return True if the rim was within ``radius_m`` of a point when floor was missing."""
         limit = radius_m * radius_m
         return any((x - x_m) ** 2 + (y - y_m) ** 2 < limit for x, y in self.rims)
 
@@ -95,7 +96,7 @@ class Cliffs:
 
 
 def _beyond(mark: Pose2, x_m: float, y_m: float) -> bool:
-    """Return whether a point is a little farther on than a mark, in the mark's direction."""
+    """Return True if a point is a little farther than a mark, in the mark's direction."""
     c, s = math.cos(mark.theta_rad), math.sin(mark.theta_rad)
     dx, dy = x_m - mark.x_m, y_m - mark.y_m
     min_m, max_m = _FLOOR_M

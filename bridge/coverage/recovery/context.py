@@ -41,11 +41,11 @@ class RecoveryContext:
     lookout: Lookout
     stuck: StuckPolicy
     recovering: OccludedRegion | None = None
-    """Occluded region that the lane under way revisits; ``None``: no revisit."""
+    """Occluded region that the present lane revisits; None: no revisit."""
     lane_m: float = 0.0
     """Length of the last lane, m."""
     searches: int = 0
-    """Searches begun."""
+    """Number of searches begun."""
 
     @classmethod
     def begin(
@@ -86,7 +86,7 @@ class RecoveryContext:
         return self.lookout.obs.pose
 
     def enter(self, phase: str, target: tuple[float, float] | None = None) -> None:
-        """Report the phase of the plan, and the point being driven to, m."""
+        """Report the phase of the plan, and the point that the robot drives to, m."""
         if self.recovering is not None and phase in {"transit", "lane"}:
             phase = f"recovery-{phase}"
         state = self.record.state
@@ -94,7 +94,7 @@ class RecoveryContext:
             self.record.change(state=phase, target=target)
 
     def in_slices(self, search: Generator[None, None, Found]) -> Generator[Leg, Step, Found]:
-        """Run a search and stand still for one control step after each of its slices."""
+        """Run a search. Stand still for one control step after each slice."""
         self.searches += 1
         while True:
             try:

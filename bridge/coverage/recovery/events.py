@@ -87,7 +87,7 @@ def recovery_begun(occlusion: OccludedRegion) -> PlannerEvent:
 def recovery_ended(
     occlusion: OccludedRegion, new_m2: float, *, arrived: bool, closed: bool
 ) -> PlannerEvent:
-    """A revisit has ended; ``left_m`` is the length that no lane has passed."""
+    """A revisit has ended; ``left_m`` is the remaining unswept length."""
     if not arrived:
         reason = "no path to the occluded region"
     elif closed:

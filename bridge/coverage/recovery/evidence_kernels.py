@@ -1,13 +1,13 @@
-"""What one observation does to the evidence map, compiled.
+"""Update of the evidence map with one observation, compiled.
 
-Layers, all of shape (rows, columns), y then x, one byte a cell:
+The layers have the shape (rows, columns), y then x, with one byte per cell:
 
-- ``swept``: the mouth went over the cell's centre.
-- ``wall``: how often something was met there, less how often a beam passed; from ``SURE`` on
-  the cell counts as occupied.
-- ``inflated``: number of occupied cells within the footprint's radius: the axle cannot be there.
-- ``blocked``: cells where the axle cannot be because of a bump.
-- ``visited``: the axle was there. It overrules the two layers above.
+- ``swept``: the mouth has passed the cell's centre.
+- ``wall``: number of contacts and echoes in the cell, minus the number of beams that passed it. The
+  cell counts as occupied from ``SURE`` on.
+- ``inflated``: number of occupied cells within the footprint's radius. The axle cannot be there.
+- ``blocked``: the axle cannot be there because of a bump.
+- ``visited``: the axle was there. This overrides ``inflated`` and ``blocked``.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ if TYPE_CHECKING or cython.compiled:
 _SURE = cython.declare(cython.int, 2)
 _MOST = cython.declare(cython.int, 6)
 SURE = _SURE
-"""Evidence that makes a cell occupied."""
+"""Evidence from which a cell is occupied."""
 MOST = _MOST
-"""Maximum of counted evidence: this many beams through a cell free it again."""
+"""Maximum evidence that is counted. This number of beams through a cell makes it free again."""
 
 
 @cython.cfunc
 @cython.exceptval(check=False)
 def _first(at: cython.double) -> cython.int:
-    """The first row or column of a range that begins at a place."""
+    """Return the first row or column of a range that begins at ``at``."""
     index: cython.int = int(at)
     return max(index, 0)
 
@@ -39,7 +39,7 @@ def _first(at: cython.double) -> cython.int:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _last(at: cython.double, count: cython.Py_ssize_t) -> cython.int:
-    """The row or column before which a range ends that reaches to a place."""
+    """Return the end, not included, of a range of rows or columns that reaches to ``at``."""
     index: cython.int = int(at) + 1
     return min(index, count)
 
@@ -60,7 +60,7 @@ def add_wall(  # noqa: PLR0913, PLR0917 - layers and a cell
     weight: cython.int,
     reach: cython.double,
 ) -> cython.void:
-    """Add evidence to a cell; ``reach``: the body's radius in cells, less a margin."""
+    """Add evidence to a cell; ``reach`` is the footprint's radius minus a margin, in cells."""
     rows, cols = wall.shape[0], wall.shape[1]
     if row < 0 or row >= rows or col < 0 or col >= cols:
         return
@@ -98,7 +98,7 @@ def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
     half: cython.double,
     ahead: cython.double,
 ) -> int:
-    """Mark the cells whose centre the mouth passes between two near poses; return the new ones.
+    """Mark the cells whose centre the mouth passes between two near poses; return the new cells.
 
     The mouth passes a centre that lies ahead of it at one pose and behind it at the other.
     """
@@ -140,7 +140,7 @@ def clear_body(  # noqa: PLR0913, PLR0917 - layers and a pose in cells
     inner: cython.double,
     reach: cython.double,
 ) -> None:
-    """The axle is here, so nothing is inside the body's disc."""
+    """Remove evidence inside the footprint at the axle's present place."""
     rows, cols = wall.shape[0], wall.shape[1]
     row: cython.int = int(y)
     col: cython.int = int(x)

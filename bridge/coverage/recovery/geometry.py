@@ -1,9 +1,9 @@
-"""Everything in the recovery planner that depends on the robot: size, mouth, mounts and speeds.
+"""All values of the recovery planner that depend on the robot: size, mouth, mounts and speeds.
 
-A planner for another robot differs only in these numbers. They are computed here, once, from the
-robot file and the tuned ratios of :class:`RecoveryOptions`; no other module of the planner contains
-a length of the robot. The grid follows the mouth: a cell is an eighth of its width, so areas and
-widths of the mouth are about the same number of cells on every robot.
+They are computed here, once, from the robot file and the tuned ratios of :class:`RecoveryOptions`.
+No other module of the planner contains a length of the robot. The grid follows the mouth: a cell is
+an eighth of the mouth's width. So an area relative to the mouth has about the same number of cells
+for every robot.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount, RobotModel
 
 _MIN_CELL_M, _MAX_CELL_M = 0.01, 0.025
-"""Bounds of a cell's edge, m: below, a search on a large floor takes seconds; above, passages that
-the footprint fits through close."""
+"""Limits of a cell's edge, m. With smaller cells, a search on a large floor takes seconds. Larger
+cells close passages that the footprint fits through."""
 _CELLS_PER_RADIUS = 8.0
-"""Minimum number of cells per radius of the footprint: a wide mouth does not make passages coarse.
-"""
+"""Minimum number of cells per radius of the footprint, so that a wide mouth does not give a coarse
+map of passages."""
 _MAX_MARGIN_M = 0.01
-"""Length by which each end of the mouth counts less at most, for the pose's uncertainty, m."""
+"""Maximum length that does not count at each end of the mouth, for the pose uncertainty, m."""
 _OUTER_SPOT_RAD = math.radians(55.0)
-"""Bearing of the outer cliff spots, rad."""
+"""Bearing of the outer cliff sensors, rad."""
 _EXACT = 9
-"""Decimals: a nanometre. Rounded products equal the figures of the documentation exactly."""
+"""Number of decimals: a nanometre. Rounded products then equal the documented values exactly."""
 
 
 def _exact(value: float) -> float:
@@ -38,8 +38,8 @@ def _exact(value: float) -> float:
 class PlannerGeometry:
     """Sizes of one robot, for map, search and behaviours.
 
-    Lengths are in m, areas in m² unless the name ends in ``_cells``: then they are in cells of the
-    grid, which may be fractions. Numbers in brackets are those of the paper's robot.
+    Lengths are in m and areas in m². Names that end in ``_cells`` are in cells of the grid, which
+    may be fractional. Numbers in brackets are for the paper's robot.
     """
 
     radius_m: float
@@ -49,74 +49,77 @@ class PlannerGeometry:
     ahead_m: float
     """Distance of the mouth ahead of the axle (0)."""
     scale: float
-    """Diameter relative to the paper's robot (1): for distances of which a body's size is the
-    cause."""
+    """Diameter relative to the paper's robot (1). It scales distances that depend on the size of
+    the footprint."""
     cell_m: float
     """Edge of a cell (0.02)."""
 
     # -- the map -------------------------------------------------------------------------------
     mouth_cells: float
-    """Half width of the mouth less the margin for the pose's uncertainty (3.5)."""
+    """Half width of the mouth minus the margin for the pose uncertainty (3.5)."""
     inflation_cells: float
     """Distance from an obstacle within which the axle cannot be (7.7). It is a third of a cell less
-    than the radius: passages that the robot just fits through must stay open in the grid."""
+    than the radius, so that narrow passages stay open in the grid."""
     clear_cells: float
-    """Distance from the axle within which there is no obstacle (7): a cell less than the radius."""
+    """Distance from the axle within which there is no obstacle (7). It is a cell less than the
+    radius."""
     rim_cells: float
-    """Distance from the rim within which evidence may be a contact (1.75), for the pose's
-    uncertainty of 3.5 cm."""
+    """Maximum distance from the rim at which evidence may be a contact (1.75): a pose uncertainty
+    of 3.5 cm."""
     known_floor_m: float
-    """Distance from the axle's path within which there is floor (0.10): between the wheels."""
+    """Distance from the axle's path within which there must be floor (0.10): between the wheels."""
     cliff_m: float
-    """Distance of the axle to missing floor (0.22): half the wheel base, and the reach of a cliff
-    between two spots."""
+    """Minimum distance of the axle from missing floor (0.22): half the wheel base, plus the
+    distance that a cliff can reach between two sensors."""
     cliff_slow_m: float
-    """Distance of the rim from a cliff within which the speed is limited (0.35)."""
+    """Distance of the rim from a cliff at which the speed becomes limited (0.35)."""
     cliff_perimeter_m: float
-    """Distance from a cliff within which no perimeter pass begins (0.42)."""
+    """Minimum distance from a cliff at which a perimeter pass may begin (0.42)."""
 
     # -- the search ----------------------------------------------------------------------------
     lane_cells: int
-    """Rows on each side of a lane's own row that the mouth sweeps (3)."""
+    """Number of rows on each side of a lane's row that the mouth sweeps (3)."""
     ahead_cells: int
-    """Cells by which the mouth is ahead of the axle (0)."""
+    """Distance of the mouth ahead of the axle, cells (0)."""
     target_cells_2: int
-    """Square of the distance to the axle's places within which the mouth sweeps a cell (12)."""
+    """Square of the distance from the axle at which the mouth sweeps a cell (12)."""
     turning_cells_2: int
-    """The same for a robot that turns in place (12): a mouth ahead of the axle reaches farther."""
+    """The same square while the robot turns in place (12). A mouth ahead of the axle reaches
+    farther."""
     beside_cells: int
-    """Radius of the searched floor beside a wall: the mouth's half width (4)."""
+    """Radius of the floor searched beside a wall (4): half the mouth's width."""
     hole_cells: int
-    """Diameter of the disc that must fit into a hole (4): half the mouth's width."""
-    snap_cells: int
-    """Maximum distance of the passable cell that replaces the robot's place (6)."""
-    parted_cells: int
-    """Visited but unreachable cells from which the evidence must be wrong: a metre of path (50)."""
-    min_cells: int
-    """New cells that a lane must promise (7, 28 cm²): a ninth of the mouth's width squared."""
-    floor_cells: int
-    """New cells after which a fruitless attempt may be repeated (250): 0.1 m² at the paper's
+    """Diameter of the disc that must fit into a hole in the swept area (4): half the mouth's
     width."""
+    snap_cells: int
+    """Maximum distance to a passable cell that replaces the robot's place as a start (6)."""
+    parted_cells: int
+    """Number of visited but unreachable cells that proves wrong evidence (50): a metre of path."""
+    min_cells: int
+    """Minimum number of new cells for a lane (7, 28 cm²): a ninth of the mouth's width squared."""
+    floor_cells: int
+    """Number of new cells after which a fruitless attempt may be repeated (250): 0.1 m² at the
+    paper's width."""
     gap_cells: int
-    """Swept cells over which a lane continues (14): 28 cm."""
+    """Maximum number of swept cells over which a lane continues (14): 28 cm."""
     frontier: float
     """Cost of each cell edge of new frontier, cells (2): a strip of a quarter of the mouth."""
     full_rate: float
-    """Cells that the mouth sweeps in a second at cruise speed (70)."""
+    """Number of cells that the mouth sweeps per second at cruise speed (70)."""
     min_rate: float
-    """New cells per second that a choice must promise (15)."""
+    """Minimum number of new cells per second for a choice (15)."""
     near_rate: float
-    """New cells per second at which a choice is taken without a wider search (30)."""
+    """Number of new cells per second at which a choice is taken without a wider search (30)."""
     hole_rate: float
-    """New cells per second that suffice for a hole (1)."""
+    """Minimum number of new cells per second for a hole (1)."""
     perimeter_cells: float
-    """New cells that a perimeter pass is assumed to promise (500)."""
+    """Number of new cells that a perimeter pass is expected to sweep (500)."""
     fruitful_cells: float
-    """New cells of which a perimeter pass must sweep a share to count as fruitful (40)."""
+    """Number of new cells that the fruitful share of a perimeter pass refers to (40)."""
     path_costs: tuple[int, ...]
-    """Path costs up to which the search looks, one after another (1100, 2600, no limit)."""
+    """Path costs up to which the search looks, one after another (1100, 2600, unlimited)."""
     near_cost: float
-    """Cost of a path up to which there is no path to drive before a lane (40): a quarter of the
+    """Maximum cost of a path that need not be driven before a lane (40): a quarter of the
     footprint."""
     turn_s_rad: float
     """Cost of a turn, s/rad (0.85)."""
@@ -129,25 +132,27 @@ class PlannerGeometry:
     perimeter_speed_m_s: float
     """Speed along a straight wall (0.24)."""
     stop_range_m: float
-    """Ultrasonic reading at which a lane ends (0.048): 8 mm between rim and wall."""
+    """Ultrasonic range at which a lane ends (0.048): a gap of 8 mm between rim and wall."""
     approach_range_m: float
-    """Infrared range within which the first wall is followed at once (0.28)."""
+    """Infrared range from which the first wall is followed at once (0.28)."""
     band_m: tuple[float, float]
-    """Strip beside the axle's line that a perimeter pass sweeps (0.03 to 0.065): the part of the
+    """Strip beside the axle's line that a perimeter pass sweeps (0.03 to 0.065): the end of the
     mouth next to the wall."""
     band_ahead_m: tuple[float, float]
-    """Bounds ahead of the axle of the strip that shows whether a pass is closed (0.03 to 0.25)."""
+    """Limits ahead of the axle of the strip that shows whether a pass is complete (0.03 to
+    0.25)."""
     contact_ahead_m: tuple[float, float]
-    """Bounds of the floor before an obstacle, in its direction (0.02 to 0.075)."""
+    """Limits of the floor in front of an obstacle, towards the obstacle (0.02 to 0.075)."""
     contact_beside_m: float
     """Half the width of that floor (0.04)."""
     beside_lane_m: tuple[float, float]
-    """Bounds of the strip beside a lane that a wall occupies, from the gap to the wall on (0.015 to
-    0.065)."""
+    """Limits of the strip beside a lane that a wall occupies, counted from the gap to the wall
+    (0.015 to 0.065)."""
     beside_lane_gap_m: float
-    """Gap between rim and wall up to which the wall takes a part of the lane's band (0.14)."""
+    """Maximum gap between rim and wall at which the wall reduces the lane's width (0.14)."""
     round_rad_s: float
-    """Yaw rate from which wall following rounds a corner (0.5): nine tenths of a corner's rate."""
+    """Minimum yaw rate at which wall following is in a corner (0.5): nine tenths of the corner's
+    rate."""
     same_place_m: float
     """Distance within which two blocks, or a block and the beginning of a wall, are at one place
     (0.15): the robot's place is uncertain, too."""

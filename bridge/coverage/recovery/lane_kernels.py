@@ -1,10 +1,10 @@
-"""Compiled search of the remaining lanes, rated by the area they sweep per time.
+"""Compiled search of the remaining lanes, rated by the swept area per time.
 
-The search runs in images of the map turned to the lanes' direction, row by row.
+The search works on images of the map. They are rotated to the lanes' direction and searched by row.
 """
 
-# Kernels are long loops over plain numbers: a call out of them, or an object into them, costs more
-# than it explains.
+# Kernels are long loops over plain numbers. Splitting them would cost more in calls and objects
+# than it would gain in clarity.
 # ruff: noqa: C901, PLR0912, PLR0913, PLR0915, PLR0917
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ class LanePrices:
     """Costs of a lane."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
-    """Speed along the lane and on the way to it, cm/s."""
+    """Speed along the lane and on the path to it, cm/s."""
     turn_s_rad = cython.declare(cython.double, visibility="public")
     stop_s = cython.declare(cython.double, visibility="public")
     """Time for each stop, s."""
     frontier = cython.declare(cython.double, visibility="public")
-    """Cost of each edge cell that the lane leaves behind, cells."""
+    """Cost of each cell edge of new frontier that the lane creates, cells."""
     heading_rad = cython.declare(cython.double, visibility="public")
     """Direction of the image's rows, in the frame of the robot's heading, rad."""
     cell_cm = cython.declare(cython.double, visibility="public")
     """Edge of a cell, cm."""
     cost_cm = cython.declare(cython.double, visibility="public")
-    """Length of a path for each unit of its cost, cm."""
+    """Path length per unit of path cost, cm."""
     near_cost = cython.declare(cython.double, visibility="public")
-    """Cost of a path up to which there is no path to drive first."""
+    """Maximum cost of a path that need not be driven before the lane."""
     min_cells = cython.declare(cython.int, visibility="public")
-    """New cells that a lane must promise."""
+    """Minimum number of new cells for a lane."""
     gap_cells = cython.declare(cython.int, visibility="public")
-    """Swept cells over which a lane continues."""
+    """Maximum number of swept cells over which a lane continues."""
     half_cells = cython.declare(cython.int, visibility="public")
-    """Rows on each side of a lane's own row that it sweeps."""
+    """Number of rows on each side of a lane's row that it sweeps."""
     ahead_cells = cython.declare(cython.int, visibility="public")
-    """Cells by which the mouth is ahead of the axle."""
+    """Distance of the mouth ahead of the axle, cells."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class LanePrices:
         half_cells: cython.int,
         ahead_cells: cython.int = 0,
     ) -> None:
-        """Take each price and size; a cell is ten units of a path's cost."""
+        """Store each price and size. One cell is ten units of path cost."""
         self.speed_cm_s, self.turn_s_rad, self.stop_s = speed_cm_s, turn_s_rad, stop_s
         self.frontier, self.heading_rad = frontier, heading_rad
         self.cell_cm, self.cost_cm, self.near_cost = cell_cm, 0.1 * cell_cm, near_cost
@@ -78,18 +78,18 @@ class BestLane:
     """The best lane so far."""
 
     score = cython.declare(cython.double, visibility="public")
-    """New cells per second, less the cost of the frontier; 0: there is no lane."""
+    """New cells per second, minus the cost of the frontier; 0: no lane."""
     row = cython.declare(cython.int, visibility="public")
     first = cython.declare(cython.int, visibility="public")
-    """First column of the axle; ``last`` is its last one."""
+    """First column of the axle; ``last`` is the last column."""
     last = cython.declare(cython.int, visibility="public")
     backwards = cython.declare(cython.bint, visibility="public")
-    """Whether the lane begins at ``last``."""
+    """True if the lane begins at ``last``."""
     new = cython.declare(cython.int, visibility="public")
     """Number of new cells."""
 
     def __init__(self) -> None:
-        """No lane yet."""
+        """Begin without a lane."""
         self.score = 0.0
         self.row = self.first = self.last = self.new = 0
         self.backwards = False
@@ -104,7 +104,7 @@ def turn_images(
     target: Layer,
     ways: IntGrid,
 ) -> None:
-    """Images turned by ``angle`` about an origin in cells."""
+    """Rotate images by ``angle`` about an origin in cells."""
     rows, cols = target.shape[0], target.shape[1]
     map_rows, map_cols = target_in.shape[0], target_in.shape[1]
     i: cython.Py_ssize_t
@@ -127,7 +127,7 @@ def turn_images(
 @cython.cdivision(False)  # noqa: FBT003 - a directive: an angle's remainder has Python's sign
 @cython.exceptval(check=False)
 def _between(a: cython.double, b: cython.double) -> cython.double:
-    """The angle between two headings, rad, never negative."""
+    """Return the absolute angle between two headings, rad."""
     return fabs((a - b + _PI) % (2.0 * _PI) - _PI)
 
 
@@ -146,7 +146,7 @@ def _judge(
     prices: LanePrices,
     heading: cython.double,
 ) -> cython.void:
-    """Price one candidate and keep it if it is the best so far."""
+    """Rate one candidate and store it if it is the best so far."""
     length = (last - first + 1) * prices.cell_cm
     direction = prices.heading_rad + (_PI if backwards else 0.0)
     time = (path * prices.cost_cm + length) / prices.speed_cm_s + prices.stop_s

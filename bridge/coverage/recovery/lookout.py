@@ -1,4 +1,4 @@
-"""Use of each observation in the recovery planner: map, speed limit, reasons to end a leg."""
+"""Use of each observation in the recovery planner: map, speed limit and end of a leg."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _JUMP_M = 0.008
-"""Motion of the estimate beyond the driven path that is a pose correction, m: a control step drives
-6 mm at top speed."""
+"""Motion of the estimate in addition to the driven path that means a pose correction, m. A control
+step drives 6 mm at top speed."""
 _REPORTED_RAD = math.radians(0.3)
-"""Heading standard deviation worth an event when a wall reduces it, rad."""
+"""Heading standard deviation from which its reduction by a wall is reported, rad."""
 _REPORTED_SHARE = 0.5
-"""Share of it that remains at such an event."""
+"""Maximum remaining share of the standard deviation in such a report."""
 _MOUNT_AHEAD_M = 0.03
-"""Floor ahead of a side infrared that counts as beside the lane, m."""
+"""Length of the floor ahead of a side infrared sensor that counts as beside the lane, m."""
 _ROUNDING_M = 1e-9
-"""Rounding error of a sum of lengths, m."""
+"""Maximum rounding error of a sum of lengths, m."""
 
 
 class WallFollowing:
@@ -35,24 +35,24 @@ class WallFollowing:
     __slots__ = ("brisk_s", "checked_m", "distance_m", "last_pose", "min_m", "side", "stale")
 
     def __init__(self) -> None:
-        """Follow nothing yet."""
+        """Begin without a wall."""
         self.side = 0
         """Side of the wall: left (1), right (-1), or 0 while no wall is followed."""
         self.distance_m = 0.0
-        """Path of this pass, m."""
+        """Path length of this pass, m."""
         self.checked_m = 0.0
         """Path at the last check, m."""
         self.min_m = 0.0
-        """Path before the pass can be closed, m."""
+        """Path length before the pass can close, m."""
         self.stale = 0
-        """Checks in a row that found the floor ahead swept."""
+        """Number of checks in a row with swept floor ahead."""
         self.last_pose: Pose2 | None = None
         """Pose at the last observation of this leg."""
         self.brisk_s = -math.inf
-        """Time of the last observation at a speed above that of any corner, s."""
+        """Time of the last observation at a speed that no corner allows, s."""
 
     def begin_pass(self, min_m: float) -> None:
-        """Begin a pass that cannot be closed before ``min_m``, m."""
+        """Begin a pass that cannot close before ``min_m``, m."""
         self.min_m = min_m
         self.distance_m = self.checked_m = 0.0
 
@@ -62,7 +62,7 @@ class WallFollowing:
 
 
 class Lookout:
-    """Takes every observation during a plan."""
+    """Handles every observation during a plan."""
 
     def __init__(  # noqa: PLR0913 - the objects that it updates
         self,
@@ -82,21 +82,21 @@ class Lookout:
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf
-        """Highest forward speed with harmless contacts at known obstacles, m/s."""
+        """Maximum forward speed with harmless contacts at known obstacles, m/s."""
         self.wall = WallFollowing()
         self.on_lane = False
-        """Whether the current leg is a lane, which a wall beside it may end."""
+        """True if the running leg is a lane. A wall beside a lane may end it."""
         self.beside = 0
         """Side of the wall that ended the lane: left (1), right (-1), or 0."""
         self.cliff_at: Pose2 | None = None
-        """Pose at which the floor ahead was first missed; ``None``: the floor is there."""
+        """Pose at which the missing floor was first detected; None: there is floor ahead."""
         self._direction = 0j
-        """Sum of the followed path as a vector of four times its heading."""
+        """Sum of the followed path as vectors with four times the heading."""
         self._max_sigma_rad = 0.0
-        """Largest heading standard deviation since the last event about it, rad."""
+        """Maximum heading standard deviation since the last report, rad."""
 
     def observe(self, obs: Observation) -> bool:
-        """Take an observation; true: nothing is left to sweep on the current leg."""
+        """Use an observation. Return True if the running leg has nothing left to sweep."""
         self._see_correction(obs)
         self._see_heading(obs.heading_sigma_rad)
         self.obs = obs
@@ -125,7 +125,7 @@ class Lookout:
 
     @property
     def grid_rad(self) -> float:
-        """Main direction of the walls followed so far, rad; 0 before any."""
+        """Main direction of the walls followed so far, rad; 0 before the first wall."""
         if not self._direction:
             return 0.0
         return math.atan2(self._direction.imag, self._direction.real) / 4.0
@@ -133,7 +133,7 @@ class Lookout:
     # -- inside --------------------------------------------------------------------------------
 
     def _follow(self, obs: Observation) -> bool:
-        """Take an observation of a perimeter pass; true: the pass is closed."""
+        """Use an observation of a perimeter pass. Return True if the pass is complete."""
         wall = self.wall
         if obs.v_m_s > self._options.brisk_m_s:
             wall.brisk_s = obs.time_s

@@ -1,4 +1,4 @@
-"""The planner's map: the swept floor, and where the axle cannot be."""
+"""The planner's map: the swept floor, and the places where the axle cannot be."""
 
 from __future__ import annotations
 
@@ -41,42 +41,42 @@ if TYPE_CHECKING:
 _FIRST_M = 3.0
 """Half the side of the first map, m."""
 _GROW_M = 1.5
-"""Floor by which the map grows, m."""
+"""Length by which the map grows, m."""
 _NEAR_M = 0.6
-"""Distance of the robot from the map's border at which it grows, m."""
+"""Distance of the robot from the map's border at which the map grows, m."""
 _MOVED_CELLS = 0.25
-"""Motion after which the mouth's strip is entered, cells."""
+"""Motion after which the strip under the mouth is marked, cells."""
 _TURNED_RAD = 0.02
-"""Turn after which the mouth's strip is entered, rad."""
+"""Turn after which the strip under the mouth is marked, rad."""
 _READING_S = 0.05
 """Time after which an unchanged infrared reading counts again, s."""
 _STRONG_M = 0.12
-"""Infrared range below which a reading counts double, m: one such reading makes a cell occupied."""
+"""Infrared range below which a reading counts double, m. One such reading makes a cell occupied."""
 _POINT = 2
 """Weight of a contact: it makes a cell occupied."""
 _SPAN_RAD = math.radians(87.0)
-"""Angle that one bumper switch covers from the front, rad."""
+"""Angle from the front that one bumper switch covers, rad."""
 _OVERLAP_RAD = math.radians(10.0)
-"""Half angle of a contact that presses both switches, rad."""
+"""Half of the angle within which a contact presses both switches, rad."""
 FELT_RAD = math.radians(65.0)
-"""Least bearing of a contact with a wall that the robot bends towards at a small angle, rad."""
+"""Minimum bearing of a contact with a wall that the robot approaches at a small angle, rad."""
 _ABEAM_RAD = math.radians(60.0)
-"""Bearing beyond which a followed wall is near the rim anyway, rad."""
+"""Bearing beyond which a followed wall is always near the rim, rad."""
 _BESIDE = 0.9
-"""Share of the radius beyond which an obstacle aside is the followed wall, round a corner."""
+"""Share of the radius beyond which an obstacle at the side is the followed wall, in a corner."""
 _BESIDE_STRAIGHT = 0.6
-"""The same along a straight wall."""
+"""Share of the radius beyond which it is the followed wall, along a straight wall."""
 _LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 
 
 class EvidenceMap:
     """Layers of cells in the frame of the estimate; see ``evidence_kernels``.
 
-    ``tried`` counts the fruitless attempts at a cell.
+    ``tried`` counts the fruitless attempts for each cell.
     """
 
     def __init__(self, model: RobotModel, options: RecoveryOptions, pose: Pose2) -> None:
-        """Begin with nothing but the robot's place."""
+        """Begin with the robot's place only."""
         self._model, self._options = model, options
         self.geometry = geometry = PlannerGeometry.from_model(model, options)
         self._cell_m = geometry.cell_m
@@ -97,7 +97,7 @@ class EvidenceMap:
         self._low, self._high = [x, y], [x, y]
         self.cliffs = Cliffs(geometry)
         self._guessed: list[tuple[float, float]] = []
-        """Points, m, that only a bump put into the map."""
+        """Points on the map that come from a bump only, m."""
         self._readings: tuple[float | None, float | None] = (None, None)
         self._read_s = -1.0
         self.new_cells = 0
@@ -118,9 +118,9 @@ class EvidenceMap:
         return self.x0_m + column * cell, self.y0_m + row * cell
 
     def box(self, margin_m: float | None = None) -> tuple[int, int, int, int]:
-        """Return rows and columns (half open) of the floor near the axle's path.
+        """Return row and column limits (half open) of the floor near the axle's path.
 
-        ``margin_m`` is the distance from the path, m; the default is that of the options.
+        ``margin_m`` is the distance from the path, m; the default is in the options.
         """
         if margin_m is None:
             margin_m = self._options.margin_m + self._model.radius_m
@@ -136,11 +136,11 @@ class EvidenceMap:
     # -- evidence ----------------------------------------------------------------------------
 
     def include(self, x_m: float, y_m: float) -> None:
-        """Extend the searched part of the map to a point, m, as if the robot had been there."""
+        """Extend the searched part of the map to a point, m."""
         self._extend(*self.to_cells(x_m, y_m))
 
     def update(self, obs: Observation) -> None:
-        """Enter an observation: the mouth's strip, the footprint and the side infrared."""
+        """Mark the strip under the mouth, the footprint and the side infrared readings."""
         pose = obs.pose
         x, y = (pose.x_m - self.x0_m) * self._per_m, (pose.y_m - self.y0_m) * self._per_m
         lx, ly, lth = self._last

@@ -1,7 +1,7 @@
 """Occluded regions: strips of lanes that an obstacle hid.
 
-They serve events only: the search finds unswept floor in the map. This list replaces the paper's
-single slot T.
+They are used for events only; the search itself finds unswept floor in the map. This list replaces
+the paper's single memory slot T.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
 MIN_M = 0.15
-"""Missing length of a lane from which a region is occluded, m."""
+"""Minimum missing length of a lane that counts as an occluded region, m."""
 _STEP_M = 0.04
-"""Step of the overlap computation, m."""
+"""Step size of the overlap computation, m."""
 _CLOSED_SHARE = 0.5
-"""Share of the length at which a region is closed by later lanes."""
+"""Share of the length that later lanes must sweep to close a region."""
 _MAX_OPEN = 64
-"""Number of kept regions."""
+"""Maximum number of stored regions."""
 
 
 @dataclass(slots=True)
@@ -36,7 +36,7 @@ class OccludedRegion:
     """Unswept part of the length, m."""
 
     def overlap_m(self, begin: Pose2, length_m: float, within_m: float) -> float:
-        """Return the length, m, that a lane from a pose passes within ``within_m`` aside."""
+        """Return the length of a lane from ``begin`` that passes within ``within_m`` of it, m."""
         bow_c, bow_s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         c, s = math.cos(begin.theta_rad), math.sin(begin.theta_rad)
         count = max(round(self.length_m / _STEP_M), 1)
@@ -70,7 +70,7 @@ class OccludedRegions:
         return occlusion
 
     def met(self, begin: Pose2, length_m: float) -> OccludedRegion | None:
-        """Return the open region of which a lane passes most, if any."""
+        """Return the open region with the largest overlap with a lane, if any."""
         best, max_m = None, MIN_M
         for occlusion in self.open:
             over_m = occlusion.overlap_m(begin, length_m, self._within_m)
@@ -79,7 +79,7 @@ class OccludedRegions:
         return best
 
     def swept(self, occlusion: OccludedRegion, begin: Pose2, length_m: float) -> bool:
-        """Subtract a lane from a region; whether that closes the region."""
+        """Subtract a lane from a region. Return True if the region is now closed."""
         occlusion.left_m -= occlusion.overlap_m(begin, length_m, self._within_m)
         closed = occlusion.left_m <= (1.0 - _CLOSED_SHARE) * occlusion.length_m
         if closed and occlusion in self.open:

@@ -1,20 +1,27 @@
-"""A compact map: two bits a cell, as a microcontroller would store it between two legs.
+"""A compact map: two bits per cell, as a microcontroller would store it between two legs.
 
-Each cell has one of four kinds; if several apply, the later one is stored:
+Each cell has one of four kinds. If several apply, the last one in this list is stored:
 
-- ``UNKNOWN``: nothing is known, or only a beam has passed.
+- ``UNKNOWN``: no evidence, or only beams that passed.
 - ``DONE``: swept, or abandoned.
-- ``BEEN``: the axle was there, and with it the middle of the mouth: swept, and passable whatever is
-  near.
+- ``BEEN``: the axle was there, so the cell is swept, and passable whatever is near.
 - ``OCCUPIED``: enough evidence of an obstacle.
 
-The packed map keeps exactly: occupied cells except those in which the axle was, and so the
-forbidden disc around them; the cells of the axle; swept cells except occupied ones, which need no
-sweeping either. Passable cells stay passable.
+The packed map keeps exactly:
 
-The packed map loses: the amount of evidence (a single reading is dropped, an obstacle is just
-certain); the forbidden places of bumps beside the obstacle; attempts other than the last; whether a
-cell was swept or abandoned; obstacles farther than ``RIM_M`` beyond the footprint.
+- occupied cells, except cells of the axle, and therefore the inflation around them;
+- cells of the axle;
+- swept cells, except occupied ones, which need no sweeping either.
+
+Passable cells stay passable.
+
+The packed map loses:
+
+- the amount of evidence: a single reading is dropped, and an obstacle is just occupied;
+- cells that were blocked by bumps beside an obstacle;
+- all attempts except the last one;
+- the difference between a swept and an abandoned cell;
+- obstacles farther than ``RIM_M`` beyond the footprint.
 """
 
 from __future__ import annotations
@@ -32,32 +39,32 @@ if TYPE_CHECKING:
 
 UNKNOWN, DONE, BEEN, OCCUPIED = range(4)
 RIM_M = 0.05
-"""Margin of the packed box beyond the footprint at the outermost place of the axle, m. A wall
-stands outside the disc that touches it, by up to two cells."""
+"""Margin of the packed box beyond the footprint at the outermost place of the axle, m. A wall in
+contact lies up to two cells outside the footprint."""
 _HEAD_BYTES = 12
-"""Size of the head, bytes: place of the first cell (two floats) and size of the box (two 16-bit
-numbers)."""
+"""Size of the header, bytes: position of the first cell (two floats) and size of the box (two
+16-bit numbers)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PackedMap:
-    """Cells of a box, row after row, four to a byte, the first in the lowest bits."""
+    """Cells of a box, row by row, four per byte. The first cell is in the lowest bits."""
 
     x0_m: float
     y0_m: float
-    """The corner of the first cell."""
+    """Position of the first cell's corner, m."""
     rows: int
     columns: int
     cells: bytes
 
     @property
     def size_bytes(self) -> int:
-        """Return the size, bytes, its head included."""
+        """Return the size including the header, bytes."""
         return len(self.cells) + _HEAD_BYTES
 
 
 def kinds(done: Mask, visited: Mask, occupied: Mask) -> Kinds:
-    """The kind of each cell."""
+    """Return the kind of each cell."""
     kind: Kinds = np.where(done, DONE, UNKNOWN).astype(np.uint8)
     kind[occupied] = OCCUPIED
     kind[visited] = BEEN
@@ -65,7 +72,7 @@ def kinds(done: Mask, visited: Mask, occupied: Mask) -> Kinds:
 
 
 def pack(x0_m: float, y0_m: float, kind: Kinds) -> PackedMap:
-    """Kinds, of shape (rows, columns), as bytes."""
+    """Pack kinds of shape (rows, columns) into bytes."""
     flat = kind.ravel()
     four = np.concatenate([flat, np.zeros(-len(flat) % 4, dtype=np.uint8)]).reshape(-1, 4)
     cells: Kinds = four[:, 0] | four[:, 1] << 2 | four[:, 2] << 4 | four[:, 3] << 6
@@ -74,10 +81,10 @@ def pack(x0_m: float, y0_m: float, kind: Kinds) -> PackedMap:
 
 
 def unpack(packed: PackedMap) -> Kinds:
-    """The kinds, of shape (rows, columns).
+    """Return the kinds, of shape (rows, columns).
 
     Raises:
-        ValueError: the bytes are not as many as the cells ask for.
+        ValueError: the number of bytes does not match the number of cells.
 
     """
     count = packed.rows * packed.columns

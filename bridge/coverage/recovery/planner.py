@@ -1,10 +1,10 @@
-"""The ``recovery`` planner: perimeters along the walls, lanes between, occluded regions revisited.
+"""The ``recovery`` planner: perimeters along the walls, lanes between them, and occluded regions.
 
-It keeps the paper's idea: remember at low cost what an obstacle occluded, and revisit it. A map of
-evidence replaces the paper's single slot. The robot follows each wall that it contacts until its
-perimeter is closed. This sweeps the strip that only a perimeter pass can sweep, and draws the map.
-Then the planner repeatedly chooses the lane or perimeter that sweeps most per time, until none is
-worth its time.
+It keeps the paper's idea: remember at low cost which region an obstacle occluded, and revisit it. A
+map of evidence replaces the paper's single memory slot. The robot follows each wall that it
+contacts until the perimeter pass is complete. This pass sweeps the strip beside the wall, which no
+lane can sweep, and draws the map. Then the planner repeatedly chooses the lane or perimeter with
+the largest swept area per time. It ends when no choice is worth its time.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Sweep = Callable[[RecoveryContext, Choice], Generator[Leg, Step, bool]]
 
 @dataclass(frozen=True, slots=True)
 class Behaviours:
-    """The parts of the plan, each replaceable."""
+    """The parts of the plan. Each can be replaced."""
 
     approach: Callable[[RecoveryContext], Generator[Leg, Step]] = approach_wall
     choose: Callable[[RecoveryContext], Generator[Leg, Step, Choice | None]] = choose
@@ -50,7 +50,7 @@ class Behaviours:
 
 
 class RecoveryPlanner(ScriptedPlanner):
-    """Chooses the next target, executes it, and rates the result."""
+    """Chooses the next target, executes it and rates the result."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class RecoveryPlanner(ScriptedPlanner):
         options: RecoveryOptions | None = None,
         behaviours: Behaviours | None = None,
     ) -> None:
-        """Plan for a robot; nothing begins before ``start``."""
+        """Plan for a robot; the plan begins with ``start``."""
         super().__init__(model)
         self.options = (options or RecoveryOptions()).for_model(model)
         self._behaviours = behaviours or Behaviours()
@@ -70,7 +70,7 @@ class RecoveryPlanner(ScriptedPlanner):
         """Map, helpers and progress of the plan.
 
         Raises:
-            RuntimeError: the plan was not started.
+            RuntimeError: the plan has not started.
 
         """
         if self._context is None:
@@ -79,11 +79,11 @@ class RecoveryPlanner(ScriptedPlanner):
 
     @property
     def speed_limit_m_s(self) -> float:
-        """Highest forward speed with harmless contacts at known obstacles, m/s."""
+        """Maximum forward speed with harmless contacts at known obstacles, m/s."""
         return math.inf if self._context is None else self._context.lookout.speed_limit_m_s
 
     def observe(self, obs: Observation) -> bool:
-        """Take an observation; true: nothing is left to sweep on the current leg."""
+        """Use an observation. Return True if the running leg has nothing left to sweep."""
         return self._context is not None and self._context.lookout.observe(obs)
 
     def script(self, obs: Observation) -> Script:
@@ -114,7 +114,7 @@ class RecoveryPlanner(ScriptedPlanner):
         return self._end(context, f"{self.options.max_decisions} decisions, the limit")
 
     def _carry_out(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step]:
-        """Sweep the chosen target, and rate the result."""
+        """Sweep the chosen target and rate the result."""
         before = context.map.new_cells
         self.record.emit(events.chosen(choice))
         begin = Pose2(*choice.path[-1], choice.heading_rad)

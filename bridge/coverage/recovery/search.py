@@ -1,6 +1,6 @@
-"""The search for the next target: the lane or perimeter that sweeps most per time.
+"""The search for the next target: the lane or perimeter with the largest swept area per time.
 
-It runs in slices of bounded work, so that no control step is delayed. On a large floor the robot
+It runs in slices of limited work, so that it delays no control step. On a large floor the robot
 waits for some steps.
 """
 
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
-"""Cost per cell of a box's half girth beyond which nothing in it is farther."""
+"""Path cost per cell of a box's half girth. No place in the box has a higher cost."""
 _COPYING, _MARKING, _TURNING, _SCANNING = 0.2, 0.3, 0.4, 0.3
-"""Work per cell of a window, relative to settling one cell in the path search."""
+"""Work per cell of a window, relative to one cell in the path search."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,25 +54,25 @@ class Choice:
 
 
 class Chooser:
-    """Searches for the next target; owns the search's buffers."""
+    """Searches for the next target. It owns the buffers of the search."""
 
     def __init__(self, options: RecoveryOptions) -> None:
-        """Begin without buffers; they grow with the map."""
+        """Begin with empty buffers; they grow with the map."""
         self._options = options
         self._buffers = Buffers()
         self._spent = 0.0
         self.shut_in = False
-        """Whether the last search found no place for the robot, or separated it from its past."""
+        """True if the last search found no start cell, or no path to places where the robot was."""
         self.parted_at: Point | None = None
-        """Nearest place of its past that the search could not reach, m."""
+        """Nearest place where the robot was that the search could not reach, m."""
         self.left_m2 = 0.0
-        """Reachable floor that is neither swept nor abandoned, as far as the last search went, m².
-        """
+        """Reachable floor that is neither swept nor abandoned, m². It covers the area of the last
+        search."""
         self.beside_walls_m2 = 0.0
-        """Further such floor that the mouth reaches only as the robot turns towards a wall, m²."""
+        """Further such floor that the mouth reaches only in a turn towards a wall, m²."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
-        """Return the best choice from a pose at once; ``None``: none is worth it."""
+        """Return the best choice from a pose at once; None: none is worthwhile."""
         search = self.search(memory, pose, grid_rad)
         while True:
             try:
@@ -86,7 +86,7 @@ class Chooser:
     ) -> Generator[None, None, Choice | None]:
         """Search in slices and return the best choice.
 
-        Yield when a control step has done enough.
+        Yields at the end of each slice.
         """
         options, geometry = self._options, memory.geometry
         column, row = memory.to_cells(pose.x_m, pose.y_m)
@@ -127,11 +127,9 @@ class Chooser:
     def path_to(
         self, memory: EvidenceMap, pose: Pose2, points: Sequence[Point]
     ) -> Generator[None, None, tuple[int, tuple[Point, ...]] | None]:
-        """Search in slices for the nearest point and return its index and path.
+        """Search in slices for the nearest point; return its index and the path to it.
 
-        ``None``: none is near.
-
-        Points where the robot cannot be are skipped.
+        None: no point is near. Points where the robot cannot be are skipped.
         """
         options = self._options
         self._spent = 0.0

@@ -27,7 +27,7 @@ class Verdict(Enum):
 
 
 class StuckPolicy:
-    """Decides what is blocked, abandoned and cleared."""
+    """Decides which passages to close, and which targets and map evidence to give up."""
 
     def __init__(
         self,
@@ -35,28 +35,28 @@ class StuckPolicy:
         evidence: EvidenceMap,
         record: PlannerRecord,
     ) -> None:
-        """Begin with no attempt."""
+        """Begin without attempts."""
         self._options, self._geometry = options, evidence.geometry
         self._map, self._record = evidence, record
         self._fruitless = 0
-        """Decisions in a row that swept next to nothing."""
+        """Number of decisions in a row that swept almost nothing."""
         self._cleared = 0
-        """Times that evidence was cleared since the last new floor."""
+        """Number of times that evidence was cleared since the last new floor."""
         self._cleared_at = 0
-        """New cells at the last time."""
+        """Number of new cells when evidence was cleared last."""
         self._bumps_cleared_at = -self._geometry.floor_cells
-        """New cells when evidence of bumps was cleared last."""
+        """Number of new cells when evidence of bumps was cleared last."""
         self._blocks = 0
-        """Blocks in a row at ``_blocked_at``."""
+        """Number of blocks in a row at ``_blocked_at``."""
         self._blocked_at: Pose2 | None = None
         self._passages: list[tuple[Pose2, bool, int]] = []
-        """Places where the robot sought a passage, with side and the number of new cells at that
-        time."""
+        """Places where the robot sought a passage, each with the side and the number of new cells
+        then."""
         self._left_path_at: Pose2 | None = None
-        """Place where the current transit was left to seek a passage."""
+        """Place where the robot left the present transit to seek a passage."""
 
     def clear_bumps(self) -> bool:
-        """Clear evidence that only bumps gave, before the end; whether there was any."""
+        """Before the end, clear evidence from bumps only. Return True if there was any."""
         if self._map.new_cells - self._bumps_cleared_at < self._geometry.floor_cells:
             return False
         self._bumps_cleared_at = self._map.new_cells
@@ -71,8 +71,8 @@ class StuckPolicy:
 
         Args:
             pose: the robot's pose.
-            shut_in: the search found no place for the robot, or separated it from its past.
-            parted_at: the nearest place of its past that the search could not reach, m.
+            shut_in: the search found no start cell, or no path to places where the robot was.
+            parted_at: nearest place where the robot was that the search could not reach, m.
 
         """
         stuck = self._fruitless >= self._options.max_fruitless or shut_in
@@ -105,7 +105,7 @@ class StuckPolicy:
         self._left_path_at = None
 
     def blocked(self, result: LegResult, heading_rad: float) -> None:
-        """Take a block of a transit on a heading, rad, and close the passage a little more."""
+        """Handle a blocked transit; repeated blocks close the passage in the map by steps."""
         pose, last = result.pose, self._blocked_at
         again = last is not None and pose.distance_m(last) < self._geometry.same_place_m
         self._blocks = self._blocks + 1 if again else 1
@@ -124,11 +124,11 @@ class StuckPolicy:
             )
 
     def seeks_passage(self, result: LegResult, new_m2: float) -> bool:
-        """Whether to follow what blocked the robot, as the Bug algorithms do.
+        """Return True if the robot should follow its obstacle, like the Bug algorithms.
 
-        A wall leads round a door's edge and through, wherever the estimate puts the door
-        (Lumelsky and Stepanov 1987). Each place is followed once on a side, until there is new
-        floor.
+        A wall leads to the edge of a door and through it, even if the map has the door in a wrong
+        place (Lumelsky and Stepanov 1987). The robot follows each place once per side until it
+        sweeps new floor.
 
         Args:
             result: how the transit was blocked.

@@ -1,7 +1,7 @@
-"""Where the axle can go, how far that is, and the way there, compiled."""
+"""Passable cells, path lengths and shortest paths of the axle, compiled."""
 
-# Kernels are long loops over plain numbers: a call out of them, or an object into them, costs more
-# than it explains.
+# Kernels are long loops over plain numbers. Splitting them would cost more in calls and objects
+# than it would gain in clarity.
 # ruff: noqa: C901, PLR0912, PLR0913, PLR0917
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ _DIAGONAL = cython.declare(cython.int, 14)
 _TIGHT = cython.declare(cython.int, 3)
 _RING = cython.declare(cython.int, 64)
 STRAIGHT, DIAGONAL = _STRAIGHT, _DIAGONAL
-"""Cost of a step between cells."""
+"""Cost of a straight and of a diagonal step between cells."""
 TIGHT = _TIGHT
-"""Factor on the cost of a step next to where the axle cannot be."""
+"""Factor on the cost of a step beside a cell where the axle cannot be."""
 RING = _RING
-"""Number of buckets of the search: more than the cost of the dearest step; a power of two."""
+"""Number of buckets of the search: a power of two above the cost of the most expensive step."""
 
 
 @cython.final
 @cython.cclass
 class Search:
-    """How far a search for ways has come."""
+    """State of a path search."""
 
     level = cython.declare(cython.int, visibility="public")
-    """Cost of the paths that are being settled."""
+    """Path cost of the bucket that is being processed."""
     waiting = cython.declare(cython.int, visibility="public")
-    """Number of cells in all buckets that are not settled yet."""
+    """Number of waiting cells in all buckets."""
     taken = cython.declare(cython.int, visibility="public")
-    """Number of cells of the bucket ``level`` that were processed."""
+    """Number of processed cells in the bucket ``level``."""
 
     def __init__(self) -> None:
-        """Nothing is begun."""
+        """Begin before the first cell."""
         self.level = self.waiting = self.taken = 0
 
 
@@ -54,16 +54,16 @@ def travel(
 ) -> tuple[int, bool]:
     """Continue the search for shortest paths up to a cost; return settled cells and completion.
 
-    Dial's algorithm with a ring of buckets. It settles at most ``budget`` cells, and continues from
-    ``search`` at the next call. Cells with a ``dist`` above ``most`` were only touched; -1: not
-    even touched. The rim must be closed.
+    It is Dial's algorithm with a ring of buckets. One call settles at most ``budget`` cells; the
+    next call continues from ``search``. Cells with a ``dist`` above ``most`` have only a
+    preliminary cost. -1 means no cost yet. The rim of the window must be closed.
 
     Args:
-        ground: ``open_`` from ``copy_window``, row after row.
+        ground: ``open_`` from ``copy_window``, row by row.
         cols: Number of cells in a row.
         most: Maximum cost of a path.
         budget: Maximum number of cells.
-        dist: Costs so far, row after row; -1, and 0 at the start.
+        dist: Costs so far, row by row; -1, and 0 at the start.
         queue: ``(RING, room)``: the cells of each bucket, flat.
         counts: ``(RING,)``: the number of cells in each bucket; initially one in bucket 0.
         search: Remaining state of the search; initially one waiting cell.
@@ -78,7 +78,7 @@ def travel(
     cost: cython.int
     i: cython.int
     j: cython.int
-    # Local copies: compiled code reads a module's number again after each store to an array.
+    # Local copies, because compiled code reads a module variable again after each array store.
     straight: cython.int = _STRAIGHT
     diagonal: cython.int = _DIAGONAL
     tight: cython.int = _TIGHT
@@ -132,7 +132,7 @@ def clear_line(
     c1: cython.int,
     least: cython.int,
 ) -> cython.bint:
-    """Whether every cell on a straight line is at least ``least`` (1 passable, 2 free)."""
+    """Return True if every cell on a straight line is at least ``least`` (1 passable, 2 free)."""
     down: cython.int = r1 - r0
     right: cython.int = c1 - c0
     steps: cython.int = max(abs(down), abs(right)) * 2

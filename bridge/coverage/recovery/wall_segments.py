@@ -1,6 +1,6 @@
 """Straight wall segments that were followed: places for a heading fix.
 
-A few dozen numbers, so that they fit a microcontroller.
+The list has only a few dozen numbers, so that it fits a microcontroller.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
 HEADING_RUN_M = 0.48
-"""Length of a run along a wall, m: 40 cm for a measurement and the rest for the approach. It gives
-the direction to a third of a degree with a noisy infrared."""
+"""Length of a drive along a wall, m: 40 cm for a measurement, and the rest for the approach. It
+measures the direction to a third of a degree with a noisy infrared sensor."""
 OFF_M = 0.035
-"""Gap to the wall beyond that of a perimeter pass, m. The position may be off by this much, and a
-robot that grazes a wall would mistake the wall's direction for its heading."""
+"""Additional gap to the wall compared with a perimeter pass, m: the possible position error. A
+robot that grazes the wall would take the wall's direction for its own heading."""
 _MIN_M = 0.5
-"""Minimum length of a kept segment, m."""
+"""Minimum length of a stored segment, m."""
 _MAX_KEPT = 24
-"""Number of kept segments."""
+"""Maximum number of stored segments."""
 _BENT_RAD = math.radians(10.0)
 """Turn of the heading that ends a segment, rad."""
 _TRIES = 2
-"""Fruitless runs in a row after which a segment is dropped."""
+"""Number of fruitless drives in a row after which a segment is dropped."""
 
 
 class Start(NamedTuple):
-    """Pose of the axle at the beginning of a run along a wall."""
+    """Pose of the axle at the beginning of a drive along a wall."""
 
     x_m: float
     y_m: float
@@ -43,10 +43,10 @@ class _Segment(NamedTuple):
     y_m: float
     heading_rad: float
     side: int
-    """The wall is on the left (1) or right (-1)."""
+    """Side of the wall: left (1) or right (-1)."""
 
     def starts(self) -> tuple[Start, Start]:
-        """Return the starts at both ends."""
+        """Return the start poses at both ends."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         x, y = self.x_m + self.side * OFF_M * s, self.y_m - self.side * OFF_M * c
         back = wrap_angle(self.heading_rad + math.pi)
@@ -57,7 +57,7 @@ class _Segment(NamedTuple):
 
 
 class WallSegments:
-    """Keeps the longest wall segments."""
+    """Stores the longest wall segments."""
 
     def __init__(self) -> None:
         """Begin without a segment."""
@@ -66,7 +66,7 @@ class WallSegments:
         self._fails: dict[_Segment, int] = {}
 
     def follow(self, pose: Pose2, side: int, *, straight: bool) -> None:
-        """Take a step along a wall on the left (1) or right (-1)."""
+        """Add a step along a wall on the left (1) or right (-1)."""
         begun = self._begun
         if begun is not None and (
             not straight or abs(wrap_angle(pose.theta_rad - begun.theta_rad)) > _BENT_RAD
@@ -76,7 +76,7 @@ class WallSegments:
             self._begun = pose
 
     def end(self, pose: Pose2, side: int) -> None:
-        """The wall, or its straight part, ends here."""
+        """End the segment at the end of the wall, or of its straight part."""
         begun, self._begun = self._begun, None
         if begun is None:
             return
@@ -89,11 +89,11 @@ class WallSegments:
             self._kept.remove(min(self._kept))
 
     def starts(self) -> list[Start]:
-        """Return the starts at both ends of every segment."""
+        """Return the start poses at both ends of every segment."""
         return [start for segment in self._kept for start in segment.starts()]
 
     def tried(self, start: Start, *, helped: bool) -> None:
-        """Take the result of a run: a segment with two fruitless runs in a row is dropped."""
+        """Use the result of a drive; two fruitless drives in a row drop the segment."""
         for segment in [segment for segment in self._kept if start in segment.starts()]:
             if helped:
                 self._fails.pop(segment, None)

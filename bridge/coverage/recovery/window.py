@@ -1,6 +1,6 @@
 """A window of the map for a search: free cells, targets, path lengths.
 
-Its arrays are reused between searches; its images are rotated to the lanes.
+Its arrays are reused in every search. Its images are rotated to the direction of the lanes.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ Point = tuple[float, float]
 _ROOM = 16384
 _CORNERS = 400
 _WAY = 8192
-"""Maximum length of a path, cells: five times across the largest room."""
+"""Maximum length of a path, cells: five times the size of the largest room."""
 
 
 class Buffers:
     """Arrays by name.
 
-    Reused between searches, since allocation costs more than the work in them.
+    They are reused in every search, because allocation would take longer than the search itself.
     """
 
     def __init__(self) -> None:
@@ -45,11 +45,11 @@ class Buffers:
         self.path: Ints = np.zeros(_WAY, dtype=np.int32)
 
     def layer(self, name: str, shape: tuple[int, int]) -> Layer:
-        """Return a byte array of a shape, not cleared."""
+        """Return a byte array of a shape, with old content."""
         return self._get(name, shape, np.uint8)
 
     def ints(self, name: str, shape: tuple[int, int]) -> Ints:
-        """Return an integer array of a shape, not cleared."""
+        """Return an integer array of a shape, with old content."""
         return self._get(name, shape, np.int32)
 
     def _get(self, name: str, shape: tuple[int, int], kind: type[np.generic]) -> NDArray[Any]:
@@ -118,15 +118,15 @@ class Window:
         return ways
 
     def place(self, pose: Pose2) -> tuple[float, float]:
-        """Column and row of a pose."""
+        """Return column and row of a pose, with fractions."""
         return (pose.x_m - self.x0_m) / self.cell_m, (pose.y_m - self.y0_m) / self.cell_m
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """Row and column of the cell that a point is in."""
+        """Return row and column of the cell that contains a point."""
         return int((y_m - self.y0_m) // self.cell_m), int((x_m - self.x0_m) // self.cell_m)
 
     def metres(self, column: float, row: float) -> Point:
-        """Point at a column and a row with fractions."""
+        """Return the point at a column and a row, with fractions, m."""
         return self.x0_m + column * self.cell_m, self.y0_m + row * self.cell_m
 
     def begin(self, start: tuple[int, int]) -> None:
@@ -142,7 +142,7 @@ class Window:
         buffers.queue[0, 0] = row * self.dist.shape[1] + col
 
     def go_on(self, most: int, budget: int) -> bool:
-        """Search paths up to a cost; false if the budget of cells is used up."""
+        """Continue the path search up to a cost. Return False if the budget of cells is used up."""
         self.settled, done = travel(
             self.open.ravel(),
             self.open.shape[1],

@@ -1,7 +1,7 @@
-"""Compiled views of a window of the map: passable cells, remaining cells, outlines."""
+"""Compiled views of a window of the map: passable cells, remaining cells, perimeters."""
 
-# Kernels are long loops over plain numbers: a call out of them, or an object into them, costs more
-# than it explains.
+# Kernels are long loops over plain numbers. Splitting them would cost more in calls and objects
+# than it would gain in clarity.
 # ruff: noqa: C901, PLR0913, PLR0917
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SWEPT = cython.declare(cython.int, 1)
 _GIVEN_UP = cython.declare(cython.int, 2)
 _OCCUPIED = cython.declare(cython.int, 4)
 SWEPT, GIVEN_UP, OCCUPIED = _SWEPT, _GIVEN_UP, _OCCUPIED
-"""Bits that tell why a cell needs no sweeping."""
+"""Bits for the reasons why a cell needs no sweeping."""
 
 
 @cython.final
@@ -37,11 +37,11 @@ class PerimeterCosts:
     full_rate = cython.declare(cython.double, visibility="public")
     """Cells that the mouth sweeps in a second."""
     cost_cm = cython.declare(cython.double, visibility="public")
-    """Length of a path for each unit of its cost, cm."""
+    """Path length per unit of path cost, cm."""
     near_cost = cython.declare(cython.double, visibility="public")
-    """Cost of a path up to which there is no path to drive first."""
+    """Maximum cost of a path that need not be driven first."""
     beside_cells = cython.declare(cython.int, visibility="public")
-    """Radius of the searched floor beside the wall, cells: the mouth's half width."""
+    """Radius of the floor searched beside the wall, cells: half the mouth's width."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class PerimeterCosts:
         near_cost: cython.double,
         beside_cells: cython.int,
     ) -> None:
-        """Take each price; ``cell_cm``: edge of a cell, ten units of a path's cost."""
+        """Store each price; ``cell_cm`` is the edge of a cell, which is ten units of path cost."""
         self.speed_cm_s, self.turn_s_rad = speed_cm_s, turn_s_rad
         self.stop_s, self.cells, self.full_rate = stop_s, cells, full_rate
         self.cost_cm, self.near_cost = 0.1 * cell_cm, near_cost
@@ -64,17 +64,17 @@ class PerimeterCosts:
 @cython.final
 @cython.cclass
 class BestPerimeter:
-    """The best place so far to begin following a wall."""
+    """The best place so far to start following a wall."""
 
     score = cython.declare(cython.double, visibility="public")
-    """Cells per second; 0: there is no such place."""
+    """New cells per second; 0: no place."""
     row = cython.declare(cython.int, visibility="public")
     col = cython.declare(cython.int, visibility="public")
     bearing_rad = cython.declare(cython.double, visibility="public")
     """Bearing of the wall, rad."""
 
     def __init__(self) -> None:
-        """No place yet."""
+        """Begin without a place."""
         self.score = self.bearing_rad = 0.0
         self.row = self.col = 0
 
@@ -94,8 +94,8 @@ def copy_window(
 ) -> None:
     """Copy the cells that a search needs from a window of the map, with a closed rim.
 
-    ``open_``: 0: the axle cannot be there; 1: beside such a cell; 2: free. ``done``: bits that tell
-    why a cell needs no sweeping.
+    ``open_`` is 0 where the axle cannot be, 1 beside such a cell, and 2 in free cells. ``done`` has
+    the bits for the reasons why a cell needs no sweeping.
     """
     rows: cython.int = open_.shape[0]
     cols: cython.int = open_.shape[1]
@@ -141,8 +141,8 @@ def mark_targets(
 ) -> cython.int:
     """Mark the cells worth sweeping and the axle's path length to each; return their number.
 
-    A cell is a target if it still needs sweeping and is within the mouth's half width (its square
-    is ``near_2`` cells) of a possible place of the axle. ``ways``: -1 if there is no path.
+    A cell is a target if it still needs sweeping and a possible place of the axle is within half
+    the mouth's width (``near_2`` is its square, cells). ``ways`` is -1 if there is no path.
     """
     near: cython.int = int(sqrt(near_2))
     rows: cython.int = dist.shape[0]

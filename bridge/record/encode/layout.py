@@ -1,9 +1,9 @@
 """Flat protobuf messages of fixed layout: descriptor and encoder from one list of fields.
 
-Integers have fixed-width protobuf types, so that a message without text is one ``struct.pack`` with
-constant tags between the values. Measured for the IMU message (16 fields): 1.9 µs, compared with
-8.4 µs for a new google.protobuf message and 6.3 µs for a reused one. Compression with zstd makes up
-for the larger size.
+Integers have fixed-width protobuf types, so a message without text is one ``struct.pack`` with
+constant tags between the values. For the IMU message (16 fields) this takes 1.9 µs. A new
+google.protobuf message takes 8.4 µs, a reused one 6.3 µs. zstd compression removes the additional
+size.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def rasterise(plan: FloorPlan, log_ns: int) -> CoverageRecord:
 def _inside(
     polygon: Polygon, xs: NDArray[np.floating], ys: NDArray[np.floating]
 ) -> NDArray[np.bool_]:
-    """Return whether each cell's centre is inside, by the even-odd rule: (rows, columns)."""
+    """Return a mask of cells whose centre is inside, by the even-odd rule: (rows, columns)."""
     inside = np.zeros((len(ys), len(xs)), dtype=bool)
     for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         crossed = (ay > ys) != (by > ys)

@@ -24,18 +24,18 @@ TILT_SMOOTH_S = 0.2
 JOLT_M_S2 = 1.5
 """Minimum vertical acceleration, gravity subtracted, that counts as a jolt, m/s²."""
 JOLT_SMOOTH_S = 0.08
-"""Time constant of that acceleration, s: a person lifts for 0.2 s; a third of a vibration remains.
-"""
+"""Time constant of that acceleration, s. A person lifts for 0.2 s; a third of a vibration
+remains."""
 GRAVITY_SMOOTH_S = 2.0
-"""Time constant of gravity, s: with it the sensor's bias (up to 0.5 m/s²) drops out."""
+"""Time constant of gravity, s. It removes the sensor's bias (up to 0.5 m/s²)."""
 JOLT_S = 1.0
 """Maximum time from a jolt to a cliff detection that counts as lifting, s."""
 _G_M_S2 = 9.80665
 """Standard gravity, m/s²."""
 FOLLOWS_M, FOLLOWS_M_S = (0.004, 0.03), 0.06
-"""Range of distance, m, and maximum speed, m/s, between two contacts that count as one: following
-a wall closes the switch three times per second. A real bump comes from further away or after a
-reverse."""
+"""Range of distance, m, and maximum speed, m/s, between two contacts that count as one. While the
+robot follows a wall, the switch closes three times per second. Before a real bump the robot comes
+from a greater distance, or has reversed."""
 
 
 class Tilt:

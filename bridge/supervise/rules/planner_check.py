@@ -1,9 +1,9 @@
 """Check of the device's planner against the measured motion and the paper's rules.
 
-It predicts nothing. At the end of a lane it compares D with the odometry, recomputes the case from
-D, Prev-D and Φ, and Length from W and T. Between decisions it compares the reported phase with the
-measured motion. After each check it continues from the device's own values, so that one error is
-one finding.
+It predicts nothing. At the end of a lane it compares D with the odometry. It recomputes the case
+from D, Prev-D and Φ, and Length from W and T. Between decisions it compares the reported phase with
+the measured motion. After each check it continues from the device's own values, so one error gives
+only one finding.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MM = 0.001 + 1e-9
 _LENGTH_STEP_M = 0.02
 """Resolution of Length in the message, m."""
 _LENGTH_MOST = 255
-"""Maximum raw value of Length, which means this length or more."""
+"""Maximum raw value of Length; it means this length or more."""
 STANDS_M_S, STANDS_RAD_S = 0.03, 0.15
 """Minimum speed (m/s) and yaw rate (rad/s) that count as motion: three times the estimate's noise
 at standstill."""
@@ -64,9 +64,10 @@ class _Lane:
     start: Pose2
     """Estimated pose at the start."""
     made_m: float = 0.0
-    """Maximum distance along the lane by the estimate, m. After a bump the wheels turn on."""
+    """Maximum distance along the lane by the estimate, m. After a bump the wheels may still
+    turn."""
     uncertain_m: float = 0.0
-    """Distance during slip or a push, which the odometry may have wrong, m."""
+    """Distance during slip or a push, m. The odometry of this part is unreliable."""
 
 
 class PlannerCheck:
@@ -79,7 +80,7 @@ class PlannerCheck:
     _claim_s: float
     _mark_m: float
     _mark_rad: float
-    """Time of the last check of the reported phase, and odometry and turn at it."""
+    """Time, odometry (m) and turn (rad) at the last check of the reported phase."""
 
     def __init__(self, rule: DisagreementRule, model: RobotModel) -> None:
         """Set the limits."""

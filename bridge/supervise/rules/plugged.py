@@ -1,4 +1,4 @@
-"""Conditions of plug-ins: one that raises is disabled and reported, never trusted again."""
+"""Conditions of plug-ins. A condition that raises an exception is disabled and reported."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class PluggedCondition:
                 self._disable(error)
 
     def take_report(self) -> str | None:
-        """Return why the condition was disabled, once."""
+        """Return the reason once after the condition was disabled, else None."""
         report, self._report = self._report, None
         return report
 

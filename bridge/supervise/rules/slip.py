@@ -1,7 +1,7 @@
 """Slip: the motion by the wheels differs from that by gyro or ultrasonic sensor.
 
-The gyro shows slip of one wheel. The range ahead shows equal slip of both: on a straight run it
-decreases by the true distance. If it does not, the wheels slip or the sensor is wrong. This rule
+The gyro shows slip of one wheel. The range ahead shows equal slip of both wheels: on a straight run
+it must decrease by the driven distance. Otherwise the wheels slip or the sensor is wrong. This rule
 cannot distinguish the two, but both need attention.
 """
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from bridge.supervise.settings import SlipRule
 
 RUN_M = 0.30
-"""Length of a run, m: 5 mm of noise are 2 % of it."""
+"""Length of a run, m. The noise of 5 mm is 2 % of it."""
 MIN_READINGS = 12
 """Minimum number of range samples in a run."""
 HALF_SHARE = 0.6
-"""Minimum share of the whole run's slip that each half must show. Slip is even; an echo that moves
-over a round column or past an edge is not."""
+"""Minimum share of the whole run's slip that each half must show. Real slip is even. An echo that
+moves along a round column or past an edge is not."""
 JUMP_M = 0.03
 """Maximum change of the range beyond the distance driven, m. A larger one is another object."""
 STRAIGHT_RAD = 0.06

@@ -21,10 +21,9 @@ Part = Generator[Leg, Step, LegResult]
 
 
 def drive(context: RecoveryContext, leg: Drive) -> Part:
-    """Drive a leg; enter every obstacle into the map, and back off from a contact.
+    """Drive a leg, add every obstacle to the map, and back off from a contact.
 
-    A lane also ends where a wall with an unswept perimeter appears beside it; the robot then
-    follows that wall.
+    A lane also ends beside a wall with an unswept perimeter. The robot then follows that wall.
     """
     lookout, is_lane = context.lookout, leg.purpose == "lane"
     lookout.on_lane, lookout.beside = is_lane, 0
@@ -44,10 +43,11 @@ def drive(context: RecoveryContext, leg: Drive) -> Part:
 
 
 def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Leg, Step, bool]:
-    """Follow what ended a drive early, unless the floor before it is swept.
+    """Follow the obstacle that ended a drive early, unless the floor in front of it is swept.
 
     Returns:
-        Whether its perimeter was followed. A cliff is never followed: no sensor measures it.
+        True if the perimeter was followed. A cliff is never followed, because no sensor measures
+        its edge.
 
     """
     if not result.reason.blocked or result.reason is StopReason.CLIFF:

@@ -1,4 +1,4 @@
-"""Reaction to an obstacle or a cliff: it enters the map, and the robot backs off."""
+"""Reaction to an obstacle or a cliff: add it to the map, and back off."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from bridge.motion.legs import Leg, LegResult
 
 _RIM_M = 0.01
-"""Distance beyond the rim at which an obstacle in the ultrasonic's range is mapped, m."""
+"""Distance from the rim at which an obstacle in the ultrasonic range is added to the map, m."""
 
 
 def react(
     context: RecoveryContext, result: LegResult, heading_rad: float, *, abeam: int = 0
 ) -> Generator[Leg, Step]:
-    """Enter what stopped a leg into the map, and back off on the leg's heading, rad.
+    """Add the obstacle that stopped a leg to the map, and back off along the leg's heading, rad.
 
-    ``abeam``: a wall on the left (1) or right (-1) that is followed by touching it.
+    ``abeam`` is the side of a wall that is followed in contact: left (1) or right (-1).
     """
     if result.reason is StopReason.RANGE:
         point = result.pose.transform(context.model.radius_m + _RIM_M, 0.0)
@@ -50,7 +50,7 @@ def react(
 
 
 def _leave_cliff(context: RecoveryContext, heading_rad: float) -> Generator[Leg, Step]:
-    """Back off until there is floor ahead, and a little farther."""
+    """Back off until there is floor ahead, and then a little more."""
     back_m = context.options.cliff_back_off_m
     back = Drive(heading_rad, -back_m, speed_m_s=context.options.back_off_m_s, purpose="back-off")
     for _ in range(context.options.max_backs):

@@ -22,7 +22,7 @@ QUARTER = 0.5 * math.pi
 
 
 def _touches_only(result: LegResult, side: int) -> bool:
-    """Whether only the switch on one side is pressed."""
+    """Return True if only the switch on one side is pressed."""
     left, right = result.bumper_left, result.bumper_right
     return (left and not right) if side > 0 else (right and not left)
 
@@ -46,7 +46,7 @@ def follow_perimeter(
         context: the plan's context.
         left: whether the wall is on the left.
         touching: whether the robot touches the wall already.
-        min_m: path before the pass can be closed, m; None: that of the options.
+        min_m: path before the pass can close, m; None: the value in the options.
 
     """
     wall, options = context.lookout.wall, context.options
@@ -82,7 +82,8 @@ def follow_perimeter(
         yield from react(context, result, result.pose.theta_rad, abeam=abeam)
         if reason is StopReason.CLIFF:
             break
-        # Turn until the contact is abeam. A contact on the other side is an inner corner.
+        # Turn until the contact is beside the robot. A contact on the other side is an inner
+        # corner.
         ended_s = begun_s + result.duration_s  # the robot may have rested since
         is_ahead = again or ended_s - wall.brisk_s < options.brisk_stop_s
         if abeam:

@@ -1,4 +1,4 @@
-"""Transit: drive along a path of several pieces to the start of a choice."""
+"""Transit: a drive along a path of several segments to the start of the chosen target."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.motion.legs import Leg, LegResult
 
 _NO_LEG_M = 0.01
-"""Piece of a path that is too short to drive, m."""
+"""Length of a path segment that is too short to drive, m."""
 _CONTACT = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 
 
@@ -32,13 +32,13 @@ def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
 
 
 def end_speed(options: RecoveryOptions, choice: Choice, k: int, heading_rad: float) -> float:
-    """Return the speed (m/s) at the end of the ``k``-th piece of a choice's path."""
+    """Return the speed at the end of segment ``k`` of a choice's path, m/s."""
     if k + 1 < len(choice.path):
         (x, y), (x1, y1) = choice.path[k : k + 2]
         bend = math.atan2(y1 - y, x1 - x) - heading_rad
     elif choice.kind == "lane":
         bend = choice.heading_rad - heading_rad
-    else:  # the direction along the wall is decided there
+    else:  # the direction along the wall is decided at the wall
         return options.corner_m_s
     return options.bend_m_s if abs(wrap_angle(bend)) < options.slight_rad else options.corner_m_s
 
@@ -47,7 +47,7 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
     """Drive to the start of a choice.
 
     Returns:
-        Whether the robot arrived. If it is blocked, it follows the obstacle or seeks a passage.
+        True if the robot arrived. A blocked robot follows the obstacle or seeks a passage.
 
     """
     context.enter("transit", choice.path[-1])
@@ -57,7 +57,7 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
         if distance < _NO_LEG_M:
             continue
         yield from turn(context, heading, context.options.bend_rad)
-        heading, distance = course(context.pose, x, y)  # it may have rolled on as it turned
+        heading, distance = course(context.pose, x, y)  # the robot may have moved in the turn
         if distance < _NO_LEG_M:
             continue
         leg = Drive(
@@ -88,7 +88,7 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
 def _seek_passage(
     context: RecoveryContext, result: LegResult, new_m2: float
 ) -> Generator[Leg, Step]:
-    """Follow what blocked the robot, if the stuck policy finds it worthwhile."""
+    """Follow the obstacle that blocked the robot, if the stuck policy allows it."""
     if not context.stuck.seeks_passage(result, new_m2):
         return
     left = result.bumper_left
