@@ -1,23 +1,25 @@
-"""Every imperfection of the virtual sweeper, by level, in one table.
+"""Every imperfection of the virtual sweeper, by noise level, in one table.
 
-There are three kinds of number. A *tolerance* ``x`` is drawn once per device, uniform in ±x (the
-spread of a part). A *sigma* is drawn anew for each reading. The rest states its own rule.
+A number is one of three kinds. A *tolerance* ``x`` is drawn once per device, uniform in ±x (the
+spread of a part). A *sigma* is drawn again for each reading. All other numbers state their own
+rule.
 
-A calibration at rest leaves part of the gyro bias. The host measures the bias while the robot
-stands, so a constant bias (``gyro_turn_on_deg_s``) vanishes whatever its size. A bias that only
-motion causes remains: vibration of gears and brushes shifts a MEMS gyro's mean (vibration
-rectification) and stops at rest. ``gyro_motion_bias_deg_s`` is that shift. It is present while the
-wheels turn, and its sign is drawn once; the levels call it the "bias left after calibration". Three
-further errors are visible to later calibrations: a slow random walk of the bias
-(``gyro_bias_walk``); its slope with temperature (``gyro_tempco``) while the board warms up by 6 °C
-(``imu``), at most 0.02 °C/s; and white noise from the datasheet. At ``typical``, the slope moves
-the bias by at most 0.0016 °/s over a lane of 20 s in the first minute, and by a seventh of that
-after ten minutes. This is a sixth of the motion bias. ``harsh`` adds a random walk of the angle
-itself, again only in motion.
+A calibration at rest does not remove the whole gyro bias. The host measures the bias while the
+robot stands, so a constant bias (``gyro_turn_on_deg_s``) has no effect. A bias that only motion
+causes remains. Vibration of gears and brushes shifts the mean of a MEMS gyro (vibration
+rectification) and stops at rest. ``gyro_motion_bias_deg_s`` is this shift. It is present while the
+wheels turn, and its sign is drawn once.
+
+Later calibrations can measure three more errors: a slow random walk of the bias
+(``gyro_bias_walk``), white noise from the datasheet, and a slope of the bias with temperature
+(``gyro_tempco``). The board warms up by 6 °C (``imu``), at most by 0.02 °C/s. At ``typical`` the
+slope moves the bias by at most 0.0016 °/s over a lane of 20 s in the first minute, a sixth of the
+motion bias, and by a seventh of that after ten minutes. ``harsh`` adds a random walk of the angle
+itself, also only in motion.
 
 Sources: MPU6050: InvenSense PS-MPU-6000A-00 rev. 3.4; ultrasonic: HC-SR04 user's manual
 (ElecFreaks); infrared: Sharp GP2Y0A41SK0F, sheet OP13008EN. The datasheet's limit describes the
-worst part sold; a level below it describes a common part.
+worst part that is sold; a level with less describes a common part.
 
 ``none`` has no noise except quantisation.
 """

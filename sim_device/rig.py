@@ -38,16 +38,16 @@ WITHOUT_BUS: Mapping[str, str] = MappingProxyType(
 )
 """Kinds of fault that a device on a serial line does not support, with the reason."""
 _SEED = 0x11E
-"""Number that is combined with the seed, so that the line and the device use different random
-sequences for the same seed."""
+"""Number that is combined with the seed, so that line and device have different random
+sequences."""
 
 
 @dataclass(slots=True)
 class LineCounts:
-    """Number of bytes since power-on of the device, by their fate."""
+    """Number of bytes since power-on of the device, by what happened to them."""
 
     to_host: int = 0
-    """Bytes handed to the host's port."""
+    """Bytes passed to the host's port."""
     from_host: int = 0
     device_overrun: int = 0
     """Bytes lost in the device, which had more data than the line carries."""
@@ -97,7 +97,7 @@ class Rig:
         self._held = b""
         self._offer_us = 0
         self.host_heard = False
-        """Whether a host has ever written data."""
+        """True once a host has written data."""
 
     # ---- interface of a sweeper --------------------------------------------------------------
 

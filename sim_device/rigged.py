@@ -1,4 +1,4 @@
-"""Interface of a device to its line, its faults and its port, whatever runs its firmware."""
+"""Interface of a device for its line, its faults and its port, for any kind of firmware."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class RiggedDevice(Protocol):
     sensors: SensorSuite
     clock: DeviceClock
     cannot: Mapping[str, str]
-    """Kinds of fault that it refuses, and why."""
+    """Kinds of fault that the device rejects, and why."""
 
     def step(self, data: bytes, now_us: int) -> bytes:
         """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
 
     def attach_line(self, end: DeviceEnd) -> None:
-        """Report what this end of the line counts; a chip with counters of its own ignores it."""
+        """Report the counters of this end of the line; a chip with its own counters ignores it."""
 
     def next_deadline_us(self) -> int:
         """Return the time of the device's next work, apart from received bytes."""
@@ -46,7 +46,7 @@ class RiggedDevice(Protocol):
         """Freeze the firmware until its watchdog resets it."""
 
     def crash(self) -> None:
-        """Let the processor fault: it keeps a record of the place, and resets."""
+        """Cause a processor fault. The chip stores a crash record and resets."""
 
     def fail_crystal(self, drift_ppm: float) -> None:
-        """Let the crystal stop: the chip resets and then uses its own oscillator."""
+        """Stop the crystal. The chip resets and then uses its internal oscillator."""

@@ -39,10 +39,11 @@ BOOT_US = 300_000
 sensors."""
 WATCHDOG_US = 100_000
 """Timeout of the independent watchdog (RM0090, section 21), µs. The control loop feeds it in each
-period; ten missed periods are no mere delay. Until it fires, the outputs keep their state."""
+period. Ten missed periods are more than a normal delay. Until it fires, the outputs keep their
+state."""
 CRASH_PC, CRASH_LR, CRASH_CFSR = 0x0800_4D2A, 0x0800_4C91, 0x0001_0000
-"""Crash record of this firmware: an address each in the flash, and "undefined instruction" (PM0214,
-section 4.4.10). The virtual firmware has no addresses of its own."""
+"""Crash record of this firmware: two addresses in the flash, and "undefined instruction" (PM0214,
+section 4.4.10). They are fixed, because the virtual firmware has no real addresses."""
 _OFF = State.OFF
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 
@@ -56,7 +57,7 @@ class Program(Protocol):
     """A firmware from one boot to the next. Times are its uptime, µs."""
 
     reboot_wanted: RebootKind | None
-    """The reboot that it has accepted; None: none."""
+    """The reboot that the firmware has accepted; None: no reboot."""
 
     def tick(self, now_us: int) -> tuple[float, float]:
         """Run one control period; return the duties of the left and the right wheel, -1..1."""
@@ -72,15 +73,15 @@ class Program(Protocol):
 
     @property
     def fed(self) -> bool:
-        """Whether the last tick fed the watchdog."""
+        """True if the last tick fed the watchdog."""
 
     @property
     def waits(self) -> bool:
-        """Whether time alone can change what becomes of received bytes."""
+        """True if time alone can decide about received bytes."""
 
     @property
     def drivers(self) -> bool:
-        """Whether it enables the motor drivers."""
+        """True if the firmware enables the motor drivers."""
 
     @property
     def state(self) -> State:
@@ -119,7 +120,7 @@ class Sweeper(ABC, Generic[P]):
     firmware: P
     """The firmware since the last boot."""
     cannot: Mapping[str, str] = MappingProxyType({})
-    """Kinds of fault that the device does not support, with the reason: none."""
+    """Kinds of fault that the device rejects, with the reason; none by default."""
 
     def __init__(  # noqa: PLR0913 - options of a device
         self,

@@ -1,8 +1,8 @@
-"""A chip with a firmware library, driven over two pipes by :mod:`sim_device.ports.core_process`.
+"""A process with a firmware library, driven over two pipes.
 
-Started as ``python -m sim_device.core.child LIBRARY``. Requests arrive on stdin and replies leave
-on stdout; what the library itself prints on stdout goes to stderr. A message has a head of five
-bytes (kind and length) and a payload.
+:mod:`sim_device.ports.core_process` starts it as ``python -m sim_device.core.child LIBRARY``.
+Requests arrive on stdin and replies leave on stdout. Output of the library itself on stdout is
+redirected to stderr. A message has a header of five bytes (kind and length) and a payload.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ from pathlib import Path
 from sim_device.core.chip import LibraryError, LocalChip, catch_signals
 
 HEAD = struct.Struct("<BI")
-"""Kind or operation, length of what follows."""
+"""Header of a message: kind or operation, and length of the payload."""
 OPENED, REJECTED, REPLY, ASKED, ANSWER = 64, 65, 66, 67, 68
-"""Kinds of messages beside a chip's operations."""
+"""Kinds of messages in addition to a chip's operations."""
 REJECTED_STATUS = 3
-"""Exit status where the library does not load."""
+"""Exit status if the library cannot be loaded."""
 
 
 class Pipes:
-    """Whole messages over two file descriptors."""
+    """Complete messages over two file descriptors."""
 
     def __init__(self, reading: int, writing: int) -> None:
         self._reading, self._writing = reading, writing
 
     def write(self, kind: int, payload: bytes) -> None:
-        """Send one."""
+        """Send one message."""
         data = HEAD.pack(kind, len(payload)) + payload
         sent = os.write(self._writing, data)
         while sent < len(data):
             sent += os.write(self._writing, data[sent:])
 
     def read(self) -> tuple[int, bytes]:
-        """Wait for one.
+        """Wait for one message.
 
         Raises:
-            EOFError: the other end is gone.
+            EOFError: the peer has closed its end.
 
         """
         head = self._exactly(HEAD.size)
@@ -57,7 +57,7 @@ class Pipes:
 
 
 def serve(library: Path) -> int:
-    """Do what is asked until the other end is gone; exit status."""
+    """Serve requests until the peer has closed its end; return the exit status."""
     pipes = Pipes(os.dup(0), os.dup(1))
     os.dup2(2, 1)
 

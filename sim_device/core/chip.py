@@ -1,8 +1,8 @@
 """The virtual board in C (``firmware/board_virtual``) with one firmware library, in this process.
 
-Everything that crosses the border is one call with bytes in and bytes out, so that a chip in
-another process is called the same way (``sim_device.ports.core_process``). Only the standard
-library is needed here: that process starts quickly.
+Each access to the chip is one call with bytes in and bytes out. So a chip in another process is
+called in the same way (``sim_device.ports.core_process``). This module imports only the standard
+library, so that the other process starts quickly.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 BUILT_IN = Path(__file__).with_name(f"core_library{sysconfig.get_config_var('EXT_SUFFIX')}")
 """Virtual board and firmware core, built with the package."""
 PAYLOAD_MAX = 65_536
-"""Longest payload and longest reply, bytes."""
+"""Maximum length of a payload or a reply, bytes."""
 ANSWER_MAX = 10
-"""Longest answer to what a chip asks for, bytes."""
+"""Maximum length of an answer to a request of the chip, bytes."""
 VERSION = 1
-"""Of ``board_virtual/chip.h``, whose layout this package holds as well."""
+"""Version of the message layout in ``board_virtual/chip.h``, which this package also defines."""
 _SYMBOL = "sweepctl_firmware"
 _ASK = ctypes.CFUNCTYPE(None, ctypes.c_uint32)
 
 
 class Operation(IntEnum):
-    """What a chip is asked to do; payloads are described in ``chip.h``."""
+    """Operation of a chip; ``chip.h`` describes the payloads."""
 
     BOOT = 1
     POLL = 2
@@ -40,7 +40,7 @@ class Operation(IntEnum):
 
 
 class Ask(IntEnum):
-    """What a chip asks for while its program runs."""
+    """Request of a chip while its program runs."""
 
     RANGES = 1
     CONTACTS = 2
@@ -48,24 +48,24 @@ class Ask(IntEnum):
 
 
 class LibraryError(Exception):
-    """A file is no firmware library for this program, or does not load."""
+    """A file is not a firmware library for this program, or cannot be loaded."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        """Keep the file and what is wrong with it."""
+        """Store the file and the reason."""
         self.path, self.reason = path, reason
         super().__init__(f"{path}: {reason}")
 
 
 class FirmwareCrashError(Exception):
-    """A firmware in a process of its own has ended it, or does not return from a call."""
+    """A firmware in its own process has ended the process, or does not return from a call."""
 
     def __init__(self, what: str, output: str, trace: list[str]) -> None:
-        """Keep what happened.
+        """Store the details of the crash.
 
         Args:
-            what: what happened, in one line.
-            output: the last lines that the process printed, among them a sanitizer's report.
-            trace: the backtrace, one line for each function, the innermost first.
+            what: description in one line.
+            output: last lines that the process printed, including a sanitizer's report.
+            trace: backtrace, one line per function, the innermost first.
 
         """
         self.output, self.trace = output, trace
@@ -78,29 +78,29 @@ class FirmwareCrashError(Exception):
 
 
 class Chip(Protocol):
-    """A virtual board, wherever it runs."""
+    """A virtual board, in this or another process."""
 
     imu_settings: bytes
-    """Registers 0x19 to 0x1C of its IMU, as the firmware's board sets them."""
+    """Registers 0x19 to 0x1C of the board's IMU, as set by the firmware's board."""
 
     def call(self, operation: int, payload: bytes) -> bytes:
-        """Let it do something; its reply."""
+        """Execute an operation and return its reply."""
 
     def close(self) -> None:
-        """Be done with it."""
+        """Release the board."""
 
 
 class LocalChip:
     """A virtual board in this process."""
 
     def __init__(self, answer: Callable[[int], bytes], library: Path | None = None) -> None:
-        """Load ``library``, or take the core that is built in.
+        """Load ``library``; None: the built-in core.
 
-        ``answer`` gives what the chip asks for (:class:`Ask`), in the layout of ``chip.h``; it is
-        called within :meth:`call` and must not raise.
+        ``answer`` returns the answer to a request of the chip (:class:`Ask`), in the layout of
+        ``chip.h``. It is called within :meth:`call` and must not raise an exception.
 
         Raises:
-            LibraryError: the file is no such library.
+            LibraryError: the file is not such a library.
 
         """
         board = _board()
@@ -113,7 +113,7 @@ class LocalChip:
                 raise LibraryError(library, f"it has no function {_SYMBOL}()") from None
         firmware.restype = ctypes.c_void_p
         self._answer = answer
-        self._asked = _ASK(self._ask)  # kept: C holds no reference
+        self._asked = _ASK(self._ask)  # stored here, because C keeps no reference
         self._board = board
         self._chip = board.chip_open(firmware(), self._asked)
         if not self._chip:
@@ -125,19 +125,19 @@ class LocalChip:
         self.imu_settings = board.chip_imu_settings(self._chip).to_bytes(4, "little")
 
     def call(self, operation: int, payload: bytes) -> bytes:
-        """Let it do something; its reply."""
+        """Execute an operation and return its reply."""
         length = len(payload)
         self._payload[:length] = payload
         return bytes(self._reply[: self._call(self._chip, operation, length)])
 
     def close(self) -> None:
-        """Free its memory."""
+        """Free the board's memory."""
         chip, self._chip = self._chip, None
         if chip:
             self._board.chip_close(chip)
 
     def __del__(self) -> None:
-        with suppress(AttributeError):  # it was not opened
+        with suppress(AttributeError):  # the library was not loaded
             self.close()
 
     def _ask(self, what: int) -> None:
@@ -146,7 +146,7 @@ class LocalChip:
 
 
 def catch_signals() -> None:
-    """Let a crash of a firmware in this process print its backtrace before the process ends."""
+    """Print a backtrace if a firmware in this process crashes; the process then ends."""
     _board().chip_catch_signals()
 
 

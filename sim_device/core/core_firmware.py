@@ -1,4 +1,4 @@
-"""The firmware on a virtual board, as a chip of the virtual sweeper runs it from boot to reset."""
+"""The C firmware on a virtual board, from one boot of the virtual sweeper's chip to its reset."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ POWER = struct.Struct("<4H")
 _DUTY_ONE = 10_000
 _PAGES, _PAGE_SIZE = 2, 1024
 _NO_CLOCK = 1
-"""``BOARD_TROUBLE_CLOCK`` of ``board.h``."""
+"""``BOARD_TROUBLE_CLOCK`` in ``board.h``."""
 _ROOM = PAYLOAD_MAX - RECEIVE.size
 STATES = (
     State.STOPPED,
@@ -38,32 +38,32 @@ STATES = (
     State.RUNNING,
     State.PAUSED,
 )
-"""By their number in ``core/modes.h``."""
+"""State of each mode number in ``core/modes.h``."""
 
 
 class View(NamedTuple):
-    """What the chip says of itself after each call."""
+    """State that the chip reports after each call."""
 
     left: int
-    """Duty, of ``_DUTY_ONE``."""
+    """Left duty, in units of ``_DUTY_ONE``."""
     right: int
     drivers: bool
     rebooted: bool
-    """Whether the program asks for a reset."""
+    """True if the program requests a reset."""
     fed: int
-    """Whether it fed the watchdog in this call."""
+    """True if the program fed the watchdog in this call."""
     state: int
     stop_cause: int
     negotiated: bool
     keyed: bool
-    """Whether it obeys signed commands only."""
+    """True if the program obeys signed commands only."""
     flash_busy: int
     faults: int
     session_id: int
     waited_us: int
-    """For how long it held its main loop."""
+    """Time for which the program blocked its main loop, µs."""
     due_us: int
-    """Uptime of its next control period."""
+    """Uptime of the program's next control period, µs."""
 
 
 def view_of(reply: bytes) -> tuple[View, bytes]:
@@ -72,16 +72,17 @@ def view_of(reply: bytes) -> tuple[View, bytes]:
 
 
 class CoreFirmware:
-    """One life of the program on a chip, from a boot to the next reset."""
+    """One run of the program on a chip, from a boot to the next reset."""
 
     def __init__(self, chip: Chip, sensors: SensorSuite, identity: Identity, *, can: bool) -> None:
-        """Boot on ``chip`` as ``identity`` says, on a CAN bus or a UART."""
+        """Boot on ``chip`` with ``identity``, on a CAN bus or a UART."""
         self._chip, self._sensors = chip, sensors
         self._imu_samples = 0
         self._out = b""
         self.identity = identity
         self.reboot_wanted: RebootKind | None = None
-        """Set once the program has asked for a reset; a factory reset it has carried out itself."""
+        """Reset requested by the program; None: no request. A factory reset has already been
+        executed."""
         crash = identity.crash
         self.view = self._take(
             chip.call(
@@ -103,12 +104,12 @@ class CoreFirmware:
                 ),
             )
         )
-        """What the chip said after the last call."""
+        """State reported after the last call."""
 
-    # ---- a program -------------------------------------------------------------------------
+    # ---- interface of a program -------------------------------------------------------------
 
     def tick(self, now_us: int) -> tuple[float, float]:
-        """One poll of its main loop, at the begin of a control period."""
+        """Run the main loop once, at the start of a control period."""
         sensors = self._sensors
         left, right = sensors.encoders()
         counts = sensors.imu()
@@ -119,11 +120,11 @@ class CoreFirmware:
         return view.left / _DUTY_ONE, view.right / _DUTY_ONE
 
     def next_us(self, now_us: int) -> int:
-        """When its next control period is due; one that it never reaches is looked for again."""
+        """Return the time of the next control period, which may change before it is reached."""
         return max(now_us + 1, self.view.due_us)
 
     def receive(self, data: bytes, now_us: int) -> None:
-        """Take bytes that arrived at ``now_us``, microseconds of uptime."""
+        """Handle bytes that arrived at ``now_us``, µs of uptime."""
         for at in range(0, max(1, len(data)), _ROOM):
             payload = RECEIVE.pack(now_us) + data[at : at + _ROOM]
             fed = self.view.fed
@@ -131,7 +132,7 @@ class CoreFirmware:
             self.view = view._replace(fed=fed)
 
     def data_to_send(self) -> bytes:
-        """Bytes for the port."""
+        """Return the bytes to send."""
         out, self._out = self._out, b""
         return out
 
@@ -142,16 +143,16 @@ class CoreFirmware:
             self.reboot_wanted = RebootKind.NORMAL
         return view
 
-    # ---- what is so ------------------------------------------------------------------------
+    # ---- state ------------------------------------------------------------------------------
 
     @property
     def fed(self) -> bool:
-        """Whether the last tick fed the watchdog."""
+        """True if the last tick fed the watchdog."""
         return bool(self.view.fed)
 
     @property
     def waits(self) -> bool:
-        """With a key, time alone decides too: a command on CAN waits for its tag."""
+        """True if a key is set. Time then matters too: a command on CAN waits for its tag."""
         return self.view.keyed
 
     @property

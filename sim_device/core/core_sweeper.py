@@ -1,4 +1,4 @@
-"""The virtual sweeper with the firmware in C on a virtual board."""
+"""The virtual sweeper with the C firmware on a virtual board."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ CANNOT = MappingProxyType(
         "--target python has this fault",
     }
 )
-"""Kinds of fault that this device refuses, and why."""
+"""Kinds of fault that this device rejects, and why."""
 _FULL_SCALE = 3
-"""Two bits in a register, from bit 3 on (FS_SEL and AFS_SEL)."""
+"""Offset of the two range bits in a register (FS_SEL and AFS_SEL)."""
 
 
 class CoreSweeper(Sweeper[CoreFirmware]):
-    """A sweeper that runs the C core, or a library of one's own, on a virtual board."""
+    """A sweeper that runs the C core, or a user's library, on a virtual board."""
 
     cannot: Mapping[str, str] = CANNOT
 
@@ -53,13 +53,13 @@ class CoreSweeper(Sweeper[CoreFirmware]):
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
-        What differs from the robot that the core is built for stands in the chip's flash, as
-        does ``key``. ``make_chip`` gives a chip with another library, or elsewhere; it is given
-        what answers the chip's questions.
+        The chip's flash contains ``key`` and each difference from the robot that the core is built
+        for. ``make_chip`` creates a chip with another library or in another process. Its argument
+        answers the chip's requests.
 
         Raises:
-            FloorPlanError: the robot does not fit where it should start.
-            UnknownNoiseLevelError: no such level.
+            FloorPlanError: the robot does not fit at its start.
+            UnknownNoiseLevelError: there is no such noise level.
             LibraryError: the library does not fit.
 
         """
@@ -83,7 +83,7 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         self.firmware = self._new_firmware()
 
     def close(self) -> None:
-        """Be done with the chip."""
+        """Release the chip."""
         self.chip.close()
 
     def _answer(self, what: int) -> bytes:
@@ -96,7 +96,7 @@ class CoreSweeper(Sweeper[CoreFirmware]):
 
 
 def _imu_config(registers: bytes) -> ImuConfig:
-    """The IMU as the firmware's board sets it: SMPLRT_DIV, CONFIG, GYRO_CONFIG, ACCEL_CONFIG."""
+    """Return the IMU configuration in the board's registers: SMPLRT_DIV to ACCEL_CONFIG."""
     divider, dlpf, gyro, accel = registers
     return ImuConfig(
         gyro_range_deg_s=250 << (gyro >> _FULL_SCALE & 3),

@@ -1,7 +1,7 @@
 """The firmware's reaction to each command, and its reasons to reject one.
 
-The command log removes repeated commands first, and stores each answer. So every command here is
-new.
+The command log removes repeated commands before they arrive here, and stores each answer. So every
+command here is new.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Commanded(Protocol):
     """The part of the firmware that commands act on."""
 
     negotiated: bool
-    """Whether a session is open."""
+    """True if a session is open."""
     control: Control
     parameters: ParameterStore
     schedule: Schedule
@@ -56,7 +56,7 @@ class Commanded(Protocol):
 
     @property
     def saving(self) -> bool:
-        """Whether a write to the flash is under way."""
+        """True while the flash is written."""
 
     def begin_save(self) -> None:
         """Begin to write the parameters to the flash."""
@@ -113,7 +113,7 @@ def _set(firmware: Commanded, command: SetParameter) -> NackReason | None:
 
 
 def _save(firmware: Commanded, _command: SaveParameters) -> NackReason | None:
-    # While the robot drives, the control loop needs the bus to the flash for itself.
+    # While the robot drives, the control loop needs the flash bus for itself.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
     firmware.begin_save()
@@ -144,7 +144,7 @@ def _reboot(firmware: Commanded, command: Reboot) -> NackReason | None:
 
 
 def _key(firmware: Commanded, command: SetKey) -> NackReason | None:
-    # As for saving: the flash must not be written while the robot may move.
+    # As in a save: the flash must not be written while the robot may move.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
     return firmware.keyring.change(command)

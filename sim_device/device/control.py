@@ -39,11 +39,11 @@ BRAKE_TICKS = 50
 """Number of periods for which the motors brake at rest after a latched stop: 0.5 s. Without the
 brake the robot would roll on down a slope."""
 _SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
-"""Events that need working sensors, because no host checks the heading."""
+"""Events that require working sensors, because the host does not check the heading."""
 
 
 class Control:
-    """Everything between a command and a duty, one instance per boot."""
+    """Processing from commands to duties; one instance per boot."""
 
     def __init__(
         self,

@@ -1,7 +1,7 @@
 """The firmware's checks of its own hardware: each fault bit, and how it is set and cleared.
 
-All checks use the readings alone, as on the robot: a fault bit means that the readings contradict
-each other. The simulation's injected faults are not known here.
+All checks use only the readings, as on the robot: a fault bit means that readings contradict each
+other. The checks have no access to the injected faults.
 
 | bit | set | cleared |
 |---|---|---|
@@ -52,10 +52,10 @@ _NO_DUTIES = (0.0, 0.0)
 PERIOD_S = 0.01
 STALL_S = 1.0
 STALL_STOP_S = 3.0
-"""Time for which a motor may draw its stall current, s; the planner gives up after half of it."""
+"""Maximum time at stall current, s. The planner gives up after half of it."""
 STALL_A = 0.4
-"""Minimum current of a stalled motor, A. It draws an ampere and more; a motor whose turns are not
-counted draws a fifth of this."""
+"""Minimum current of a stalled motor, A. A stalled motor draws 1 A or more. A running motor with a
+broken encoder draws a fifth of this limit."""
 JOLT_LSB = 2458
 """Minimum acceleration of a jolt, counts: 0.15 g at ±2 g. A person's lift reaches more (0.25 g for
 0.2 s)."""
@@ -63,8 +63,8 @@ JOLT_MEAN_TICKS = 8
 """Number of samples in the mean that is tested for a jolt: 80 ms. It reduces a vibration of 40 mg,
 as at ``harsh``, to 14 mg."""
 GRAVITY_TICKS = 128
-"""Number of samples in the mean that is taken as gravity: 1.3 s. A fixed reference instead would
-lose a third of the limit to a bias of 50 mg."""
+"""Number of samples in the mean that is taken as gravity: 1.3 s. With a fixed reference, a bias of
+50 mg would use up a third of the limit."""
 _MEANS, _JOLT_SUM = GRAVITY_TICKS // JOLT_MEAN_TICKS, GRAVITY_TICKS * JOLT_LSB
 JOLT_TICKS = 100
 REST_TICKS = 50
@@ -77,12 +77,13 @@ REPEAT_TICKS = 50
 QUIET_TICKS = 20
 LEARN_TICKS = 200
 LIVELY_TICKS = 3
-"""Maximum number of initial repeats of a chip with noise, which nearly all have. On such a chip
-repeats for half a second mean no new reading. A chip without noise is compared with the wheels."""
+"""Maximum number of repeats after the start of a chip with noise. Nearly every chip has noise. On
+such a chip, repeats for half a second mean that no new sample arrives. A chip without noise is
+compared with the wheels."""
 DISAGREE_RAD_S = 0.2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
 NEAR_M = 0.10
-"""Maximum ultrasonic range to a wall that touches both bumper halves, m: 0.04 m and a margin."""
+"""Maximum ultrasonic range to a wall that presses both bumper halves, m: 0.04 m and a margin."""
 BLOWS = 2
 UNCHANGED_M = 0.02
 UNCHANGED_OVER_M = 0.4
@@ -93,7 +94,7 @@ EMPTY_READINGS = 5
 PRESSED_READINGS = 200
 """Number of readings after which a pressed switch is a fault: 10 s at 20 readings a second."""
 BESIDE_M = 0.08
-"""Maximum side infrared range to an obstacle that touches that side, m: 0.05 m and a margin."""
+"""Maximum side infrared range to an obstacle in contact on that side, m: 0.05 m and a margin."""
 
 
 class Health:
@@ -111,7 +112,7 @@ class Health:
         self._moved_tick, self._jolt_tick = 0, -JOLT_TICKS
         """Ticks of the last turn of a wheel, and of the last jolt."""
         self._up = [GRAVITY_LSB] * JOLT_MEAN_TICKS
-        """Last readings along z; their sum follows."""
+        """Last readings along z. Their sum is in the next attribute."""
         self._up_sum = GRAVITY_LSB * JOLT_MEAN_TICKS
         self._gravity_sum, self._gravity_next = GRAVITY_LSB * GRAVITY_TICKS, 0
         """Sums over the last complete and over the present run of ``GRAVITY_TICKS`` readings."""

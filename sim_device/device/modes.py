@@ -101,8 +101,8 @@ SET_EVENT: dict[int, Event] = {
 PLANNING = frozenset({State.RUNNING, State.PAUSED})
 """States that have a plan."""
 GUARDED = frozenset({State.VELOCITY, State.ONBOARD, State.RUNNING, State.PAUSED})
-"""States that a stopping fault ends. Bring-up is not one of them: there the wheels are off the
-floor, their duty is limited, and a person stands by."""
+"""States that a stopping fault ends. Bring-up is not among them: its wheels are off the floor, its
+duty is limited, and a person is present."""
 _UNPOWERED = frozenset({State.OFF, State.BOOT})
 _AWAKE = tuple(s for s in State if s not in _UNPOWERED)
 _FREE = tuple(s for s in _AWAKE if s is not State.STOPPED)

@@ -1,8 +1,8 @@
 """The onboard mode: the device runs the planner itself, from its own readings.
 
-It uses the same parts as the host (estimator, wall corrections, plan runner), without a link in
-between: gyro at 100 Hz, wheel counts and decisions at 50 Hz, rangers at 20 Hz. Positions are in the
-start frame: the origin is the robot's place at the start of the plan, and x its heading.
+It uses the same parts as the host (estimator, wall corrections, plan runner) without a link between
+them. The gyro is read at 100 Hz and the rangers at 20 Hz. Wheel counts and decisions run at 50 Hz.
+The origin of the start frame is the robot's place at the start of the plan, and x is its heading.
 """
 
 from __future__ import annotations

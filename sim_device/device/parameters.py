@@ -1,8 +1,8 @@
 """The device's parameters: a table of their properties, and a store of their values.
 
-A value travels as 32 bits with its kind. A set value is valid until the next boot; saving makes the
-present values those of the next boot. A parameter that affects geometry takes effect at the next
-boot, so that odometry never changes its meaning while the robot drives.
+A value is sent as 32 bits with its kind. A value that is set is valid until the next boot; a save
+keeps the present values for the next boot. A parameter of the geometry takes effect at the next
+boot, so that odometry stays consistent while the robot drives.
 """
 
 from __future__ import annotations
@@ -25,13 +25,12 @@ if TYPE_CHECKING:
 _F32 = struct.Struct("<f")
 _U32 = struct.Struct("<I")
 STOP_DECELERATION_M_S2 = 1.0
-"""Deceleration of a stop, m/s²: from top speed to rest in 0.3 s, the most that the tyres hold
-without slipping."""
+"""Deceleration of a stop, m/s²: from top speed to rest in 0.3 s. It is the maximum that the tyres
+can transfer without slip."""
 BATTERY_LOW_V = 12.8
 """Battery voltage of the fault ``battery_low``, V: 3.2 V for each of four cells."""
 BATTERY_EMPTY_V = 12.0
-"""Battery voltage that ends driving, V: 3.0 V a cell. A pack that stays below it for a second is
-damaged."""
+"""Battery voltage that ends driving, V: 3.0 V per cell. A pack below it for a second is damaged."""
 
 
 RANGERS = ("ultrasonic", "infrared_left", "infrared_right")

@@ -1,22 +1,23 @@
 """The device's own reaction to a cliff and to a pressed bumper, whatever speed is requested.
 
-At a cliff the robot may reverse and turn, but not go ahead. With a bumper pressed it only creeps.
-Neither reaction latches a stop; staying over a cliff does: see :attr:`Reflexes.over`.
+At a cliff the robot may reverse and turn, but not drive forward. With a pressed bumper it only
+creeps. Neither reflex latches a stop. A robot that stays over a cliff does: see
+:attr:`Reflexes.over`.
 """
 
 from __future__ import annotations
 
 CREEP_M_S = 0.05
-"""Forward speed with a bumper pressed, m/s: fast enough for the wheel control, harmless to push
-with."""
+"""Forward speed with a pressed bumper, m/s: fast enough for the wheel control, and harmless in a
+push."""
 OVER_M = 0.05
 """Travel ahead without floor that latches a stop, m. From 0.2 m/s the reflex needs 2 to 3 cm."""
 OVER_TICKS = 100
-"""Number of control periods in which a host requests forward speed over a cliff before a stop
-latches: 1 s. A host that sees the cliff does so for 0.07 s. The time to reverse does not count:
-from 0.28 m/s the way back takes 1.0 s."""
+"""Maximum number of control periods with a forward command over a cliff before a stop latches: 1 s.
+A host that detects the cliff needs 0.07 s. The time to reverse does not count, because from 0.28
+m/s the robot needs 1.0 s to come back."""
 SHOWN_TICKS = 10
-"""Control periods for which a limit stays visible: one period of the status message."""
+"""Number of control periods for which a limit stays visible: one period of the status message."""
 _HALF_WRAP, _MASK = 0x8000, 0xFFFF
 
 
@@ -41,16 +42,16 @@ class Reflexes:
 
     @property
     def counting(self) -> bool:
-        """Whether the floor ended and the robot is still at that place."""
+        """True while the robot is at the place where the floor ended."""
         return self._counts is not None
 
     def over(self, metres_per_count: float) -> bool:
-        """Return whether the robot insists on the cliff: for 1 s, or 5 cm further ahead."""
+        """Return True if a stop must latch: 1 s of forward commands, or 5 cm beyond the edge."""
         ahead_m = 0.5 * self._ahead * metres_per_count
         return self._ticks >= OVER_TICKS or ahead_m >= OVER_M
 
     def rest(self) -> None:
-        """Count a period without own motion."""
+        """Count a control period without a motion command."""
         self._ticks = self._ahead = 0
         self._counts = None
         if self._shown:

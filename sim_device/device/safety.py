@@ -25,9 +25,9 @@ _HALF_COUNTER = 128
 
 
 class StopLatch:
-    """Holds the gravest cause of a stop until a command clears it by name.
+    """Holds the most severe cause of a stop until a command clears this cause.
 
-    A device boots latched with ``SESSION_END``: it moves only after a clear.
+    A device boots with the latched cause ``SESSION_END``, so it moves only after a clear.
     """
 
     def __init__(self, cause: StopCause = StopCause.SESSION_END) -> None:
@@ -35,7 +35,7 @@ class StopLatch:
 
     @property
     def latched(self) -> bool:
-        """Whether the robot must stand."""
+        """True if the robot must stand still."""
         return self.cause is not StopCause.NONE
 
     def latch(self, cause: int) -> bool:
@@ -52,11 +52,12 @@ class StopLatch:
 
 
 class Freshness:
-    """Extra delay of a frame beyond the fastest frame of its session.
+    """Additional delay of a frame compared with the fastest frame of its session.
 
-    Host and device clocks are not synchronised. A frame's delay (arrival minus host stamp) minus
-    the smallest of the session is its extra delay. The smallest ages by the drift that two crystals
-    may have; otherwise a long session would end up rejecting everything.
+    Host and device clocks are not synchronised. A frame's delay is its arrival minus the host
+    stamp. The additional delay is this value minus the minimum of the session. The minimum
+    increases with the maximum drift of two crystals; otherwise every frame of a long session would
+    be rejected.
     """
 
     def __init__(self) -> None:

@@ -58,7 +58,7 @@ class Around(NamedTuple):
 
 
 class Sampler:
-    """Reads each sensor once per period, however often a value is requested."""
+    """Reads each sensor once per period, even if a value is requested several times."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class Sampler:
         self._corrections = corrections
         self._sensors = sensors
         self._zero: tuple[int, int] | None = None
-        """Counters at boot; None if they were 0 or are not known yet."""
+        """Counters at boot; None: they were 0, or are not known yet."""
         self._begun = False
         self._around: Around | None = None
         self._contacts: tuple[bool, bool, bool] | None = None

@@ -2,9 +2,9 @@
 
 A wheel that counts against its duty has a reversed encoder or motor. Swapped encoders look correct
 while the robot drives straight. In a turn each wheel then seems to count against its duty, because
-the other wheel turns the other way. Two reversed encoders look the same in a turn on the spot: the
-device then reports swapped ones. ``sweepctl bringup`` turns one wheel at a time and distinguishes
-the two faults.
+the wheels turn in opposite directions. Two reversed encoders look the same in a turn in place, so
+the device then reports swapped encoders. ``sweepctl bringup`` turns one wheel at a time and
+distinguishes these faults.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ AGAINST_TICKS = 15
 """Number of consecutive periods against the duty that set a fault. A reversing wheel runs on for 3
 at the ramp's rate. In this time a runaway robot covers 5 cm."""
 ALSO_TICKS = 5
-"""Number of periods of the other wheel from which it counts against its duty too."""
+"""Minimum number of periods in which the other wheel must also count against its duty."""
 ALONE_TICKS = 25
-"""Number of periods of one wheel while the other one counts correctly. With swapped encoders that
-diverge on a straight run, the second wheel turns back 0.1 s after the first."""
+"""Number of periods for one wheel while the other wheel counts correctly. With swapped encoders on
+a straight run, the second wheel turns back 0.1 s after the first."""
 AGREES_TICKS = 30
 """Number of consecutive periods with the duty that clear a fault."""
 REVERSED = int(Fault.ENCODER_LEFT_REVERSED), int(Fault.ENCODER_RIGHT_REVERSED)
@@ -70,7 +70,7 @@ class Signs:
         self.bits = 0
         """Fault bits, of ``protocol.messages.values.Fault``."""
         self.driven = False
-        """Whether a wheel had a duty in the last period, or there is nothing to compare."""
+        """True if a wheel had a duty in the last period, or if there is nothing to compare."""
         self._left, self._right = _Side(), _Side()
 
     def tick(self, duties: tuple[float, float], speeds_m_s: tuple[float, float]) -> None:
@@ -94,7 +94,7 @@ class Signs:
                 self.bits = REVERSED[1]
 
     def _forgive(self) -> None:
-        """Clear a fault when the counts agree for long enough, as in bring-up mode."""
+        """Clear a fault after a long enough agreement of the counts, also in bring-up mode."""
         for side, bit in zip((self._left, self._right), REVERSED, strict=True):
             if side.agrees >= AGREES_TICKS:
                 self.bits &= ~bit

@@ -75,9 +75,9 @@ NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is 
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
 STRANGE_PERIOD_US = 100_000
 POWER_TICKS = 20
-"""Control periods between two measurements of the supply, in phase with its stream at 5 Hz."""
+"""Number of control periods per supply measurement: 5 Hz, in phase with its stream."""
 RANGE_TICKS = 5
-"""Control periods between two readings of the rangers, in phase with their stream at 20 Hz."""
+"""Number of control periods per range measurement: 20 Hz, in phase with its stream."""
 
 
 class Firmware:
@@ -116,7 +116,7 @@ class Firmware:
         self.negotiated = False
         self.session_id = 0
         self._status_wanted = False
-        """True: a stop from any sender is to be answered with the status."""
+        """True: a stop from any sender must be answered with the status."""
         self.link = link(Direction.DEVICE, codec=Codec(catalogue))
         self._flash = flash or Flash()
         self.parameters = ParameterStore(parameters.table(model, identity.node), self._flash.load())

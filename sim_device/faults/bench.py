@@ -1,4 +1,4 @@
-"""The adjustable parts of a virtual sweeper that faults act on."""
+"""The adjustable parts of a virtual sweeper, which faults change."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 STEP_US = 20_000
-"""Period at which a person's place is renewed, µs: 16 mm at 0.8 m/s."""
+"""Period of a person's steps, µs: 16 mm at 0.8 m/s."""
 BODY_GAP_M = 0.02
 """Gap at which a person stops in front of the robot, m."""
 _PLANT = ("stuck_left", "stuck_right", "slip_left", "slip_right", "lifted")
@@ -45,7 +45,7 @@ _SENSORS = (
 
 
 class UnknownObstacleError(ValueError):
-    """A fault moves an obstacle that the room does not have."""
+    """A fault refers to an obstacle that the room does not have."""
 
     def __init__(self, index: int, count: int) -> None:
         """Keep both numbers."""
@@ -96,7 +96,7 @@ class Bench:
                 self._path.step(now_us)
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """Report at once an argument that could only fail later.
+        """Raise an error now for an argument that would otherwise fail only later.
 
         Raises:
             UnknownObstacleError: there is no such obstacle.

@@ -1,4 +1,4 @@
-"""Knobs: the values that faults change. Every change starts from neutral values."""
+"""Knobs: the values that faults change. They are computed again from neutral values each time."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Walker:
 
 @dataclass(frozen=True, slots=True)
 class Carry:
-    """Where a robot that is lifted is put down, relative to where it was, in the room's frame."""
+    """Place where a lifted robot is put down, relative to its old place, in the room's frame."""
 
     dx_m: float
     dy_m: float
@@ -72,7 +72,7 @@ class Knobs:
     slip_right: float = 0.0
     lifted: bool = False
     carry: Carry | None = None
-    """Where the robot is put down when it is no longer carried."""
+    """Place where the robot is put down after it was carried."""
     moved: dict[int, tuple[float, float]] = field(default_factory=dict)
     """Displacement of each moved obstacle by its index, (dx, dy) in m."""
     walker: Walker | None = None

@@ -1,43 +1,44 @@
 """Error counters of the device's CAN controller: fault confinement (ISO 11898-1, 12.1.4).
 
-Simplified: an error counts for the sender alone (+8) or for the receiver alone (+1). A missing
-acknowledgement is no error, so that a missing host does not silence the device.
+The model is simplified: an error counts either for the sender (+8) or for the receiver (+1). A
+missing acknowledgement is no error, so a missing host does not silence the device.
 """
 
 from __future__ import annotations
 
 SEND_ERROR, RECEIVE_ERROR = 8, 1
-"""Added to the send and to the receive error counter by an error; a good frame takes one away."""
+"""Increase of the send or the receive error counter after an error; a good frame decreases it by
+1."""
 RECEIVE_MAX = 127
-"""Receive errors beyond this have no effect on the bus."""
+"""Maximum of the receive error counter; more errors have no effect on the bus."""
 OFF_AT = 256
-"""Send errors at which the controller leaves the bus."""
+"""Value of the send error counter at which the controller leaves the bus."""
 SHOWN_MAX = 255
 RECOVERY_BITS = 128 * 11
-"""Recessive bits after which a controller that is off returns by itself (bxCAN: ABOM)."""
+"""Number of recessive bits after which a bus-off controller returns by itself (bxCAN: ABOM)."""
 
 
 class CanController:
-    """Counts errors, and leaves the bus when there are too many."""
+    """Counts errors and leaves the bus after too many."""
 
     def __init__(self) -> None:
         self._send = self._receive = 0
         self.offs = 0
-        """Number of times that it has left the bus."""
+        """Number of times that the controller has left the bus."""
         self.is_off = False
 
     @property
     def send_errors(self) -> int:
-        """TEC, as its register shows it."""
+        """Send error counter (TEC), as its register shows it."""
         return SHOWN_MAX if self.is_off else min(SHOWN_MAX, self._send)
 
     @property
     def receive_errors(self) -> int:
-        """REC."""
+        """Receive error counter (REC)."""
         return self._receive
 
     def sent(self, *, good: bool) -> None:
-        """Count a frame that it has sent, or that was destroyed on its way."""
+        """Count a frame that the device has sent; ``good`` is False if the frame was destroyed."""
         if self.is_off:
             return
         self._send = max(0, self._send - 1) if good else self._send + SEND_ERROR
@@ -45,7 +46,7 @@ class CanController:
             self.leave()
 
     def received(self, *, good: bool) -> None:
-        """Count a frame of somebody else."""
+        """Count a frame of another node."""
         if not self.is_off:
             change = -1 if good else RECEIVE_ERROR
             self._receive = min(RECEIVE_MAX, max(0, self._receive + change))
@@ -57,6 +58,6 @@ class CanController:
             self.offs += 1
 
     def come_back(self) -> None:
-        """Return to the bus, or begin anew after a reset of the chip."""
+        """Return to the bus, or start again after a reset of the chip."""
         self.is_off = False
         self._send = self._receive = 0

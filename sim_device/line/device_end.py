@@ -1,4 +1,4 @@
-"""The device's end of its line: what its queues and its CAN controller count."""
+"""The device's end of its line: counters of its queues and of its CAN controller."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 
 class DeviceEnd:
-    """Counters since the chip's boot. Nothing is lost on receipt: the line holds back the host."""
+    """Counters since the chip's boot. Reception loses nothing: the line holds the host back."""
 
     def __init__(self, up: Channel, controller: CanController | None) -> None:
-        """Count what ``up`` drops; a device that is not on a bus has no ``controller``."""
+        """Count what ``up`` drops; ``controller`` is None for a device without a CAN bus."""
         self._up, self._controller = up, controller
         self._dropped = self._offs = 0
         """Counts at the boot."""
 
     def boot(self) -> None:
-        """Begin anew: the chip's memory and its controller are reset."""
+        """Reset the counters, because the chip's memory and controller are reset."""
         self._dropped = self._up.dropped
         if self._controller is not None:
             self._offs = self._controller.offs

@@ -4,12 +4,12 @@ Sans-I/O: bytes and time go in with :meth:`Channel.push`; :meth:`Channel.pull` r
 that have arrived by a moment, and :meth:`Channel.next_us` the time of the next arrival. One channel
 is one direction. Times are microseconds since power-on of the device and never go back.
 
-Model, device to host: the device's transmit buffer; the UART, 10 bits a byte (8N1); the adapter.
-The adapter delivers when it holds 62 bytes or its latency timer fires (FTDI AN232B-04: the timer
-runs freely from the last delivery; 62 is a 64-byte USB packet minus two status bytes). Host to
-device: the adapter's buffer and the UART. USB flow control holds back a host that writes faster, so
-nothing is lost there. The port's owner (:class:`sim_device.rig.Rig`) models the adapter's buffer
-towards a host that does not read.
+Model from device to host: the device's transmit buffer; the UART with 10 bits per byte (8N1); the
+adapter. The adapter delivers when it holds 62 bytes or when its latency timer expires. Its timer
+runs freely from the last delivery (FTDI AN232B-04); 62 is a 64-byte USB packet minus two status
+bytes. Model from host to device: the adapter's buffer and the UART. USB flow control holds back a
+host that writes faster, so no byte is lost there. The port's owner (:class:`sim_device.rig.Rig`)
+models the adapter's buffer for a host that does not read.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Channel(ABC):
         self.overrun = 0
         """Number of bytes lost because a buffer on this side of the line was full."""
         self.dropped = 0
-        """Number of frames that lost bytes so."""
+        """Number of frames that lost bytes in this way."""
 
     @abstractmethod
     def push(self, data: bytes, now_us: int) -> None:

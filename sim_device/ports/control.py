@@ -1,7 +1,7 @@
 """The emulator's control socket: change faults and read the truth while it runs.
 
-A Unix socket that only its owner may open (mode 0600). One request is one line of text, one answer
-one line of JSON, ``{"ok": true, ...}`` or ``{"ok": false, "error": "..."}``:
+It is a Unix socket that only its owner may open (mode 0600). A request is one line of text. An
+answer is one line of JSON: ``{"ok": true, ...}`` or ``{"ok": false, "error": "..."}``.
 
 ``start SPEC``
     starts a fault, at once if SPEC has no time; returns its full text

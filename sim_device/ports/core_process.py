@@ -1,4 +1,4 @@
-"""A chip with a firmware library in a child process, which a crash of the firmware ends alone."""
+"""A chip with a firmware library in a child process, so that a crash ends only that process."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PATIENCE_S = 10.0
-"""For one call, which takes microseconds: beyond it the program is in an endless loop."""
+"""Maximum time of one call, s. A call takes microseconds, so a longer one is an endless loop."""
 END_S = 5.0
-"""For the process to end once nobody asks any more."""
+"""Maximum time for the process to end after the last request, s."""
 _ROOT = Path(__file__).resolve().parents[2]
 _TAG = b"sweepctl-core: "
-"""Begins the lines of a backtrace on stderr: see ``board_virtual/crash.c``."""
+"""Start of the lines of a backtrace on stderr: see ``board_virtual/crash.c``."""
 _KEPT = 65_536
-"""Bytes of the last output that a crash is explained by."""
+"""Maximum number of bytes of the last output that are kept to explain a crash."""
 _SANITIZERS = re.compile(rb"lib(?:asan|tsan|ubsan)\.so(?:\.\d+)*")
 _REPORTED = re.compile(
     r"^(=+\d+=+ *ERROR: .*|.*: runtime error: .*|SUMMARY: .*|.*Assertion .*)$", re.MULTILINE
 )
-"""Lines of a sanitizer or of ``assert`` that say what happened."""
+"""Lines of a sanitizer or of ``assert`` that describe the crash."""
 
 
 class CoreProcess:
-    """A chip; what it calls back is answered by ``answer``."""
+    """A chip in another process. ``answer`` handles the chip's own requests."""
 
     def __init__(
         self,
@@ -48,13 +48,13 @@ class CoreProcess:
         debugged: bool = False,
         started: Callable[[int], None] = lambda _pid: None,
     ) -> None:
-        """Start the process with ``library``; ``started`` is told its id before the first boot.
+        """Start the process with ``library``; ``started`` gets its id before the first boot.
 
-        With ``debugged`` a call may take as long as it likes.
+        With ``debugged`` a call may take any time.
 
         Raises:
-            LibraryError: the file is no such library.
-            FirmwareCrashError: it crashed as it was loaded.
+            LibraryError: the file is not such a library.
+            FirmwareCrashError: the firmware crashed while it was loaded.
 
         """
         self._answer, self._library, self._debugged = answer, library, debugged
@@ -82,14 +82,14 @@ class CoreProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Id of the process."""
         return self._process.pid
 
     def call(self, operation: int, payload: bytes) -> bytes:
-        """Let the chip do something; its reply.
+        """Execute an operation of the chip and return its reply.
 
         Raises:
-            FirmwareCrashError: the process has ended, or does not come back.
+            FirmwareCrashError: the process has ended, or does not reply.
 
         """
         try:
@@ -120,14 +120,14 @@ class CoreProcess:
     def _read(self) -> tuple[int, bytes]:
         try:
             if not self._debugged and not select.select([self._reading], [], [], PATIENCE_S)[0]:
-                self._process.send_signal(signal.SIGABRT)  # it says where it is
+                self._process.send_signal(signal.SIGABRT)  # prints where the program is
                 raise self._crash(f"does not return within {PATIENCE_S:g} s")
             return self._pipes.read()
-        except (OSError, EOFError, ValueError):  # ValueError: it was closed
+        except (OSError, EOFError, ValueError):  # ValueError: the pipe was closed
             raise self._crash() from None
 
     def _crash(self, what: str | None = None) -> FirmwareCrashError:
-        """What has become of the process; it is over then."""
+        """Return the error that describes the end of the process, after ending it."""
         self.close()
         text = self._output.text()
         said = _REPORTED.search(text)
@@ -144,7 +144,7 @@ class CoreProcess:
 
 
 class _Output:
-    """What the process writes on stderr: passed on at once, but for a backtrace."""
+    """Output of the process on stderr. It is passed on at once, except a backtrace."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stderr is not None  # noqa: S101 - Popen was given PIPE

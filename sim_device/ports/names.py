@@ -1,7 +1,7 @@
-"""Names in the file system that belong to one running emulator: claimed and released.
+"""Names in the file system that a running emulator claims and releases.
 
-A name is claimed under a lock on its folder, so that two emulators that start at once cannot both
-have it. Only the name itself is ever left in the folder.
+A name is claimed under a lock on its folder, so that two emulators that start at the same time
+cannot both get it. Only the name itself is left in the folder.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def folder_locked(path: Path) -> Iterator[None]:
 class PtyLink:
     """A symbolic link with a stable name to a pseudo-terminal.
 
-    A lock on the pseudo-terminal itself, at an offset made from the link's path, shows the owner.
-    The lock ends with its process, so another emulator may take a stale link.
+    The owner holds a lock on the pseudo-terminal itself, at an offset computed from the link's
+    path. The lock ends with the process, so another emulator may replace a stale link.
     """
 
     def __init__(self, path: Path, slave: int) -> None:
@@ -92,7 +92,7 @@ class PtyLink:
         self.path.unlink()
 
     def remove(self) -> None:
-        """Remove the link, unless it points to something else by now."""
+        """Remove the link, unless it now points to something else."""
         with suppress(OSError), folder_locked(self.path):
             if str(self.path.readlink()) == self._target:
                 self.path.unlink()

@@ -113,7 +113,7 @@ class SlcanPort(PtyPort):
         super().__init__(link)
 
     def plug(self) -> None:
-        """Create the pseudo-terminal; an adapter without power forgets that its bus was open."""
+        """Create the pseudo-terminal. The bus is closed, because the adapter had no power."""
         super().plug()
         self._adapter = SlcanAdapter(self._bitrate)
         self._text = b""

@@ -1,10 +1,10 @@
 """The virtual sweeper with the real firmware: its binary runs on a chip that QEMU emulates.
 
 Line, faults and port use it like :class:`sim_device.sweeper.VirtualSweeper`. The chip's clock paces
-the plant. Before each control period the chip requests the readings at its beginning. The plant
-advances to that moment, because duties do not change until then, and answers. While the chip is
-silent (it boots, is off, or the computer is too busy to run it) the plant follows this computer's
-clock, so that a robot with a dead chip still rolls on.
+the plant. Before each control period the chip requests the readings at the start of that period.
+The plant advances to this time and answers; the duties do not change before it. While the chip is
+silent, the plant follows this computer's clock. The chip may boot, be off, or wait for a busy
+computer. So a robot with a dead chip still rolls on.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ TURN_US = 10_000
 SILENCE_US = 50_000
 """Silence after which the plant advances without the chip, µs: five missed requests."""
 LOST_US = 200_000
-"""Time after which readings count as lost, µs; a reset has cut them."""
+"""Time after which readings count as lost, µs: a reset has interrupted them."""
 DEAD_US = 2_000_000
 """Silence after which a running chip counts as dead, µs: its interrupts are off for good. Its own
-watchdog counts in an interrupt and cannot detect this. The time is long because a busy computer may
-suspend QEMU."""
+watchdog counts in an interrupt, so it cannot detect this. The time is long because a busy computer
+may suspend QEMU."""
 GATHER_S = 0.0002
 """Time to wait for the rest of a frame, s. QEMU delivers byte by byte, and a wake-up for each byte
 would be slow."""
@@ -93,7 +93,8 @@ class QemuSweeper:
         self.plant = Plant(World(plan, model), model, level, plant_rng)
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         self.clock = DeviceClock()
-        """A device clock without effect: the chip's own clock cannot be changed; see ``cannot``."""
+        """A device clock without effect, because the chip's own clock cannot be changed; see
+        ``cannot``."""
         self.cannot: Mapping[str, str] = {
             "clock-drift": CANNOT,
             "clock-jump": CANNOT,
@@ -104,7 +105,7 @@ class QemuSweeper:
         """Kinds of faults that this device rejects, and why."""
         self.flash = [bytearray(b"\xff" * link.PAGE_SIZE) for _ in range(link.PAGES)]
         self.drivers = False
-        """Whether the motor drivers are enabled."""
+        """True if the motor drivers are enabled."""
         self.stack_free = 0
         """Number of bytes of the chip's stack that were never used, as it reports."""
         self._node, self._uid = node, identity_rng.bytes(12)
@@ -122,9 +123,9 @@ class QemuSweeper:
         self._chip_us = 0
         """The chip's clock at its last request, extended beyond 32 bits."""
         self._answered_us = 0
-        """Time of the chip's clock that the last sent readings belong to, µs."""
+        """Time of the chip's clock for the last readings that were sent, µs."""
         self._answered_at_us = -LOST_US
-        """Time at which they were sent, µs."""
+        """Time at which these readings were sent, µs."""
         self._periods = 0
         self._imu_sample = (0, 0)
         """Number of the IMU's newest sample, and the chip's time when it was fetched, µs."""

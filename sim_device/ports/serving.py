@@ -1,4 +1,4 @@
-"""The real-time loop: it paces the device by the clock, and measures its lateness."""
+"""The real-time loop: it runs the device by the clock and measures its own lateness."""
 
 from __future__ import annotations
 
@@ -75,13 +75,13 @@ NOBODY = Watchers()
 
 
 class Waker(Protocol):
-    """A device that also works at its own times, because its chip is another process."""
+    """A device with its own work times, because its chip is another process."""
 
     def filenos(self) -> list[int]:
         """File descriptors that become readable when the device has work."""
 
     def poll(self, now_us: int) -> None:
-        """Note that the device has work: step it at this time."""
+        """Note that the device has work, so that the loop steps it at this time."""
 
 
 def serve(  # noqa: PLR0913 - participants of a run

@@ -22,18 +22,18 @@ LOOPBACK = "127.0.0.1"
 QUIET_S = 10.0
 """Minimum time between two log lines about rejected clients, s."""
 SILENT_S = 3.0
-"""Silence of a host after which another client may take its place, s: three times the device's
-session timeout. A connected host sends at least one ping a second."""
+"""Silence of a host after which another client may replace it, s: three times the device's session
+timeout. A connected host sends at least one ping per second."""
 GRACE_S = 1.0
 """Maximum time in which a second client may send its first frame, which may be a stop, s."""
 STOPPING_S = 5.0
 """Time for which a client that has sent a stop receives the device's data, s; ``sweepctl stop``
 waits for 3 s."""
 WAITING_MAX = 4
-"""Maximum number of clients besides the host; one more ends the wait of the first of them."""
+"""Maximum number of waiting clients. One more client ends the wait of the first."""
 _STOPS = frozenset(CATALOGUE.by_class[stop].type_id for stop in (StopAll, Stop))
 _READ_MAX = 4096
-"""Number of bytes of a waiting client that are parsed: some 20 frames of the longest kind."""
+"""Number of bytes of a waiting client that are parsed: about 20 frames of maximum length."""
 
 
 def is_loopback(host: str) -> bool:
@@ -93,12 +93,12 @@ class _Client:
 
 
 class TcpPort(DevicePort):
-    """A listening socket: its first client is the host, any other client may only stop the robot.
+    """A listening socket. Its first client is the host; any other client may only stop the robot.
 
-    A second client has :data:`GRACE_S` to send a frame. A stop goes to the device, and the client
-    then receives the device's data. After another frame, or none, the client gets the host's
-    address and is closed. But if the host has sent no intact frame for :data:`SILENT_S`, this
-    client becomes the host. Without a client, the device's data is dropped, as on a serial line.
+    A second client has :data:`GRACE_S` to send a frame. A stop is passed to the device, and the
+    client then receives the device's data. After another frame, or none, the client gets the host's
+    address and is closed. If the host has sent no intact frame for :data:`SILENT_S`, the new client
+    becomes the host instead. Without a client, the device's data is dropped, as on a serial line.
     """
 
     def __init__(

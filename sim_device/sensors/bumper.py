@@ -1,8 +1,8 @@
 """The front bumper: two halves of a sprung shell, each with a switch.
 
 The plant's disc is the outline of the shell at the point where the switches close, so a contact
-presses its switch at once. A pressed switch opens only after the shell has come back by
-``RELEASE_M``: when the obstacle in front of that half is farther than this from the disc.
+presses its switch at once. A pressed switch opens only when the shell has moved back by
+``RELEASE_M``. This is the case when the obstacle at that half is farther than this from the disc.
 ``contacts`` defines which bearings press which switch.
 """
 

@@ -1,10 +1,10 @@
 """The cliff sensor: reflex light barriers under the front rim that detect missing floor.
 
-Three barriers sit 1 cm inside the rim, straight ahead and 55° to either side. Together they give
-one bit. The outer ones are 12.3 cm from the centre line and the wheels 11.5 cm, so a barrier passes
-every point ahead of a wheel before the wheel does. The floor is missing in a room's ``cliffs`` and
-under a robot in the air. Objects on the floor (carpet, threshold) count as floor. ``plant``
-describes a robot that drives over a cliff.
+Three barriers are mounted 1 cm inside the rim, straight ahead and 55° to either side. Together they
+give one bit. The outer barriers are 12.3 cm from the centre line and the wheels 11.5 cm. So a
+barrier passes every point ahead of a wheel before the wheel does. The floor is missing in a room's
+``cliffs`` and under a robot in the air. Objects on the floor (carpet, threshold) count as floor.
+``plant`` describes a robot that drives over a cliff.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class CliffSensor:
         self._spots = [(reach_m * math.cos(b), reach_m * math.sin(b)) for b in BEARINGS_RAD]
 
     def sees_none(self, pose: Pose2, cliffs: tuple[Polygon, ...]) -> bool:
-        """Return whether any barrier of a robot at ``pose`` is over missing floor."""
+        """Return True if any barrier of a robot at ``pose`` is over missing floor."""
         return any(
             contains(cliff, *pose.transform(*spot)) for spot in self._spots for cliff in cliffs
         )

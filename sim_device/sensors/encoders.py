@@ -39,10 +39,10 @@ class Encoders:
         self._counts_per_rad = model.counts_per_turn / _TAU
         self._dropouts = CountDropout(), CountDropout()
         self._lossy = False
-        """True once a fault has lost counts."""
+        """True once a fault has caused lost counts."""
         self._before: tuple[int, int] | None = None
         self._wiring: Miswiring | None = None
-        """State of a wiring fault, once there was one."""
+        """State of a wiring fault; None before the first one."""
 
     def read(self) -> tuple[int, int]:
         """Return the left and the right counter, 0..65535."""

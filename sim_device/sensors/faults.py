@@ -59,7 +59,7 @@ class SensorFaults:
 
 
 class Miswiring:
-    """Counters with reversed or swapped encoders; no counter jumps as a fault begins or ends."""
+    """Counters with reversed or swapped encoders, without a jump at the fault's start or end."""
 
     __slots__ = ("_raw", "_seen")
 

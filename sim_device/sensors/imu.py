@@ -5,13 +5,13 @@ Sources: InvenSense PS-MPU-6000A-00 rev. 3.4 (the datasheet), sections 6.1 (gyro
 (sample rate), 4.3 (filter), 4.4 and 4.5 (ranges), 4.18 (temperature). The chip sits at the axle's
 centre. Its axes are the body's: x ahead, y left, z up, yaw rate positive counter-clockwise.
 
-The registers change at the output rate; a read before the next sample is due returns the same
-values. The low-pass filter is a running mean of twice the chip's group delay, so its delay is
-exact. The default delay of 9.6 ms is the time between samples, so no sample is lost. Firmware that
-reads more slowly than the chip samples averages the chip's buffer (section 7.17), so its reading is
-the mean since the last one. White noise of one-sided density n then has sigma n/√(2T) over a time
-T. A filter faster than the sample rate passes more noise, by the root of the ratio. Only the mean
-of the motion within a reading's interval is known; a faster filter shows no more detail.
+The registers change at the output rate. A read before the next sample returns the same values. The
+low-pass filter is a running mean over twice the chip's group delay, so its delay is exact. The
+default delay of 9.6 ms equals the time between samples, so no sample is lost. Firmware that reads
+more slowly than the chip samples averages the chip's buffer (section 7.17), so its reading is the
+mean since the last one. White noise with one-sided density n then has sigma n/√(2T) over a time T.
+A filter faster than the sample rate passes more noise, by the root of the ratio. The plant gives
+only the mean motion within a reading's interval, so a faster filter shows no more detail.
 
 ``noise`` defines the noise levels. The model leaves out the change of scale with temperature, the
 scale's non-linearity (0.2 %), and the gyro's response to acceleration (0.1 °/s per g; under

@@ -4,16 +4,16 @@ Source: Sharp GP2Y0A41SK0F, sheet OP13008EN, electro-optical characteristics: ra
 V at 30 cm and 2.25 V more at 4 cm (white paper, 90 %). With the optics' V = A/(d + B) these give A
 = 0.1225 V·m and B = 6.2 mm. Consequences:
 
-- The noise is a voltage noise: its sigma in distance grows as (d + B)².
-- Closer than ``PEAK_SHARE`` of the minimum range the light spot leaves the detector and the voltage
-  falls again. A wall at 2 cm reads like one at 5.5 cm, and a nearer one farther still. Between the
-  peak and the minimum range the sensor reads the minimum range.
-- A darker wall reflects less light. The noise grows as the root of it, and the range is too long by
-  ``DARK_ERROR`` of itself per unit of reflectance. This is 2 % for the 18 % grey card against the
-  white one, as between their curves in the datasheet's figure.
+- The noise is a voltage noise, so its sigma in distance grows as (d + B)².
+- Below ``PEAK_SHARE`` of the minimum range the light spot leaves the detector and the voltage falls
+  again. A wall at 2 cm reads like a wall at 5.5 cm, and a closer wall reads still farther. Between
+  the peak and the minimum range the sensor reads the minimum range.
+- A darker wall reflects less light. The noise grows as the root of the loss, and the range is too
+  long by ``DARK_ERROR`` of the range per unit of reflectance. This is 2 % for the 18 % grey card
+  compared with the white one, the difference of their curves in the datasheet's figure.
 
-The firmware uses the curve of white paper and of this very part ("after calibration"). A
-measurement takes 16.5 ms, less than the period of the readings; the model leaves this delay out.
+The firmware uses the curve of white paper for this individual part ("after calibration"). A
+measurement takes 16.5 ms, less than the period of the readings; the model omits this delay.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _NEAR_M, _NEAR_V, _FAR_M, _FAR_V = 0.04, 2.65, 0.30, 0.40
 OFFSET_M = (_FAR_V * _FAR_M - _NEAR_V * _NEAR_M) / (_NEAR_V - _FAR_V)
 GAIN_V_M = _FAR_V * (_FAR_M + OFFSET_M)
 PEAK_SHARE = 0.8
-"""Distance of the highest voltage, as a share of the minimum range: 3.2 cm of 4 cm in the figure.
-"""
+"""Distance of the highest voltage, as a share of the minimum range: 3.2 cm of 4 cm in the
+datasheet's figure."""
 DARK_ERROR = 0.03
 _SIGMA_AT_M = 0.10
 _NO_LIGHT_V = 0.02
@@ -40,14 +40,14 @@ _NO_LIGHT_V = 0.02
 
 
 def volts(distance_m: float, peak_m: float) -> float:
-    """Return the output for white paper at a distance, V; nearer than ``peak_m`` it falls again."""
+    """Return the output for white paper at a distance, V; it falls again below ``peak_m``."""
     if distance_m >= peak_m:
         return GAIN_V_M / (distance_m + OFFSET_M)
     return GAIN_V_M / (peak_m + OFFSET_M) * distance_m / peak_m
 
 
 def metres(output_v: float) -> float:
-    """Invert the voltage as the firmware does, beyond the peak; ``inf``: no light."""
+    """Return the distance beyond the peak for a voltage, as the firmware does; ``inf``: dark."""
     return GAIN_V_M / output_v - OFFSET_M if output_v > _NO_LIGHT_V else math.inf
 
 
@@ -62,7 +62,7 @@ class Reflectances:
     __slots__ = ("_drawn", "_draws", "_spread")
 
     def __init__(self, noise: NoiseLevel, draws: Draws) -> None:
-        """Keep ``draws``, which belongs to this object."""
+        """Store ``draws``, which belongs to this object."""
         self._spread, self._draws = noise.infrared_reflectance_spread, draws
         self._drawn: list[float] = []
 

@@ -32,7 +32,7 @@ class Rangers:
     """All range sensors of the robot."""
 
     def __init__(self, model: RobotModel, noise: NoiseLevel, rng: np.random.Generator) -> None:
-        """Take mounts from ``model``; own ``rng``, which spawns the rangers' generators."""
+        """Use the mounts of ``model``; own ``rng``, which spawns the rangers' generators."""
         sonar, light, paint = (Draws(child) for child in rng.spawn(3))
         self.ultrasonic = Ultrasonic(model.ultrasonic, noise, sonar)
         self.reflectances = Reflectances(noise, paint)

@@ -30,8 +30,8 @@ __all__ = ["SensorFaults", "SensorSuite"]
 class SensorSuite:
     """Raw readings of one plant, computed on demand.
 
-    ``rng`` only spawns child generators, one per noisy sensor. How often a sensor is read, or how
-    many values it draws, changes nothing in another. New sensors take later children.
+    ``rng`` only spawns child generators, one per noisy sensor. So the use of one sensor does not
+    change the random values of another. New sensors use later children.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class SensorSuite:
         return pressed
 
     def cliff(self) -> bool:
-        """Return whether the floor is missing ahead."""
+        """Return True if the floor is missing ahead."""
         if self.faults.lifted:
             return True
         cliffs = self._plant.world.plan.cliffs

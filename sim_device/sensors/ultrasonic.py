@@ -1,31 +1,31 @@
 """HC-SR04-like ultrasonic ranger: its echoes and their timing.
 
-Source: HC-SR04 user's manual (ElecFreaks): 2 cm to 4 m, 15°, "over 60 ms measurement cycle"; a ping
+Source: HC-SR04 user's manual (ElecFreaks): 2 cm to 4 m, 15°, "over 60 ms measurement cycle". A ping
 without an echo holds its output for 38 ms.
 
 **Echoes.** A surface that faces the sensor returns the sound. Rays fan out over the cone; the
 nearest valid echo gives the range:
 
 - A ray echoes from a wall whose normal is within ``SPECULAR_RAD`` of the ray. At a larger angle the
-  wall is a mirror: the sound is lost, but the wall still hides what lies behind it. If the angle
-  exceeds ``SPECULAR_RAD`` plus half the cone, the sensor does not see the wall at all.
-- A corner in the cone and in sight echoes. A corner in which the floor ends (a room's corner)
-  always does, because its two walls reflect the sound back. A corner that juts into the floor does
-  so only within ``EDGE_ECHO_M``, because an edge scatters little.
+  wall is a mirror: the sound is lost, but the wall still hides the objects behind it. If the angle
+  exceeds ``SPECULAR_RAD`` plus half the cone, the sensor does not detect the wall at all.
+- A visible corner in the cone echoes. A corner of the room always does, because its two walls
+  reflect the sound back. A corner of an obstacle does so only within ``EDGE_ECHO_M``, because an
+  edge scatters little sound.
 
-Closer than the minimum range the receiver still rings from the ping; the sensor reads the minimum
+Below the minimum range the receiver still rings from the ping, and the sensor reads the minimum
 range.
 
 **Timing.** The firmware pings every 60 ms from power-on, independent of reads. A range is known
-when its echo is back, 6 ms later per metre, or after 38 ms without one. Until then the last range
-stands. A reading is therefore older than its flight by up to 60 ms; at 0.20 m/s it is up to 12 mm
-too long. At 20 Hz, one reading in six repeats the one before to the bit. The robot's place at a
-ping is interpolated on a straight line between two readings.
+when its echo is back, after 6 ms per metre, or after 38 ms without an echo. Until then the last
+range is valid. So a reading is up to 60 ms older than its flight; at 0.20 m/s it is up to 12 mm too
+long. At 20 Hz, one reading in six repeats the reading before exactly. The robot's place at a ping
+is interpolated on a straight line between two readings.
 
-**Errors** per ping, with the probabilities of the noise level: the sensor misses an echo and
-reports free space; or it takes another sound for the echo (crosstalk: a late echo of the last ping,
-another robot's ping, a path over a side wall). A crosstalk range is uniform between minimum and
-maximum range: too short where the floor ahead is free, mostly too long near a wall.
+**Errors** occur per ping, with the probabilities of the noise level. The sensor may miss an echo
+and report free space. Or it takes another sound for the echo (crosstalk): a late echo of the last
+ping, another robot's ping, or a path over a side wall. A crosstalk range is uniform between minimum
+and maximum range. So it is too short if the floor ahead is free, and mostly too long near a wall.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ SPECULAR_RAD = math.radians(27.0)
 40 kHz. At this wavelength (8.5 mm) they are mirrors."""
 EDGE_ECHO_M = 1.5
 CONE_RAYS = 31
-"""Number of rays in the cone; odd, so that one points straight ahead. In a cone of 15° they are
-0.5° apart: a leg of 4 cm is seen at 4 m, and a facing wall reads at most 10⁻⁵ of its range too far.
-"""
+"""Number of rays in the cone. It is odd, so that one ray points straight ahead. In a cone of 15°
+the rays are 0.5° apart. A leg of 4 cm is detected at 4 m, and the range of a facing wall is at most
+10⁻⁵ too long."""
 _COS_SPECULAR = math.cos(SPECULAR_RAD)
 
 
@@ -84,7 +84,7 @@ class Ultrasonic:
         self._before: tuple[int, Pose2] | None = None
         self._reported: float | None = None
         self.reported_ms = 0
-        """When the ping left whose range is reported, ms of true time."""
+        """Time at which the ping of the reported range was sent, ms of true time."""
         self._coming: float | None = None
         self._ready_ms = 0.0
 
@@ -116,7 +116,7 @@ class Ultrasonic:
         self._ready_ms = ping_ms + (NO_ECHO_MS if far_m is None else FLIGHT_MS_PER_M * far_m)
 
     def _report(self) -> None:
-        """Let the newest ping's range be the one that is read."""
+        """Make the newest ping's range the reported range."""
         self._reported = self._coming
         if self._ping >= 0:
             self.reported_ms = CYCLE_MS * self._ping

@@ -1,4 +1,4 @@
-"""Readings in the units in which a board gives them to the C firmware: see ``board.h``."""
+"""Readings in the units of the C firmware's board interface: see ``board.h``."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ if TYPE_CHECKING:
     from sim_device.sensors.contacts import Bumpers
 
 NO_RANGE = 0xFFFF
-"""A ranger that sees nothing."""
+"""Value of a ranger without an object in range."""
 _LEFT, _RIGHT, _CLIFF = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT), int(Contact.CLIFF)
 
 
 def contact_bits(bumpers: Bumpers, *, cliff: bool) -> int:
-    """Both bumper halves and the cliff sensor as :class:`Contact`."""
+    """Return both bumper halves and the cliff sensor as :class:`Contact` bits."""
     left, right = bumpers
     return (_LEFT if left else 0) | (_RIGHT if right else 0) | (_CLIFF if cliff else 0)
 
 
 def range_steps(range_m: float | None, per_m: float) -> int:
-    """A range in steps of which a metre has ``per_m``."""
+    """Return a range in steps, with ``per_m`` steps per metre."""
     return NO_RANGE if range_m is None else min(NO_RANGE - 1, max(0, round(range_m * per_m)))
 
 
 def milli(value: float) -> int:
-    """Volts or amperes in thousandths; a current has no sign."""
+    """Return volts or amperes in thousandths. A current has no sign."""
     return min(0xFFFF, round(1000.0 * abs(value)))

@@ -14,9 +14,9 @@ _FREE_M = 1e-9
 def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[float, float] | None:
     """Find where a disc at (x, y) is pushed as ``before`` becomes ``after``.
 
-    An overlapping obstacle pushes the disc out on the shortest path. The push repeats if it ends in
-    another obstacle. ``None``: the disc is held, because no free place within its diameter can be
-    reached.
+    An obstacle that overlaps the disc pushes it out on the shortest path. The push is repeated if
+    it ends in another obstacle. None: the disc is held, because no free place within its diameter
+    can be reached.
     """
     x, y, radius = x_m, y_m, after.radius_m
     for _ in range(_PASSES):

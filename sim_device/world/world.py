@@ -1,8 +1,8 @@
-"""The room as numbers: edges and corners in arrays, ray casts, distances to a point.
+"""The room as numbers: arrays of edges and corners, ray casts, and distances to a point.
 
-A world is immutable and has no state. Obstacles and outer walls are one set of edges; which side is
-floor only matters for corners and for the start check. A walker (a person's leg) is a disc in
-addition to them. A world with another walker shares all arrays with this one, so it is cheap.
+A world is immutable. Obstacles and outer walls form one set of edges. The side of the floor matters
+only for corners and for the start check. A walker (a person's leg) is an additional disc. A world
+with another walker shares all arrays with this one, so it is cheap to create.
 """
 
 from __future__ import annotations
