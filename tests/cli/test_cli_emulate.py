@@ -15,6 +15,7 @@ import pytest
 from bridge.io.owner_client import ask
 from bridge.record.reader import LogReader
 from support.cli import PATIENCE_S, decoded, end, plain_messages, start, sweepctl
+from support.waiting import until
 
 if TYPE_CHECKING:
     import subprocess
@@ -60,10 +61,7 @@ def test_under_nohup_a_lost_terminal_ends_neither_the_emulator_nor_a_run(tmp_pat
         port = ready(emulator)
         with nohup():
             host = start("connect", port, "--duration", "2", "--json", cwd=tmp_path)
-        until_s = time.monotonic() + PATIENCE_S
-        while not _is_owned(port):
-            assert time.monotonic() < until_s
-            time.sleep(0.05)
+        until(lambda: _is_owned(port), within_s=PATIENCE_S, what="the port has an owner")
         emulator.send_signal(signal.SIGHUP)
         ended = end(host, signal.SIGHUP)
     finally:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import tempfile
 from io import BytesIO
-from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -16,23 +15,10 @@ from mcap.reader import make_reader
 from bridge.convert.recover import recover
 from bridge.record.errors import LogReadError
 from bridge.record.info import describe
-from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from support.synthetic_run import run_info, summary, synthetic_run
+from support.synthetic_run import small_log
 
 pytestmark = pytest.mark.slow
-
-
-@functools.cache
-def small_log() -> bytes:
-    """Return a second of a run."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "run.mcap"
-        writer = RunWriter(path, run_info())
-        for record in islice(synthetic_run(), 300):
-            writer.write(record)
-        writer.close(summary())
-        return path.read_bytes()
 
 
 def read_all(data: bytes) -> int:

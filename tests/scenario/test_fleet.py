@@ -19,6 +19,7 @@ from support.cli import sweepctl
 from support.json_schema import check_output
 from support.terminal import OnTerminal
 from support.two_processes import PATIENCE_S, Command, Emulator, connect
+from support.waiting import until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -98,10 +99,8 @@ def test_one_stop_for_four_robots_of_which_two_are_gone(tmp_path: Path) -> None:
 
 def wait_for_plan(fleet: Command, port: str) -> None:
     """Wait until the planner of a robot has decided something."""
-    until_s = time.monotonic() + PATIENCE_S
-    while not re.search(rf"^{re.escape(port)}: +[\d.]+  planner: ", fleet.printed, re.MULTILINE):
-        assert time.monotonic() < until_s, fleet.printed
-        time.sleep(0.05)
+    line = re.compile(rf"^{re.escape(port)}: +[\d.]+  planner: ", re.MULTILINE)
+    until(lambda: line.search(fleet.printed), what=f"a decision of the planner on {port}")
 
 
 def fleet_result(command: Command, words: list[str]) -> dict[str, Any]:

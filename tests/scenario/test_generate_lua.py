@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from protocol.authentication import Authenticator
-from protocol.generate import render
 from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
@@ -51,17 +50,12 @@ def load(name: str) -> list[Vector]:
 
 @pytest.fixture(scope="module")
 def tshark(tmp_path_factory: pytest.TempPathFactory) -> Tshark:
-    (text,) = render("lua").values()
-    return Tshark(text, tmp_path_factory.mktemp("wireshark"))
+    return Tshark(tmp_path_factory.mktemp("wireshark"))
 
 
 @pytest.fixture
-def dissect(tshark: Tshark, tmp_path: Path) -> Dissect:
-    def through(link_type: int, packets: list[Packet]) -> list[Seen]:
-        write_pcap(tmp_path / "made.pcap", link_type, packets)
-        return tshark.dissect(tmp_path / "made.pcap")
-
-    return through
+def dissect(tshark: Tshark) -> Dissect:
+    return tshark.dissect_packets
 
 
 def test_intact_vectors_show_every_field(dissect: Dissect) -> None:

@@ -10,7 +10,6 @@ import pytest
 from protocol.authentication import Authenticator
 from protocol.can.frames import from_record, is_native
 from protocol.can.link import CanLink
-from protocol.generate import render
 from protocol.messages.host import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
@@ -32,17 +31,12 @@ pytestmark = [pytest.mark.slow, pytest.mark.needs("tshark")]
 
 @pytest.fixture(scope="module")
 def tshark(tmp_path_factory: pytest.TempPathFactory) -> Tshark:
-    (text,) = render("lua").values()
-    return Tshark(text, tmp_path_factory.mktemp("wireshark"))
+    return Tshark(tmp_path_factory.mktemp("wireshark"))
 
 
 @pytest.fixture
-def dissect(tshark: Tshark, tmp_path: Path) -> Dissect:
-    def through(link_type: int, packets: list[Packet]) -> list[Seen]:
-        write_pcap(tmp_path / "made.pcap", link_type, packets)
-        return tshark.dissect(tmp_path / "made.pcap")
-
-    return through
+def dissect(tshark: Tshark) -> Dissect:
+    return tshark.dissect_packets
 
 
 def can_packets(frames: list[CanFrame], t_us: int = 0) -> list[Packet]:

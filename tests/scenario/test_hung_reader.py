@@ -19,6 +19,7 @@ from support.root import ROOT
 from support.served import Served
 from support.terminal import OnTerminal
 from support.two_processes import PATIENCE_S
+from support.waiting import until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,13 +75,13 @@ def unread(
 
 def under_way(port: str, path_m: float) -> None:
     """Wait until the run on this port has driven this path."""
-    until_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until_s:
+
+    def has_driven() -> bool:
         with suppress(Exception):  # it does not exist yet
-            if ask(port, {"do": "status"})["status"]["path_m"] > path_m:
-                return
-        time.sleep(0.05)
-    raise AssertionError("it never got under way")
+            return bool(ask(port, {"do": "status"})["status"]["path_m"] > path_m)
+        return False
+
+    until(has_driven, what=f"the run has driven {path_m} m")
 
 
 def whole(log: Path) -> dict[str, Any]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import signal
-import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from bridge.record.reader import LogReader
 from bridge.session.event_kinds import EventKind
-from support.two_processes import PATIENCE_S, Command, Emulator, connect
+from support.two_processes import Command, Emulator, connect
+from support.waiting import until
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,10 +21,7 @@ pytestmark = pytest.mark.realtime
 
 def event_in(path: Path) -> dict[str, Any]:
     """Wait until a command has written its event, and return it."""
-    until_s = time.monotonic() + PATIENCE_S
-    while not path.exists() or not path.read_text().endswith("}\n"):
-        assert time.monotonic() < until_s, f"no {path.name}"
-        time.sleep(0.02)
+    until(lambda: path.exists() and path.read_text().endswith("}\n"), what=path.name)
     event = json.loads(path.read_text())
     assert isinstance(event, dict)
     return event

@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 
 from bridge.record.errors import LogReadError, LogWriteError
-from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from bridge.view.errors import NoDisplayError, ViewerFailedError, ViewerMissingError
 from bridge.view.rerun.launch import open_viewer, viewer_command
-from support.synthetic_run import run_info, summary, synthetic_run
+from support.synthetic_run import write_synthetic_log
 
 _CHUNK = re.compile(r"with (\d+) rows .* - (/\S*) - data columns: \[(.*)\]")
 
@@ -24,12 +23,7 @@ _CHUNK = re.compile(r"with (\d+) rows .* - (/\S*) - data columns: \[(.*)\]")
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole run."""
-    path = tmp_path_factory.mktemp("view") / "run.mcap"
-    writer = RunWriter(path, run_info())
-    for record in synthetic_run():
-        writer.write(record)
-    writer.close(summary())
-    return path
+    return write_synthetic_log(tmp_path_factory.mktemp("view") / "run.mcap")
 
 
 def rerun(*arguments: str) -> str:

@@ -15,7 +15,7 @@ from bridge.motion.geometry import Pose2
 from bridge.record.log_writer import RunWriter
 from bridge.session.records import PoseRecord
 from bridge.view.rerun.screenshot import save_screenshot
-from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.synthetic_run import EPOCH_NS, run_info, write_synthetic_log
 from support.viewer_colours import swept, walls
 
 if TYPE_CHECKING:
@@ -55,10 +55,7 @@ def test_the_window_shows_room_and_swept_floor_without_network_requests(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log, png = tmp_path / "run.mcap", tmp_path / "view.png"
-    writer = RunWriter(log, run_info())
-    for record in synthetic_run():
-        writer.write(record)
-    writer.close(summary())
+    write_synthetic_log(log)
     with Proxy() as proxy:
         # A user's own proxy, for every request beyond this machine.
         for scheme in ("http", "https", "all"):

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from bridge.record.log_writer import RunWriter
 from support.browser import Browser
 from support.root import ROOT
-from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.synthetic_run import EPOCH_NS, synthetic_run, write_synthetic_log
 from support.viewer_colours import swept
 
 if TYPE_CHECKING:
@@ -37,11 +36,8 @@ def swept_pixels(png: Path) -> int:
 
 def test_a_browser_shows_room_and_swept_floor(tmp_path: Path) -> None:
     log, png = tmp_path / "run.mcap", tmp_path / "web.png"
-    writer = RunWriter(log, run_info())
-    for record in synthetic_run():
-        if record.log_ns < EPOCH_NS + RECORDED_S * 1e9:
-            writer.write(record)
-    writer.close(summary())
+    end_ns = EPOCH_NS + RECORDED_S * 1e9
+    write_synthetic_log(log, (record for record in synthetic_run() if record.log_ns < end_ns))
     served = subprocess.Popen(
         [sys.executable, "-m", "tools.sweepctl", "view", str(log), "--serve"],
         cwd=ROOT,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree as ET
 
 from bridge.record.reader import LogReader
+from protocol.generate import render
 from support.c_build import tool
 
 if TYPE_CHECKING:
@@ -148,11 +149,13 @@ _HARMLESS = 'Running as user "root"'
 
 
 class Tshark:
-    """tshark with one Lua script and without user settings, in a folder of its own."""
+    """tshark with the generated dissector and without user settings, in a folder of its own."""
 
-    def __init__(self, script: str, folder: Path) -> None:
+    def __init__(self, folder: Path) -> None:
+        (script,) = render("lua").values()
         path = folder / "script.lua"
         path.write_text(script, encoding="utf-8")
+        self._folder = folder
         self._command = [tool("tshark"), "-n", "-X", f"lua_script:{path}"]
         self._environment = {**os.environ, "WIRESHARK_CONFIG_DIR": str(folder / "settings")}
 
@@ -181,6 +184,12 @@ class Tshark:
             for node in packet.iter()
             if node.get("name") in _OURS
         ]
+
+    def dissect_packets(self, link_type: int, packets: Iterable[Packet]) -> list[Seen]:
+        """Return every frame of ours in a capture of these packets."""
+        capture = self._folder / "made.pcap"
+        write_pcap(capture, link_type, packets)
+        return self.dissect(capture)
 
 
 def _lines(node: ET.Element) -> Iterator[Shown]:

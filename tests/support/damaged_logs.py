@@ -7,7 +7,6 @@ import io
 import struct
 import tempfile
 from collections import Counter
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,9 +17,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, IndexType, Writer
 
 from bridge.convert.recover import recover
-from bridge.record.log_writer import RunWriter
-from support.synthetic_run import run_info, synthetic_run
-from support.synthetic_run import summary as run_summary
+from support.synthetic_run import small_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -58,21 +55,11 @@ class Log(NamedTuple):
 @functools.cache
 def logs() -> tuple[Log, ...]:
     """Return one of our logs, and one of each kind that other programs write."""
-    made = [_log("ours", _ours())]
+    made = [_log("ours", small_log())]
     made += [_log(kind.name.lower(), foreign(kind)) for kind in CompressionType]
     made.append(_log("outside chunks", foreign(CompressionType.NONE, chunked=False)))
     made.append(_log("no summary", foreign(CompressionType.ZSTD, summary=False), summary=False))
     return tuple(made)
-
-
-def _ours() -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "run.mcap"
-        writer = RunWriter(path, run_info())
-        for record in islice(synthetic_run(), 300):
-            writer.write(record)
-        writer.close(run_summary())
-        return path.read_bytes()
 
 
 def foreign(compression: CompressionType, *, chunked: bool = True, summary: bool = True) -> bytes:

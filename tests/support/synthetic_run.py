@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+import tempfile
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +16,7 @@ from bridge.coverage.planner import PlannerState
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from bridge.record.log_writer import RunWriter
 from bridge.session.records import (
     ClockRecord,
     CommandRecord,
@@ -34,7 +38,7 @@ from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from protocol.schema.message import Message
 
@@ -168,3 +172,30 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
 def summary() -> dict[str, object]:
     """Return the made-up run's end."""
     return {"outcome": "complete", "room": "synthetic", "coverage": {"body_free": 0.5}}
+
+
+def first_records(seconds: float) -> Iterator[Record]:
+    """Yield the records of the first seconds of a made-up run."""
+    for record in synthetic_run():
+        if record.log_ns > EPOCH_NS + round(seconds * 1e9):
+            return
+        yield record
+
+
+def write_synthetic_log(path: Path, records: Iterable[Record] | None = None) -> Path:
+    """Write a complete log of these records, by default of the whole made-up run."""
+    writer = RunWriter(path, run_info())
+    for record in synthetic_run() if records is None else records:
+        writer.write(record)
+    writer.close(summary())
+    return path
+
+
+@functools.cache
+def small_log() -> bytes:
+    """Return the log of the first 300 records of a made-up run."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_synthetic_log(
+            Path(folder) / "run.mcap", itertools.islice(synthetic_run(), 300)
+        )
+        return path.read_bytes()

@@ -14,24 +14,17 @@ import pytest
 
 from bridge.convert.export import NoSuchTopicError, export
 from bridge.errors import OutputExistsError
-from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from support.cli import sweepctl
 from support.exported import table
-from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.synthetic_run import first_records, write_synthetic_log
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return five seconds of a made-up run."""
     path = tmp_path_factory.mktemp("export") / "run.mcap"
-    writer = RunWriter(path, run_info())
-    for record in synthetic_run():
-        if record.log_ns > EPOCH_NS + 5_000_000_000:
-            break
-        writer.write(record)
-    writer.close(summary())
-    return path
+    return write_synthetic_log(path, first_records(5.0))
 
 
 def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - decoded

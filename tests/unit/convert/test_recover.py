@@ -18,11 +18,10 @@ from bridge.convert.recover import recover
 from bridge.errors import OutputExistsError
 from bridge.record.errors import LogReadError, LogWriteError
 from bridge.record.file_summary import FileSummary
-from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from support.cli import sweepctl
 from support.hostile_logs import GOOD, MAGIC, claims_to_be_empty, file_of, record
-from support.synthetic_run import run_info, summary, synthetic_run
+from support.synthetic_run import first_records, write_synthetic_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,15 +38,7 @@ _LENGTH = struct.Struct("<Q")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return six seconds of a run."""
     path = tmp_path_factory.mktemp("recover") / "run.mcap"
-    writer = RunWriter(path, run_info())
-    first = None
-    for entry in synthetic_run():
-        first = first or entry.log_ns
-        if entry.log_ns - first > 6_000_000_000:
-            break
-        writer.write(entry)
-    writer.close(summary())
-    return path
+    return write_synthetic_log(path, first_records(6.0))
 
 
 def read_all(path: Path) -> list[Message]:

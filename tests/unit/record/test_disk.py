@@ -27,23 +27,16 @@ from bridge.record.storage import RESERVE_BYTES, LogFile, hold_room, open_log_fi
 from bridge.run.recording import LogFailureRule
 from bridge.session.records import IdentityRecord, LogRecord, Severity
 from bridge.view.following import Follower
-from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.synthetic_run import EPOCH_NS, first_records, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from _typeshed import ReadableBuffer
 
     from bridge.session.records import Record
 
 IDENTITY = IdentityRecord(EPOCH_NS, 1, b"\1" * 12, 7, 8, "power", "test 1.0", 9)
-
-
-def run(seconds: float = 6.0) -> Iterator[Record]:
-    for record in synthetic_run():
-        if record.log_ns > EPOCH_NS + round(seconds * 1e9):
-            return
-        yield record
 
 
 class Disk:
@@ -198,7 +191,7 @@ def test_a_loss_of_power_takes_half_a_second_at_most(tmp_path: Path) -> None:
     disk, path = Volatile(), tmp_path / "run.mcap"
     writer = RunWriter(path, run_info(), opener=disk.open)
     checked = 0
-    for i, record in enumerate(run(4.0)):
+    for i, record in enumerate(first_records(4.0)):
         writer.write(record)
         if i % 250 != 249:
             continue
@@ -221,7 +214,7 @@ def test_fsync_reaches_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("os.fdatasync", synced.append)
     monkeypatch.setattr("os.fsync", synced.append)
     writer = open_log(tmp_path / "run.mcap", run_info(), RecordOptions(fsync=True))
-    for record in run(1.0):
+    for record in first_records(1.0):
         writer.write(record)
     writer.close()
     assert len(synced) >= 5
@@ -249,7 +242,7 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
     writers = open_log(path, run_info(), options), open_log(single, run_info(), RecordOptions())
     for writer in writers:
         writer.write(IDENTITY)
-        for record in run():
+        for record in first_records(6.0):
             writer.write(record)
         writer.close(summary())
     parts = parts_of(path)

@@ -11,10 +11,9 @@ from mcap.writer import CompressionType, Writer
 
 from bridge.record.errors import LogReadError
 from bridge.record.info import describe
-from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from bridge.session.records import RawBytes, TruthRecord
-from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.synthetic_run import EPOCH_NS, summary, synthetic_run, write_synthetic_log
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,12 +24,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a complete run."""
-    path = tmp_path_factory.mktemp("log") / "run.mcap"
-    writer = RunWriter(path, run_info())
-    for record in synthetic_run():
-        writer.write(record)
-    writer.close(summary())
-    return path
+    return write_synthetic_log(tmp_path_factory.mktemp("log") / "run.mcap")
 
 
 def record_starts(data: bytes) -> list[tuple[int, int]]:

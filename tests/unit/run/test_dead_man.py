@@ -12,16 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.coverage.planner import PlannerEvent, PlannerState
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import PortError
 from bridge.io.gamepad import Gamepad, Layout, PadState, Sticks
-from bridge.motion.legs import Drive, LegResult
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
 from bridge.run.manual import DriveMode, Operator
 from support.observed import AT_REST
+from support.straight import Straight
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -203,21 +202,6 @@ def test_no_such_gamepad() -> None:
 
 
 # ---- a run under manual control ---------------------------------------------------------
-
-
-class Straight:
-    """A planner that drives ahead forever."""
-
-    state = PlannerState("straight")
-
-    def start(self, obs: Observation) -> Drive:
-        return Drive(obs.pose.theta_rad, 5.0)
-
-    def next(self, result: LegResult, obs: Observation) -> Drive:  # noqa: ARG002 - a planner's
-        return self.start(obs)
-
-    def drain_events(self) -> list[PlannerEvent]:
-        return []
 
 
 def observed(time_s: float, *, bumped: bool = False) -> Observation:

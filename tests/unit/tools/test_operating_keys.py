@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.coverage.planner import PlannerEvent, PlannerState
 from bridge.coverage.runner import PlanRunner
-from bridge.motion.legs import Drive
 from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man import DeadMan
@@ -24,33 +22,17 @@ from protocol.messages.device import Status
 from protocol.messages.host import PlannerCommand
 from protocol.messages.values import Mode, NackReason, OnboardPlanner, StopCause
 from support.events import Events
+from support.straight import Straight
 from tools.live.operating import Operating
 from tools.live.terminal_keys import Key
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.motion.legs import LegResult
-    from bridge.motion.observation import Observation
     from bridge.run.ending import Ending
     from bridge.run.snapshot import Snapshot
 
 MODEL = RobotModel()
-
-
-class Straight:
-    """A planner that drives ahead."""
-
-    state = PlannerState("straight")
-
-    def start(self, obs: Observation) -> Drive:
-        return Drive(obs.pose.theta_rad, 5.0)
-
-    def next(self, result: LegResult, obs: Observation) -> Drive:  # noqa: ARG002 - a planner's
-        return self.start(obs)
-
-    def drain_events(self) -> list[PlannerEvent]:
-        return []
 
 
 class Loop:
