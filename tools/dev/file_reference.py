@@ -14,6 +14,7 @@ from bridge.floor_plan.keys import CARPET_KEYS, ROOM_KEYS, THRESHOLD_KEYS
 from bridge.motion.robot_model import RangerMount, RobotModel
 from bridge.supervise.settings import Level, Rule, SuperviseSettings
 from bridge.validation import MAX_TEXT, as_toml
+from tools.dev.pages import with_part
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -63,11 +64,7 @@ def room_page(page: str) -> str:
     """Return docs/rooms.md with new tables."""
     for name, keys in _ROOM_TABLES.items():
         table = "\n".join([_HEAD, *(_room_row(key) for key in keys)])
-        before, begin, rest = page.partition(f"<!-- {name} keys: begin -->\n")
-        _, end, after = rest.partition(f"<!-- {name} keys: end -->\n")
-        if not begin or not end:
-            raise ValueError(f"docs/rooms.md has no place for the keys of a {name}")
-        page = f"{before}{begin}\n{table}\n\n{end}{after}"
+        page = with_part(page, f"{name} keys", f"\n{table}\n\n")
     return page
 
 

@@ -6,22 +6,20 @@ import json
 from pathlib import Path
 
 from tools.cli.console import write_line
+from tools.dev.pages import with_part
 
 PATH = Path(__file__).parents[2] / "docs" / "json.md"
-_BEGIN, _END = "<!-- schemas: begin -->\n", "<!-- schemas: end -->\n"
 
 
 def with_schemas(text: str) -> str:
     """Return the page with the present table."""
-    head, _, rest = text.partition(_BEGIN)
-    _, _, tail = rest.partition(_END)
     rows = ["| commands | schema | what it describes |", "| --- | --- | --- |"]
     for path in sorted((PATH.parent / "schemas").glob("*.json")):
         schema = json.loads(path.read_text("utf-8"))
         names = ", ".join(f"`{name}`" for name in schema["x-commands"])
         shown = "any command that fails" if names == "`*`" else names or "`--on`"
         rows.append(f"| {shown} | [{path.name}](schemas/{path.name}) | {schema['title']} |")
-    return head + _BEGIN + "\n".join(rows) + "\n" + _END + tail
+    return with_part(text, "schemas", "\n".join(rows) + "\n")
 
 
 def main() -> None:

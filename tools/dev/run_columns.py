@@ -6,18 +6,16 @@ from pathlib import Path
 
 from bridge.library.columns import COLUMNS
 from tools.cli.console import write_line
+from tools.dev.pages import with_part
 
 PATH = Path(__file__).parents[2] / "docs" / "runs.md"
-_BEGIN, _END = "<!-- columns: begin -->\n", "<!-- columns: end -->\n"
 
 
 def with_columns(text: str) -> str:
     """Return the page with the present table."""
-    head, _, rest = text.partition(_BEGIN)
-    _, _, tail = rest.partition(_END)
     rows = ["| column | type | meaning |", "| --- | --- | --- |"]
     rows += [f"| `{c.name}` | {c.kind} | {c.meaning} |" for c in COLUMNS]
-    return head + _BEGIN + "\n".join(rows) + "\n" + _END + tail
+    return with_part(text, "columns", "\n".join(rows) + "\n")
 
 
 def main() -> None:
