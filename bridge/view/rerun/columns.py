@@ -42,6 +42,19 @@ class RerunRecording:
             columns,
         )
 
+    def send_strips(
+        self,
+        entity: str,
+        times_ns: list[int],
+        strips: NDArray[np.float32] | list[NDArray[np.float32]],
+        colour: paths.Colour,
+        width: float,
+    ) -> None:
+        """Send line strips, each visible from its time on; the width is in points."""
+        radii = rr.Radius.ui_points(width)
+        self.style(entity, rr.LineStrips3D.from_fields(colors=colour, radii=radii))
+        self.send(entity, times_ns, rr.LineStrips3D.columns(strips=strips))
+
     def log_static(self, entity: str, *parts: rr.AsComponents) -> None:
         """Log data that is valid for the whole run."""
         self.stream.log(entity, *parts, static=True)

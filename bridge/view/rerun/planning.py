@@ -7,7 +7,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import rerun as rr
 
 from bridge.record.reader import MISREAD
 from bridge.view.rerun import paths
@@ -51,15 +50,8 @@ class Strips:
         """Send what was collected, if anything."""
         if not self._times:
             return
-        recording.style(
-            self._entity,
-            rr.LineStrips3D.from_fields(
-                colors=self._colour, radii=rr.Radius.ui_points(self._width)
-            ),
-        )
         strips = [np.array(strip, dtype=np.float32) for strip in self._strips]
-        columns = rr.LineStrips3D.columns(strips=strips)
-        recording.send(self._entity, self._times, columns)
+        recording.send_strips(self._entity, self._times, strips, self._colour, self._width)
         self._times, self._strips = [], []
 
 

@@ -124,14 +124,8 @@ class Track:
         """Send what was collected, if anything."""
         if not self._times:
             return
-        recording.style(
-            self._entity,
-            rr.LineStrips3D.from_fields(
-                colors=self._colour, radii=rr.Radius.ui_points(self._width)
-            ),
-        )
-        columns = rr.LineStrips3D.columns(strips=np.array(self._strokes, dtype=np.float32))
-        recording.send(self._entity, self._times, columns)
+        strokes = np.array(self._strokes, dtype=np.float32)
+        recording.send_strips(self._entity, self._times, strokes, self._colour, self._width)
         self._times, self._strokes = [], []
 
 
