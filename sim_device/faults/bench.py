@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from protocol.messages.values import ResetCause
+from sim_device.sensors.faults import SensorFaultValues
 from sim_device.world.world import World
 
 if TYPE_CHECKING:
@@ -24,24 +25,7 @@ STEP_US = 20_000
 BODY_GAP_M = 0.02
 """Gap at which a person stops in front of the robot, m."""
 _PLANT = ("stuck_left", "stuck_right", "slip_left", "slip_right", "lifted")
-_SENSORS = (
-    "imu_frozen",
-    "gyro_bias_deg_s",
-    "accel_bias_g",
-    "encoder_dropout_left",
-    "encoder_dropout_right",
-    "encoder_reversed_left",
-    "encoder_reversed_right",
-    "encoders_swapped",
-    "i2c_stuck",
-    "imu_clock",
-    "adc_frozen",
-    "ultrasonic_blind",
-    "ultrasonic_lie_m",
-    "bumper_stuck_left",
-    "bumper_stuck_right",
-    "lifted",
-)
+_SENSORS = tuple(field.name for field in fields(SensorFaultValues))
 
 
 class UnknownObstacleError(ValueError):

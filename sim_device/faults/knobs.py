@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from sim_device.sensors.faults import SensorFaultValues
+
 
 @dataclass(slots=True)
 class WireKnobs:
@@ -55,8 +57,8 @@ class Carry:
 
 
 @dataclass(slots=True)
-class Knobs:
-    """All knobs."""
+class Knobs(SensorFaultValues):
+    """All knobs: the faults of the sensors, and those below."""
 
     up: WireKnobs = field(default_factory=WireKnobs)
     """Faults from device to host."""
@@ -70,29 +72,11 @@ class Knobs:
     stuck_right: bool = False
     slip_left: float = 0.0
     slip_right: float = 0.0
-    lifted: bool = False
     carry: Carry | None = None
     """Place where the robot is put down after it was carried."""
     moved: dict[int, tuple[float, float]] = field(default_factory=dict)
     """Displacement of each moved obstacle by its index, (dx, dy) in m."""
     walker: Walker | None = None
-
-    imu_frozen: bool = False
-    gyro_bias_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    accel_bias_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    encoder_dropout_left: float = 0.0
-    encoder_dropout_right: float = 0.0
-    encoder_reversed_left: bool = False
-    encoder_reversed_right: bool = False
-    encoders_swapped: bool = False
-    i2c_stuck: bool = False
-    imu_clock: float = 0.0
-    """Share by which the inertial sensor's own clock runs fast."""
-    adc_frozen: bool = False
-    ultrasonic_blind: bool = False
-    ultrasonic_lie_m: float | None = None
-    bumper_stuck_left: bool = False
-    bumper_stuck_right: bool = False
 
     drift_ppm: float = 0.0
     """Additional drift of the device's clock, ppm."""

@@ -10,13 +10,13 @@ _set = object.__setattr__
 
 
 @dataclass(slots=True)
-class SensorFaults:
-    """Settings that may change at any time; each takes effect at the next reading."""
+class SensorFaultValues:
+    """Values of the faults; by default there is no fault."""
 
     imu_frozen: bool = False
     """True: the registers repeat their last content."""
-    gyro_bias_deg_s: tuple[float, float, float] | float = (0.0, 0.0, 0.0)
-    """Bias added to the rates x, y, z before saturation, °/s; a single number is added to z."""
+    gyro_bias_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Bias added to the rates x, y, z before saturation, °/s."""
     accel_bias_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
     encoder_dropout_left: float = 0.0
     """Share of the left encoder's counts that is lost, 0..1, in both directions; lost counts stay
@@ -43,6 +43,12 @@ class SensorFaults:
     lifted: bool = False
     """True: the robot is in the air. The cliff sensor sees no floor, and ``lift`` acts on the
     accelerometer."""
+
+
+@dataclass(slots=True)
+class SensorFaults(SensorFaultValues):
+    """Faults of one suite of sensors; a change takes effect at the next reading."""
+
     touched: bool = field(default=True, init=False, repr=False, compare=False)
     """True if a fault was set since the inertial sensor last read this object."""
 
@@ -50,12 +56,6 @@ class SensorFaults:
         _set(self, name, value)
         if name != "touched":
             _set(self, "touched", True)  # noqa: FBT003 - what it is set to
-
-    @property
-    def gyro_bias(self) -> tuple[float, float, float]:
-        """Gyro bias of x, y and z, °/s."""
-        bias = self.gyro_bias_deg_s
-        return bias if isinstance(bias, tuple) else (0.0, 0.0, float(bias))
 
 
 class Miswiring:

@@ -213,7 +213,7 @@ class Imu:
     def _obey_bias(self) -> None:
         faults = self._faults
         self._reported_bias = (faults.gyro_bias_deg_s, faults.accel_bias_g)
-        self._bias[:] = self._own_bias + np.array((*faults.accel_bias_g, *faults.gyro_bias))
+        self._bias[:] = self._own_bias + np.array((*faults.accel_bias_g, *faults.gyro_bias_deg_s))
 
     def _set_interval(self, interval_ms: int) -> None:
         """Compute the noise of samples this far apart; the interval seldom changes."""

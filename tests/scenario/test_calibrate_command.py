@@ -35,7 +35,7 @@ BIAS = pytest.approx(math.radians(BIAS_DEG_S), abs=1e-5)
 @pytest.fixture
 def served() -> Iterator[Served]:
     with Served() as served:
-        served.device.sensors.faults.gyro_bias_deg_s = BIAS_DEG_S
+        served.device.sensors.faults.gyro_bias_deg_s = (0.0, 0.0, BIAS_DEG_S)
         yield served
 
 

@@ -139,10 +139,10 @@ def test_a_frozen_imu(noise: str) -> None:
 @pytest.mark.parametrize(("bias_deg_s", "faulty"), [(15.0, False), (30.0, True), (-30.0, True)])
 def test_a_rate_at_rest_beyond_the_data_sheets(bias_deg_s: float, faulty: bool) -> None:  # noqa: FBT001 - a table
     bench = Bench()
-    bench.device.sensors.faults.gyro_bias_deg_s = bias_deg_s
+    bench.device.sensors.faults.gyro_bias_deg_s = (0.0, 0.0, bias_deg_s)
     bench.rest(1.5)
     assert bool(bench.faults & Fault.IMU) is faulty
-    bench.device.sensors.faults.gyro_bias_deg_s = 0.0
+    bench.device.sensors.faults.gyro_bias_deg_s = (0.0, 0.0, 0.0)
     bench.rest(0.5)
     assert not bench.faults & Fault.IMU
 

@@ -273,7 +273,7 @@ def test_a_biased_chip_adds_it_before_it_saturates() -> None:
     reported = read(body, device, 1)[0]
     assert reported[4:] == (131, -262, 32767)
     assert reported[:3] == (round(0.1 * 16384.0), 0, 8192)
-    faults.gyro_bias_deg_s = -3.0
+    faults.gyro_bias_deg_s = (0.0, 0.0, -3.0)
     assert read(body, device, 1)[0][4:] == (0, 0, round(237.0 * 131.0))
     faults.gyro_bias_deg_s = (0.0, 0.0, 0.0)
     faults.accel_bias_g = (0.0, 0.0, 0.0)
