@@ -115,6 +115,32 @@ def _first_hit(  # noqa: PLR0913, PLR0917 - as below
     hit.range_m, hit.cosine, hit.edge = best, cosine, index
 
 
+@cython.cfunc
+@cython.exceptval(check=False)
+def _cast(  # noqa: PLR0913, PLR0917 - as below
+    hit: _Hit,
+    edges: FloatGrid,
+    walker: Floats,
+    x_m: cython.double,
+    y_m: cython.double,
+    c: cython.double,
+    s: cython.double,
+    beams: FloatGrid,
+    k: cython.Py_ssize_t,
+) -> cython.void:
+    """Find the first hit of one beam of a body whose heading has this cosine and sine."""
+    bx, by, ux, uy = beams[k, 0], beams[k, 1], beams[k, 2], beams[k, 3]
+    _first_hit(
+        hit,
+        edges,
+        walker,
+        x_m + (c * bx - s * by),
+        y_m + (s * bx + c * by),
+        c * ux - s * uy,
+        s * ux + c * uy,
+    )
+
+
 def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
     edges: FloatGrid,
     walker: Floats,
@@ -139,16 +165,7 @@ def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many 
     hit = _Hit()
     c, s = cos(theta_rad), sin(theta_rad)
     for k in range(beams.shape[0]):
-        bx, by, ux, uy = beams[k, 0], beams[k, 1], beams[k, 2], beams[k, 3]
-        _first_hit(
-            hit,
-            edges,
-            walker,
-            x_m + (c * bx - s * by),
-            y_m + (s * bx + c * by),
-            c * ux - s * uy,
-            s * ux + c * uy,
-        )
+        _cast(hit, edges, walker, x_m, y_m, c, s, beams, k)
         # in the order of HIT_RANGE, HIT_COSINE, HIT_EDGE
         hits[k, 0], hits[k, 1], hits[k, 2] = hit.range_m, hit.cosine, hit.edge
 
@@ -180,16 +197,7 @@ def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a seco
     c, s = cos(theta_rad), sin(theta_rad)
     nearest: cython.double = _INFINITY
     for k in range(beams.shape[0]):
-        bx, by, ux, uy = beams[k, 0], beams[k, 1], beams[k, 2], beams[k, 3]
-        _first_hit(
-            hit,
-            edges,
-            walker,
-            x_m + (c * bx - s * by),
-            y_m + (s * bx + c * by),
-            c * ux - s * uy,
-            s * ux + c * uy,
-        )
+        _cast(hit, edges, walker, x_m, y_m, c, s, beams, k)
         if hit.cosine >= ear.cosine and hit.range_m < nearest:
             nearest = hit.range_m
     x_m = x_m + c * ear.x_m - s * ear.y_m
