@@ -24,7 +24,7 @@ RECEIVE = struct.Struct("<Q")
 _REPLY = struct.Struct("<2h??BBB??BHIIq")
 RANGES = struct.Struct("<3HI")
 POWER = struct.Struct("<4H")
-_DUTY_ONE = 10_000
+DUTY_ONE = 10_000
 _PAGES, _PAGE_SIZE = 2, 1024
 _NO_CLOCK = 1
 """``BOARD_TROUBLE_CLOCK`` in ``board.h``."""
@@ -45,7 +45,7 @@ class View(NamedTuple):
     """State that the chip reports after each call."""
 
     left: int
-    """Left duty, in units of ``_DUTY_ONE``."""
+    """Left duty, in units of ``DUTY_ONE``."""
     right: int
     drivers: bool
     rebooted: bool
@@ -117,7 +117,7 @@ class CoreFirmware:
         fresh, self._imu_samples = samples != self._imu_samples, samples
         payload = POLL.pack(now_us, left, right, fresh, *counts)
         view = self.view = self._take(self._chip.call(Operation.POLL, payload))
-        return view.left / _DUTY_ONE, view.right / _DUTY_ONE
+        return view.left / DUTY_ONE, view.right / DUTY_ONE
 
     def next_us(self, now_us: int) -> int:
         """Return the time of the next control period, which may change before it is reached."""

@@ -10,9 +10,9 @@ from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.messages.values import Contact, RebootKind, ResetCause
 from protocol.uart.link import Link
+from sim_device.core.core_firmware import DUTY_ONE, STATES
 from sim_device.device.flash import Flash
 from sim_device.device.identity import Identity
-from sim_device.device.modes import State
 from sim_device.device.virtual_firmware import TICK_US, Firmware
 from sim_device.sensors.contacts import Bumpers
 from sim_device.sensors.imu import ImuCounts
@@ -28,16 +28,6 @@ if TYPE_CHECKING:
 
 UID = b"script-board"
 _V_STEP, _YAW_STEP, _DUTY_STEP = 0.0001, 0.0002, 0.0001
-_DUTY_ONE = 10_000
-_STATES = (
-    State.STOPPED,
-    State.IDLE,
-    State.VELOCITY,
-    State.BRINGUP,
-    State.ONBOARD,
-    State.RUNNING,
-    State.PAUSED,
-)
 
 
 class PaperSensors:
@@ -166,7 +156,7 @@ class Twin:
             self._now_us - self._booted_us,
             firmware.session_id,
             firmware.negotiated,
-            _STATES.index(control.modes.state),
+            STATES.index(control.modes.state),
             int(control.latch.cause),
             control.fault_bits,
             stale & 0xFFFF,
@@ -174,7 +164,7 @@ class Twin:
             _held(control.setpoints, _V_STEP, _YAW_STEP),
             _held(control.duties, _DUTY_STEP, _DUTY_STEP),
             tuple(present),
-            (round(left * _DUTY_ONE), round(right * _DUTY_ONE)),
+            (round(left * DUTY_ONE), round(right * DUTY_ONE)),
             control.drivers,
             wrote,
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from protocol.messages import ALL_MESSAGES
 from protocol.schema.catalogue import Catalogue
 from protocol.schema.fields import U16, number
-from protocol.schema.message import Message, message, specify
+from protocol.schema.message import CanPart, Message, message, specify
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,10 +21,16 @@ def hints_of(original: type[Message]) -> dict[str, Any]:
     return {f.name: Annotated[int, f] for f in specify(original).fields}
 
 
-def variant(original: type[Message], hints: dict[str, Any]) -> type[Message]:
-    """Return a message of the same type and name with other fields."""
+def variant(
+    original: type[Message],
+    hints: dict[str, Any],
+    *,
+    name: str | None = None,
+    can_parts: tuple[CanPart, ...] = (),
+) -> type[Message]:
+    """Return a message of the same type with other fields, and by default the same name."""
     spec = specify(original)
-    cls: type[Message] = type(original.__name__, (Message,), {"__annotations__": hints})
+    cls: type[Message] = type(name or original.__name__, (Message,), {"__annotations__": hints})
     cls.__doc__ = original.__doc__
     declare = message(
         spec.type_id,
@@ -33,7 +39,7 @@ def variant(original: type[Message], hints: dict[str, Any]) -> type[Message]:
         default_hz=spec.default_hz,
         bootstrap=spec.bootstrap,
         to_all=spec.to_all,
-        can_parts=spec.can_parts,
+        can_parts=can_parts or spec.can_parts,
     )
     return declare(cls)
 

@@ -26,6 +26,7 @@ from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.comparison import Comparison, Match, describe
 from protocol.schema.fields import I16, U8, U16, U32, Field, number, si, si_or_none
 from protocol.schema.message import CanPart, Direction, Message, MessageSpec, RateClass, message
+from support import peers
 
 POWER = 0x24
 ENUMS_OF_STATUS = ("Fault|bits", "Mode|enum", "StopCause|enum")
@@ -38,23 +39,13 @@ def more_parts(fields: list[Field]) -> list[CanPart]:
 
 def variant(cls: type[Message], fields: list[Field], name: str | None = None) -> type[Message]:
     """Return a peer's declaration of the same message type."""
-    spec = CATALOGUE.spec(cls)
-    body = {
-        "__annotations__": {f.name: Annotated[int, f] for f in fields},
-        "__doc__": "A peer's own.",
-        "__module__": __name__,
-    }
-    made = type(name or cls.__name__, (Message,), body)
-    declare = message(
-        spec.type_id,
-        spec.direction,
-        spec.rate,
-        default_hz=spec.default_hz,
-        bootstrap=spec.bootstrap,
-        to_all=spec.to_all,
-        can_parts=(*spec.can_parts[:1], *(spec.can_parts[1:] or more_parts(fields))),
+    parts = CATALOGUE.spec(cls).can_parts
+    return peers.variant(
+        cls,
+        {f.name: Annotated[int, f] for f in fields},
+        name=name,
+        can_parts=(*parts[:1], *(parts[1:] or more_parts(fields))),
     )
-    return declare(made)
 
 
 def chain_of(spec: MessageSpec) -> tuple[int, ...]:
