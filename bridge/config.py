@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 
 MAX_FILE_BYTES = 64 * 1024
 ROUNDING_M = 1e-6
-"""Length that counts as zero: rounding of the numbers in a robot file."""
+"""Length that counts as zero, m: the rounding of numbers in a robot file."""
 MAX_OVERHANG = 0.5
-"""Largest distance of a sensor from the hull, outside it, as a share of the radius: the longest
-bracket that is plausible. A sensor farther out is a typing error."""
+"""Maximum distance of a sensor outside the hull, as a share of the radius. A longer bracket is
+probably a typing error."""
 
 
 def load_robot(path: Path | None) -> tuple[RobotModel, str]:
-    """Read a robot file, or the default robot; return the model and its TOML text.
+    """Read a robot file, or use the default robot; return the model and its TOML text.
 
     Raises:
-        ConfigError: the file cannot be read or a key is wrong; the text names which.
+        ConfigError: the file cannot be read or a key is wrong; the text names it.
 
     """
     if path is None:
@@ -65,7 +65,7 @@ def load_robot(path: Path | None) -> tuple[RobotModel, str]:
 
 
 def robot_cautions(model: RobotModel) -> list[str]:
-    """Return the model's keys that will not work well, each with a remedy."""
+    """Return the model's keys that are likely to cause problems, each with a remedy."""
     found = []
     radius_m = model.radius_m
     outside_m = model.mouth_reach_m - radius_m
@@ -106,7 +106,7 @@ def load_supervise(path: Path | None) -> SuperviseSettings:
     """Return the supervision settings of a robot file (``[supervise]``), with defaults.
 
     Raises:
-        ConfigError: the file cannot be read or a key is wrong; the text names which.
+        ConfigError: the file cannot be read or a key is wrong; the text names it.
 
     """
     _, text = load_robot(path)
@@ -124,7 +124,7 @@ def parse_robot(text: str) -> RobotModel:
     data = _tables(text)
     problems: list[str] = []
     try:
-        # a wrong rule is reported before the run, not during it
+        # a wrong rule must be reported before the run, not during it
         settings_from(data.pop(SUPERVISE, {}))
     except ConfigError as error:
         problems += error.problems

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Remedy(Enum):
-    """Remedy for an error, as a code: each interface has its own words for it.
+    """Remedy for an error, as a code. Each interface has its own text for it.
 
     The value is the text of the Python interface.
     """
@@ -27,7 +27,7 @@ class Remedy(Enum):
 
 
 class BridgeError(Exception):
-    """Base of everything that the host raises on purpose."""
+    """Base of all errors that the host raises on purpose."""
 
     exit_status = 1
     remedy: Remedy | None = None
@@ -35,7 +35,7 @@ class BridgeError(Exception):
 
     @property
     def bare(self) -> str:
-        """The error without the remedy; the command line has its own words for the remedy."""
+        """The error without the remedy. The command line has its own text for the remedy."""
         return super().__str__()
 
     def __str__(self) -> str:
@@ -44,16 +44,16 @@ class BridgeError(Exception):
 
 
 class ConfigError(BridgeError):
-    """A file of settings that cannot be used; names every key that is wrong."""
+    """A settings file that cannot be used; the text names every wrong key."""
 
     exit_status = 2
 
     def __init__(self, *problems: str, source: str = "") -> None:
-        """Keep the errors.
+        """Store the errors.
 
         Args:
-            problems: One text for each error, the key first.
-            source: The file that the line names first.
+            problems: One text for each error; it starts with the key.
+            source: The file, which the text names first.
 
         """
         self.problems = problems
@@ -62,11 +62,11 @@ class ConfigError(BridgeError):
 
 
 MAX_PROBLEMS = 12
-"""Number of problems that one line names; a file may hold thousands of wrong keys."""
+"""Maximum number of problems in the text. A file may have thousands of wrong keys."""
 
 
 def together(problems: Sequence[str]) -> str:
-    """Several problems as one line."""
+    """Return several problems as one line."""
     if len(problems) == 1:
         return problems[0]
     left = len(problems) - MAX_PROBLEMS
@@ -87,7 +87,7 @@ class ParameterError(BridgeError):
 
 
 class OutputExistsError(BridgeError):
-    """A file to write exists, and replacing it was not asked for."""
+    """The output file exists, and the caller did not request its replacement."""
 
     remedy: Remedy | None = Remedy.FORCE
 
@@ -134,13 +134,13 @@ class NoDeviceError(PortError):
 
 
 class SeveralDevicesError(NoDeviceError):
-    """Several devices answer on a bus, and none was chosen by its node."""
+    """Several devices answer on a bus, and no node was selected."""
 
     exit_status = 2
 
 
 class DeviceLostError(PortError):
-    """The device fell silent or its port vanished, and it did not come back."""
+    """The device became silent or its port disappeared, and it did not return."""
 
 
 class IncompatibleError(BridgeError):

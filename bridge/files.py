@@ -20,11 +20,11 @@ def open_to_read(path: Path, *, takes_pipe: bool = False) -> BinaryIO:
     """Open a regular file; with ``takes_pipe`` also the pipe of a shell's ``<(command)``.
 
     Raises:
-        OSError: it cannot be opened, or is something else; a folder is an ``IsADirectoryError``.
+        OSError: it cannot be opened, or is not a regular file (``IsADirectoryError`` for a folder).
 
     """
     waits = takes_pipe and str(path).startswith(_PIPES_OF_SHELLS)
-    found = path.stat().st_mode  # first: opening alone may act on a device
+    found = path.stat().st_mode  # checked first, because opening alone may affect a device
     if not waits:
         _check_regular(path, found)
     # A named pipe that has replaced the file meanwhile would block until it has a writer.
@@ -43,7 +43,7 @@ def check_target(path: Path) -> None:
     """Check that a path can be written: it is free, a regular file, or like /dev/null.
 
     Raises:
-        OSError: another kind of file is there, which would block, or act on the bytes.
+        OSError: the path is another kind of file, which would block or act on the bytes.
 
     """
     try:
@@ -63,7 +63,7 @@ def cause(path: Path, error: OSError) -> str:
 
 
 def _keeps_nothing(device: int) -> bool:
-    """Return whether a device is of the family of /dev/null, which drops or rejects every byte."""
+    """Return True for a device of the family of /dev/null, which drops or rejects all bytes."""
     try:
         return os.major(device) == os.major(Path(os.devnull).stat().st_rdev)
     except (OSError, AttributeError):  # Windows

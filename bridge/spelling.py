@@ -12,13 +12,13 @@ _SHOWN = 40
 
 
 _LONGEST = 200
-"""Maximum number of characters of a name that are compared; no known name is as long."""
+"""Maximum number of characters of a name that are compared. Every known name is shorter."""
 _CUTOFF = 0.6
-"""Share of equal letters (Ratcliff and Obershelp) from which a name resembles another."""
+"""Minimum share of equal letters (Ratcliff and Obershelp) at which a name resembles another."""
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float = _CUTOFF) -> str | None:
-    """The known name that ``name`` resembles most; None: it none. Case is ignored."""
+    """Return the known name most similar to ``name``, ignoring case; None: no similar name."""
     from difflib import get_close_matches  # noqa: PLC0415 - only where something is wrong
 
     lower = {each.lower(): each for each in known if len(each) <= _LONGEST}
@@ -27,7 +27,7 @@ def nearest(name: str, known: Iterable[str], cutoff: float = _CUTOFF) -> str | N
 
 
 def unknown_key(prefix: str, key: str, known: Iterable[str]) -> str:
-    """Text for a key of a file that is not known, with the nearest known one."""
+    """Return the text for an unknown key of a file, with the nearest known key."""
     known = list(known)
     near = nearest(key, known)
     shown = key if len(key) <= _SHOWN else f"{key[:_SHOWN]}…"

@@ -1,4 +1,4 @@
-"""Converts tables of a TOML file to dataclasses; every error is named by its key.
+"""Conversion of TOML tables to dataclasses; every error names its key.
 
 A field's default gives its type. Its metadata may hold ``range`` (minimum and maximum of a number)
 or ``read`` (a function of path and value, for other types).
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 MAX_TEXT = 64
-"""Longest text, characters."""
+"""Maximum length of a text, characters."""
 _T = TypeVar("_T", bound="DataclassInstance")
 
 
@@ -35,7 +35,7 @@ def fill(
 
     Args:
         base: The defaults.
-        table: The table, as the TOML file has it.
+        table: The table from the TOML file.
         path: The table's name and a dot; empty for the file's top.
         problems: Receives the errors.
         also_known: Keys that other code reads.
@@ -59,7 +59,7 @@ def number(path: str, value: object, low: float, high: float) -> float:
     """Read a number.
 
     Raises:
-        ConfigError: it is none, or out of its range.
+        ConfigError: the value is not a number, or is out of range.
 
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -112,7 +112,7 @@ def _member(path: str, kind: type[enum.Enum], value: object) -> enum.Enum:
 
 
 def as_toml(value: object) -> str:
-    """A value as TOML text, which :func:`fill` reads back."""
+    """Return a value as TOML text that :func:`fill` can read."""
     if isinstance(value, enum.Enum):
         return f'"{value.name.lower()}"'
     if isinstance(value, str):

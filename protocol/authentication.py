@@ -2,17 +2,17 @@
 
 The tag is HMAC-SHA-256 (RFC 2104, FIPS 180-4) with a key of 16 bytes, truncated to 8 bytes on UART
 and 6 on CAN. RFC 2104, section 5, recommends at least half of the hash for a signature that is
-kept. A tag here is valid for 250 ms, and the line limits guessing: 6 bytes at 50 guesses a second
-last 178 000 years.
+kept. A tag here is valid only for 250 ms, and the line limits the guesses. To try all values of 6
+bytes takes 178 000 years at 50 guesses per second.
 
-The tag first covers the session's nonce (boot id, session id and the device's challenge), so a
-frame of another session is never valid, whatever its counter. The counter starts at the challenge,
-must increase, and wraps at 32 bits.
+The tag first covers the session's nonce (boot id, session id and the device's challenge). So a
+frame of another session is never valid, for any counter. The counter starts at the challenge, must
+increase, and wraps at 32 bits.
 
-UART: header flag bit 0, and after the payload ``counter u32 | tag 8 B``; the tag covers nonce,
-header, payload and counter. CAN: directly after the frames of a message one frame of type ``0x0F``,
-``counter (low 16 bits) | tag 6 B``; the tag covers nonce, identifier and data of all those frames
-as sent, and the whole counter.
+UART: header flag bit 0 is set, and ``counter u32 | tag 8 B`` follows the payload. The tag covers
+nonce, header, payload and counter. CAN: a frame of type ``0x0F`` follows directly after the frames
+of a message, with ``counter (low 16 bits) | tag 6 B``. The tag covers nonce, identifier and data of
+all these frames as sent, and the whole counter.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _SPAN, _HALF, _SHORT = 1 << 32, 1 << 31, 1 << 16
 GUARDED_TYPES = frozenset(s.type_id for s in map(specify, ALL_MESSAGES) if s.needs_tag)
 """Types that need a tag once a key is set: velocities, duties, and every command except stop."""
 SIGNED_TYPES = GUARDED_TYPES | {specify(TimeRequest).type_id}
-"""Types that a host signs: the guarded ones and its time requests, because only signed frames keep
-a session alive."""
+"""Types that a host signs: the guarded types and its time requests. Time requests are included
+because only signed frames keep a session alive."""
 
 
 class BadKeyError(LocalError):
@@ -49,10 +49,10 @@ class BadKeyError(LocalError):
 
 
 class Authenticator:
-    """Key of one end, and the counter of one session."""
+    """Key and session counter of one end of a link."""
 
     def __init__(self, key: bytes) -> None:
-        """Take a key; nothing is signed or accepted before :meth:`begin`.
+        """Store a key; nothing is signed or accepted before :meth:`begin`.
 
         Raises:
             BadKeyError: the key does not have 16 bytes.
@@ -67,7 +67,7 @@ class Authenticator:
 
     @property
     def begun(self) -> bool:
-        """Whether a session's challenge is known."""
+        """True if a session's challenge is known."""
         return self._session is not None
 
     def begin(self, boot_id: int, session_id: int, challenge: int) -> None:
@@ -107,14 +107,14 @@ class Authenticator:
     # ---- checking -------------------------------------------------------------------------
 
     def check(self, covered: bytes, trailer: bytes) -> bool:
-        """Return whether a UART frame's trailer is this session's and new, and accept it if so."""
+        """Check a UART frame's trailer; accept it and return True if it is valid and new."""
         if self._session is None or len(trailer) != TRAILER.size:
             return False
         counter, tag = TRAILER.unpack(trailer)
         return self._accept(counter, self._tag(covered, counter), tag)
 
     def check_can(self, frames: Iterable[tuple[int, bytes]], data: bytes) -> bool:
-        """Return the same for a CAN frame that followed ``frames``."""
+        """Check a CAN frame that followed ``frames`` in the same way."""
         if self._session is None or len(data) != CAN_TRAILER.size:
             return False
         low, tag = CAN_TRAILER.unpack(data)
@@ -123,8 +123,8 @@ class Authenticator:
         return self._accept(counter, self._tag(covered_can(frames), counter)[:6], tag)
 
     def _accept(self, counter: int, wanted: bytes, tag: bytes) -> bool:
-        # The tag is checked first and in constant time: a sender without the key learns nothing of
-        # the counter.
+        # The tag is checked first and in constant time, so that a sender without the key learns
+        # nothing about the counter.
         genuine = hmac.compare_digest(wanted, tag)
         if not genuine or not 0 < (counter - self._counter) % _SPAN < _HALF:
             return False

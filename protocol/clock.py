@@ -23,7 +23,7 @@ _HALF = 1 << 31
 def elapsed_us(since_us: Stamps, until_us: Stamps) -> Stamps:
     """Return the microseconds from one stamp to another, by their low 32 bits.
 
-    The result is negative for an earlier stamp. Valid for stamps less than 35 minutes apart.
+    The result is negative for an earlier stamp. It is valid for stamps less than 35 minutes apart.
     """
     return (until_us - since_us + _HALF) % _SPAN - _HALF
 

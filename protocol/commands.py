@@ -1,6 +1,6 @@
-"""Commands with an id: retried by the measured round trip, executed once.
+"""Commands with an id: repeated until they are answered, and executed once.
 
-:class:`CommandSender` is the sending end, :class:`CommandLog` the executing one.
+:class:`CommandSender` is the sending end, :class:`CommandLog` the executing end.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ MIN_TIMEOUT_US = 20_000
 be sent twice."""
 MAX_TIMEOUT_US = 1_000_000
 STOP_REPEAT_US = 25_000
-"""Time between two sendings of an unanswered stop, µs; it does not grow."""
+"""Interval of an unanswered stop, µs; it does not grow."""
 MAX_TRIES = 6
-"""Maximum number of sendings; with the timeout doubling from 20 ms this takes over a second."""
+"""Maximum number of transmissions. With a timeout that doubles from 20 ms, it takes over a
+second."""
 REMEMBERED = 16
 _HALF = 0x8000
-"""Half the range of ids. They wrap at 16 bits: an id less than this behind another is older (RFC
-1982)."""
+"""Half the range of ids, which wrap at 16 bits. An id less than this behind another one is older
+(RFC 1982)."""
 
 
 class Command(Protocol):
@@ -56,7 +57,7 @@ class RoundTrip:
 
     @property
     def timeout_us(self) -> int:
-        """Return the time to wait for a reply before the next sending, µs."""
+        """Return the time to wait for a reply before the next transmission, µs."""
         if self.smoothed_us is None:
             return FIRST_TIMEOUT_US
         timeout = self.smoothed_us + max(1_000.0, 4 * self.variation_us)
@@ -86,7 +87,7 @@ class Outcome(NamedTuple):
 
     @property
     def timed_out(self) -> bool:
-        """Whether no reply came after the last try."""
+        """True if no reply arrived after the last attempt."""
         return not self.accepted and self.reason is None
 
 
@@ -103,8 +104,8 @@ class CommandSender:
     ) -> int:
         """Start a command made from its id; return the id.
 
-        With ``forever``, as for a stop, it is repeated at a constant rate until answered, however
-        long that takes.
+        With ``forever``, used for a stop, the command is repeated at a constant rate until it is
+        answered.
         """
         command_id = self._next_id
         while command_id in self._pending:  # a stop may have waited for a full cycle of the ids

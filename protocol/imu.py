@@ -34,7 +34,7 @@ class ImuScale:
 
     @classmethod
     def of(cls, info: ImuInfo) -> ImuScale | None:
-        """Return the scale that a device states; None if a count would have no value."""
+        """Return the scale that a device reports; None if a count would have no value."""
         if 0 in {info.accel, info.gyro, info.temperature}:
             return None
         return cls(*(raw * field.scale for raw, field in zip(info, _INFO, strict=True)))
@@ -58,7 +58,7 @@ class ImuScale:
         return replace(field, scale=1 / self.per_deg_s)
 
     def nominal(self, imu: Imu) -> Imu:
-        """Return the sample in nominal counts, not rounded, so that its SI values are right."""
+        """Return the sample in nominal counts, not rounded, so that its SI values are exact."""
         raw = tuple(imu)
         accel = float(NOMINAL.per_g / self.per_g)
         gyro = float(NOMINAL.per_deg_s / self.per_deg_s)
@@ -85,13 +85,13 @@ class ImuReader:
     def __init__(self, scale: ImuScale | None = None) -> None:
         """Start with an assumed scale.
 
-        None: no sample is converted before the device states its own.
+        None: no sample is converted before the device reports its scale.
         """
         self.scale = scale
         self._as_it_is = scale == NOMINAL
 
     def take(self, message: Message) -> Message | None:
-        """Return the message for a reader of SI values; None for a sample of unknown scale."""
+        """Return the message for a reader of SI values; None for a sample with unknown scale."""
         if isinstance(message, Imu):
             if self._as_it_is:
                 return message

@@ -1,8 +1,8 @@
 """One end of a link: frames in, messages out, and the statistics of both.
 
-Sans-I/O: the caller passes bytes in and gets messages and events back;
-:meth:`LinkBase.data_to_send` returns the bytes to write. Apart from the direction of its messages,
-a link does not know which end it is.
+Sans-I/O: the caller passes bytes in and gets messages and events back.
+:meth:`LinkBase.data_to_send` returns the bytes to write. Both ends use the same class; they differ
+only in the direction of their messages.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class Received(NamedTuple):
 
 
 _Waiting = tuple[int, int, int, bytes, int, int]
-"""A frame to send: node, type, stamp, payload, flags, rank. It gets its sequence number when it
-leaves; otherwise a replaced frame would look lost. A bare tuple, because every sent message needs
-one."""
+"""A frame to send: node, type, stamp, payload, flags, rank. It gets its sequence number when it is
+sent, because a replaced frame would otherwise look lost. It is a bare tuple, because every sent
+message needs one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +51,9 @@ class Rejected:
 
     frame: Frame
     reason: str
-    """Reason: ``version``, ``direction``, ``type``, ``disabled``, ``payload``, or ``key``. ``key``:
-    the frame is marked as authenticated, and there is no key here, or its tag or counter is wrong.
-    """
+    """Reason: ``version``, ``direction``, ``type``, ``disabled``, ``payload``, or ``key``. ``key``
+    means that the frame is marked as authenticated, but this end has no key, or tag or counter are
+    wrong."""
 
 
 LinkEvent = Received | Rejected | DamagedFrame
@@ -70,7 +70,7 @@ class LinkStatistics:
     damaged: int = 0
     rejected: int = 0
     lost: int = 0
-    """Frames missing by their sequence numbers."""
+    """Number of missing frames, from gaps in the sequence numbers."""
     reordered: int = 0
     superseded: int = 0
     """Messages replaced by a newer one before they were sent."""
@@ -86,7 +86,7 @@ class WrongDirectionError(LocalError):
 
 
 def addresses(frame: Frame, spec: MessageSpec, node: int) -> bool:
-    """Return whether a host's frame addresses the device of this node."""
+    """Return True if a host's frame is for the device of this node."""
     return frame.node == node or (frame.node == NODE_ALL and spec.to_all)
 
 
@@ -115,10 +115,7 @@ class LinkBase:
         """Signs frames that need a tag once its session has begun, and checks received tags."""
 
     def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
-        """Take bytes that arrived at ``now_us`` of our own clock.
-
-        Return the events they complete.
-        """
+        """Handle bytes that arrived at ``now_us`` of our clock; return the completed events."""
         raise NotImplementedError
 
     def data_to_send(self) -> bytes:
@@ -145,9 +142,9 @@ class LinkBase:
     ) -> bool:
         """Queue a message; return False if the peer does not share its declaration.
 
-        With ``latest``, the message replaces a waiting one of the same type, because cyclic
-        messages must never queue up. On CAN the lowest ``rank`` leaves first, and of equal ranks
-        the first in the queue. The default rank is the message's type.
+        With ``latest``, the message replaces a waiting message of the same type, because cyclic
+        messages must not queue up. On CAN the lowest ``rank`` is sent first; of equal ranks, the
+        first in the queue. The default rank is the message's type.
 
         Raises:
             WrongDirectionError: the message belongs to the other end.

@@ -24,10 +24,10 @@ CONFIRM_S = 3.0
 
 
 class RunPage(Protocol):
-    """What a program knows of its run besides the robot's state."""
+    """Data of a run that only its program has, in addition to the robot's state."""
 
     def about(self) -> dict[str, Any]:
-        """Return what does not change: port, log, viewer, planner, room, elapsed time, path."""
+        """Return the constant data: port, log, viewer, planner, room, elapsed time, path."""
 
     def news(self) -> dict[str, Any]:
         """Return the newest events as lines, and the coverage."""
@@ -37,7 +37,7 @@ class OwnerService:
     """Executes the requests of other processes on a run."""
 
     def __init__(self, host: Host, pump: Pump, page: RunPage | None = None) -> None:
-        """Serve requests on a run; ``page`` adds what only its program knows."""
+        """Serve requests on a run; ``page`` adds the data that only its program has."""
         self._host = host
         self._pump = pump
         self._page = page
@@ -54,7 +54,7 @@ class OwnerService:
         return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
     def dashboard(self) -> dict[str, Any]:
-        """Return everything that a dashboard shows and that changes, for JSON."""
+        """Return all data of a dashboard that changes, for JSON."""
         shown = {"events": [], "coverage": None} if self._page is None else self._page.news()
         return {**self._writer.write(self._pump.snapshot, clock.now() / 1e9), **shown}
 

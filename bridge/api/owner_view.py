@@ -1,7 +1,7 @@
 """The state of a run as JSON for the dashboard of another process, and back.
 
-The other process gets a :class:`Snapshot` again, so that it draws with the owner's own code. The
-drawing costs the owner nothing.
+The other process converts the JSON back to a :class:`Snapshot` and draws it with the owner's own
+code. The drawing costs the owner no time.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 _MAX_CELLS = 4096 * 4096
-"""Number of cells of the largest swept map that is decoded."""
+"""Maximum number of cells of a swept map that is decoded."""
 
 
 class SnapshotWriter:
@@ -122,7 +122,7 @@ def read_model(about: Mapping[str, Any]) -> RobotModel:
     """Return the robot of an owner's run.
 
     Raises:
-        NoOwnerError: the owner describes it in another way.
+        NoOwnerError: the owner's description has another form.
 
     """
     try:
@@ -135,7 +135,7 @@ def read_snapshot(data: Mapping[str, Any], model: RobotModel, now_s: float) -> S
     """Return the snapshot that an owner has sent; ``now_s`` is host time, s.
 
     Raises:
-        NoOwnerError: the owner describes its state in another way.
+        NoOwnerError: the owner's description has another form.
 
     """
     try:

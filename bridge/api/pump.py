@@ -61,7 +61,8 @@ class Pump:
         """``reopen`` opens the same device again after a loss of its port."""
         self.host = host
         self.watch: Callable[[], Ending | None] = lambda: None
-        """Called in every pass; returns an end that something outside demands, or None."""
+        """Called in every pass; returns an end that another part of the program requests, or
+        None."""
         self.on_reopened: Callable[[str], None] = lambda _name: None
         """Called with the name of a port that was reopened."""
         self.crash: BaseException | None = None
@@ -97,8 +98,8 @@ class Pump:
     def call(self, action: Callable[[], R]) -> Future[R]:
         """Run ``action`` in the loop's next pass and return a future of its result.
 
-        The future gets the exception of an action. If that is no ``BridgeError``, it is recorded
-        too. After the loop's end every future gets a ``DeviceLostError``.
+        The future gets the exception of an action. An exception other than a ``BridgeError`` is
+        also recorded. After the loop's end every future gets a ``DeviceLostError``.
         """
         answer: Future[R] = Future()
         self._calls.append((action, answer))
@@ -121,7 +122,7 @@ class Pump:
 
         An exception in the loop ends the run as a fault. A stop is sent and repeated until the
         device confirms it, for 1 s at most. :attr:`crash` has the exception, the log its traceback.
-        Only an exception that is no ``Exception`` (interpreter exit) is raised again.
+        Only an interpreter exit is raised again.
         """
         try:
             self.host.open(clock.now())

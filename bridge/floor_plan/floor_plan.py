@@ -3,12 +3,12 @@
 The virtual world, the metrics and the pictures use floor plans; planners never see one. Every value
 in a file is checked and bounded.
 
-Two optional keys describe the floor. They affect the virtual robot, but not the metrics (both count
-as floor):
+Two optional keys describe the floor. They affect the virtual robot but not the metrics, which count
+both as floor:
 
-- ``"carpets": [{"polygon": [[x, y], …], "drag_n": 4.0, "slip": 0.02}, …]``: with both wheels on it
-  the robot needs ``drag_n`` newtons more to roll, and each wheel loses the share ``slip`` of its
-  travel. Both keys are optional, with these defaults. Overlapping carpets add up.
+- ``"carpets": [{"polygon": [[x, y], …], "drag_n": 4.0, "slip": 0.02}, …]``: with both wheels on the
+  carpet the robot needs ``drag_n`` newtons more to roll, and each wheel loses the share ``slip`` of
+  its travel. Both keys are optional, with these defaults. Overlapping carpets add up.
 - ``"thresholds": [{"line": [[x, y], [x, y]], "height_m": 0.005}, …]``: a rounded bar that wheels
   and caster must climb.
 
@@ -16,8 +16,8 @@ A third key describes missing floor: ``"cliffs": [[[x, y], …], …]``, polygon
 Rays and robots pass over a cliff, but the cliff sensor detects it. A robot that drives on falls in.
 The metrics count cliffs as obstacles.
 
-Other keys are ignored, in these objects too. An unknown key that resembles a known one is probably
-a misspelling; :attr:`FloorPlan.cautions` names it.
+Other keys are ignored, also inside these objects. An unknown key that resembles a known one is
+probably a misspelling; :attr:`FloorPlan.cautions` names it.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ _RESEMBLES = 0.75
 """Minimum share of equal letters (Ratcliff and Obershelp) at which a key resembles another: "wall"
 and "walls" have 0.89, "Obstacle" and "obstacles" 0.94, "notes" and "name" 0.44."""
 _RESEMBLES_MISSING = 0.55
-"""The same for a required key that is missing: "start_pose" and "start" have 0.67."""
+"""The same share for a required key that is missing: "start_pose" and "start" have 0.67."""
 MAX_HEADING_RAD = 2.0 * math.pi + 0.01
 """Maximum heading of the start pose, rad: a full turn, rounded to two digits. A larger value is
 probably an angle in degrees."""
 MAX_DEGREES = 10_000.0
-"""Maximum angle that may be a heading in degrees; a larger value is neither."""
+"""Maximum angle that may be a heading in degrees. A larger value is another error."""
 _POLYGON, _DRAG, _SLIP = CARPET_KEYS
 _LINE, _HEIGHT = THRESHOLD_KEYS
 

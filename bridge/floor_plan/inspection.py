@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan, Point, Polygon
 
 _MAX_CORNERS = 5000
-"""Maximum number of corners of a polygon that is searched for crossings. The work grows with the
-square, here to 1 s."""
+"""Maximum number of corners of a polygon that is checked for crossings. The work grows with the
+square of the number, here to 1 s."""
 
 
 def plan_cautions(plan: FloorPlan) -> list[str]:
@@ -59,7 +59,7 @@ def _crossings(plan: FloorPlan) -> Iterator[str]:
 
 
 def _first_crossing(polygon: Polygon) -> Point | None:
-    """Return where two edges of a polygon that are not neighbours cross; None: nowhere."""
+    """Return a crossing of two edges that are not neighbours; None: there is none."""
     begin = np.asarray(polygon)
     end = np.roll(begin, -1, axis=0)
     along = end - begin

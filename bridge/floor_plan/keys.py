@@ -1,4 +1,4 @@
-"""The keys of a room file, declared once: the reader, its messages and the reference use them."""
+"""The keys of a room file. The reader, its messages and the reference use this one table."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ class RoomKey(NamedTuple):
     unit: str = ""
     low: float = 0.0
     high: float = 0.0
-    """Maximum of a number. With ``above_low`` the minimum itself is excluded."""
+    """Maximum of a number. ``above_low`` excludes the minimum itself."""
     default: float | str | None = None
     """Default if the key is missing; None: the key is required."""
     above_low: bool = False
 
     @property
     def is_number(self) -> bool:
-        """Whether the value is one number."""
+        """True if the value is one number."""
         return self.high > self.low
 
 
@@ -30,9 +30,9 @@ _POLYGON = "polygon `[[x, y], …]`"
 MAX_EXTENT_M = 200.0
 """Maximum coordinate in a room, m: a hall. A larger value is probably in another unit."""
 CARPET_DRAG_N = 4.0
-"""Drag of a carpet without the key, N: a short pile under a robot of 3 kg, 14 % of its weight."""
+"""Default drag of a carpet, N: a short pile under a robot of 3 kg, 14 % of its weight."""
 CARPET_SLIP = 0.02
-"""Slip of a carpet without the key: tuned by hand for a short pile."""
+"""Default slip of a carpet: tuned by hand for a short pile."""
 
 CARPET_KEYS = (
     RoomKey("polygon", _POLYGON, "the carpet's outline", "m"),

@@ -13,7 +13,7 @@ class Column(NamedTuple):
     """SQL type: TEXT, REAL or INTEGER."""
     meaning: str
     keys: tuple[str, ...] = ()
-    """Place of the value in the summary; empty: the value is in the log's metadata or its file."""
+    """Path of the value in the summary; empty: the value is in the log's metadata or its file."""
 
 
 COLUMNS = (
@@ -84,7 +84,7 @@ COLUMNS = (
 
 NAMES = tuple(column.name for column in COLUMNS)
 PLACED = ("log", "folder")
-"""Columns that depend on where the folder is, so the index does not hold them."""
+"""Columns that depend on the place of the folder, so the index does not store them."""
 MARKED = ("tags", "note")
 """Columns that people write."""
 INDEXED = tuple(c for c in COLUMNS if c.name not in {*PLACED, *MARKED})

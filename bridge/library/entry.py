@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _KINDS = {VIRTUAL_PORT: "simulated", EMULATED_PORT: "truth"}
 """Kind of a log by its port, for logs that were not recorded at a real port."""
 _STAMP = re.compile(r"(\d{8}T\d{6})Z-")
-"""Begin of a log's default name."""
+"""Start of a log's default name."""
 _LARGEST = 1 << 63
 """Limit of SQLite's integers; all of them are smaller."""
 _NS = 1_000_000_000
@@ -106,7 +106,7 @@ def _values(path: Path, head: LogHead, modified_ns: int) -> dict[str, Any]:
 
 
 def _stored(kind: str, value: object) -> str | float | None:
-    """Convert a value to the SQLite type of its column; None if the value does not fit it."""
+    """Convert a value to the SQLite type of its column; None: the value does not fit."""
     if kind == "TEXT":
         return value.encode("utf-8", "replace").decode() if isinstance(value, str) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -117,10 +117,10 @@ def _stored(kind: str, value: object) -> str | float | None:
 
 
 def _date(path: Path, run: dict[str, str], kind: str, modified_ns: int) -> str | None:
-    """Return when the run began.
+    """Return the date and time at which the run began.
 
-    The clock of a simulated run is virtual. For its log, return the time in the file name if it is
-    a default name, else the time at which the file was modified.
+    A simulated run has a virtual clock. For its log, the result is the time in the file name if
+    that is a default name, else the modification time of the file.
     """
     opened = run.get("opened_unix_ns", "")
     stamp = _STAMP.match(path.name)

@@ -17,11 +17,11 @@ class LibraryError(BridgeError):
 
 
 class NoRunError(LibraryError):
-    """``latest`` or ``latest~N`` names a run that does not exist."""
+    """``latest`` or ``latest~N`` refers to a run that does not exist."""
 
 
 class IndexDamagedError(LibraryError):
-    """The index is damaged and holds tags and notes, so it is not replaced."""
+    """The index is damaged. It contains tags and notes, so it is not replaced."""
 
     exit_status = 1
 

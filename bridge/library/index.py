@@ -1,7 +1,8 @@
 """The index of one folder: a SQLite file beside the logs, kept up to date by size and time.
 
-A file is read again only if its size or its modification time has changed. Tags and notes belong
-to a file by its name, and follow a file that was moved or renamed by its digest.
+A file is read again only if its size or its modification time has changed. Tags and notes belong to
+a file by its name. The digest of a file shows that it was moved or renamed; its tags and notes
+follow.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ FILE_NAME = ".sweepctl-runs.sqlite"
 """Name of the index in a folder of logs."""
 SUFFIX = ".mcap"
 _VERSION = 1
-"""Version of the index's tables. An index of another version is made again; its marks stay."""
+"""Version of the index's tables. An index of another version is rebuilt; tags and notes are
+kept."""
 _BATCH = 200
 """Number of logs after which the index is saved, so that an interruption loses little."""
 _END_BYTES = 4096
-"""Bytes at each end of a file that identify it, together with its size and figures."""
+"""Number of bytes at each end of a file that identify it, together with its size and values."""
 _WAIT_S = 10.0
 """Maximum wait for another process that updates the same index, s."""
 _TABLES = f"""
@@ -55,21 +57,21 @@ class LogFile(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """What people wrote about a log."""
+    """Tags and note of a log, written by people."""
 
     tags: tuple[str, ...]
     note: str | None
 
 
 class ReadLog(NamedTuple):
-    """What was read from one log."""
+    """Result of reading one log."""
 
     entry: Entry
     digest: str | None
 
 
 LogReaders = Callable[[list[tuple[Path, int]]], Iterable[ReadLog]]
-"""Reads logs, given with their modification times in ns; returns the results in their order."""
+"""Reads logs, given with their modification times in ns; returns the results in the same order."""
 
 
 def read_log(log: tuple[Path, int]) -> ReadLog:
@@ -90,16 +92,16 @@ class FolderIndex:
     """The index of one folder; close it after use."""
 
     def __init__(self, folder: Path) -> None:
-        """Open or make the index. If the folder is read-only, the index is kept in memory.
+        """Open or create the index. If the folder is read-only, the index is kept in memory.
 
         Raises:
-            IndexDamagedError: the index exists and is no index.
+            IndexDamagedError: the file exists but is not an index.
 
         """
         self.folder = folder
         self.path = folder / FILE_NAME
         self.is_stored = os.access(self.path if self.path.exists() else folder, os.W_OK)
-        """False: the folder is read-only, so that all logs are read each time."""
+        """False: the folder is read-only, so all logs are read each time."""
         try:
             self.database = sqlite3.connect(
                 self.path if self.is_stored else self.uri,
@@ -113,7 +115,7 @@ class FolderIndex:
 
     @property
     def uri(self) -> str:
-        """Name by which another connection of this process reads the index."""
+        """Name under which another connection of this process reads the index."""
         if self.is_stored:
             return f"{self.path.absolute().as_uri()}?mode=ro"
         return f"file:sweepctl-runs-{id(self)}?mode=memory&cache=shared"
@@ -144,7 +146,7 @@ class FolderIndex:
         progress: Callable[[int, int], None],
         read: LogReaders = read_here,
     ) -> None:
-        """Read the logs that are new or have changed, and drop those that are gone.
+        """Read the logs that are new or have changed, and remove logs that no longer exist.
 
         Args:
             files: All logs of the folder.

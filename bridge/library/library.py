@@ -26,13 +26,13 @@ DEFAULT_FOLDER = Path("runs")
 _LATEST = re.compile(r"latest(?:~(\d{1,9}))?")
 _TAG = re.compile(r"[\w.+-]{1,64}")
 _MAX_NOTE = 10_000
-"""Length of the longest note, characters."""
+"""Maximum length of a note, characters."""
 _OWN = tuple(column.name for column in INDEXED)
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A recorded run: its log and its row."""
+    """A recorded run: its log and its row in the index."""
 
     path: Path
     values: dict[str, Any]
@@ -110,9 +110,9 @@ class Library:
         self.unreadable += [(folder / os.fsdecode(name), text) for name, text in unreadable]
 
     def select(self, selection: Selection) -> list[Run]:
-        """Return the runs of a selection; runs without a value in the sorted column come first.
+        """Return the runs of a selection. Runs without a value in the sorted column come first.
 
-        Runs with equal values are in the order in which their files were written.
+        Runs with equal values are ordered by the modification time of their files.
 
         Raises:
             LibraryError: the condition is not SQL over the columns, or a column does not exist.
@@ -126,7 +126,7 @@ class Library:
 
 
 def _follow_moved(indexes: Sequence[FolderIndex]) -> None:
-    """Give the marks of a file that is gone to the same file under another name."""
+    """Assign the marks of a missing file to the same file under another name."""
     for index in indexes:
         for name, digest, marks in index.orphans():
             for other in indexes:
@@ -138,15 +138,15 @@ def _follow_moved(indexes: Sequence[FolderIndex]) -> None:
 
 
 def is_latest(name: str) -> bool:
-    """Return whether the last part of a path is ``latest`` or ``latest~N``."""
+    """Return True if the last part of a path is ``latest`` or ``latest~N``."""
     return _LATEST.fullmatch(name) is not None
 
 
 def resolve(path: Path) -> Path:
-    """Return the log that a path names: ``latest`` and ``latest~N`` stand for the newest runs.
+    """Return the log that a path names. ``latest`` and ``latest~N`` are the newest runs.
 
-    Alone they are the newest runs in :data:`DEFAULT_FOLDER`; behind a folder, those in it. A file
-    of this name is itself. Truth logs of an emulator are not counted.
+    Without a folder they refer to :data:`DEFAULT_FOLDER`. If a file of this name exists, it is
+    used. Truth logs of an emulator do not count.
 
     Raises:
         NoRunError: there is no such run.

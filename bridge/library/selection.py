@@ -1,4 +1,4 @@
-"""Selection of runs by a user's SQL condition, which can only read the table of runs."""
+"""Selection of runs with a user's SQL condition, which can read only the table of runs."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from bridge.library.errors import LibraryError
 from bridge.spelling import nearest
 
 _STEPS = 200_000_000
-"""Number of steps of SQLite's machine after which a condition is ended: about ten seconds."""
+"""Number of steps of SQLite's virtual machine after which a query is aborted: about ten seconds."""
 _STEPS_A_CALL = 1_000_000
 _ALLOWED = frozenset({sqlite3.SQLITE_SELECT, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_READ})
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which runs, in which order."""
+    """A selection of runs and their order."""
 
     where: str = ""
     """SQL condition over the columns; empty: all runs."""
     sort: str = "date"
-    """Column; a minus sign before it reverses the order."""
+    """Column to sort by; a minus sign before it reverses the order."""
     tags: tuple[str, ...] = ()
     """Tags that a run must have."""
     last: int | None = None
     """Maximum number of runs, counted from the end; None: all."""
 
     def rows(self, database: sqlite3.Connection) -> list[tuple[Any, ...]]:
-        """Return the rows of the selected runs; the connection is read-only meanwhile.
+        """Return the rows of the selected runs. The connection is read-only during the query.
 
         Raises:
             LibraryError: the condition is not SQL over the columns, or a column does not exist.
@@ -69,7 +69,7 @@ def _query(selection: Selection) -> tuple[str, tuple[str, ...]]:
 
 
 def _authorise(action: int, first: str | None, second: str | None, *_: str | None) -> int:
-    """Allow only reading the table of runs, and functions that touch no file."""
+    """Allow only reading the table of runs, and functions that access no file."""
     if action not in _ALLOWED:
         return sqlite3.SQLITE_DENY
     if action == sqlite3.SQLITE_READ and first != "runs":
@@ -88,7 +88,7 @@ def _explained(where: str, error: sqlite3.Error) -> str:
         return f"the condition {where!r} does more than read runs"
     if text == "interrupted":
         return f"the condition {where!r} takes too long"
-    cause = text.partition("\n")[0]  # what follows is our part of the query
+    cause = text.partition("\n")[0]  # the rest is our part of the query
     return f"the condition {where!r} is not SQL over the columns: {cause}"
 
 

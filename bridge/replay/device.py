@@ -65,9 +65,10 @@ _CONVERSATION = (
     Challenge,
 )
 _NOBODY = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
-"""Hello for a recording that contains none."""
+"""Hello for a recording without a hello."""
 _STANDING = (Status, Encoders, Imu, Range, Power)
-"""Messages that are repeated after the end of the recording: the robot stands still."""
+"""Messages that are repeated after the end of the recording, because the robot then stands
+still."""
 _HELLO_NS = 1_000_000_000
 """Period of the hello until a host has connected, ns."""
 _STANDING_NS = 50_000_000
@@ -76,8 +77,8 @@ _WRAP_US = 1 << 32
 _BEFORE_US = 60_000_000
 """Offset of the stamps before playback starts, µs, relative to the first recorded stamp.
 
-The start of the playback is not known yet. A stamp that is too early only bounds the clock loosely;
-a stamp that is too late would look like a clock step when playback starts.
+The start time of the playback is not known yet. A stamp that is too early gives only a loose clock
+bound. A stamp that is too late would look like a clock step at the start of the playback.
 """
 
 
@@ -102,14 +103,14 @@ class RecordedRun(NamedTuple):
     played: list[Played]
     duration_s: float
     imu_info: ImuInfo
-    """The nominal one if the recording contains none: protocol version 1 had one scale."""
+    """Scale of the IMU; nominal if the recording has none, because version 1 had only one scale."""
 
 
 def load(reader: LogReader) -> RecordedRun:
     """Read the received bytes of a log.
 
     Raises:
-        LogReadError: the log contains none.
+        LogReadError: the log has no received bytes.
 
     """
     loader = _Loader()

@@ -60,8 +60,8 @@ class Follower:
         return found
 
     def go_on(self) -> bool:
-        """Continue with the next file of the run; False if there is none."""
-        for _ in range(_TRIES):  # the recorder creates it just after it has ended this file
+        """Continue with the next file of the run. Return False if there is none."""
+        for _ in range(_TRIES):  # the recorder creates the next file after the end of this one
             following = part_after(self._first, self._number)
             if following is not None:
                 self.path, self.ended, self._position = following, False, None
@@ -76,7 +76,7 @@ def wait_for_log(path: Path, timeout_s: float) -> None:
     """Wait until a log exists.
 
     Raises:
-        LogReadError: it does not within ``timeout_s``.
+        LogReadError: the log does not exist within ``timeout_s``.
 
     """
     end_s = clock.now() / _NS + timeout_s

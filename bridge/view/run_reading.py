@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T", int, float)
 _MAX_WAITING = 500
-"""Limit of the estimates that wait for a true pose, which some logs never contain."""
+"""Maximum number of estimates that wait for a true pose. Some logs have no true pose."""
 
 
 def plan_of(reader: LogReader) -> FloorPlan | None:
@@ -39,7 +39,7 @@ def robot_of(reader: LogReader) -> RobotModel:
 
 
 class PoseErrors(Generic[_T]):
-    """Position errors of the estimates against the true pose, which may arrive later."""
+    """Position errors of the estimates relative to the true pose, which may arrive later."""
 
     def __init__(self) -> None:
         self._truth: list[tuple[_T, float, float]] = []

@@ -1,4 +1,4 @@
-"""Holds messages on a bus that need a tag until the tag has come."""
+"""Storage for CAN messages that wait for their tag."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from protocol.link import Received
 
 TOGETHER_US = 10_000
-"""Maximum time between a message and its tag, µs; later the message counts as untagged."""
+"""Maximum time between a message and its tag, µs. After it the message counts as untagged."""
 
 
 class Held(NamedTuple):
@@ -39,14 +39,14 @@ class HeldMessages:
         stamps: StampExtender,
         now_us: int,
     ) -> Received | None:
-        """Hold a message and what its tag covers; return an earlier held one, which has no tag."""
+        """Store a message and what its tag covers; return an earlier one that got no tag."""
         node = event.frame.node
         before = self._held.get(node)
         self._held[node] = Held(now_us, covered, event, stamps)
         return None if before is None else before.event
 
     def tagged(self, node: int, data: bytes, key: Authenticator, now_us: int) -> Held | None:
-        """Take a tag; return the message that it belongs to, marked, or None."""
+        """Use a tag; return the message that it belongs to, marked as authentic, or None."""
         held = self._held.pop(node, None)
         if held is None or now_us - held.came_us > TOGETHER_US:
             return None

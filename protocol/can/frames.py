@@ -1,9 +1,9 @@
 """Classic CAN frames: identifiers, the packing of periodic messages, and their length in bits.
 
-``id = type << 4 | node``: the type comes first, so that a stop wins arbitration over everything. A
-periodic message is one frame: the low 16 bits of its stamp, then at most 6 B of payload. A longer
-one consists of several such frames, its parts, each with its own type: every frame can be decoded
-alone. The stamp comes first, so that an appended field moves nothing.
+``id = type << 4 | node``: the type comes first, so that a stop wins every arbitration. A periodic
+message is one frame: the low 16 bits of its stamp, then at most 6 B of payload. A longer message
+consists of several such frames, its parts. Each part has its own type, so every frame can be
+decoded alone. The stamp comes first, so that an appended field does not move other fields.
 """
 
 from __future__ import annotations
@@ -72,18 +72,18 @@ class Part(NamedTuple):
     can_type: int
     number: int
     spans: tuple[tuple[int, int], ...]
-    """Places of its fields in the message's payload: first byte and the one after the last."""
+    """Ranges of its fields in the message's payload: first byte, and end (not included)."""
     slow_us: int
-    """Minimum time between two sendings, µs; 0: sent with every message."""
+    """Minimum time between two transmissions, µs; 0: sent with every message."""
     full_stamp: bool
     """True for ``t_us u32 | payload`` instead of ``t16 | payload``."""
 
 
 def parts_of(spec: MessageSpec, shared_fields: int) -> tuple[Part, ...]:
-    """Return the frames of a periodic message of which the peer shares ``shared_fields`` fields.
+    """Return the frames of a periodic message that shares ``shared_fields`` fields with the peer.
 
-    They are in the order of sending. Slow parts go first; otherwise the first message would wait
-    for them.
+    They are in the order of transmission. Slow parts go first; otherwise the first message would
+    wait for them.
     """
     spans: dict[int, list[tuple[int, int]]] = {}
     offset = 0
@@ -115,7 +115,7 @@ def _joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
 
 
 def is_native(spec: MessageSpec) -> bool:
-    """Return whether a message is packed here; all others are transfers."""
+    """Return True if a message is packed here; all others are transfers."""
     return spec.rate is RateClass.STREAM
 
 

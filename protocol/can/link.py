@@ -1,7 +1,7 @@
 """One end of a link over classic CAN: the same messages and events as over UART.
 
-Frames also travel as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), so that ports, wires
-and logs need not know their content.
+Frames are also passed as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), so that ports,
+wires and logs need not know their content.
 """
 
 from __future__ import annotations
@@ -62,15 +62,15 @@ _rank = itemgetter(5)
 
 @dataclass(slots=True)
 class CanStatistics(LinkStatistics):
-    """Counts of frames by their fate; ``lost`` comes from the count in Sync."""
+    """Counts of frames by result; ``lost`` comes from the count in Sync."""
 
     foreign: int = 0
-    """Frames whose form is not ours."""
+    """Number of frames in another format."""
     duplicates: int = 0
     stale: int = 0
     """Frames with a stamp too old to be extended."""
     incomplete: int = 0
-    """Parts of a message whose other parts did not come."""
+    """Number of parts of messages whose other parts did not arrive."""
     given_up: int = 0
     """Transfers that lost a frame."""
 
@@ -138,7 +138,7 @@ class CanLink(LinkBase):
         self._frame_count = 0
         self._held = HeldMessages()
         self._unmarked: list[Received] = []
-        """Held messages without an authentication tag: the next message came before the tag."""
+        """Waiting messages without a tag, because the next message arrived before the tag."""
 
     def _parts_of(self, spec: MessageSpec) -> tuple[Part, ...]:
         shared = self.codec.shared_fields(spec)

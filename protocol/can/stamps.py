@@ -12,13 +12,14 @@ from protocol.clock import elapsed_us
 OLDEST_US = 500_000
 """Maximum age of a short stamp, µs: a little less than half of its range."""
 LEAD_US = 50_000
-"""Maximum lead of a stamp over the fastest frame before it, µs: that frame was late itself."""
+"""Maximum lead of a stamp over the fastest earlier frame, µs, because that frame was late
+itself."""
 STEP_US = 2_000_000
-"""Maximum jump of a full stamp, µs. A larger one belongs to another clock: the sender has booted,
-or is another one."""
+"""Maximum jump of a full stamp, µs. A larger jump means another clock: the sender has booted, or it
+is another sender."""
 DRIFT_PPM = 500
-"""Maximum drift of the two clocks, ppm, more than two crystals have. The weight of the fastest
-frame decreases at this rate."""
+"""Maximum drift of the two clocks, ppm; two crystals drift less. The weight of the fastest frame
+decreases at this rate."""
 _SPAN16, _HALF16 = 1 << 16, 1 << 15
 
 

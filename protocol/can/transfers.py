@@ -43,7 +43,7 @@ class Content(NamedTuple):
 
     version_flags: int
     whole: bool
-    """Whether the stamp has 32 bits."""
+    """True if the stamp has 32 bits."""
     stamp: int
     payload: bytes
 
@@ -86,7 +86,7 @@ class TransferResult(Enum):
     PART = "part"
     """Accepted; more segments follow."""
     STRAY = "stray"
-    """Of no open transfer: an earlier segment was lost."""
+    """The segment belongs to no open transfer, because an earlier segment was lost."""
     DAMAGED = "damaged"
     """The last segment, but the CRC is wrong."""
 

@@ -26,10 +26,10 @@ def _lazily(module: str) -> Callable[..., dict[str, str]]:
 GENERATORS: dict[str, Callable[..., dict[str, str]]] = {
     name: _lazily(f"protocol.generate.{name}") for name in ("c", "dbc", "lua", "proto", "md")
 }
-"""Generators by the name that ``sweepctl generate`` takes."""
+"""Generators by their name in ``sweepctl generate``."""
 
 PER_NODE = frozenset({"dbc"})
-"""Generators whose text names one device: they take ``node``."""
+"""Generators whose output is for one device; they have the option ``node``."""
 
 
 def render(
@@ -41,7 +41,7 @@ def render(
     """Return the texts of one generator by file name; ``options`` are its own.
 
     Raises:
-        KeyError: no generator of this name.
+        KeyError: there is no generator with this name.
 
     """
     if name in PER_NODE:

@@ -1,7 +1,7 @@
 """PROTOCOL.md: the protocol specification, from the catalogue and from the programs.
 
-States and timing belong to the programs on both ends, so the caller passes them in. Without them
-the document contains the messages only.
+States and timing are defined by the programs on both ends, so the caller passes them in. Without
+them the document contains only the messages.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class ParameterRow:
     low: float
     high: float
     effect: str
-    """When a change takes effect."""
+    """Time at which a change takes effect."""
     doc: str
 
 

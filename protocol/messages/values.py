@@ -41,14 +41,14 @@ def by_severity() -> list[StopCause]:
 def latched_cause(held: int, cause: int) -> StopCause:
     """Cause that a device latches for a stop with ``cause`` while ``held`` is latched.
 
-    The more severe cause, which has the greater value. So a clean end or a lost link never hides
-    an operator's stop. An unknown cause, and ``NONE``, count as ``OPERATOR``.
+    It is the more severe cause, which has the greater value. So a clean end or a lost link never
+    hides an operator's stop. An unknown cause and ``NONE`` count as ``OPERATOR``.
     """
     return StopCause(max(held, cause if cause in by_severity() else StopCause.OPERATOR))
 
 
 class Fault(IntFlag):
-    """Conditions in the status message: faults, and two states that are no faults."""
+    """Conditions in the status message: faults, and two states that are not faults."""
 
     IMU = 1 << 0
     ENCODER_LEFT = 1 << 1
@@ -70,9 +70,9 @@ class Fault(IntFlag):
     BUMPER = 1 << 13
     """A bumper switch stays pressed without other evidence of contact."""
     LIMITED = 1 << 14
-    """No fault: a reflex of the device limits the speed below the setpoint."""
+    """Not a fault: a reflex of the device limits the speed below the setpoint."""
     DRIVERS_OFF = 1 << 15
-    """No fault: the motor drivers are disabled."""
+    """Not a fault: the motor drivers are disabled."""
 
 
 class ResetCause(IntEnum):

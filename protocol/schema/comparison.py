@@ -1,4 +1,4 @@
-"""Finds the messages that two ends share, by the chained hashes of their declarations."""
+"""Comparison of message declarations on both ends, by chained hashes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Match(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EnumComparison:
-    """Result for one enumeration; a peer without it has no message of ours that uses it."""
+    """Result for one enumeration. A peer without it has no message of ours that uses it."""
 
     spec: EnumSpec
     match: Match
@@ -62,16 +62,16 @@ class MessageComparison:
     match: Match
     peer_fields: int
     enums: tuple[str, ...] = ()
-    """Enumerations of its shared fields whose members have other values at the peer."""
+    """Enumerations of the message's shared fields whose members have other values on the peer."""
 
     @property
     def usable(self) -> bool:
-        """Whether the shared fields mean the same at both ends."""
+        """True if the shared fields have the same meaning on both ends."""
         return self.match in {Match.EQUAL, Match.OLDER, Match.NEWER}
 
     @property
     def shared_fields(self) -> int:
-        """Number of leading fields that both declare."""
+        """Number of leading fields that both ends declare."""
         return min(self.peer_fields, len(self.spec.fields)) if self.usable else 0
 
     def report(self) -> str:

@@ -68,9 +68,9 @@ class Field:
     scale: Fraction = Fraction(1)
     offset: Fraction = Fraction(0)
     low: int = 0
-    """Minimum meaningful raw value."""
+    """Minimum valid raw value."""
     high: int = 0
-    """Maximum meaningful raw value, without the sentinel."""
+    """Maximum valid raw value, without the sentinel."""
     none: int | None = None
     """Raw value that means "no value"."""
     enum: type[IntEnum] | None = None
@@ -82,7 +82,7 @@ class Field:
     def canonical(self) -> str:
         """Return the text that schema negotiation hashes: everything that affects the meaning.
 
-        The range of an enumeration is left out: an appended member stays compatible.
+        The range of an enumeration is left out, so that an appended member stays compatible.
         """
         scale = str(self.scale)
         if self.offset:

@@ -73,7 +73,7 @@ class Message:
 
 MAX_TYPE = 0x7E
 MAKERS_TYPES = range(0x50, 0x60)
-"""Types reserved for manufacturers' own messages; the project never uses them."""
+"""Types reserved for messages of manufacturers. The project never uses them."""
 _ANY_CASE = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
@@ -106,8 +106,8 @@ class CanPart(NamedTuple):
     name: str = ""
     """Suffix of the message's name in the DBC."""
     slow_us: int = 0
-    """Minimum time between two sendings, µs; receivers keep the value. 0: sent with every message.
-    """
+    """Minimum time between two transmissions, µs; 0: sent with every message. Receivers keep the
+    last value."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:
     """Return the messages of installed plug-ins that can join ``own``.
 
-    An invalid message is disabled, with a line that names its package. If two packages claim one
-    type or one name, both are rejected, because a device could mean either.
+    An invalid message is disabled with a warning that names its package. If two packages claim the
+    same type or name, both messages are rejected, because a device could mean either.
     """
     taken = {specify(message).name for message in own}
     sound: list[tuple[Plugin, MessageSpec]] = []

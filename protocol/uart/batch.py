@@ -1,9 +1,8 @@
 """Decodes a whole capture to numpy arrays, one per message type.
 
 The result equals that of :class:`protocol.uart.framing.UartParser` and
-:class:`protocol.schema.codec.Codec`, including damaged stretches, with the place of each in the
-capture. Frames are handled by length (:mod:`protocol.uart.batch_frames`); only texts need Python
-code each.
+:class:`protocol.schema.codec.Codec`. It includes damaged stretches with their place in the capture.
+Frames are handled by length (:mod:`protocol.uart.batch_frames`); only texts are decoded one by one.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Readable(Protocol):
-    """The method that a file opened for reading bytes has."""
+    """Interface of a file that is open for reading bytes."""
 
     def read(self, size: int, /) -> bytes:
         """Return up to ``size`` bytes; none at the end."""
@@ -43,7 +42,7 @@ class Readable(Protocol):
 CHUNK_BYTES = 1 << 20
 """Number of bytes decoded at a time; the memory besides the result is about ten times this."""
 REASONS = ("version", "type", "payload")
-"""Reasons why an intact frame is no message of the catalogue, by its code in ``rejected``."""
+"""Reasons why an intact frame is not a message of the catalogue, by their code in ``rejected``."""
 DAMAGED_DTYPE = np.dtype([("offset", "<i8"), ("length", "<i8"), ("damage", "u1")])
 REJECTED_DTYPE = np.dtype(
     {
@@ -103,9 +102,9 @@ class BatchResult:
 def row_dtype(spec: MessageSpec) -> np.dtype[np.void]:
     """Return the columns of one message type: offset, header, then the raw fields by name.
 
-    ``offset`` is the place of the first encoded byte in the capture. ``frame_flags`` are the
-    header's, because a message may have ``flags`` of its own. A 96-bit id is a void of 12 bytes, a
-    text an object (str).
+    ``offset`` is the place of the first encoded byte in the capture. ``frame_flags`` are the flags
+    in the header; the name is different because a message may have a field ``flags``. A 96-bit id
+    is a void of 12 bytes, a text is an object (str).
     """
     fixed = _fixed_dtype(spec)
     if spec.text_field is None:

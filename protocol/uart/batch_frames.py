@@ -1,6 +1,7 @@
 """Framing of a whole capture with numpy: delimiters, COBS, CRC-32, for all frames of a length.
 
-The streaming parser (:mod:`protocol.uart.framing`) is the reference; this must find the same.
+The streaming parser (:mod:`protocol.uart.framing`) is the reference; both must give the same
+results.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ INTACT = 255
 OFFSET_SIZE = 8
 """Number of bytes before the content in each row: the frame's offset, as a little-endian i8."""
 _FEW = 256
-"""Number of rows below which zlib, a frame at a time, is faster than a few numpy calls per byte."""
+"""Number of rows below which zlib frame by frame is faster than numpy calls for each byte."""
 
 
 class Stretches(NamedTuple):
@@ -93,8 +94,8 @@ def _gather(data: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.u
 def _undo_cobs(encoded: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Restore the zeros in place; return False for rows whose distances do not lead to the end.
 
-    The data has no zeros, so each step moves forward. Up to 254 B a code 0xFF can only lead past
-    the end.
+    The data has no zeros, so each step moves forward. In stretches of up to 254 B a code 0xFF
+    always leads past the end.
     """
     count, length = encoded.shape
     flat = encoded.reshape(-1)

@@ -28,7 +28,7 @@ MAX_NODE = 15
 OWN_VERSION = PROTOCOL_VERSION << 4
 """First byte of a frame without flags."""
 RESIDUE = 0xDEBB20E3
-"""CRC register after every intact frame, its CRC included."""
+"""CRC register after an intact frame including its CRC."""
 
 
 def _crc_table() -> list[int]:
@@ -82,14 +82,14 @@ class Damage(Enum):
 
 
 class DamagedFrame(NamedTuple):
-    """Bytes between two delimiters that are no frame; a bare tuple, because noise makes many."""
+    """Bytes between two delimiters that are not a frame; a bare tuple, because noise makes many."""
 
     damage: Damage
     offset: int
     """Place of its first byte in the stream, counted from the parser's start."""
     length: int
     data: bytes
-    """The bytes themselves, at most the first 254."""
+    """The bytes, at most the first 254."""
 
 
 class FrameSizeError(LocalError):
@@ -116,7 +116,7 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
 
 def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
-    """Reject what :func:`encode_frame` cannot carry, before it is queued."""
+    """Reject values that :func:`encode_frame` cannot encode, before they are queued."""
     if len(payload) > MAX_PAYLOAD:
         raise FrameSizeError(len(payload))
     if not 0 <= node <= MAX_NODE:

@@ -32,19 +32,19 @@ _HALF_SEQ = 128
 _STOPS = frozenset({"stop", "stop_all"})
 """Names of the messages that need no tag, and that a wrong tag does not reject."""
 _TIME_REQUEST = "time_request"
-"""Name of the message that needs no tag and is answered even with a wrong one. A host with another
-key can then measure the link, but its commands are rejected."""
+"""Name of the message that needs no tag and is answered even with a wrong tag. So a host with
+another key can measure the link, although its commands are rejected."""
 _HELLO = "hello"
-"""Name of the message that names the boot of a device's sequence numbers."""
+"""Name of the message with the boot id that the device's sequence numbers belong to."""
 _PLAIN_MASK = 0xF0 | FLAG_AUTHENTICATED
-"""Mask of the version and the authentication flag: a marked frame never takes the short path."""
+"""Mask of the version and the authentication flag. A marked frame takes the general path."""
 _OWN_VERSION = OWN_VERSION
 _UNKNOWN = -1
-"""Unknown sequence number: the next one of this sender may be any."""
+"""Unknown sequence number: the sender's next number may be any."""
 
 
 class _Ordinary:
-    """How to read a message that type and length alone identify."""
+    """Decoding of a message that type and length alone identify."""
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
@@ -67,11 +67,12 @@ class Link(LinkBase):
         """Next sequence number of each sender; compared with every frame's."""
         self._boots: dict[int, int] = {}
         """Boot in the newest hello of each device."""
-        # A device's frames name the device; a host counts all its frames together, whatever node
-        # they name.
+        # A device's frames contain the device's node. A host counts all its frames together, for
+        # any node.
         self._sender_mask = 0xFF if sends is Direction.HOST else 0
         self._ordinary: list[_Ordinary | None] = [None] * 256
-        """By type; None if reading the message takes more, or if this end does not receive it."""
+        """Ordinary messages by type; None: this end does not receive the type, or needs the general
+        path."""
         for spec in self.codec.catalogue:
             if spec.direction is not sends and spec.text_field is None and not spec.is_bare:
                 self._ordinary[spec.type_id] = _Ordinary(spec)

@@ -100,7 +100,7 @@ def write_results(
     if not person.confirm(f"Write these values to {where}?"):
         person.show("nothing was written")
         return NOWHERE
-    if robot is not None:  # the file first: it can fail without a change to the device
+    if robot is not None:  # the file is written first, because it can fail without other effects
         text = robot_toml if is_there(robot) else ""
         replace_file(robot, edited(text, {c.key: c.new for c in changes}))
         person.show(f"{robot}: written")

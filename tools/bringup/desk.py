@@ -1,4 +1,4 @@
-"""Shared code of bring-up and calibration: the desk on a port, and prompts at the terminal."""
+"""Shared code of bring-up and calibration: the session on a port, and prompts at the terminal."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ _LONG_S = 1e6
 def desk_on(
     asked: PortAsked, log: BenchLog | None, model: RobotModel, robot_toml: str
 ) -> Iterator[Desk]:
-    """Open a desk on a port. Ctrl-C ends its work, and its end stops the robot.
+    """Open a session with the device on a port. Ctrl-C interrupts it, and its end stops the robot.
 
     Cautions about the robot are printed first. Errors of the device or its link name the port.
 
     Args:
         asked: port and its options.
-        log: where to record the traffic and all printed lines; None: nowhere.
+        log: file for the traffic and all printed lines; None: no log.
         model: robot model, for the log.
         robot_toml: text of the robot file, for the log.
 
@@ -121,7 +121,7 @@ def _recorded(
     opened_ns = clock.now() + offset_ns
     extra = {"command": log.command}
     info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, model, robot_toml, None, extra)
-    # In its own thread: a slow disk must not delay the command that stops a wheel.
+    # It runs in its own thread, because a slow disk must not delay the command that stops a wheel.
     recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
     records = BenchRecords(wire, recorder, offset_ns)
     try:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 MAX_MS = 1000.0
-"""Longest delay that can be declared, ms: longer ones are typing errors."""
+"""Maximum delay that can be declared, ms. A longer one is a typing error."""
 
 
 def adapter_delay_option(f: Callable[..., object]) -> Callable[..., object]:

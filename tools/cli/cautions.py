@@ -1,4 +1,4 @@
-"""Warnings about a robot or a room that are valid but will probably not work well."""
+"""Warnings about a valid robot or room that is likely to cause problems."""
 
 from __future__ import annotations
 

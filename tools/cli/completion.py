@@ -36,7 +36,7 @@ def complete_parameter(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Return the parameters of the reference firmware; completion asks no device."""
+    """Return the parameters of the reference firmware, without a request to a device."""
     from bridge.motion.robot_model import RobotModel
     from sim_device.device.parameters import table
 
@@ -59,7 +59,7 @@ def complete_rule(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Return the keys of the rules of supervision with an equals sign; of plug-ins the reaction."""
+    """Return the keys of the supervision rules with "="; for plug-ins only the reaction."""
     from dataclasses import fields
 
     import sweepctl_plugins
@@ -72,7 +72,7 @@ def complete_rule(
 
 
 def in_list(names: Iterable[str], incomplete: str) -> list[str]:
-    """Return the names with which a list, separated by commas, may go on."""
+    """Return the possible continuations of a list that is separated by commas."""
     before, comma, begun = incomplete.rpartition(",")
     listed = before.split(",")
     return [f"{before}{comma}{n}" for n in _beginning(names, begun) if n not in listed]

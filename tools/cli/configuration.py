@@ -1,8 +1,8 @@
 """Configuration files: defaults of options, and robots by name.
 
-Later ones count more: ``$XDG_CONFIG_HOME/sweepctl/config.toml``, then ``./sweepctl.toml``. With
-``$SWEEPCTL_CONFIG`` set, only the file that it names is read; empty: none. An option on the command
-line counts more than any file.
+Later files have priority: ``$XDG_CONFIG_HOME/sweepctl/config.toml``, then ``./sweepctl.toml``. If
+``$SWEEPCTL_CONFIG`` is set, only the file that it names is read; if it is empty, no file. An option
+on the command line has priority over every file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _META = "sweepctl.configuration"
 _ROBOT = "sweepctl.named_robot"
 _MAX_BYTES = 64 * 1024
 _MAX_TEXT = 1000
-"""Longest text of a file, characters: a path."""
+"""Maximum length of a text in a file, characters: a path."""
 
 
 def _text(path: str, value: object) -> str:
@@ -92,7 +92,7 @@ class Defaults(Shared):
 
 @dataclass(frozen=True, slots=True)
 class NamedRobot(Shared):
-    """Table ``[robots.NAME]``: the settings that NAME represents in place of PORT."""
+    """Table ``[robots.NAME]``: the settings for NAME used as PORT."""
 
     port: str | None = _key("the port; required")
 
@@ -114,7 +114,7 @@ class Configuration:
     """Content of all configuration files."""
 
     files: tuple[tuple[Path, bool], ...] = ()
-    """Files in ascending order of precedence, and whether each exists."""
+    """Files in ascending order of priority, and whether each exists."""
     defaults: Mapping[str, Value] = field(default_factory=dict)
     robots: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
 

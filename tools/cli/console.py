@@ -25,7 +25,7 @@ _OUTCOME_STYLE = {"complete": "green", "stopped": "yellow", "timeout": "red", "f
 
 @cache
 def err() -> Console:
-    """Return the console on stderr; the first call imports Rich and makes it."""
+    """Return the console on stderr; the first call imports Rich and creates it."""
     from tools.cli.visible_console import VisibleConsole
 
     return VisibleConsole(stderr=True)
@@ -60,7 +60,7 @@ def complain(text: str) -> None:
 
 
 def ask(text: str) -> None:
-    """Print a prompt on stderr without a line end; the answer is typed behind it."""
+    """Print a prompt on stderr without a line end, so that the answer follows it."""
     sys.stderr.write(visible(text))
     sys.stderr.flush()
 
@@ -108,7 +108,7 @@ def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
 
 
 def summary_table(summary: dict[str, Any]) -> Table:
-    """Return the main figures of a run's summary as a table."""
+    """Return the main results of a run's summary as a table."""
     from rich.table import Table
     from rich.text import Text
 
@@ -116,7 +116,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
     style = _OUTCOME_STYLE.get(summary["outcome"], "")
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="dim")
-    table.add_column(overflow="fold")  # the log's name is for copying
+    table.add_column(overflow="fold")  # so that the log's name can be copied
     what = [one_line(str(summary[k])) for k in ("room", "planner") if summary[k] is not None]
     if summary["seed"] is not None:
         what.append(f"seed {summary['seed']}")

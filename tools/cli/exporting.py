@@ -1,4 +1,4 @@
-"""Export of several logs, each in a process of its own."""
+"""Export of several logs, each in its own process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ExportJob:
-    """One log and where its tables go."""
+    """One log and the folder of its tables."""
 
     path: Path
     out: Path
@@ -28,7 +28,7 @@ class ExportJob:
 def export_jobs(
     files: Sequence[Path], out: Path, file_format: str, topics: tuple[str, ...], *, force: bool
 ) -> list[ExportJob]:
-    """Return a job for each log; of several logs each has a folder of its own in ``out``."""
+    """Return a job for each log; with several logs, each has its own folder in ``out``."""
     if len(files) == 1:
         return [ExportJob(files[0], out, file_format, topics, force)]
     taken: set[str] = set()
@@ -57,7 +57,7 @@ def export_file(job: ExportJob) -> Exported:
 
 
 def export_or_error(job: ExportJob) -> Exported | tuple[str, int]:
-    """Export one log; an error is its line and its exit status, which another process can read."""
+    """Export one log; return an error as its line and exit status, for another process."""
     from tools.cli.remedies import error_line
 
     try:

@@ -1,4 +1,4 @@
-"""Result of checking a robot or room file: every problem and every warning, one a line."""
+"""Result of checking a robot or room file: every problem and every warning, one per line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INVALID = 2
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Errors in a file, and values that will probably not work well."""
+    """Errors in a file, and values that are likely to cause problems."""
 
     file: str
     problems: Sequence[str]

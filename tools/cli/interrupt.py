@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _AGAIN_S = 0.02
 """Delay after which a deferred signal is sent again, s."""
 _MAX_TIMES = 250
-"""Number of times that a signal is deferred: 5 s in all. An import that takes longer hangs."""
+"""Maximum number of times that a signal is deferred: 5 s in total. A longer import hangs."""
 
 _LOADER = "importlib._bootstrap"
 """Prefix of the names of the modules that load code, which must not be interrupted."""
@@ -40,7 +40,7 @@ def begin() -> None:
 
 
 def set_done(*, done: bool = True) -> None:
-    """Record that the command's work is confirmed and reported: Ctrl-C changes nothing now."""
+    """Record that the command's work is confirmed and reported, so that Ctrl-C changes nothing."""
     global _is_done  # noqa: PLW0603 - a signal handler gets no argument of ours
     _is_done = done
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 KEY_BYTES = 16
 """Length of a key, bytes: the protocol's."""
 MAX_FILE = 256
-"""Number of bytes that are read of a key file: the 32 digits, and room for white space."""
+"""Maximum number of bytes read from a key file: the 32 digits and white space."""
 
 
 class KeyFileError(BridgeError):

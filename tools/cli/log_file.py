@@ -1,4 +1,4 @@
-"""``FILE``: a log on the command line, where ``latest`` stands for the newest run."""
+"""``FILE``: a log on the command line; ``latest`` refers to the newest run."""
 
 from __future__ import annotations
 

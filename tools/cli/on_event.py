@@ -33,7 +33,7 @@ MAX_RUN_S = 10.0
 MAX_END_S = 20.0
 """Maximum time at the end of a run for the commands that are left, s."""
 _POLL_S = 0.2
-"""Period at which the end of the run is noticed while a command runs, s."""
+"""Interval at which the end of the run is checked while a command runs, s."""
 _KEPT_BYTES = 1000
 """Number of bytes at the end of a command's output from which its last line is taken."""
 

@@ -65,7 +65,7 @@ class Baud(click.IntRange):
 
 
 _MIN_BAUD = 1200
-"""Lowest baud rate of the virtual line, baud: the lowest that ``--baud`` of a real port takes."""
+"""Minimum baud rate of the virtual line, baud: the minimum of ``--baud`` for a real port."""
 
 
 def _faults(
@@ -113,7 +113,7 @@ def _pose(ctx: click.Context, param: click.Parameter, text: str | None) -> Pose2
 
 
 _MAX_START = 1000.0
-"""Largest number of a start, m or degrees; the room's own limits are narrower."""
+"""Maximum value in a start pose, m or degrees; the room's own limits are narrower."""
 
 
 def plan_options(f: Callable[..., object]) -> Callable[..., object]:

@@ -21,11 +21,11 @@ QUEUE_BYTES = {True: 1 << 16, False: 1 << 22}
 """Size of the queue for a terminal (True) and for a pipe or file (False), bytes. A terminal holds
 the last few screens; a pipe 4 s of ``monitor --lines`` on a fully used link at 3 Mbaud."""
 _PIECE = 512
-"""Bytes of one system call. Small, so that a slow reader still shows progress: at 9600 baud this
-takes 0.53 s."""
+"""Number of bytes per system call. It is small, so that a slow reader still shows progress: at 9600
+baud it takes 0.53 s."""
 IDLE_S = 0.6
-"""Time without progress after which the end of a command stops waiting for its reader, s. Longer
-than ``_PIECE`` takes at 9600 baud."""
+"""Time without progress after which a command no longer waits for its reader at the end, s. It is
+longer than ``_PIECE`` takes at 9600 baud."""
 _END_S = 5.0
 """Maximum time that the end of a command waits for a slow reader, s."""
 
@@ -59,7 +59,7 @@ class QueuedStream(io.TextIOBase):
         self._waiting = 0
         """Bytes not yet written, including those that are being written."""
         self._busy = False
-        """Whether the thread is writing."""
+        """True while the thread writes."""
         self._dropped = 0
         self._thread: threading.Thread | None = None
         self.error: OSError | None = None
@@ -88,7 +88,7 @@ class QueuedStream(io.TextIOBase):
         return True
 
     def flush(self) -> None:
-        """Do nothing: the thread writes without being asked to."""
+        """Do nothing, because the thread writes by itself."""
 
     def write(self, text: str) -> int:
         """Queue a text.

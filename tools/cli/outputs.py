@@ -1,4 +1,4 @@
-"""Checks of the files that a command is to write, before it does any work."""
+"""Checks of a command's output files, before it does any work."""
 
 from __future__ import annotations
 

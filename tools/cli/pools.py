@@ -1,6 +1,7 @@
-"""Where work on many items runs: processes of this machine, or the workers of a Dask cluster.
+"""Parallel work on many items: in processes of this machine, or on a Dask cluster.
 
-Both give futures of :mod:`concurrent.futures`, so that one loop collects the results of either.
+Both return futures of :mod:`concurrent.futures`, so that one loop can collect the results of
+either.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ if TYPE_CHECKING:
 CONNECT_S = 10.0
 """Maximum time to reach the scheduler, s."""
 _PER_WORKER = 4
-"""Number of items that wait for each worker, so that none is idle while a result travels."""
+"""Number of waiting items per worker, so that no worker is idle during a transfer."""
 _LEAST = 32
-"""Minimum number of submitted items: workers may join later."""
+"""Minimum number of submitted items, because workers may join later."""
 _LOOK_S = 0.2
-"""Period at which a request to end is checked, s."""
+"""Interval at which a request to end is checked, s."""
 Item = TypeVar("Item")
 
 
@@ -43,7 +44,7 @@ class ClusterMissingError(BridgeError):
 
 
 _ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss)://)?[\w.\-\[\]:]{1,255}:\d{1,5}/?", re.ASCII)
-"""Address of a scheduler: Dask's client may hang on others."""
+"""Valid addresses of a scheduler. Dask's client may hang on others."""
 
 
 class ClusterError(BridgeError):
@@ -56,7 +57,7 @@ class Pool(Protocol):
     """Calls a function in parallel. A context manager."""
 
     where: str
-    """Where the calls run, for people."""
+    """Description of the place where the calls run."""
     notes: Sequence[str]
     """Warnings for people."""
 
@@ -99,7 +100,8 @@ class LocalPool:
     def submit(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Sequence[Future[Any]]:
         """Start the workers and submit a call for each item.
 
-        Signals are blocked until a worker has its handlers: a worker that dies breaks the pool.
+        Signals are blocked until a worker has its handlers, because a worker that dies breaks the
+        pool.
 
         Raises:
             BrokenProcessPool: a worker died.

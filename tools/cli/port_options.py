@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PortAsked:
-    """A port as the command line declares it."""
+    """A port with its options from the command line."""
 
     name: str
     node: int | None
@@ -66,13 +66,13 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def keyed_port_options(f: Callable[..., object]) -> Callable[..., object]:
-    """Add the same and ``--key-file``, for commands that move or change the robot."""
+    """Add ``PORT``, its options and ``--key-file``, for commands that move or change the robot."""
     return port_options(options.key_option(f))
 
 
 def port_argument(f: Callable[..., object]) -> Callable[..., object]:
     """Add ``PORT``, which may be the name of a robot; with completion in the shell."""
-    # Eager: the robot's values are the defaults of the options.
+    # Eager, because the robot's values are the defaults of the other options.
     return click.argument("port", shell_complete=complete_port, callback=port_of, is_eager=True)(f)
 
 

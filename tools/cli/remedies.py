@@ -1,4 +1,4 @@
-"""Errors as one line with the option that helps."""
+"""Errors as one line, with the option that solves the problem."""
 
 from __future__ import annotations
 

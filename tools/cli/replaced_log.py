@@ -1,4 +1,4 @@
-"""The log that a new one replaces, kept until there is a device to record."""
+"""The log that a new log replaces, kept until the new log has recorded a device."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class ReplacedLog:
                 self._kept = kept
 
     def drop(self) -> None:
-        """Remove the old log: the new one has recorded something."""
+        """Remove the old log, because the new log has recorded data."""
         kept, self._kept = self._kept, None
         if kept is not None:
             with contextlib.suppress(OSError):
                 kept.unlink()
 
     def put_back(self) -> None:
-        """Give the old log its name back: there is no new one."""
+        """Restore the name of the old log, because there is no new log."""
         kept, self._kept = self._kept, None
         if kept is not None and self._log is not None:
             with contextlib.suppress(OSError):

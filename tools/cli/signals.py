@@ -42,10 +42,10 @@ def until_signalled(end: Callable[[], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Block the ending signals in processes that this thread starts meanwhile.
+    """Block the ending signals in processes that this thread starts in the meantime.
 
-    A child process inherits the blocked signals. It calls :func:`let_come` when its handlers are
-    installed; before that, a signal would end it silently or with a traceback. Other threads of
+    A child process inherits the blocked signals. It calls :func:`let_come` after its handlers are
+    installed. Before that, a signal would end it silently or with a traceback. Other threads of
     this process may still get the signals, which makes no difference to the handlers.
     """
     if sys.platform == "win32":  # Windows cannot block signals

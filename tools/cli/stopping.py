@@ -1,4 +1,4 @@
-"""The stop of a robot on a port, through the port's owner or by the wire."""
+"""The stop of a robot on a port, through the port's owner or directly."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ if TYPE_CHECKING:
 
 
 def stop_port(port: str, node: int | None, how: Mapping[str, Any]) -> dict[str, Any]:
-    """Stop every robot on a port and return what confirmed it: the object of ``stop --json``.
+    """Stop every robot on a port; return the confirmation as in ``stop --json``.
 
     If another process has the port open, it stops the robot and ends its run. Otherwise the port is
     opened and the stop is sent.
 
     Args:
         port: name of the port.
-        node: device that must confirm the stop; None: every device that is heard.
+        node: device that must confirm the stop; None: every device that was detected.
         how: options by which the port is opened.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Escaping of text from outside, so that it cannot act on the terminal or hide anything.
+"""Escaping of external text, so that it cannot act on the terminal or hide anything.
 
 Names, log texts and file names come from devices, files and arguments. A control character in
 them can move the cursor or write the clipboard, a bidirectional control reorders the following
@@ -11,20 +11,20 @@ import re
 import unicodedata
 
 MAX_WORD = 400
-"""Maximum length of a word that is not shortened, characters: a path of four long names fits."""
+"""Maximum length of a word that is not shortened, characters. A path of four long names fits."""
 MAX_LINE = 2000
 """Maximum length of a line that is not shortened, characters: about 20 rows of a terminal."""
 _HEAD = 80
-"""Length of the beginning of a shortened word or line that is kept, characters."""
+"""Length of the start of a shortened word or line that is kept, characters."""
 _WORD_TAIL = 40
-"""Length of the end of a shortened word that is kept, characters: paths differ at their end."""
+"""Length of the end of a shortened word that is kept, characters. Paths differ at their end."""
 _LINE_TAIL = 400
-"""Length of the end of a shortened line that is kept, characters: the text after a quoted value
+"""Length of the end of a shortened line that is kept, characters. The text after a quoted value
 names the error."""
 _LONG_WORD = re.compile(rf"\S{{{MAX_WORD + 1},}}")
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0")
-"""Letters and marks without a glyph: Unicode's default ignorable code points that their general
-category does not reveal. Variation selectors are not included: they choose a glyph."""
+"""Letters and marks without a glyph: Unicode's default ignorable code points that have an ordinary
+general category. Variation selectors are not included, because they select a glyph."""
 
 
 def is_visible(character: str) -> bool:

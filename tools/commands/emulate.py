@@ -40,7 +40,7 @@ _WITH = {
     "core": " with the C firmware on a virtual board",
     "qemu": " with its firmware in QEMU",
 }
-"""What the first message says of each target."""
+"""Text about each target in the first message."""
 
 
 @click.command(

@@ -24,7 +24,7 @@ _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-r
 _DEFAULT = "recovery"
 _PLANNERS = tuple(dict.fromkeys((_DEFAULT, *PLANNERS)))
 _GRID = ("rooms", "generated", "planners", "levels", "seeds", "robots")
-"""Parameters of all but ``paper``, whose experiments have fixed ones."""
+"""Parameters of all subcommands except ``paper``, whose experiments have fixed parameters."""
 _TITLES = {
     "paper": "The paper's experiments",
     "compare": "Planners compared",

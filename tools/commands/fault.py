@@ -87,7 +87,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _one_line(text: str) -> str:
-    """Return the text of a fault, which must not contain a second request.
+    """Return the text of a fault; it must not contain a second request.
 
     Raises:
         click.UsageError: it has several lines or is not UTF-8.

@@ -19,7 +19,7 @@ class Probe(click.Choice[str]):
     """Values of ``--probe``. Without a value, the option takes the following word as its value."""
 
     def get_invalid_choice_message(self, value: object, ctx: click.Context | None) -> str:
-        """Add a hint for a port name behind ``--probe``."""
+        """Add a hint for a port name after ``--probe``."""
         problem = super().get_invalid_choice_message(value, ctx)
         return f"{problem} Give ports before --probe."
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bridge.api.remote import Reached
 
 BACK_S = 15.0
-"""Maximum time for a boot and the handshake after it, s. The session retries every 1 s."""
+"""Maximum time for a boot and its handshake, s. The session retries every 1 s."""
 _POLL_S = 0.1
 """Period at which the state of the device is polled, s."""
 _STILL = frozenset({"waiting", "done"})

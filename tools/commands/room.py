@@ -69,7 +69,7 @@ def _warnings(plan: FloorPlan, model: RobotModel, facts: RoomFacts | None = None
 
 
 _MAX_PIECES = 5
-"""Number of places that cannot be reached that are named."""
+"""Maximum number of unreachable places that are named."""
 
 
 @command.command("show", epilog="Example:  sweepctl room show case-1 --png case-1.png")
@@ -123,7 +123,7 @@ def show(  # noqa: PLR0913 - one parameter per option
 
 
 def _rows(plan: FloorPlan, facts: RoomFacts) -> list[tuple[str, str, object]]:
-    """Return the room's figures: name, text and value."""
+    """Return the room's properties: name, text and value."""
     x0, y0, x1, y1 = plan.bounds()
     size = [round(x1 - x0, 3), round(y1 - y0, 3)]
 

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from bridge.library.selection import Selection
 
 _DEFAULT = "list"
-"""Subcommand used if none is named."""
+"""Default subcommand."""
 
 
 class RunsGroup(click.Group):
-    """Group whose subcommand ``list`` need not be named."""
+    """Group with the default subcommand ``list``."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Insert the default subcommand."""

@@ -1,6 +1,6 @@
 """Behaviour of both ends of the protocol, collected from their code, for PROTOCOL.md.
 
-States are the transition tables of both ends; those of the device's latch come from trying it.
+States are the transition tables of both ends; the states of the device's latch are found by trial.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m tools.dev.behaviour_pictures --out docs/images
 
-Every run is in virtual time, in a room that ships, and seeded: the same code draws the same
+Every run is in virtual time, in a shipped room, with a fixed seed. So the same code draws the same
 pictures. ``--only NAME`` draws one of them. Needs the extra ``plot``.
 """
 
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 MODEL = RobotModel()
 _DPI = 90
 _SHORT_M = 0.05
-"""Length below which a piece of the path is not drawn, m."""
+"""Minimum length of a piece of the path that is drawn, m."""
 _GREY, _BLUE, _GREEN, _ORANGE, _RED = "#8a919c", "#1f4e79", "#2a8c63", "#d9822b", "#b03a48"
 _VIOLET, _SWEPT, _FORBIDDEN = "#7a4ea3", "#d9efe5", "#f3c9a0"
 _ROBOT: dict[str, Any] = {"fill": False, "ec": "#30343b", "lw": 1.2, "zorder": 7}
@@ -114,10 +114,10 @@ class Run:
             self.messages.append(record)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Nothing is open."""
+        """Do nothing."""
 
     def see_map(self, t_s: float) -> None:
-        """Keep the planner's map, if it has one."""
+        """Store the planner's map, if it has one."""
         if not self.map_span_s[0] <= t_s <= self.map_span_s[1]:
             return
         if isinstance(self.planner, RecoveryPlanner):
@@ -130,11 +130,11 @@ class Run:
             self.maps.append(view)
 
     def between(self, begin_s: float, end_s: float) -> list[Sample]:
-        """The control steps of a span of time."""
+        """Return the control steps of a time span."""
         return [sample for sample in self.samples if begin_s <= sample.t_s <= end_s]
 
     def first(self, kind: str, after_s: float = 0.0) -> tuple[float, EventRecord]:
-        """The first event of a kind."""
+        """Return the first event of a kind."""
         return next((t, e) for t, e in self.events if e.kind == kind and t >= after_s)
 
 

@@ -1,6 +1,6 @@
 """The command's reference, docs/commands.md, from the commands themselves.
 
-``python -m tools.dev.command_help`` writes it; a test holds it fresh.
+``python -m tools.dev.command_help`` writes it; a test checks that it is current.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def reference() -> str:
     """Return the whole page."""
     from tools.cli.main import cli
 
-    # With its settings: a command keeps the help option that it was first asked for.
+    # With its settings, because a command keeps the help option of its first context.
     context = click.Context(cli, info_name="sweepctl", **cli.context_settings)
     parts = [_HEAD, "## All commands\n", _index(cli, context)]
     for name, command in _commands(cli, context):
@@ -140,7 +140,7 @@ def _usage(command: click.Command, context: click.Context) -> list[str]:
 
 
 def _prose(text: str) -> str:
-    """A docstring as Markdown: paragraphs joined, kept blocks as they are."""
+    """Return a docstring as Markdown: paragraphs joined, literal blocks unchanged."""
     found = []
     for paragraph in inspect.cleandoc(text).split("\n\n"):
         if paragraph.startswith("\b"):

@@ -1,4 +1,4 @@
-"""``make demo``: a simulated clean of the paper's case 1, then a live one over a pty."""
+"""``make demo``: a simulated run in the paper's case 1, then a live run over a pty."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _OUT.width = max(100, _OUT.width)
 
 
 def main() -> int:
-    """Run both parts; 0 when both ended as they should."""
+    """Run both parts; return 0 if both succeeded."""
     RUNS.mkdir(exist_ok=True)
     status = simulated()
     return status or live()
 
 
 def simulated() -> int:
-    """Run case 1 with the default planner, the whole stack in virtual time."""
+    """Run case 1 with the default planner and the whole stack in virtual time."""
     log = RUNS / "demo-simulated.mcap"
     _OUT.rule(Text("1  simulate: the paper's case 1, whole stack in virtual time", "bold"))
     done = _sweepctl(
@@ -44,7 +44,7 @@ def simulated() -> int:
 
 
 def live() -> int:
-    """An emulated robot and the host as two processes on a pseudo-terminal."""
+    """Run an emulated robot and the host as two processes on a pseudo-terminal."""
     log = RUNS / "demo-live.mcap"
     title = f"2  emulate + connect --plan: two processes, a real wire, {LIVE_S} s"
     _OUT.rule(Text(title, "bold"))
@@ -77,7 +77,7 @@ def live() -> int:
 
 
 def _sweepctl(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command as a user would, and print its messages to people as they come."""
+    """Run the command as a user would, and print its messages as they arrive."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     command: list[Any] = [sys.executable, "-m", "tools.sweepctl", *arguments]
     return subprocess.run(  # noqa: S603 - our own command

@@ -1,7 +1,7 @@
 """The keys of robot and room files as reference pages, from their declarations.
 
 ``python -m tools.dev.file_reference`` writes docs/robot-file.md and the tables of docs/rooms.md; a
-test holds them fresh.
+test checks that they are current.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _table(defaults: DataclassInstance, fields: Iterable[dataclasses.Field[Any]]
 
 
 def _sensor_row(model: RobotModel, field: dataclasses.Field[Any]) -> str:
-    """One key of a range sensor, with the default of each sensor."""
+    """Return the row of one key of a range sensor, with the default of each sensor."""
     found = [getattr(mount, field.name) for mount in model.rangers.values()]
     values = [f"`{as_toml(v)}`" if isinstance(v, bool) else f"{v:.4g}" for v in found]
     return _row(field, values[0] if len(set(values)) == 1 else " / ".join(values))

@@ -57,13 +57,13 @@ BOARDS = {
 
 
 class Taken(NamedTuple):
-    """What one board's program takes, in bytes."""
+    """Memory that one board's program uses, bytes."""
 
     flash: int
     ram: int
-    """Variables, the stack's reserve aside."""
+    """Variables, without the reserve of the stack."""
     stack: int
-    """The most that it can use."""
+    """Maximum use of the stack."""
     reserve: int
     """Size that the linker reserves for the stack, bytes."""
     deepest: list[str]

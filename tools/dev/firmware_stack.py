@@ -1,10 +1,9 @@
 """Maximum stack use of the firmware, from the compiler's data on each function.
 
 GCC writes a call graph with each function's own frame (``-fcallgraph-info=su``). Functions of the C
-library are read from the program's disassembly: the bytes that their instructions push and reserve.
-Interrupts come in addition: one at a time on each priority level, each with the frame that the
-processor itself pushes (PM0214, section 2.3.7: 26 words with the floating point registers, and one
-to align).
+library are read from the disassembly: the bytes that their instructions push and reserve.
+Interrupts are added, one on each priority level. Each includes the frame that the processor itself
+pushes (PM0214, section 2.3.7: 26 words with the floating point registers, and one for alignment).
 """
 
 from __future__ import annotations
@@ -97,7 +96,7 @@ class Calls:
 
 
 def _taken(line: str) -> int:
-    """Bytes that one instruction takes from the stack."""
+    """Return the number of bytes that one instruction takes from the stack."""
     if push := _PUSH.search(line):
         size = 8 if push[1] == "vpush" and "d" in push[2] else 4
         return size * sum(_count(part) for part in push[2].split(","))
@@ -108,13 +107,13 @@ def _taken(line: str) -> int:
 
 
 def _count(part: str) -> int:
-    """How many registers ``r4``, ``r4-r8`` or ``d8-d9`` are."""
+    """Return the number of registers in ``r4``, ``r4-r8`` or ``d8-d9``."""
     first, _, last = part.strip().partition("-")
     return int(last[1:]) - int(first[1:]) + 1 if last else 1
 
 
 def bound(calls: Calls, root: str, levels: Mapping[int, Sequence[str]]) -> int:
-    """The most that the program and one interrupt on each level can use together, in bytes."""
+    """Return the maximum stack use of the program and one interrupt per level, bytes."""
     total, _ = calls.deepest(root)
     for handlers in levels.values():
         total += FRAME_BYTES + max(calls.deepest(handler)[0] for handler in handlers)

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 FOLDER = Path(__file__).resolve().parents[2] / "sim_device" / "firmware" / "core"
 COMMAND = "python -m tools.dev.firmware_tables"
 _UNITS = {"m": "M", "m/s": "M_S", "rad/s": "RAD_S", "m/s2": "M_S2", "V": "V"}
-"""Suffix of a constant by the unit of its parameter; other units have none."""
+"""Suffix of a constant by the unit of its parameter; other units have no suffix."""
 _ASLEEP = (modes.State.OFF, modes.State.BOOT)
-"""States in which no program runs: the firmware does not have them."""
+"""States in which no program runs, so the firmware does not have them."""
 _WAKING = (
     modes.Event.SUPPLY_LOST,
     modes.Event.SUPPLY_BACK,

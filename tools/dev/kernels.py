@@ -1,10 +1,10 @@
-"""What is compiled ahead of time, and whether it matches its source.
+"""The modules that are compiled ahead of time, and a check that they match their sources.
 
     python -m tools.dev.kernels        exits with 1 if a module is not built or is stale
 
-``pyproject.toml`` has the list of the modules; beside them there is the firmware core, a shared
-library of C sources. ``setup.py`` writes into each compiled file a digest of its inputs, as text
-that ``is_stale`` finds again.
+``pyproject.toml`` lists the modules. In addition there is the firmware core, a shared library of C
+sources. ``setup.py`` writes a digest of the inputs into each compiled file, which ``is_stale``
+finds again.
 """
 
 from __future__ import annotations
@@ -18,50 +18,48 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = "bridge/motion/array_views.py"
-"""Path of the source that the module with Cython's own array code would have; there is no such
-file.
+"""Path of the source that the module with Cython's own array code would have; it does not exist.
 
-All kernels use that module; without it each would contain the code, and take twice as long to
-compile.
-"""
+All kernels use that module. Without it each kernel would contain the code, and take twice as long
+to compile. """
 _MADE_WITH = ("setup.py", "requirements-build.lock")
-"""Further inputs of every compiled module; the lock names the version of Cython."""
+"""Further inputs of every compiled module. The lock file has the version of Cython."""
 
 _ARRAYS = "bridge/motion/arrays.pxd"
-"""Further input of a kernel that declares its types itself."""
+"""Further input of a kernel that declares its own types."""
 _CIMPORT = re.compile(r"^from ([\w.]+) cimport (\w+)", re.MULTILINE)
 CORE = "sim_device/core/core_library.py"
-"""Where the source of the firmware's core as a module would stand: it is C, in ``FIRMWARE``."""
+"""Path of the source that the core would have as a module; its C sources are in ``FIRMWARE``."""
 FIRMWARE = "sim_device/firmware"
 CORE_FOLDERS = ("board_library", "board_virtual", "core", "include", "protocol")
-"""Its folders that the core is made of."""
+"""Folders of ``FIRMWARE`` with the sources of the core."""
 
 
 def sources(*, tests: bool = False) -> list[Path]:
-    """The sources of all kernels; also of those that only tests use."""
+    """Return the sources of all kernels; with ``tests`` also kernels that only tests use."""
     with (ROOT / "pyproject.toml").open("rb") as file:
         named = tomllib.load(file)["tool"]["sweepctl"]["kernels"]
     return [ROOT / path for path in named["modules"] + (named["test-modules"] if tests else [])]
 
 
 def core_sources() -> list[Path]:
-    """The C files of the firmware's core and of the virtual board."""
+    """Return the C files of the firmware core and of the virtual board."""
     files = [f for folder in CORE_FOLDERS for f in sorted((ROOT / FIRMWARE / folder).glob("*.c"))]
     return [file for file in files if file.name != "main.c"]
 
 
 def module_name(source: Path) -> str:
-    """Dotted name of the module that a source makes."""
+    """Return the dotted name of the module that is built from a source."""
     return ".".join(source.relative_to(ROOT).with_suffix("").parts)
 
 
 def types(source: Path) -> Path:
-    """Where the C types of a source stand, if it does not contain them itself."""
+    """Return the file with the C types of a source, if the source does not contain them."""
     return source.with_suffix(".pxd")
 
 
 def stamp(source: Path) -> str:
-    """Return the text that a module made of this source contains."""
+    """Return the text that a module built from this source contains."""
     tools = [path for path in map(ROOT.joinpath, _MADE_WITH) if path.exists()]
     typed = _with_cimported(types(source)) if types(source).exists() else [ROOT / _ARRAYS]
     if source == ROOT / CORE:
@@ -75,7 +73,7 @@ def stamp(source: Path) -> str:
 
 
 def _with_cimported(declared: Path) -> list[Path]:
-    """A .pxd and all that it takes types from, at any depth."""
+    """Return a .pxd file and all files that it takes types from, at any depth."""
     found, open_ = {declared}, [declared]
     while open_:
         for package, name in _CIMPORT.findall(open_.pop().read_text(encoding="utf-8")):
@@ -87,12 +85,12 @@ def _with_cimported(declared: Path) -> list[Path]:
 
 
 def compiled(source: Path) -> Path:
-    """Where the compiled module of a source belongs, in this Python."""
+    """Return the path of the compiled module of a source, for this Python version."""
     return source.with_suffix(sysconfig.get_config_var("EXT_SUFFIX"))
 
 
 def is_stale(source: Path) -> bool:
-    """Whether a module is not built, or was built of another source."""
+    """Return True if a module is not built, or was built from another source."""
     try:
         built = compiled(source).read_bytes()
     except FileNotFoundError:
@@ -106,7 +104,7 @@ def stale(of: list[Path]) -> list[Path]:
 
 
 def complaint(of: list[Path]) -> str | None:
-    """Return what is stale, core included, and the remedy in one line; None if all is current."""
+    """Return the stale modules, core included, and the remedy as one line; None: all current."""
     names = [module_name(source) for source in stale([*of, ROOT / CORE])]
     if not names:
         return None

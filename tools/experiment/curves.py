@@ -19,8 +19,8 @@ _PATH_STEP_M = 0.02
 """Minimum distance between two points of a drawn path, m."""
 MULTIPLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 """Multiples of the references at which curves have points. The reference time is sweepable area /
-(W · cruise speed), the reference path is area / W, and the reference energy is that time at the
-power of the cruise speed. None of them is a lower bound: the recovery planner drives faster than
+(W · cruise speed). The reference path is area / W. The reference energy is the reference time at
+the power of the cruise speed. They are not lower bounds: the recovery planner drives faster than
 the cruise speed, and a turn in place sweeps floor without path."""
 
 

@@ -1,9 +1,9 @@
 """The end of a worker process on SIGTERM: during a trial, never while it writes a result.
 
-A process that dies while it writes to the pool's pipe blocks the reader, and the whole command,
-for ever. During a trial a worker does not use the pipe, so it exits at once; raising an exception
-from the signal handler is no alternative, because an extension module may be loading. A worker
-that writes a result or waits for a trial gets a grace period.
+A process that dies while it writes to the pool's pipe blocks the reader, and with it the whole
+command. During a trial a worker does not use the pipe, so it can exit at once. An exception from
+the signal handler is no alternative, because an extension module may be loading. A worker that
+writes a result or waits for a trial gets a grace period.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 GRACE_S = 5.0
-"""Grace period after SIGTERM, s: enough to write a result and to learn that no trial is left."""
+"""Grace period after SIGTERM, s: enough to write a result and to find that no trial is left."""
 
 
 class EndedEarlyError(Exception):
@@ -32,9 +32,9 @@ class Ending:
     """State that the signal handler and the trial share."""
 
     asked = False
-    """SIGTERM has come."""
+    """True once SIGTERM has arrived."""
     busy = False
-    """A trial is running."""
+    """True while a trial runs."""
 
 
 def prepare_worker() -> None:

@@ -1,9 +1,9 @@
 """Layouts in which the paper's algorithm fails, as floor plans (rooms ``layout:NAME``).
 
 The algorithm remembers one obstacle and steps to one side only, which is not enough for these
-layouts. Only the shapes have a source; we chose the sizes, with sides of 3 to 5 m. The robot starts
-in the lower left corner and heads along the lower wall, as in the paper's rooms. Only the layouts
-that test the start pose differ.
+layouts. Only the shapes have a source. The sizes are our choice, with sides of 3 to 5 m. The robot
+starts in the lower left corner and heads along the lower wall, as in the paper's rooms. Only
+layouts that test the start pose differ.
 """
 
 from __future__ import annotations

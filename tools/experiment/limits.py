@@ -26,20 +26,20 @@ CAUSES = {
     "lane gap": "elsewhere, in a piece into which no disc of 4 cm radius fits",
     "early end": "the rest: free in the map, but not swept when the run ended",
 }
-"""Causes of lost coverage in the order of their test: the first that applies is a cell's cause."""
+"""Causes of lost coverage in the order of their tests. The first cause that applies counts."""
 _CONTACT_M = 0.02
 """Clearance of the footprint to a wall below which a loss is a wall gap, m."""
 _SLIVER_M = 0.04
 """Radius of the disc that does not fit into a gap between lanes, m."""
 _MAP_SLACK_M = 0.025
-"""Error of the planner's map that does not count as false, m: one cell of 2 cm and its rounding."""
+"""Error of the planner's map that is tolerated, m: one cell of 2 cm and its rounding."""
 
 
 class TruePose:
     """The host's estimator with the plant's true pose instead of the estimated one."""
 
     def __init__(self, inner: PoseEstimator, device: RiggedDevice) -> None:
-        """Wrap ``inner``, which gets all measurements and gives everything except the pose."""
+        """Wrap ``inner``, which gets all measurements and gives all values except the pose."""
         self._inner, self._device = inner, device
 
     @property

@@ -1,4 +1,4 @@
-"""A run of the whole stack that keeps true poses, estimates, energy and commands."""
+"""A run of the whole stack with recorded true poses, estimates, energy and commands."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
 BOOT_S = HOST_BOOT_NS / 1e9
 """Host time minus device time, s. All times in this module are device time."""
 _ROUNDING_S = 1e-6
-"""Rounding error of that difference, s: the last sample of the energy may be at the drive's end."""
+"""Rounding error of that difference, s. The last energy sample may be at the end of the drive."""
 
 
 class _Eye(NullSink):
-    """A sink that keeps true poses and commands only."""
+    """A sink that stores true poses and commands only."""
 
     def __init__(self) -> None:
         self.truth: list[tuple[float, Pose2]] = []
         self.commands: list[tuple[float, float, float]] = []
 
     def write(self, record: Record) -> None:
-        """Keep a true pose or a command."""
+        """Store a true pose or a command."""
         if isinstance(record, TruthRecord):
             self.truth.append(((record.log_ns - EPOCH_NS) / 1e9, record.pose))
         elif isinstance(record, CommandRecord):

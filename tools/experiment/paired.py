@@ -1,4 +1,4 @@
-"""Comparison of one planner with each other one, run by run: a mean may hide losses."""
+"""Comparison of one planner with each other planner, run by run, because a mean may hide losses."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 FROM = 1.5
-"""Smallest multiple of the reference that is compared. Before, no planner is near its end, and
-the order of its lanes decides."""
+"""Minimum multiple of the reference that is compared. At smaller multiples no planner is near its
+end, and the order of its lanes decides."""
 _COLUMNS = tuple(k for k, multiple in enumerate(MULTIPLES) if multiple >= FROM)
 _UNITS = {"coverage": "time", "by_energy": "energy"}
 
@@ -77,7 +77,7 @@ def _pairs(
 
 
 def _cell(pairs: Sequence[tuple[float | None, float | None]]) -> str:
-    """Return how often the first is less than the second, and the smallest difference."""
+    """Return in how many pairs the first is less than the second, and the minimum difference."""
     margins = [mine - theirs for mine, theirs in pairs if mine is not None and theirs is not None]
     if len(margins) < len(pairs):
         return "-"

@@ -1,4 +1,4 @@
-"""Tables of our figures and the paper's: Table 2, the other rooms, section 5.3 and Fig. 15."""
+"""Tables of our results and the paper's: Table 2, the other rooms, section 5.3 and Fig. 15."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAPER_SHARES = {
     "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
     COMPREHENSIVE: (0.9461, "section 5.3"),
 }
-"""Coverage in the paper, 0 to 1, and its place in the paper, by room."""
+"""Coverage in the paper, 0 to 1, and the place in the paper, by room."""
 
 
 def paper_table(rows: Sequence[Row]) -> Table:

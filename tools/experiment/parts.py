@@ -1,4 +1,4 @@
-"""Results of an experiment as a Parquet dataset, in parts that are written while the runs go on."""
+"""Results of an experiment as a Parquet dataset, in parts that are written during the runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PART_ROWS = 1000
 DETAIL = "detail"
 """Column with curves, paths and other structured values, as JSON text."""
 _WHOLE = frozenset({"seed", "turns", "collisions"})
-"""Columns of whole numbers; other numbers are floating point."""
+"""Columns of whole numbers. Other numbers are floating point."""
 
 
 class Parts:
     """The dataset of one experiment. Without pyarrow nothing is written."""
 
     def __init__(self, folder: Path, rows: Mapping[str, Row]) -> None:
-        """Open the dataset and find which of these results, by key, it lacks."""
+        """Open the dataset and find which of these results are missing, by key."""
         self._folder = folder / FOLDER
         self._pending: list[Row] = []
         self._number = 0

@@ -90,7 +90,7 @@ def render(
 ) -> str:
     """Return the HTML page with the tables and the figures of the rows.
 
-    ``pairs``: the runs with the same runs of another version.
+    ``pairs``: each run with the same run of another version.
     """
     facts = [
         ("runs", len(rows)),

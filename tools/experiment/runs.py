@@ -57,8 +57,8 @@ def run_all(
 ) -> Outcome:
     """Run the trials that the store lacks. A failed trial is reported, and the others continue.
 
-    Ctrl-C or SIGTERM ends the runs. The signal is polled instead of raised: an exception while the
-    pool starts or ends would leave processes that wait for each other for ever.
+    Ctrl-C or SIGTERM ends the runs. The signal is polled, not raised. An exception during the start
+    or the end of the pool would leave processes that wait for each other forever.
 
     Args:
         store: takes the results.

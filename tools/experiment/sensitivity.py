@@ -1,4 +1,4 @@
-"""Runs with other values of the tuned constants, and what they change, run by run."""
+"""Runs with other values of the tuned constants, and their effect, run by run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def sensitivity_trials(
 
 
 def sensitivity_table(rows: Sequence[Row]) -> Table:
-    """Return what each change of a constant does, the constant with the largest effect first."""
+    """Return the effect of each change of a constant, the largest effect first."""
     known = {_place(row): row for row in rows if row["kind"] == Kind.RUN}
     pairs: dict[str, list[Pair]] = {}
     for row in rows:

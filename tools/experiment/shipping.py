@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 _ONE_AT_A_TIME = threading.Lock()
-"""A worker may have several threads; two runs at once would be slower and are not tested."""
+"""Lock against two runs in one worker with several threads: slower, and not tested."""
 
 
 class WorkerVersionError(BridgeError):
-    """A worker has another version of the code: its results would differ."""
+    """A worker has another version of the code, so its results would differ."""
 
 
 @dataclass(frozen=True, slots=True)

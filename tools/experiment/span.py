@@ -58,11 +58,11 @@ def limit_s(trial: Trial, meter: CoverageMeter) -> float:
 
 
 def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], bool]:
-    """Return a function that tells whether to end a run.
+    """Return a function that decides whether to end a run.
 
-    It takes the time of the drive, s, and the energy drawn since boot, Wh. Only ``random`` needs
-    it, because that planner never ends by itself: its run ends after the last of the multiples of
-    the reference time and energy.
+    Its arguments are the time of the drive, s, and the energy drawn since boot, Wh. Only ``random``
+    needs it, because that planner never ends by itself. Its run ends after the last multiple of the
+    reference time and energy.
     """
     if not isinstance(planner, RandomPlanner):
         return lambda _time_s, _energy_wh: False

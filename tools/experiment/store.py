@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 Row = dict[str, Any]
-"""Result of a trial: its parameters and figures."""
+"""Result of a trial: its parameters and metrics."""
 LINES = "runs.jsonl"
 """File with the results, in the experiment's folder."""
 _PLAIN = (str, int, float, bool, type(None))

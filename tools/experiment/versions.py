@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Pair = tuple["Row", "Row"]
 """A run before, and the same run after."""
 _SAME = ("kind", "room", "planner", "noise", "seed", "robot_hash", "options")
-"""Parameters that a pair has in common. A robot file counts by its content."""
+"""Parameters that are equal in a pair. A robot file is compared by its content."""
 EQUAL = 1e-4
 """Difference of the swept share below which two runs are equal."""
 _LOSSES = 10
@@ -34,7 +34,7 @@ _LOSSES = 10
 
 
 class Difference(NamedTuple):
-    """Mean difference of pairs, after less before."""
+    """Mean difference of pairs, after minus before."""
 
     mean: float
     margin: float
@@ -42,7 +42,7 @@ class Difference(NamedTuple):
 
     @property
     def certain(self) -> bool:
-        """Whether the interval does not contain 0."""
+        """True if the interval does not contain 0."""
         return abs(self.mean) > self.margin
 
     def text(self, scale: float = 1.0, digits: int = 2) -> str:
@@ -69,7 +69,7 @@ def difference(pairs: Sequence[Pair], figure: str) -> Difference:
 
 
 def read_rows(folder: Path) -> list[Row]:
-    """Read the results of an experiment, of whatever version.
+    """Read the results of an experiment, from any version of the code.
 
     Raises:
         ExperimentFolderError: there are none.
@@ -94,7 +94,7 @@ def read_rows(folder: Path) -> list[Row]:
 
 
 def version_of(rows: Iterable[Row]) -> str:
-    """Return the version of the code that made the rows."""
+    """Return the version of the code that produced the rows."""
     return ", ".join(dict.fromkeys(str(row.get("version", "?")) for row in rows))
 
 

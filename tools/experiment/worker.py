@@ -1,4 +1,4 @@
-"""Runs one trial and computes its figures, in a worker process."""
+"""Runs one trial and computes its metrics, in a worker process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def run_trial(trial: Trial) -> dict[str, Any]:
-    """Run a trial and return its figures: a flat object, except for curves and paths.
+    """Run a trial and return its metrics: a flat object, except for curves and paths.
 
     Raises:
         FloorPlanError: the room is invalid.

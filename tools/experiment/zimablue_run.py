@@ -1,12 +1,12 @@
 """Online planners of the package ``zimablue``, run in its simulation with its own robot.
 
-The comparison is made fair as follows. zimablue's robot is wider than ours (56.6 cm over its
-corners with a head of 34 cm; ours 32 cm and 16 cm), so each floor plan is enlarged by the ratio of
-the two bodies. Every door, gap and table leg is then equally tight for both robots. zimablue keeps
-its own robot, sensors, noise, estimator, speeds and contact model. Our metrics measure its
-coverage from its true pose, with its head as a segment on the axle: the share of the floor that the
-head can reach, at multiples of that area / (head width · cruise speed). A run ends with its
-planner, or after six times that reference time.
+The comparison is made fair as follows. zimablue's robot is wider than ours: 56.6 cm over its
+corners with a head of 34 cm, compared with 32 cm and 16 cm. So each floor plan is enlarged by the
+ratio of the two bodies. Every door, gap and table leg is then equally tight for both robots.
+zimablue keeps its own robot, sensors, noise, estimator, speeds and contact model. Our metrics
+measure its coverage from its true pose, with its head as a segment on the axle. The coverage is the
+share of the floor that the head can reach. It is given at multiples of that area / (head width ·
+cruise speed). A run ends with its planner, or after six times that reference time.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ _NARROW = 60
 """Width from which the table also has battery and speed, columns."""
 _KEYS = "space s: STOP ALL   Ctrl-C: end all"
 _ORDERLY = {"none", "session_end"}
-"""Names of stop causes that are no stop for safety."""
+"""Names of stop causes that are not stops for safety."""
 
 
 class ShownMember(Protocol):
@@ -98,7 +98,7 @@ class FleetDashboard:
 
     def stop(self) -> None:
         """Stop drawing and restore the screen."""
-        drop_queued()  # older frames: the sequence that restores the terminal needs room
+        drop_queued()  # drops older frames, so that the sequence that restores the terminal fits
         self._live.stop()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -126,7 +126,7 @@ class FleetDashboard:
         layout.split_column(
             Layout(top, size=1),
             Layout(robots, size=rows),
-            # In a low window the robots count more than their events.
+            # In a low window the robots are more important than their events.
             *([Layout(happened, size=events)] if events >= _MIN_EVENTS else []),
             Layout(self._footer(), size=2),
         )

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from tools.fleet.member import OnLine, Target
 
 GRAVITY = (3, 5, 4, 2, 1, 0)
-"""Exit statuses from the gravest one to success; the fleet has the gravest of its robots."""
+"""Exit statuses from the most severe one to success. The fleet has the most severe of its
+robots."""
 STOP_S = 30.0
 """Maximum time for all confirmations of a stop, s: above that of each robot."""
 
@@ -50,7 +51,7 @@ class Fleet:
             member.end()
 
     def stop(self) -> None:
-        """Stop every robot, also one whose process has ended; does not wait."""
+        """Stop every robot, even if its process has ended; does not wait."""
         with self._stopping:
             if any(thread.is_alive() for thread in self._stoppers):
                 return
@@ -64,7 +65,7 @@ class Fleet:
             threading.Thread(target=self._conclude_stop, daemon=True).start()
 
     def wait_stopped(self) -> None:
-        """Wait until every robot has confirmed its stop or failed to."""
+        """Wait until every robot has confirmed its stop, or until the stop has failed."""
         for thread in self._stoppers:
             thread.join(STOP_S)
 
@@ -81,7 +82,7 @@ class Fleet:
 
     @property
     def exit_status(self) -> int:
-        """Gravest exit status of the robots; 3 if one did not confirm the stop."""
+        """Most severe exit status of the robots; 3 if a robot did not confirm the stop."""
         statuses = {member.ended.exit_status if member.ended else 1 for member in self.members}
         if self.unconfirmed:
             statuses.add(LOST_STATUS)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 WATCH_HZ = 4.0
 """Rate at which the state of a robot is read, Hz."""
 _RETRY_S = 0.2
-"""Period at which the socket of a starting process is looked for, s."""
+"""Interval at which the socket of a starting process is searched, s."""
 _END_S = 5.0
 """Maximum time for a process to end after a signal, s. After that it is killed, and the fleet stops
 the robot through the port."""
@@ -46,7 +46,7 @@ class Target:
     port: str
     node: int | None
     how: Mapping[str, Any]
-    """Options by which the port is opened."""
+    """Options with which the port is opened."""
     log: Path
     own: tuple[str, ...] = ()
     """Options of ``connect`` for this robot alone."""
@@ -58,7 +58,7 @@ class Stopped:
 
     confirmed: bool
     text: str
-    """Who confirmed it, or why it is not confirmed."""
+    """Process or device that confirmed the stop, or the reason for a missing confirmation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class Ended:
     exit_status: int
     reason: str
     summary: dict[str, Any] | None
-    """Summary of the run; None: there is none."""
+    """Summary of the run; None: no summary."""
 
     @property
     def outcome(self) -> str:

@@ -1,4 +1,4 @@
-"""Checks as a live run begins: the device's parameters, and the robot's start pose."""
+"""Checks at the start of a live run: the device's parameters and the robot's start pose."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 _POLL_S = 0.05
 """Period at which the state of the session is polled, s."""
 _READING_S = 0.1
-"""Period at which ranges are read, s: longer than that of the messages, so each is read once."""
+"""Interval at which ranges are read, s. It is longer than that of the messages, so that none is
+read twice."""
 _READINGS = 9
-"""Number of readings whose median is compared: odd, and enough to ignore single wrong echoes."""
+"""Number of readings whose median is compared: odd, and enough to ignore a few wrong echoes."""
 
 
 @contextlib.contextmanager

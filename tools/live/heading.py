@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _RESOLUTION_M = 0.01
-"""Cell size of the live coverage, m: the coarsest for which the metric is defined."""
+"""Cell size of the live coverage, m: the maximum for which the metric is defined."""
 _PERIOD_S = 1.0
 """Period at which the coverage is computed, s."""
 _GAP = "   "
@@ -36,7 +36,7 @@ class Coverage(Protocol):
 
 
 TRAIL_STEP_M = 0.05
-"""Distance between positions of the path that is drawn, m: below a cell of the map."""
+"""Distance between drawn positions of the path, m: less than a cell of the map."""
 _TRAIL_POSITIONS = 2000
 """Maximum number of positions: 100 m of path."""
 
@@ -47,7 +47,7 @@ def _trail() -> deque[tuple[float, float]]:
 
 @dataclass(slots=True)
 class RunFacts:
-    """Facts of the run that the dashboard shows besides the state of the robot."""
+    """Facts of the run that the dashboard shows in addition to the robot's state."""
 
     port: str = ""
     log: str = ""
@@ -65,7 +65,7 @@ class RunFacts:
     trail: deque[tuple[float, float]] = field(default_factory=_trail)
     """Positions of the path, m. Another thread may append: copy it before iterating."""
     note: str = ""
-    """What the footer says of a dashboard without keys."""
+    """Text in the footer of a dashboard without keys."""
     foxglove: str = ""
     """Address for Foxglove; empty: the run is not served."""
 
@@ -94,7 +94,7 @@ class LiveCoverage:
         self._counted_s = 0.0
         self._share = 0.0
         self._lock = threading.Lock()
-        """The dashboards of other processes ask in threads of their own."""
+        """Lock, because the dashboards of other processes use their own threads."""
 
     def share(self, now_s: float) -> float:
         """Return the swept share of the reachable floor, 0 to 1; it is updated each second."""

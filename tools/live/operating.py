@@ -72,7 +72,7 @@ class Operating:
         self._go_on, self._on_start = go_on, on_start
         self._clear_stop = clear_stop
         self._armed = ("", 0)
-        """Key that was pressed once, and when, ns."""
+        """Key that was pressed once, and the time of the press, ns."""
         self.marks = 0
         """Number of marks so far."""
         self.message = ""

@@ -79,7 +79,7 @@ if TYPE_CHECKING:
 _REPORT_S = 1.0
 """Maximum time for the loop to record that a command failed, s."""
 _ANY_WIDTH = 10_000
-"""Width of a line that is not shortened, columns: more than any line has."""
+"""Width of a line that is not shortened, columns. Every line is shorter."""
 HAND_M_S = 0.15
 """Default speed of manual driving, m/s."""
 
@@ -131,13 +131,13 @@ class LiveOptions:
     serve: bool = False
     """Show the run live in a browser on this machine."""
     quiet: bool = False
-    """Without a terminal print no line with the state every 5 s."""
+    """Print no line with the state every 5 s if there is no terminal."""
     foxglove: tuple[str, int] | None = None
     """Address on which the run is served to Foxglove; None: it is not."""
     on_events: Commands = ()
     """Commands that the run starts at its events."""
     battery: BatteryRule = field(default_factory=BatteryRule)
-    """Limits by which the battery is low, for ``on_events``."""
+    """Limits of a low battery, for ``on_events``."""
 
     @property
     def planner_name(self) -> str | None:

@@ -1,4 +1,4 @@
-"""The dashboard of a run in another process: what its owner shares, and how it is shown there."""
+"""The dashboard of a run in another process: the data of the run's owner, and its display."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _SHARED_LINES = 20
 
 
 class SharedPage:
-    """What a run shares besides the state of its robot."""
+    """Data that a run shares in addition to the state of its robot."""
 
     def __init__(self, events: EventLines, facts: RunFacts) -> None:
         """Share the lines of ``events`` and the facts of the run."""
         self._events, self._facts = events, facts
 
     def about(self) -> dict[str, Any]:
-        """Return what does not change, for JSON."""
+        """Return the constant data, for JSON."""
         facts = self._facts
         return {
             "log": facts.log,

@@ -39,8 +39,8 @@ _AGED_S = 2.0
 _FROZEN_S = 0.5
 """Time without encoder counts after which no speed is shown, s: the time to live of a setpoint."""
 _NO_LANE_VARIABLES = frozenset({"recovery", "u-shape", "random"})
-"""Planners whose state lacks the variables of the paper's Table 1. A planner of a plug-in may have
-them."""
+"""Planners whose state lacks the variables of the paper's Table 1. The state of a plug-in's planner
+may have them."""
 _RATES_SHOWN = ("imu", "encoders", "range", "status", "power", "planner_state")
 """Messages whose rates are shown."""
 
@@ -109,7 +109,7 @@ def _session(host: Snapshot, now_s: float) -> Text:
 def _speed(host: Snapshot, now_s: float) -> str | None:
     """Return speed and yaw rate; None without recent encoder counts.
 
-    The estimate would still have the last speed.
+    The estimate would still contain the last speed.
     """
     at_s = host.state.arrived_s.get(Encoders)
     if host.session.state is not State.READY or at_s is None or now_s - at_s > _FROZEN_S:

@@ -31,7 +31,7 @@ LEAVE = "\x1b[<u"
 ANSWER_S = 0.3
 """Maximum time to wait for the terminal's answer, s."""
 _ESCAPE_S = 0.05
-"""Time after which a lone escape byte is the escape key, s: a sequence arrives at once."""
+"""Time after which a single escape byte is the escape key, s. A sequence arrives at once."""
 _CSI = re.compile(rb"\x1b\[([<>?]?)([0-9;:]*)([A-Za-z~])")
 _SS3 = re.compile(rb"\x1bO([A-Za-z])")
 _LETTERS = {"A": "up", "B": "down", "C": "right", "D": "left", "H": "home", "F": "end"}

@@ -1,4 +1,4 @@
-"""``--target core``: the C core, or a library of one's own, on a virtual board."""
+"""``--target core``: the C core, or a user's library, on a virtual board."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 HOST_BOOT_NS = 5_000_000_000
-"""Host clock at the device's boot, ns: not 0, so that mixing up the two clocks shows."""
+"""Host clock at the device's boot, ns. It is not 0, so that mixed-up clocks become visible."""
 LATENCY_US = 1_000
 """One-way delay of a byte, µs: as with a USB adapter whose latency timer is 1 ms."""
 _TICKS_KEPT = 32
@@ -43,7 +43,7 @@ class VirtualLoop:
 
         Args:
             body: The virtual robot.
-            rig: The virtual robot with its line and faults; None: without them.
+            rig: The virtual robot with its line and faults; None: no line and no faults.
             latency_us: Delay of each byte, one way.
             on_tick: Called after each step of the robot's body with its time before and now (ms
                 since boot) and its true pose.
@@ -65,7 +65,7 @@ class VirtualLoop:
         self._poses: dict[int, Pose2] = {}
         """True poses by the time stamp of the device, ms."""
         self._tick_ms = 0
-        # The next deadline of each end is kept, because asking for it at every step is slow.
+        # The next deadline of each end is stored, because a query at every step would be slow.
         self._device_us, self._host_us = self._device.next_deadline_us(), 0
 
     @property

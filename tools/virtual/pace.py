@@ -1,4 +1,4 @@
-"""A run in virtual time at a limited speed, for people who watch it."""
+"""A run in virtual time at a limited speed, for spectators."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sim_device.ports.base import DevicePort, Stopper
 
 _IDLE_S = 0.1
-"""Maximum time between two looks at the stopper and the clock, s."""
+"""Maximum interval between checks of the stopper and the clock, s."""
 
 
 def serve(device: ReplayDevice, port: DevicePort, stopper: Stopper) -> None:
@@ -26,7 +26,7 @@ def serve(device: ReplayDevice, port: DevicePort, stopper: Stopper) -> None:
         if data:
             device.receive(data, now_ns)
         device.poll(now_ns)
-        # Bytes that nobody reads are dropped, as on a line without a receiver.
+        # Bytes without a reader are dropped, as on a line without a receiver.
         waiting = device.data_to_send()
         if waiting:
             port.write(waiting)

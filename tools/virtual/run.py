@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
 
 EPOCH_NS = 1_767_225_600_000_000_000
-"""Unix time at which simulated runs start, ns: 2026-01-01T00:00:00Z. A constant, so that equal
+"""Unix time at which simulated runs start, ns: 2026-01-01T00:00:00Z. It is constant, so that equal
 seeds give equal logs."""
 CONFIRM_S = 1.0
 """Time in which the device must confirm the stop after a crash of the loop, s."""
@@ -68,7 +68,7 @@ class VirtualRun:
     track: CoverageTrack
     """Coverage of the true path, from a pose every 40 ms."""
     rig: Rig | None = None
-    """The device with its line and faults; None: it has neither."""
+    """The device with its line and faults; None: no line and no faults."""
     crash: Exception | None = None
     """Exception that ended the loop; None: the run ended normally."""
 

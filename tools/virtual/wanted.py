@@ -1,4 +1,4 @@
-"""Properties of a virtual device, whatever runs its firmware."""
+"""Properties of a virtual device, for any kind of firmware."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wanted:
-    """What a device is made with."""
+    """Properties of a device."""
 
     plan: FloorPlan
     model: RobotModel
@@ -31,14 +31,14 @@ class Wanted:
     link: type[LinkBase] = Link
     """UART or CAN."""
     local: bool = True
-    """Whether only a host beside the robot reaches the link."""
+    """True if only a host beside the robot can reach the link."""
     key: bytes | None = None
     """Key of authenticated motion; None: none."""
 
 
 def python_sweeper(wanted: Wanted) -> VirtualSweeper:
     """Make a device with the firmware's model in Python."""
-    # The device may run its own planner. Importing it only then would delay a control period.
+    # The device may run its own planner. A later import would delay a control period.
     import bridge.coverage.recovery.planner  # noqa: F401 - imported in advance
     from sim_device.sweeper import VirtualSweeper
 

@@ -1,4 +1,4 @@
-"""What the run's process sends to the server's process: pieces with a kind and a length."""
+"""Frames that the run's process sends to the server's process: a kind, a length and content."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _HEAD = struct.Struct("<BI")
 
 
 class FrameKind(IntEnum):
-    """Kind of a piece."""
+    """Kind of a frame."""
 
     FILE = 1
     """A log file begins; no content."""
@@ -27,18 +27,18 @@ class FrameKind(IntEnum):
 
 
 class Frame(NamedTuple):
-    """One piece."""
+    """One frame."""
 
     kind: FrameKind
     content: bytes = b""
 
     def to_bytes(self) -> bytes:
-        """Return the piece with its head."""
+        """Return the frame with its header."""
         return _HEAD.pack(self.kind, len(self.content)) + self.content
 
 
 def read_frames(stream: BinaryIO) -> Iterator[Frame]:
-    """Yield the pieces until the stream ends, within a piece or after one."""
+    """Yield the frames until the end of the stream, even within a frame."""
     while len(head := stream.read(_HEAD.size)) == _HEAD.size:
         kind, length = _HEAD.unpack(head)
         content = stream.read(length)

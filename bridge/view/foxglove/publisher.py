@@ -1,4 +1,4 @@
-"""The run's side of the live server: a bounded queue in front of a process of its own."""
+"""The run's side of the live server: a bounded queue for the server's own process."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _STOP_S = 1.0
 
 
 class _Item:
-    """A chunk in the queue, and what must reach the server before it."""
+    """A chunk in the queue, with the frames that must reach the server before it."""
 
     __slots__ = ("before", "chunk", "messages")
 
@@ -40,15 +40,15 @@ class _Item:
         self.before = before
         """Frames that are never dropped: new files and declarations."""
         self.chunk = chunk
-        """Record of the chunk; empty: only what stands before it."""
+        """Record of the chunk; empty: the item has only frames."""
         self.messages = messages
 
 
 class FoxglovePublisher:
-    """Sends the chunks of a log to a Foxglove server in a process of its own.
+    """Sends the chunks of a log to a Foxglove server in its own process.
 
-    It is a :class:`bridge.record.chunked_file.ChunkTap`. :meth:`take` never waits: if the server
-    does not keep up, the oldest chunks are dropped and counted.
+    It is a :class:`bridge.record.chunked_file.ChunkTap`. :meth:`take` never waits: if the server is
+    too slow, the oldest chunks are dropped and counted.
     """
 
     def __init__(self, host: str, port: int, parameters: Mapping[str, object]) -> None:
@@ -117,7 +117,7 @@ class FoxglovePublisher:
             self._changed.notify()
 
     def close(self) -> None:
-        """End the server, within 2 s. One that does not keep up loses the rest of its queue."""
+        """End the server, within 2 s. If the server is too slow, the rest of its queue is lost."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -126,7 +126,7 @@ class FoxglovePublisher:
             with self._changed:
                 self.dropped += sum(item.messages for item in self._items)
                 self._items.clear()
-            self._process.kill()  # ends the blocked write, too
+            self._process.kill()  # also ends a blocked write
             self._thread.join(_END_S)
         try:
             self._process.wait(_STOP_S)
@@ -136,7 +136,7 @@ class FoxglovePublisher:
         self._process.stdout.close()  # type: ignore[union-attr]  # it is a pipe
 
     def _started(self, host: str, port: int) -> int:
-        """Return the port that the server announces as its first line."""
+        """Return the port, which the server prints in its first line."""
         timer = threading.Timer(_START_S, self._process.kill)
         timer.daemon = True
         timer.start()

@@ -19,7 +19,7 @@ _MAX_MESSAGES = 5000
 
 
 class LogFeed:
-    """Packs messages into chunks as a log has them, and passes these on."""
+    """Packs messages into chunks as in a log, and passes the chunks on."""
 
     def __init__(self, tap: ChunkTap) -> None:
         """Pass chunks to ``tap``."""
@@ -41,7 +41,7 @@ class LogFeed:
                 self._tap.take(b"".join(declared), chunk_record(closed), closed.messages)
 
     def _id(self, channel: LogChannel, declared: list[bytes]) -> int:
-        """Return the number of a channel; a new one is declared."""
+        """Return the number of a channel, and declare a new one."""
         key = channel.topic, channel.message_encoding, channel.schema_name
         number = self._ids.get(key)
         if number is not None:

@@ -1,8 +1,8 @@
 """Live server for Foxglove: ``python -m bridge.view.foxglove.server HOST PORT``.
 
-It reads the pieces of :mod:`bridge.view.foxglove.frames` from its standard input and publishes the
-messages of the log unchanged, each on a channel with the topic, the encoding and the schema of the
-log. It ends with its input. Clients can read; whatever they send is refused.
+It reads the frames of :mod:`bridge.view.foxglove.frames` from its standard input and publishes the
+log's messages unchanged. Each topic is a channel with the encoding and the schema of the log. The
+server ends with its input. Clients can only read; all their messages are rejected.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     from bridge.view.foxglove.frames import Frame
 
 STATE_TOPICS = {"/tf_static": 8, "/map/room": 1, "/map/coverage": 1, "/planner": 1}
-"""Topics whose newest messages a new subscriber gets at once, and how many: they describe a state
-and are rare."""
+"""Topics that describe a state, with the number of newest messages that a new subscriber gets at
+once. Their messages are rare."""
 _PARAMETER_TOPIC = "/device/parameter_value"
 _BACKLOG = 4096
-"""Messages that the server keeps for a slow client, which loses older ones: one second of a full
-3 Mbaud link has 10 000."""
+"""Maximum number of messages that the server keeps for a slow client; older ones are lost. One
+second of a full 3 Mbaud link has 10 000."""
 _NICE = 5
 _FLUSH_S = 0.3
-"""Time after the last message before the server stops, so that clients get it, s."""
+"""Time between the last message and the stop of the server, s. Clients get the message in it."""
 
 
 class ReadOnly(ServerListener):
@@ -62,7 +62,7 @@ class ReadOnly(ServerListener):
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None
     ) -> list[Parameter]:
-        """Return the parameters of these names; no name: all."""
+        """Return the parameters with these names; without names, all of them."""
         del client, request_id
         known = self._parameters
         return [known[name] for name in param_names or sorted(known) if name in known]
@@ -70,7 +70,7 @@ class ReadOnly(ServerListener):
     def on_set_parameters(
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
-        """Change nothing, and return the present values."""
+        """Change nothing and return the present values."""
         del client, request_id
         if self.server is not None:
             text = "parameters are read-only here; use `sweepctl param set`"
@@ -110,7 +110,7 @@ class LiveServer:
         """TCP port on which the server listens."""
 
     def take(self, frame: Frame) -> None:
-        """Handle one piece."""
+        """Handle one frame."""
         match frame.kind:
             case FrameKind.FILE:
                 self._reader = ChunkReader()

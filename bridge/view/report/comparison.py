@@ -1,4 +1,4 @@
-"""Comparison of two runs: figures in one table, paths and curves in one picture."""
+"""Comparison of two runs: metrics in one table, paths and curves in one picture."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _POINTS = "Differences of shares are in percentage points: from 90 % to 91 % is 
 
 
 def figures_of(data: RunData) -> dict[str, float | None]:
-    """Return the figures of a run that are compared."""
+    """Return the metrics of a run that are compared."""
     measured = data.coverage
     made: dict[str, float | None] = {
         "duration_s": data.figure("duration_s"),
@@ -69,7 +69,7 @@ def figures_of(data: RunData) -> dict[str, float | None]:
 
 
 def compare(a: RunData, b: RunData) -> dict[str, Any]:
-    """Return the figures of both runs and their differences, second minus first, as JSON."""
+    """Return the metrics of both runs and their differences, second minus first, as JSON."""
     first, second = figures_of(a), figures_of(b)
     changed = {}
     for key, one in first.items():
@@ -87,9 +87,9 @@ def _named(data: RunData) -> dict[str, Any]:
 
 
 def rows(a: RunData, b: RunData) -> list[tuple[str, ...]]:
-    """Return the rows of the table: figure, first run, second run, difference.
+    """Return the rows of the table: metric, first run, second run, difference.
 
-    Figures that both runs lack are omitted.
+    Metrics that both runs lack are omitted.
     """
     first, second = figures_of(a), figures_of(b)
     lines: list[tuple[str, ...]] = [

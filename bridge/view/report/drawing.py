@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_LETTERS = 1000
-"""Longest text in a figure, characters: the layout of 100 000 characters takes a minute."""
+"""Maximum length of a text in a figure, characters. The layout of 100 000 takes a minute."""
 _DPI = 110
 
 
@@ -43,14 +43,14 @@ def blank(width: float, height: float) -> Figure:
 
 
 def svg(width: float, height: float, draw: Callable[[Axes], None]) -> str:
-    """Draw one figure and return it as SVG; equal data gives equal text."""
+    """Draw one figure and return it as SVG. Equal data give equal text."""
     figure = blank(width, height)
     draw(figure.add_subplot())
     return as_svg(figure)
 
 
 def as_svg(figure: Figure) -> str:
-    """Return a figure as SVG to embed in a page; equal data gives equal text."""
+    """Return a figure as SVG for a page. Equal data give equal text."""
     import matplotlib as mpl  # noqa: PLC0415 - an extra
 
     out = io.StringIO()
@@ -81,7 +81,7 @@ def floor_axes(axes: Axes) -> None:
 
 
 def nothing(axes: Axes, why: str) -> None:
-    """Write into the axes why there is no figure."""
+    """Write the reason for the missing figure into the axes."""
     axes.text(0.5, 0.5, why, ha="center", transform=axes.transAxes)
     axes.set_axis_off()
 

@@ -28,7 +28,7 @@ OTHER = "#b03a48"
 _POINTS = 400
 """Number of points of the coverage curve."""
 _ROOM_HEIGHTS = (2.6, 9.0)
-"""Smallest and largest height of the figure of the room, inches."""
+"""Minimum and maximum height of the figure of the room, inches."""
 _ROOM_REST = 1.0
 """Height of the legend and the axis labels, inches."""
 
@@ -55,7 +55,7 @@ def draw_room(axes: Axes, data: RunData) -> None:
     draw_path(axes, data.track)
     floor_axes(axes)
     lines, _ = axes.get_legend_handles_labels()
-    # A legend of the figure: below the low axes of a corridor, one of the axes hides their label.
+    # A figure legend, because a legend of the low axes of a corridor would hide the axis label.
     axes.figure.legend(
         handles=[*lines, *floor_legend(data.track)],
         loc="outside lower center",
@@ -82,7 +82,7 @@ def draw_holes(axes: Axes, holes: Sequence[tuple[float, float, float, float]]) -
 
 
 def coverage_curve(data: RunData) -> tuple[list[float], list[float]]:
-    """Return times since the first pose (s) and the main figure at each (%)."""
+    """Return times since the first pose (s) and the swept share of the sweepable floor (%)."""
     report, meter = data.coverage, data.meter
     if report is None or meter is None:
         return [], []
@@ -91,7 +91,7 @@ def coverage_curve(data: RunData) -> tuple[list[float], list[float]]:
 
 
 def draw_coverage(axes: Axes, data: RunData, *, colour: str = BLUE, label: str = "swept") -> None:
-    """Draw the main figure against time."""
+    """Draw the swept share of the sweepable floor against time."""
     times, shares = coverage_curve(data)
     axes.plot(times, shares, color=colour, lw=1.8, label=label)
 

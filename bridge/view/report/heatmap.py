@@ -1,4 +1,4 @@
-"""What many runs in one room missed: the share of runs that left each piece of floor unswept."""
+"""Missed floor of many runs in one room: the share of runs that left each cell unswept."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from bridge.view.report.run_track import RunTrack
 
 _RESOLUTION_M = 0.01
-"""Size of a cell, m, for which the coverage figures are defined."""
+"""Size of a cell, m, for which the coverage metrics are defined."""
 _OFTEN = 0.5
 """Minimum share of the runs that miss a piece of floor for it to count as often missed."""
 _MIN_PIECE_CM2 = 5.0
-"""Area of the smallest piece that is listed, and surrounded by a line, cm²."""
+"""Minimum area of a piece that is listed and outlined, cm²."""
 _MAX_PIECES = 20
-"""Number of pieces of a room that are listed."""
+"""Maximum number of listed pieces of a room."""
 _MAP_WIDTH, _MAX_HEIGHT, _REST = 8.0, 9.5, 1.3
 """Sizes in inches: width and maximum height of a map, and height of title and legend."""
 _ALWAYS = "#7b1020"
@@ -49,7 +49,7 @@ class MissedPiece:
     y_m: float
     area_cm2: float
     share: float
-    """Mean share of the runs that missed it."""
+    """Mean share of the runs that missed the piece."""
 
 
 @dataclass(slots=True)
@@ -60,9 +60,9 @@ class RoomMisses:
     plan: FloorPlan
     origin_m: tuple[float, float]
     reached: NDArray[np.int32]
-    """Per cell (rows along y): number of runs whose robot could sweep it."""
+    """Number of runs per cell whose robot could sweep it (rows along y)."""
     missed: NDArray[np.int32]
-    """Per cell: number of those runs that did not sweep it."""
+    """Number of these runs per cell that did not sweep it."""
     shares: list[float] = field(default_factory=list)
     """Coverage of each run (``mouth_sweepable``, 0 to 1)."""
 
@@ -73,7 +73,7 @@ class RoomMisses:
 
     @property
     def missed_share(self) -> NDArray[np.float64]:
-        """Per cell: share of the runs that missed it; NaN where no robot could sweep."""
+        """Share of the runs per cell that missed it; NaN where no robot could sweep."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self.missed / np.where(self.reached, self.reached, np.nan))
 
@@ -102,13 +102,13 @@ class RoomMisses:
 
 @dataclass(slots=True)
 class Misses:
-    """Runs by room, and those that could not be used."""
+    """Missed floor by room, and the logs that could not be used."""
 
     rooms: list[RoomMisses] = field(default_factory=list)
     unused: list[tuple[Path, str]] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the figures as values for JSON."""
+        """Return the results as values for JSON."""
         return {
             "rooms": [
                 {
@@ -136,7 +136,7 @@ class Misses:
 def gather_misses(
     logs: Iterable[Path], progress: Callable[[int], None] = lambda _done: None
 ) -> Misses:
-    """Read where the robot of each log was, and count the missed cells.
+    """Read the robot's path from each log, and count the missed cells.
 
     Args:
         logs: The logs.

@@ -57,7 +57,7 @@ _SEVERITIES = {"debug", "info", "warning", "error"}
 
 
 class Tile(NamedTuple):
-    """One main figure."""
+    """A highlighted value at the top of the page."""
 
     value: str
     meaning: str

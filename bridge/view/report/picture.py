@@ -64,7 +64,7 @@ def draw_floor(
 ) -> None:
     """Draw swept and missed floor and the room's marks; nothing for an unknown room.
 
-    ``measured`` is the run's coverage if it is known already.
+    ``measured`` is the run's coverage if the caller has it already.
     """
     from matplotlib.colors import ListedColormap  # noqa: PLC0415 - an extra
 

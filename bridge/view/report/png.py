@@ -18,7 +18,7 @@ _WIDTH, _HEIGHT = 14.0, 10.0
 _HEAD = 0.16
 """Share of the height for the title and the summary."""
 _BAND = 0.55
-"""Ratio of height to width of a room below which it is drawn across the whole sheet."""
+"""Maximum ratio of height to width at which a room is drawn across the whole sheet."""
 _LETTERS = 165
 
 

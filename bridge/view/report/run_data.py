@@ -1,4 +1,4 @@
-"""Reads everything that a report of a run needs from its log."""
+"""Reads the data for a run's report from its log."""
 
 from __future__ import annotations
 
@@ -29,15 +29,17 @@ if TYPE_CHECKING:
 
 _NS = 1e9
 _GAP_PERIODS = 3.0
-"""Shortest gap in periods. Three, not one: one lost frame is normal on a real link."""
+"""Minimum length of a gap, periods. It is three, because one lost frame is normal on a real
+link."""
 _RESOLUTION_M = 0.005
 """Cell size of the coverage, m."""
 _LARGEST = 1e15
-"""Limit of a value that is drawn: axes cannot show larger ones. The comparison also rejects NaN."""
+"""Limit of a value that is drawn; axes cannot show larger values. The comparison also rejects
+NaN."""
 _MAX_FRAMES = 1 << 32
-"""Limit of the damaged frames in one event: more than an hour's at 3 Mbaud."""
+"""Maximum number of damaged frames in one event: more than in an hour at 3 Mbaud."""
 _MAX_SECONDS = 1_000_000
-"""Longest log with one row for each second, s: eleven days."""
+"""Maximum length of a log with one row for each second, s: eleven days."""
 _LEVELS = {3: "warning", 4: "error", 5: "error"}
 """Severities of the log lines that are shown as events, by the level of ``foxglove.Log``."""
 
@@ -53,7 +55,7 @@ class MessageStream:
     first_ns: int = 0
     last_ns: int = 0
     gaps: int = 0
-    """Pauses of more than three periods."""
+    """Number of pauses of more than three periods."""
     longest_s: float = 0.0
 
     @property
@@ -88,13 +90,14 @@ class Happening:
 
 @dataclass(slots=True)
 class RunData:
-    """The data of one run. Times are seconds since the first message that is read."""
+    """The data of one run. Times are in seconds since the first message."""
 
     path: Path
     track: RunTrack
     meter: CoverageMeter | None
     coverage: CoverageReport | None
-    """Coverage by the true path if known, else by the estimate; None without a room or a path."""
+    """Coverage by the true path, or by the estimate if the truth is unknown; None: no room or
+    path."""
     metadata: dict[str, str]
     whole: bool
     problems: list[str]
@@ -107,7 +110,7 @@ class RunData:
     clock: list[tuple[float, float, float, float]] = field(default_factory=list)
     """Time, bound (ms), round trip (ms), drift (ppm)."""
     link: list[tuple[float, int, int]] = field(default_factory=list)
-    """Second, received frames and lost frames in it."""
+    """Second, and numbers of received and lost frames in it."""
     pose_error: list[tuple[float, float]] = field(default_factory=list)
     """Time, distance between estimate and truth (m)."""
     happenings: list[Happening] = field(default_factory=list)
@@ -126,7 +129,7 @@ class RunData:
 
     @property
     def lost(self) -> int:
-        """Lost frames of the device, by the sequence numbers."""
+        """Number of lost frames of the device, by the sequence numbers."""
         return sum(lost for _, _, lost in self.link)
 
     @property

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 TRUTH_TOPIC, POSE_TOPIC = "/truth/pose", "/pose"
 _FARTHEST_M = 1e5
-"""Largest valid distance of a pose from the origin, m. The comparison also rejects NaN."""
+"""Maximum valid distance of a pose from the origin, m. The comparison also rejects NaN."""
 _MOVED_M, _MOVED_RAD = 1e-4, 1e-4
 
 
@@ -43,7 +43,7 @@ class RunTrack:
 
     @property
     def best(self) -> list[tuple[float, Pose2]]:
-        """The true poses if known, else the estimated ones."""
+        """The true poses if they are known, else the estimated poses."""
         return self.truth or self.estimate
 
     @property
@@ -76,7 +76,7 @@ def load_track(path: Path) -> RunTrack:
 def _poses(
     messages: Iterable[LogMessage],
 ) -> tuple[int, list[tuple[float, Pose2]], list[tuple[float, Pose2]]]:
-    """Return both tracks with times since the first pose of either, and that pose's Unix time."""
+    """Return both tracks and the Unix time of the first pose; times count from that pose."""
     raw: dict[str, list[tuple[int, Pose2]]] = {TRUTH_TOPIC: [], POSE_TOPIC: []}
     for message in messages:
         try:

@@ -1,4 +1,4 @@
-"""Comparison of many runs: groups of a selection in one table, their spread in pictures."""
+"""Comparison of many runs: groups of a selection in one table, and as distributions."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Row = dict[str, Any]
 """A run's values by the columns of the library."""
 _NONE = "(none)"
 _MAX_ROWS = 500
-"""Number of runs that a page lists; the table of groups is of all."""
+"""Maximum number of runs that a page lists. The table of groups covers all runs."""
 _MAX_GROUPS = 40
-"""Number of groups that a picture can show."""
+"""Maximum number of groups that a picture can show."""
 _JITTER = 0.16
-"""Half width over which the points of a group are spread, in groups."""
+"""Half width over which the points of a group are spread, relative to the group spacing."""
 
 
 class Measure(NamedTuple):
@@ -31,7 +31,7 @@ class Measure(NamedTuple):
 
     column: str
     short: str
-    """Head of a table's column."""
+    """Heading of a table column."""
     text: str
     """Label of an axis."""
     factor: float = 1.0
@@ -52,7 +52,7 @@ _DRAWN = MEASURES[:4]
 
 
 class Group(NamedTuple):
-    """The runs with one value in the column by which they are grouped."""
+    """The runs with the same value in the column of the grouping."""
 
     name: str
     rows: list[Row]
@@ -64,7 +64,7 @@ class Group(NamedTuple):
 
 
 def grouped(rows: Sequence[Row], by: str) -> list[Group]:
-    """Return the groups, sorted by their value; runs without one are last."""
+    """Return the groups, sorted by their value. Runs without a value are last."""
     groups: dict[Any, list[Row]] = {}
     for row in rows:
         groups.setdefault(row[by], []).append(row)
@@ -73,7 +73,7 @@ def grouped(rows: Sequence[Row], by: str) -> list[Group]:
 
 
 def groups_json(groups: Sequence[Group], by: str) -> dict[str, Any]:
-    """Return the groups' figures in the columns' own units as values for JSON."""
+    """Return the groups' results in the columns' own units as values for JSON."""
     found = []
     for group in groups:
         figures = {}
@@ -98,7 +98,7 @@ def groups_json(groups: Sequence[Group], by: str) -> dict[str, Any]:
 
 
 def group_rows(groups: Sequence[Group], by: str) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the heads and the lines of the table: medians, and the range of the main figure."""
+    """Return headings and rows of the table: medians, and the range of the coverage."""
     head = (by, "runs", "complete", *(m.short for m in MEASURES), "worst, %")
     lines = []
     for group in groups:

@@ -20,14 +20,14 @@ PAPER_SHARES = {
     "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
     "comprehensive": (0.9461, "section 5.3"),
 }
-"""The paper's coverage and its source. Eq. 9 is taken as the area under the footprint over the free
+"""The paper's coverage and its source. Eq. 9 is the area under the footprint over the free
 floor."""
 _HOLES = 8
-"""Number of unswept pieces in the table."""
+"""Maximum number of unswept pieces in the table."""
 _MIN_HOLE_CM2 = 1.0
-"""Smallest unswept piece in the table, cm²."""
+"""Minimum area of an unswept piece in the table, cm²."""
 _MAX_EVENTS = 200
-"""Number of events in the table."""
+"""Maximum number of events in the table."""
 _KEYS = ("version", "port", "noise", "firmware", "uid", "boot_id", "reset_cause")
 
 
@@ -79,7 +79,7 @@ def paper_share(data: RunData) -> tuple[float, str] | None:
 
 
 def comparison(data: RunData) -> Rows:
-    """Compare the run with the paper, the lower bounds and the reference."""
+    """Compare the run with the paper, the lower bound and the reference time."""
     report = data.coverage
     assert report is not None  # noqa: S101 - asked by the caller
     share = paper_share(data)

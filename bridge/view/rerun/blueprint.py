@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
 
 _SHORTEST_S = 1.0
-"""Shortest time axis of a recorded run, s."""
+"""Minimum length of the time axis of a recorded run, s."""
 _DEFAULT_BOUNDS = (-2.0, -2.0, 2.0, 2.0)
 """Bounds of the view for an unknown room, m."""
 _VIEW_HEIGHT = 1.05
-"""Camera height relative to the size of the room: all of it with a margin."""
+"""Camera height relative to the size of the room, with a margin around it."""
 _NEWEST_S = 60.0
 """Time for which a path, a lane and the true path stay in full colour, s: 12 m at 0.2 m/s."""
 _LIVE_S = 60.0

@@ -1,6 +1,6 @@
-"""Collectors that send a log's values to Rerun in columns, a thousand times faster than rows.
+"""Collectors that send a log's values to Rerun in columns, a thousand times faster than in rows.
 
-Each collector discards what it has sent, so that a live run can use it as well.
+A collector discards the values that it has sent, so it also works for a live run.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _NANOSECONDS = 1e9
 
 
 class RerunRecording:
-    """A Rerun recording and the moment that its run began."""
+    """A Rerun recording and the start time of its run."""
 
     def __init__(self, stream: rr.RecordingStream, start_ns: int) -> None:
         self.stream = stream
@@ -86,7 +86,7 @@ class Series:
         self._values.append(row)
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         values = np.array(self._values, dtype=np.float64)
@@ -115,7 +115,7 @@ class States:
             self._states.append(state)
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if self._times:
             recording.send(self._entity, self._times, rr.StateChange.columns(state=self._states))
             self._times, self._states = [], []
@@ -137,7 +137,7 @@ class TextLines:
         self._levels.append(_LEVELS.get(level, rr.TextLogLevel.INFO))
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if self._times:
             columns = rr.TextLog.columns(text=self._lines, level=self._levels)
             recording.send(self._entity, self._times, columns)
@@ -158,7 +158,7 @@ class Document:
         self._texts.append(text)
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if self._times:
             recording.style(
                 self._entity, rr.TextDocument.from_fields(media_type=rr.MediaType.MARKDOWN)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _SECOND_NS = 1_000_000_000
 _LONGEST_GAP_NS = 86_400 * _SECOND_NS
-"""Longest pause that is filled with one point a second, ns: a day."""
+"""Maximum pause that is filled with one point per second, ns: a day."""
 _LOG_LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
 """Severities by the level of ``foxglove.Log``."""
 
@@ -140,7 +140,7 @@ class RunConverter:
             return
 
     def send(self, recording: RerunRecording) -> None:
-        """Send everything that was collected."""
+        """Send all collected values."""
         for time_ns, error_m in self._errors.take():
             self._pose_error.add(time_ns, error_m * 1e3)
         parts: list[_Part] = [self._velocity, self._command, self._yaw_rate, self._yaw_command]

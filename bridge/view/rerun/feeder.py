@@ -1,8 +1,8 @@
 """Feeds Rerun with a log, while it is written or at the speed of the recording.
 
-During a live run it is a separate process (``python -m bridge.view.rerun.feeder``). It reads only
-the log's file, so a slow, frozen or closed viewer delays this process and nothing else. The file is
-the buffer: data that could not be shown in time is shown later.
+During a live run it is a separate process (``python -m bridge.view.rerun.feeder``) that only reads
+the log's file. So a slow, frozen or closed viewer delays only this process. The file is the buffer:
+delayed data is shown later.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ _FLUSH_S = 1.0
 _BEGIN_S = 10.0
 """Time limit for the log to appear, s."""
 _MEMORY = "1GB"
-"""Memory limit of the viewer; beyond it the oldest data is dropped."""
+"""Memory limit of the viewer. Above it, the oldest data is dropped."""
 _NICE = 10
-"""Nice value of this process and the viewer: driving has priority over drawing."""
+"""Nice value of this process and the viewer, because driving has priority over drawing."""
 _BATCH = 5_000
-"""Messages converted at a time; a viewer that was frozen leaves many."""
+"""Number of messages converted at a time. There may be many after a frozen viewer."""
 
 
 @dataclass(frozen=True, slots=True)

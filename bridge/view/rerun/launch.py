@@ -27,9 +27,9 @@ _INSTEAD = ", --save FILE.rrd writes a Rerun file, --png or --screenshot FILE.pn
 _NO_PROXY_THERE = "http://127.0.0.1:9"
 """Proxy address that never answers: the port of the discard service on this machine."""
 _DIRECT = "127.0.0.1,localhost,::1"
-"""Hosts that need no proxy: the viewer receives its data from them."""
+"""Hosts that need no proxy, because the viewer receives its data from them."""
 _INTERRUPTED = {-2, 130}
-"""Exit statuses after Ctrl-C, the usual way to end a viewer that runs in the foreground."""
+"""Exit statuses after Ctrl-C, the usual end of a viewer in the foreground."""
 
 
 def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False) -> LogReader:
@@ -124,9 +124,9 @@ def viewer_program() -> Path:
 def viewer_environment(log_level: str) -> dict[str, str]:
     """Return the viewer's environment: plain log lines, and no request to other machines.
 
-    Rerun sends usage reports unless the user's settings or the variable ``CI`` disable them; this
-    sets ``CI`` and leaves the settings alone. The window also looks up the newest release of
-    Rerun. No setting disables that, but a proxy that never answers does.
+    Rerun sends usage reports unless the user's settings or the variable ``CI`` disable them. This
+    function sets ``CI`` and does not change the settings. The window also looks up the newest
+    release of Rerun. No setting disables this, but a proxy that never answers does.
     """
     environment = {"RUST_LOG": log_level, **os.environ}
     environment |= {"RERUN_APP_ONLY": "true", "NO_COLOR": "1", "CI": "1"}
@@ -140,7 +140,7 @@ def viewer_environment(log_level: str) -> dict[str, str]:
 
 
 def has_display() -> bool:
-    """Return whether a window can be opened; only Linux shows that beforehand."""
+    """Return True if a window can be opened. Only on Linux is this known in advance."""
     return sys.platform != "linux" or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     )

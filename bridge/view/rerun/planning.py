@@ -19,15 +19,15 @@ _Z_LANE, _Z_OCCLUSION, _Z_COVARIANCE = 0.007, 0.005, 0.013
 _SIGMAS = 2.0
 """Size of the covariance ellipse, standard deviations."""
 _ELLIPSE_PERIOD_NS = 200_000_000
-"""Shortest time between two drawn ellipses, ns."""
+"""Minimum time between two drawn ellipses, ns."""
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 33)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _SMALLEST_M = 1e-4
-"""Smallest semi-axis of a drawn ellipse, m."""
+"""Minimum semi-axis of a drawn ellipse, m."""
 _PAPERS = frozenset({"paper"})
 """Planners whose state contains the variables of the paper's Table 1."""
 _ALONG = 0.7
-"""Smallest cosine of the angle between a lane and the first lane; other legs are ignored."""
+"""Minimum cosine of the angle between a lane and the first lane. Other legs are ignored."""
 
 Pose = tuple[float, float, float]
 Strip = list[list[float]]
@@ -47,7 +47,7 @@ class Strips:
         self._strips.append(strip)
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         strips = [np.array(strip, dtype=np.float32) for strip in self._strips]
@@ -70,15 +70,15 @@ class Lanes:
         self._begun = pose if "lane" in name else None
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         self._strips.send(recording)
 
 
 class OccludedRegions:
     """Occluded regions: the floor beyond a lane that an obstacle ended early.
 
-    A lane ended early if it stops more than the robot's diameter before the furthest end of any
-    lane in that direction (the paper's case 2). The occluded region extends to that end.
+    A lane ended early if it stops more than the robot's diameter before the farthest end of all
+    lanes in that direction (the paper's case 2). The occluded region extends to that end.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -124,7 +124,7 @@ class OccludedRegions:
             self._draw(time_ns, (x_m, y_m, pose[2]), length_m, near=0.0)
 
     def _draw(self, time_ns: int, pose: Pose, hidden_m: float, near: float | None = None) -> None:
-        # The depth of the obstacle is unknown: the region is drawn from its front face on.
+        # The depth of the obstacle is unknown, so the region is drawn from the obstacle's front.
         x_m, y_m, theta = pose
         near, half = self._diameter_m / 2 if near is None else near, self._width_m / 2
         far = near + hidden_m
@@ -137,7 +137,7 @@ class OccludedRegions:
         self._strips.add(time_ns, strip)
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         self._strips.send(recording)
 
 

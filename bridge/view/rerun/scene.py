@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from bridge.view.rerun.columns import RerunRecording
 
 _PATH_STEP_M = 0.01
-"""Distance between two points of a path, m: finer detail is not visible."""
+"""Distance between two points of a path, m. Finer detail is not visible."""
 _MAX_MAP_BYTES = 48 * 1024 * 1024
-"""Memory limit of the maps, bytes; beyond it every second map is discarded."""
+"""Memory limit of the maps, bytes. Above it, every second map is discarded."""
 
 # Heights that keep the layers in their order; the camera looks down from far above.
 _Z_SWEPT, _Z_WHOLE, _Z_WALL, _Z_TRUTH, _Z_PATH, _Z_ROBOT = 0.002, 0.004, 0.006, 0.008, 0.010, 0.014
@@ -29,11 +29,11 @@ _RGBA = 4
 _FLOOR, _BLOCK = (46, 50, 58, 255), (120, 108, 96, 255)
 _SWEPT = (64, 170, 110, 150)
 _OPACITY = 0.999
-"""Opacity of the swept map: below 1, because Rerun would draw clear cells black. The room is
-opaque, because of several transparent maps Rerun draws the one with the nearest centre last."""
+"""Opacity of the swept map. It is below 1, because Rerun would draw clear cells black. The room is
+opaque: of several transparent maps, Rerun draws the one with the nearest centre last."""
 _OCCUPIED = 50
-"""Smallest occupied value of 100 (nav_msgs). Lower values are free floor or, in the swept map,
-swept floor."""
+"""Minimum value of an occupied cell, of 100 (nav_msgs). Lower values are free floor or, in the
+swept map, swept floor."""
 
 
 def draw_plan(recording: RerunRecording, plan: FloorPlan) -> None:
@@ -95,7 +95,7 @@ def draw_robot(recording: RerunRecording, model: RobotModel) -> None:
         rr.LineStrips3D(
             [footprint, heading, mouth],
             colors=[paths.ORANGE, paths.ORANGE, paths.GREEN],
-            # Negative: in points of the screen, not in metres.
+            # A negative size is in points of the screen, not in metres.
             radii=[-2.0, -2.0, -3.5],
         ),
     )
@@ -121,7 +121,7 @@ class Track:
         self._last = here
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         strokes = np.array(self._strokes, dtype=np.float32)

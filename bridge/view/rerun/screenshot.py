@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from bridge.record.reader import LogReader
 
 DRAWING_S = 1.0
-"""Pause between two pictures, s: the viewer draws new data within a second."""
+"""Pause between two pictures, s. The viewer draws new data within a second."""
 TRIES = 40
-"""Limit of the pictures taken: software rendering of a whole run takes several seconds."""
+"""Maximum number of pictures. Software rendering of a whole run takes several seconds."""
 
 
 def save_screenshot(path: Path, png: Path) -> LogReader:
@@ -76,7 +76,7 @@ def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
 
 
 def take_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
-    """Take pictures until two in a row are equal: then everything is loaded and drawn."""
+    """Take pictures until two in a row are equal, because then all data is loaded and drawn."""
     last = b""
     for _ in range(TRIES):
         try:

@@ -1,4 +1,4 @@
-"""Ranges that the sensors measure for an object that touches the hull, by its bearing."""
+"""Ranges that the sensors measure for an object in contact with the hull, by its bearing."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Arc(NamedTuple):
 
     @property
     def width_rad(self) -> float:
-        """Angle from one end to the other."""
+        """Angle from one end to the other, rad."""
         return self.end_rad - self.begin_rad
 
 
 class HullView(NamedTuple):
-    """Pieces of the hull at which a touching object is measured, and at which it is too near."""
+    """Pieces of the hull where an object in contact is measured, and where it is too near."""
 
     measured: list[Arc]
     too_near: list[Arc]
@@ -51,12 +51,12 @@ def hull_view(model: RobotModel) -> HullView:
 
 
 def blind_share(view: HullView) -> float:
-    """Share of the hull at which no range sensor measures a touching object."""
+    """Return the share of the hull where no range sensor measures an object in contact."""
     return 1.0 - sum(arc.width_rad for arc in view.measured) / (2.0 * math.pi)
 
 
 def _range_in_cone(mount: RangerMount, x_m: float, y_m: float) -> float | None:
-    """Distance of a point from a sensor; None: it is outside the sensor's cone."""
+    """Return the distance of a point from a sensor; None: the point is outside its cone."""
     dx_m, dy_m = x_m - mount.x_m, y_m - mount.y_m
     off_rad = math.remainder(math.atan2(dy_m, dx_m) - mount.yaw_rad, 2.0 * math.pi)
     if abs(off_rad) > max(0.5 * mount.cone_rad, _BEAM_RAD):
@@ -65,7 +65,7 @@ def _range_in_cone(mount: RangerMount, x_m: float, y_m: float) -> float | None:
 
 
 def _arcs(marks: list[bool]) -> list[Arc]:
-    """Runs of marked steps around the circle; a run over the first step is one arc."""
+    """Return the runs of marked steps around the circle. A run across the first step is one arc."""
     width = 2.0 * math.pi / len(marks)
     if all(marks):
         return [Arc(0.0, 2.0 * math.pi)]

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount, RobotModel
 
 _VIEW = 2.4
-"""Half the side of the picture, in radii of the footprint: short infrared ranges fit in."""
+"""Half the side of the picture, in radii of the footprint. Short infrared ranges fit in."""
 _FOOTPRINT, _RIM, _MOUTH, _WHEEL = "#eef1f4", "#8a929c", "#2f9e6e", "#30343b"
 _CONE, _NEAR, _SEEN = "#1f6fb2", "#c0392b", "#1f6fb2"
 _RIM_POINTS = 200
 """Corners of a drawn piece of the hull."""
 _VISIBLE_RAD = math.radians(5.0)
-"""Smallest piece of the hull that is drawn: the spot of a beam would not be seen."""
+"""Minimum size of a drawn piece of the hull. A smaller one would be invisible."""
 _WHEEL_WIDTH_M = 0.02
-"""Width of a drawn wheel, m; the robot file does not have it."""
+"""Width of a drawn wheel, m. The robot file does not specify it."""
 
 
 def robot_picture(model: RobotModel) -> bytes:
@@ -61,7 +61,7 @@ def _title(model: RobotModel) -> str:
 
 
 def _draw_body(axes: Axes, model: RobotModel) -> None:
-    """Footprint, heading, wheels and mouth; the picture's axes are (y, x) of the robot."""
+    """Draw footprint, heading, wheels and mouth. The picture's axes are (y, x) of the robot."""
     from matplotlib.patches import Circle, Rectangle  # noqa: PLC0415 - an extra
 
     radius_m = model.radius_m
@@ -122,7 +122,7 @@ def _cone(axes: Axes, mount: RangerMount, near_m: float, far_m: float, **how: An
     from matplotlib.patches import Wedge  # noqa: PLC0415 - an extra
 
     if mount.cone_rad > 0.0:
-        # The picture's horizontal axis is y and grows to the left: angles count from x.
+        # The picture's horizontal axis is y and grows to the left, so angles count from x.
         middle_deg, half_deg = 90.0 - math.degrees(mount.yaw_rad), math.degrees(mount.cone_rad) / 2
         axes.add_patch(
             Wedge(
