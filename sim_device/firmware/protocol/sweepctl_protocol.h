@@ -232,7 +232,7 @@ enum {
     SP_CONTACT_CLIFF = 4
 };
 
-/* Conditions in the status message: faults, and two states that are no faults. */
+/* Conditions in the status message: faults, and two states that are not faults. */
 enum {
     SP_FAULT_IMU = 1,
     SP_FAULT_ENCODER_LEFT = 2,
