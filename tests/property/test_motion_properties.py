@@ -11,9 +11,9 @@ from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.control.point_to_point import PointToPointController
 from bridge.motion.control.rotary import RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
-from bridge.motion.estimation.odometry import advance_arc, advance_midpoint, midpoint_error_bound_m
+from bridge.motion.estimation.odometry import advance_arc
 from bridge.motion.geometry import Pose2
-from bridge.motion.kinematics import ENCODER_MODULUS, body_motion, encoder_delta, wheel_motion
+from bridge.motion.kinematics import ENCODER_MODULUS, encoder_delta
 from bridge.motion.robot_model import RobotModel
 
 MODEL = RobotModel()
@@ -26,21 +26,6 @@ signals = st.lists(st.floats(-10, 10), min_size=1, max_size=60)
 @given(st.integers(0, ENCODER_MODULUS - 1), st.integers(-32768, 32767))
 def test_encoder_delta_undoes_the_wrap(previous: int, delta: int) -> None:
     assert encoder_delta(previous, (previous + delta) % ENCODER_MODULUS) == delta
-
-
-@given(travels, angles)
-def test_wheel_and_body_motion_are_inverse(travel: float, turn: float) -> None:
-    back = body_motion(MODEL, *wheel_motion(MODEL, travel, turn))
-    assert math.isclose(back[0], travel, abs_tol=1e-12)
-    assert math.isclose(back[1], turn, abs_tol=1e-12)
-
-
-@given(poses, travels, st.floats(-math.pi, math.pi))
-def test_midpoint_form_keeps_its_bound(pose: Pose2, travel: float, turn: float) -> None:
-    exact = advance_arc(pose, travel, turn)
-    rough = advance_midpoint(pose, travel, turn)
-    assert exact.distance_m(rough) <= midpoint_error_bound_m(travel, turn) + 1e-12
-    assert exact.theta_rad == rough.theta_rad
 
 
 @given(poses, travels, angles, st.integers(1, 20))

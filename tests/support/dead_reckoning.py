@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.motion.estimation.odometry import advance_arc
-from bridge.motion.kinematics import body_motion, encoder_delta, wheel_travel_m
+from bridge.motion.kinematics import encoder_delta
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
@@ -61,12 +61,12 @@ class DeadReckoning:
         if counts is None:
             return
         ways = [
-            wheel_travel_m(self._model, encoder_delta(old, new))
+            self._model.metres_per_count * encoder_delta(old, new)
             for old, new in zip(counts, (left, right), strict=True)
         ]
         if any(ways) and not self._started:
             self._started = True
             self._turned += sum((rate - self.gyro_bias_rad_s) * dt for rate, dt in self._held)
-        travel, _ = body_motion(self._model, *ways)
+        travel = 0.5 * sum(ways)
         turned, self._turned = self._turned, 0.0
         self._pose = advance_arc(self._pose, travel, turned)

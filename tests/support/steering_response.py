@@ -20,7 +20,8 @@ from bridge.motion.control.tuning import FOLLOW_TUNING, MotionTuning
 from bridge.motion.control.wall_follow import Side, WallFollower
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.observation import Observation
-from bridge.motion.step_response import DEAD_S, LAG_S, STEP_S, StepResponse
+from bridge.motion.step_response import STEP_S, StepResponse
+from support.step_response import DEAD_S, LAG_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

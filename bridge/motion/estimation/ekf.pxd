@@ -7,14 +7,6 @@ cdef class Ekf:
     cdef double _bias_slope, _shaken, _worst_shaken, _worst_slip
     cdef object _odometry, _due, _transition, _noise
 
-    cpdef object update_heading(self, double error_rad, double variance)
-    cpdef object update_position(
-        self,
-        double direction_x,
-        double direction_y,
-        double error_m,
-        double variance,
-    )
     cpdef object update(
         self,
         object index,

@@ -134,18 +134,6 @@ class Ekf:
 
     # -- updates ---------------------------------------------------------------------------
 
-    def update_heading(self, error_rad: float, variance: float) -> None:
-        """Update with the heading's error (estimate minus truth), rad, and its variance, rad²."""
-        self.propagate_covariance()
-        self.apply(self.joint_covariance.update_one(THETA, -error_rad, variance))
-
-    def update_position(
-        self, direction_x: float, direction_y: float, error_m: float, variance: float
-    ) -> None:
-        """Update with the position's error along a unit vector, m, and its variance, m²."""
-        rows = np.array([[direction_x, direction_y]])
-        self.update((X, Y), rows, np.array([-error_m]), np.array([[variance]]))
-
     def update(
         self,
         index: Sequence[int],

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.motion.estimation.ekf import STATES
+from bridge.motion.estimation.ekf import STATES, THETA, X, Y
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.estimation.wall_map import GATE_M, WallMap
@@ -34,6 +34,25 @@ CORNERS: list[Point] = [(0.25, 0.25), (2.75, 0.25), (2.75, 2.15), (0.25, 2.15)]
 FREE: dict[str, bool] = {"bumper_left": False, "bumper_right": False}
 START = Pose2(*CORNERS[0], 0.0)
 SPEED_M_S, YAW_RATE_RAD_S = 0.2, 1.0
+
+
+def update_heading(estimator: PoseEstimator, error_rad: float, variance: float) -> None:
+    """Update with the heading's error, estimate less truth."""
+    estimator.ekf.update(
+        (THETA,), np.array([[1.0]]), np.array([-error_rad]), np.array([[variance]])
+    )
+
+
+def update_position(
+    estimator: PoseEstimator,
+    direction_x: float,
+    direction_y: float,
+    error_m: float,
+    variance: float,
+) -> None:
+    """Update with the position's error along a unit vector."""
+    rows = np.array([[direction_x, direction_y]])
+    estimator.ekf.update((X, Y), rows, np.array([-error_m]), np.array([[variance]]))
 
 
 def box(x: float, y: float, degrees: float, size: float = 0.3) -> list[Point]:
@@ -350,10 +369,10 @@ class Driven:
     def apply(self, step: tuple[object, ...]) -> None:
         match step:
             case ("yaw", float(error), float(variance)):
-                self.estimator.ekf.update_heading(error, variance)
+                update_heading(self.estimator, error, variance)
             case ("position", float(direction), float(error), float(variance)):
                 c, s = math.cos(direction), math.sin(direction)
-                self.estimator.ekf.update_position(c, s, error, variance)
+                update_position(self.estimator, c, s, error, variance)
             case ("disturb", float(sigma_m), float(sigma_rad)):
                 self.estimator.ekf.inflate(sigma_m, sigma_rad)
             case ("drive", float(v), float(w), int(ticks)):
@@ -382,7 +401,7 @@ def test_an_update_reduces_the_error_and_the_variance(
     estimator = driven.estimator
     estimator.ekf.propagate_covariance()
     before, with_sigma = estimator.pose, estimator.covariance[2][2]
-    estimator.ekf.update_heading(error, variance)
+    update_heading(estimator, error, variance)
     moved = math.remainder(estimator.pose.theta_rad - before.theta_rad, math.tau)
     assert estimator.covariance[2][2] <= min(with_sigma, variance) * (1 + 1e-9) + 1e-15
     assert moved * error <= 0.0
@@ -403,7 +422,7 @@ def test_a_position_is_corrected_along_the_walls_normal(
     before = estimator.pose
     (xx, xy, _), (_, yy, _), _ = estimator.covariance
     with_sigma = c * c * xx + 2 * c * s * xy + s * s * yy
-    estimator.ekf.update_position(c, s, error, variance)
+    update_position(estimator, c, s, error, variance)
     after = estimator.pose
     along = (after.x_m - before.x_m) * c + (after.y_m - before.y_m) * s
     assert along == pytest.approx(-error * with_sigma / (with_sigma + variance), abs=1e-9)

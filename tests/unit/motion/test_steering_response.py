@@ -17,7 +17,7 @@ from bridge.motion.control.tuning import FOLLOW_TUNING
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, GoTo, Leg
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.step_response import DEAD_S, StepResponse
+from bridge.motion.step_response import StepResponse
 from support.observed import AT_REST
 from support.sim_body import box, room
 from support.sim_drive import SimDrive
@@ -28,6 +28,7 @@ from support.steering_response import (
     column_stand_off_m,
     wall_step,
 )
+from support.step_response import DEAD_S
 
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation

@@ -15,19 +15,19 @@ from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.step_response import (
+from bridge.motion.step_response import StepResponse
+from support.observed import AT_REST
+from support.sim_body import room
+from support.sim_drive import SimDrive
+from support.step_response import (
     BAND_RAD,
     DEAD_S,
     LAG_S,
-    StepResponse,
     gain_table,
     point_step,
     rotary_step,
     smoothing_series,
 )
-from support.observed import AT_REST
-from support.sim_body import room
-from support.sim_drive import SimDrive
 from tools.experiment.u_cycles import PAPER_CYCLES, CycleOffset, UCycles
 
 if TYPE_CHECKING:
