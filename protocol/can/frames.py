@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.schema.message import MAX_TYPE, RateClass
+from protocol.schema.message import RateClass
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -24,7 +24,6 @@ STAMP_SHIFT = 4
 T16 = struct.Struct("<H")
 T32 = struct.Struct("<I")
 MAX_DATA = 8
-MAX_ID = MAX_TYPE << 4 | 15
 
 RECORD = struct.Struct("<IB3x8s")
 """A frame as bytes: Linux' ``struct can_frame``, 16 B, identifier in little-endian."""
@@ -149,8 +148,6 @@ def join(fields: Iterable[Field], parts: dict[int, bytes]) -> bytes:
 _FIXED_BITS = 47
 """Number of bits of a frame besides its data: start bit, 11 of identifier, 3 of control, 4 of
 length, 15 of CRC, 3 of delimiters and acknowledge, 7 of end, 3 between frames (ISO 11898-1)."""
-_CRC15 = 0x4599
-_STUFF_RUN = 5
 
 
 def nominal_bits(length: int) -> int:
@@ -161,29 +158,3 @@ def nominal_bits(length: int) -> int:
 def worst_bits(length: int) -> int:
     """Return the same with the maximum number of stuff bits (Davis et al. 2007, eq. 1)."""
     return nominal_bits(length) + (33 + 8 * length) // 4
-
-
-def frame_bits(frame: CanFrame) -> int:
-    """Return the bits of this frame, including its stuff bits."""
-    length = len(frame.data)
-    head = frame.can_id << 7 | length  # start bit 0, identifier, RTR, IDE, r0, length
-    value = head << 8 * length | int.from_bytes(frame.data, "big")
-    count = 19 + 8 * length
-    value, count = value << 15 | _crc15(value, count), count + 15
-    stuffed, run, last = 0, 0, -1
-    for position in range(count - 1, -1, -1):
-        bit = value >> position & 1
-        run = run + 1 if bit == last else 1
-        last = bit
-        if run == _STUFF_RUN:
-            stuffed += 1
-            last, run = 1 - bit, 1
-    return nominal_bits(length) + stuffed
-
-
-def _crc15(value: int, count: int) -> int:
-    crc = 0
-    for position in range(count - 1, -1, -1):
-        top = (crc >> 14 ^ value >> position) & 1
-        crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if top else 0)
-    return crc

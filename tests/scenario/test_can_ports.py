@@ -26,9 +26,10 @@ from bridge.io.can_port import CanPort
 from bridge.io.multicast import MulticastBus
 from bridge.io.ports import open_port
 from bridge.record.reader import LogReader
-from protocol.can.frames import RECORD, CanFrame, frame_bits
+from protocol.can.frames import RECORD, CanFrame
 from protocol.can.link import CanLink
 from sim_device.ports import MulticastPort, SlcanPort
+from support.can_bus import frame_bits
 from support.ends import sweeper
 from support.two_processes import PATIENCE_S, Command, Emulator, connect
 from support.waiting import until

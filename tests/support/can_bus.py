@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can.frames import RECORD, CanFrame, frame_bits, from_record
+from protocol.can.frames import RECORD, CanFrame, from_record, nominal_bits
 from support.hostile import Piece, Wire
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 BITRATE = 500_000
+_CRC15 = 0x4599
+_STUFF_RUN = 5
 
 
 class Bus:
@@ -88,3 +90,30 @@ class BusWire(Wire):
 
     def next_us(self) -> int | None:
         return None
+
+
+def frame_bits(frame: CanFrame) -> int:
+    """Return the bits of this frame, including its stuff bits."""
+    length = len(frame.data)
+    head = frame.can_id << 7 | length  # start bit 0, identifier, RTR, IDE, r0, length
+    value = head << 8 * length | int.from_bytes(frame.data, "big")
+    count = 19 + 8 * length
+    value, count = value << 15 | crc15(value, count), count + 15
+    stuffed, run, last = 0, 0, -1
+    for position in range(count - 1, -1, -1):
+        bit = value >> position & 1
+        run = run + 1 if bit == last else 1
+        last = bit
+        if run == _STUFF_RUN:
+            stuffed += 1
+            last, run = 1 - bit, 1
+    return nominal_bits(length) + stuffed
+
+
+def crc15(value: int, count: int) -> int:
+    """Return the CRC-15/CAN of the last ``count`` bits of a number."""
+    crc = 0
+    for position in range(count - 1, -1, -1):
+        top = (crc >> 14 ^ value >> position) & 1
+        crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if top else 0)
+    return crc

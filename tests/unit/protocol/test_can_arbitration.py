@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import pytest
 
-from protocol.can.frames import RECORD, CanFrame, frame_bits, from_record
+from protocol.can.frames import RECORD, CanFrame, from_record
 from protocol.can.link import CanLink
 from protocol.can.transfers import content, segments
 from protocol.messages.host import Stop, StopAll, VelocitySetpoint
 from protocol.schema.message import Direction, Message
+from support.can_bus import frame_bits
 
 ARBITRATION_BITS = 12
 """Number of arbitration bits: identifier and RTR, ISO 11898-1: 10.9.2. A sender that sends 1 and
