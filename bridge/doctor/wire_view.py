@@ -135,7 +135,6 @@ class WireView:
         self.round_trips: list[tuple[int, int]] = []
         """Arrival of the reply (ns) and round trip without the device's processing time (ns), for
         each answered ping."""
-        self.unanswered = 0
         self.device_damaged = self.device_stale = self.device_received = 0
         """Increase, during the capture, of the device's counters of frames from the host."""
         self.device_receive_dropped = self.device_send_dropped = self.can_bus_offs = 0
@@ -206,7 +205,6 @@ class WireView:
                 continue
             message = event.message
             if isinstance(message, TimeRequest):
-                self.unanswered += message.ping in self._pings
                 self._pings[message.ping] = at_ns
             elif isinstance(message, PlannerCommand) and message.action == PlannerAction.START:
                 self.onboard = label(OnboardPlanner, message.planner).replace("_", "-")

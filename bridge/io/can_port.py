@@ -25,8 +25,6 @@ from protocol.can.frames import RECORD
 if TYPE_CHECKING:
     from types import TracebackType
 
-PREFIX = "can:"
-"""Prefix of the name of a CAN port."""
 DEFAULT_BITRATE = 500_000
 """Bit rate of an adapter unless given, bit/s."""
 SEND_TIMEOUT_S = 0.02

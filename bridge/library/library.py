@@ -137,11 +137,6 @@ def _follow_moved(indexes: Sequence[FolderIndex]) -> None:
                     break
 
 
-def is_latest(name: str) -> bool:
-    """Return True if the last part of a path is ``latest`` or ``latest~N``."""
-    return _LATEST.fullmatch(name) is not None
-
-
 def resolve(path: Path) -> Path:
     """Return the log that a path names. ``latest`` and ``latest~N`` are the newest runs.
 

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import sweepctl_plugins
 from bridge.errors import ConfigError
-from bridge.validation import as_toml, fill, number
+from bridge.validation import fill, number
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -376,19 +376,3 @@ def parse_rule(settings: SuperviseSettings, text: str) -> SuperviseSettings:
     for key in reversed(keys):
         parsed = {key: parsed}
     return settings_from(parsed, settings)
-
-
-def to_toml(settings: SuperviseSettings) -> str:
-    """Return the settings as TOML tables that :func:`settings_from` reads."""
-    lines = [f"[{PREFIX}]"]
-    for each in dataclasses.fields(settings):
-        value = getattr(settings, each.name)
-        if not isinstance(value, Rule):
-            lines.append(f"{each.name} = {as_toml(value)}")
-    for name, rule in settings.rules.items():
-        lines.append(f"\n[{PREFIX}.{name}]")
-        lines += [
-            f"{each.name} = {as_toml(getattr(rule, each.name))}"
-            for each in dataclasses.fields(rule)
-        ]
-    return "\n".join(lines) + "\n"

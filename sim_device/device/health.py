@@ -49,7 +49,6 @@ _RANGERS = ULTRASONIC | INFRARED
 _HALF_WRAP, _MASK = 0x8000, 0xFFFF
 _NO_DUTIES = (0.0, 0.0)
 
-PERIOD_S = 0.01
 STALL_S = 1.0
 STALL_STOP_S = 3.0
 """Maximum time at stall current, s. The planner gives up after half of it."""

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
     from tools.experiment.trials import Trial
 
-FACTORS = (0.7, 1.4)
-"""Factors of a screened constant."""
-
 
 def sensitivity_trials(
     trials: Sequence[Trial], names: Iterable[str], factors: Iterable[float]

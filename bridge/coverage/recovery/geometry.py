@@ -8,7 +8,6 @@ for every robot.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,8 +23,6 @@ _CELLS_PER_RADIUS = 8.0
 map of passages."""
 _MAX_MARGIN_M = 0.01
 """Maximum length that does not count at each end of the mouth, for the pose uncertainty, m."""
-_OUTER_SPOT_RAD = math.radians(55.0)
-"""Bearing of the outer cliff sensors, rad."""
 _EXACT = 9
 """Number of decimals: a nanometre. Rounded products then equal the documented values exactly."""
 

@@ -17,10 +17,9 @@ _STRAIGHT = cython.declare(cython.int, 10)
 _DIAGONAL = cython.declare(cython.int, 14)
 _TIGHT = cython.declare(cython.int, 3)
 _RING = cython.declare(cython.int, 64)
-STRAIGHT, DIAGONAL = _STRAIGHT, _DIAGONAL
-"""Cost of a straight and of a diagonal step between cells."""
-TIGHT = _TIGHT
-"""Factor on the cost of a step beside a cell where the axle cannot be."""
+STRAIGHT = _STRAIGHT
+"""Cost of a straight step between cells; a diagonal one costs ``_DIAGONAL``. A step beside a cell
+where the axle cannot be costs ``_TIGHT`` times as much."""
 RING = _RING
 """Number of buckets of the search: a power of two above the cost of the most expensive step."""
 

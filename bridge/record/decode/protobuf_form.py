@@ -13,6 +13,7 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 
 from bridge.record.decode.forms import VALUE, VARINT, Budget, Column, Form, Leaf, Template, few
+from bridge.record.encode.protobuf_wire import WIRE_VARINT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -41,7 +42,6 @@ _TYPES: dict[int, tuple[str, str]] = {
     _F.TYPE_STRING: ("text", "fixed"),
     _F.TYPE_BYTES: ("bytes", "fixed"),
 }
-_WIRE_VARINT = 0
 _NESTED = {_F.TYPE_MESSAGE, _F.TYPE_GROUP}
 
 
@@ -106,7 +106,7 @@ class ProtobufForm(Form):
                 if not self._walk(template, inner, field.message_type, here, present):
                     return False
                 continue
-            template.mark(start, position, VARINT if wire == _WIRE_VARINT else VALUE)
+            template.mark(start, position, VARINT if wire == WIRE_VARINT else VALUE)
             if column is None or field is None:
                 continue  # a field of a newer schema
             if column.is_list or column.type == "json":

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 TRUTH_TOPIC, POSE_TOPIC = "/truth/pose", "/pose"
 _FARTHEST_M = 1e5
 """Maximum valid distance of a pose from the origin, m. The comparison also rejects NaN."""
-_MOVED_M, _MOVED_RAD = 1e-4, 1e-4
 
 
 @dataclass(frozen=True, slots=True)

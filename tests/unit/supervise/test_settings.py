@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,7 +9,6 @@ import pytest
 from bridge.config import load_supervise, parse_robot
 from bridge.errors import ConfigError
 from bridge.supervise import Level, SuperviseSettings, parse_rule, settings_from
-from bridge.supervise.settings import to_toml
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,16 +35,6 @@ def test_a_robot_file_changes_only_its_keys(tmp_path: Path) -> None:
     assert settings.fence.polygon == ((0.0, 0.0), (2.0, 0.0), (2.0, 3.0))
     assert settings.slip == SuperviseSettings().slip
     assert parse_robot(path.read_text()).wheel_diameter_m == 0.066
-
-
-def test_written_values_are_read_back() -> None:
-    settings = settings_from(
-        {
-            "tilt": {"angle_deg": 20, "reaction": "report"},
-            "fence": {"polygon": [[0, 0], [1, 0], [0, 1]]},
-        }
-    )
-    assert settings_from(tomllib.loads(to_toml(settings))["supervise"]) == settings
 
 
 @pytest.mark.parametrize(
