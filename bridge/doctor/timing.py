@@ -52,7 +52,7 @@ _TIMER_TOLERANCE, _TIMER_SHARE = 0.03, 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Hole:
+class FrameGap:
     """A period without frames."""
 
     at_s: float
@@ -65,7 +65,7 @@ class Hole:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ClockStep:
     """A jump of the clock offset."""
 
     at_s: float
@@ -90,10 +90,10 @@ class Timing:
     """Round trip: ``min``, ``p50``, ``p99``, ``max``."""
     timer_ms: float | None = None
     """Period of the adapter's latency timer, ms; None: no timer was detected."""
-    holes: list[Hole] = field(default_factory=list)
-    stalls: list[Hole] = field(default_factory=list)
+    holes: list[FrameGap] = field(default_factory=list)
+    stalls: list[FrameGap] = field(default_factory=list)
     """Periods without frames in which no frame was lost: the host did not read."""
-    steps: list[Step] = field(default_factory=list)
+    steps: list[ClockStep] = field(default_factory=list)
 
 
 def measure(view: WireView) -> Timing:
@@ -164,7 +164,7 @@ def _find_holes(
         if index + 1 in boots:
             continue
         missing = int(skipped[index + 1])
-        hole = Hole(
+        hole = FrameGap(
             round(float(at_s[index]), 3),
             round(float(wait_s[index]), 3),
             missing,
@@ -209,7 +209,9 @@ def _judge_clock(  # noqa: PLR0913, PLR0917 - frames in, results into three list
         after = least[index : index + _AROUND]
         at = float(middles[index])
         timing.steps.append(
-            Step(round(at, 2), float(np.median(after) - np.median(before)) * 1e3, _grown(trips, at))
+            ClockStep(
+                round(at, 2), float(np.median(after) - np.median(before)) * 1e3, _grown(trips, at)
+            )
         )
         cuts.append(index)
     cuts.append(len(least))

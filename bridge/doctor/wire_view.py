@@ -97,7 +97,7 @@ class Stream:
 
 
 @dataclass(slots=True)
-class Marks:
+class FrameTimes:
     """Times of the intact frames in order: the input of the timing analysis."""
 
     arrived_ns: array[int] = field(default_factory=lambda: array("q"))
@@ -128,7 +128,7 @@ class WireView:
         self.damaged = Damaged()
         self.streams: dict[str, Stream] = {}
         self.boots: list[Boot] = []
-        self.marks = Marks()
+        self.marks = FrameTimes()
         self.chunk_ns = array("q")
         """Times at which the port returned bytes, ns."""
         self.chunk_bytes = array("q")
