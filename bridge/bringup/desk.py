@@ -1,6 +1,6 @@
 """A session with one device for bring-up: requests, measurements and small motions.
 
-Sans-I/O: a :class:`bridge.bringup.desk_wire.Wire` carries bytes and gives the time. So the same
+Sans-I/O: a :class:`bridge.bringup.desk_wire.DeskPort` carries bytes and gives the time. So the same
 procedure runs on a port and, in virtual time, against the emulated device. Time passes only inside
 its calls. It has one thread, and no planner, log or estimate; :class:`bridge.run.host.Host` has
 these.
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
-    from bridge.bringup.desk_wire import Wire
+    from bridge.bringup.desk_wire import DeskPort
     from bridge.bringup.recorded import BenchRecords
     from bridge.session.states import SessionEvent
     from protocol.commands import Outcome
@@ -71,7 +71,7 @@ class Desk:
 
     def __init__(  # noqa: PLR0913 - options of a session
         self,
-        wire: Wire,
+        wire: DeskPort,
         new_session_id: Callable[[], int],
         *,
         node: int | None = None,

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 
-class Wire(Protocol):
+class DeskPort(Protocol):
     """A port with a clock: a real port, or the virtual device in virtual time."""
 
     @property

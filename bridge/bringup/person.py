@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.bringup.wiring import Finding
+    from bridge.bringup.wiring import CheckResult
 
 
 class Person(Protocol):
@@ -16,7 +16,7 @@ class Person(Protocol):
     def show(self, text: str) -> None:
         """Show a line."""
 
-    def report(self, finding: Finding) -> None:
+    def report(self, finding: CheckResult) -> None:
         """Show a finding."""
 
     def confirm(self, text: str) -> bool:

@@ -16,7 +16,7 @@ from bridge.bringup.wheel_step import WheelStep, judge_step, wheel_steps
 from bridge.bringup.wiring import (
     LEFT,
     RIGHT,
-    Finding,
+    CheckResult,
     ImuSample,
     Kick,
     good,
@@ -82,10 +82,10 @@ class BringUp:
         self._desk, self._person, self._model = desk, person, model
         self._clear_stop = clear_stop
         self._asked_off_floor = False
-        self.findings: list[Finding] = []
+        self.findings: list[CheckResult] = []
         self.steps: tuple[WheelStep, ...] = ()
 
-    def run(self, wanted: tuple[str, ...] = STEPS) -> list[Finding]:
+    def run(self, wanted: tuple[str, ...] = STEPS) -> list[CheckResult]:
         """Run the requested checks in their order.
 
         Raises:
@@ -95,7 +95,7 @@ class BringUp:
             InterruptedByPersonError: the person interrupted the procedure.
 
         """
-        looks: dict[str, Callable[[], Iterator[Finding]]] = {
+        looks: dict[str, Callable[[], Iterator[CheckResult]]] = {
             "supply": self._supply,
             "rest": self._rest,
             "motors": self._motors,
@@ -114,18 +114,18 @@ class BringUp:
         """True if no check failed."""
         return all(f.ok is not False for f in self.findings)
 
-    def _note(self, finding: Finding) -> None:
+    def _note(self, finding: CheckResult) -> None:
         self.findings.append(finding)
         self._person.report(finding)
 
     # ---- checks without help --------------------------------------------------------------
 
-    def _supply(self) -> Iterator[Finding]:
+    def _supply(self) -> Iterator[CheckResult]:
         power = self._desk.await_newest(Power)
         currents = power.motor_left_a, power.motor_right_a
         yield from judge_power(power.battery_v, power.logic_v, currents, self._model.battery_v)
 
-    def _rest(self) -> Iterator[Finding]:
+    def _rest(self) -> Iterator[CheckResult]:
         self._person.show("Let the robot stand level and still.")
         counts = self._desk.watch(Encoders)
         readings = self._desk.collect(Imu, REST_S)
@@ -148,7 +148,7 @@ class BringUp:
         self._asked_off_floor = self._asked_off_floor or self._person.confirm(text)
         return self._asked_off_floor
 
-    def _motors(self) -> Iterator[Finding]:
+    def _motors(self) -> Iterator[CheckResult]:
         if not self._off_floor("Each wheel will now be turned for a moment."):
             yield left_out("motors", "the wheels are not free to turn")
             return
@@ -175,7 +175,7 @@ class BringUp:
 
     # ---- by hand --------------------------------------------------------------------------
 
-    def _axes(self) -> Iterator[Finding]:
+    def _axes(self) -> Iterator[CheckResult]:
         rest = self._at_rest()
         if rest is None:
             advice = "put the robot down, and touch it only when asked"
@@ -217,7 +217,7 @@ class BringUp:
 
     def _by_hand(
         self, step: str, text: str, wanted: str, least: float, motion: _Rotation | _Tilt
-    ) -> Finding:
+    ) -> CheckResult:
         if not self._person.confirm(f"{text} Ready (no: skip)?"):
             return left_out(step, "skipped")
         kept = self._desk.watch(Imu)
@@ -237,7 +237,7 @@ class BringUp:
 
     # ---- sensors --------------------------------------------------------------------------
 
-    def _sensors(self) -> Iterator[Finding]:
+    def _sensors(self) -> Iterator[CheckResult]:
         hand = "Hold a hand 10 cm before the"
         yield self._sense("ultrasonic", f"{hand} FRONT sensor.", _front_near, {})
         yield self._sense(
@@ -271,7 +271,7 @@ class BringUp:
         wanted: Callable[[Range], bool],
         others: dict[str, Callable[[Range], bool]],
         first: Callable[[Range], bool] | None = None,
-    ) -> Finding:
+    ) -> CheckResult:
         """Wait for a reading; ``others`` are the readings that a swapped plug would give."""
         desk = self._desk
         if first is None and (early := self._early_response(step, wanted)) is not None:
@@ -298,7 +298,7 @@ class BringUp:
             return wrong(step, f"{other} responds", "left and right are swapped: cross their plugs")
         return good(step, "responds")
 
-    def _early_response(self, step: str, wanted: Callable[[Range], bool]) -> Finding | None:
+    def _early_response(self, step: str, wanted: Callable[[Range], bool]) -> CheckResult | None:
         """Return a finding for a sensor that responds before it is asked; else None.
 
         The person's hand may still be near for a while after the previous check.
@@ -313,7 +313,7 @@ class BringUp:
 
     # ---- wheel control --------------------------------------------------------------------
 
-    def _control(self) -> Iterator[Finding]:
+    def _control(self) -> Iterator[CheckResult]:
         bad = [
             f for f in self.findings if f.ok is False and f.step.startswith(("motor", "encoder"))
         ]

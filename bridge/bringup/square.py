@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from bridge.bringup.umbmark import (
     Benchmark,
     Correction,
-    Run,
+    SquareRun,
     benchmark,
     borenstein,
     refine,
@@ -74,12 +74,12 @@ class ByTape:
         return 0.001 * ahead, 0.001 * left
 
 
-class Result(NamedTuple):
+class SquareResult(NamedTuple):
     """Result of the calibration."""
 
     scale: float | None
     """Scale of both wheel diameters (E_s of UMBmark); None if no straight path was measured."""
-    runs: tuple[Run, ...]
+    runs: tuple[SquareRun, ...]
     before: Benchmark
     first: Correction
     """Correction by the closed-form equations of Borenstein and Feng (``umbmark.py``)."""
@@ -164,7 +164,7 @@ class Squares:
         self._model = model
         self._clear_stop = clear_stop
 
-    def run(self, asked: Asked) -> Result:
+    def run(self, asked: Asked) -> SquareResult:
         """Drive the squares and compute the correction.
 
         Raises:
@@ -193,7 +193,7 @@ class Squares:
                 scaled = replace(model, wheel_diameter_m=model.wheel_diameter_m * scale)
                 correction = refine(scaled, runs, correction)
         corrected = correction.applied_to(scaled)
-        result = Result(
+        result = SquareResult(
             None if straight is None else scale,
             runs,
             before,
@@ -225,7 +225,7 @@ class Squares:
         counts = self._drive(model, asked, (Drive(0.0, asked.side_m, asked.speed_m_s),))
         return counts, math.hypot(*self._measure.end())
 
-    def _squares(self, model: RobotModel, asked: Asked) -> tuple[Run, ...]:
+    def _squares(self, model: RobotModel, asked: Asked) -> tuple[SquareRun, ...]:
         runs = []
         for clockwise in (True, False):
             direction = "to the RIGHT (clockwise)" if clockwise else "to the LEFT"
@@ -238,7 +238,7 @@ class Squares:
                 counts = self._drive(
                     model, asked, square(asked.side_m, asked.speed_m_s, clockwise=clockwise)
                 )
-                runs.append(Run(clockwise, counts, *self._measure.end()))
+                runs.append(SquareRun(clockwise, counts, *self._measure.end()))
         return tuple(runs)
 
     def _drive(

@@ -48,7 +48,7 @@ MEASURED_M = 0.005
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 
 
-class Run(NamedTuple):
+class SquareRun(NamedTuple):
     """One square: the encoder counts, and the measured end position."""
 
     clockwise: bool
@@ -107,7 +107,7 @@ def odometry(model: RobotModel, counts: Counts) -> Pose2:
     return Pose2(float(x_m), float(y_m), wrap_angle(float(after[-1])))
 
 
-def errors(model: RobotModel, runs: Sequence[Run]) -> list[tuple[float, float]]:
+def errors(model: RobotModel, runs: Sequence[SquareRun]) -> list[tuple[float, float]]:
     """Return ε of each run: the measured end minus the odometry's, m."""
     found = []
     for run in runs:
@@ -116,7 +116,7 @@ def errors(model: RobotModel, runs: Sequence[Run]) -> list[tuple[float, float]]:
     return found
 
 
-def benchmark(model: RobotModel, runs: Sequence[Run]) -> Benchmark:
+def benchmark(model: RobotModel, runs: Sequence[SquareRun]) -> Benchmark:
     """Return the figures of a set of runs with a model.
 
     Raises:
@@ -133,7 +133,7 @@ def benchmark(model: RobotModel, runs: Sequence[Run]) -> Benchmark:
     return Benchmark(*centres)
 
 
-def scatter_m(model: RobotModel, runs: Sequence[Run]) -> float:
+def scatter_m(model: RobotModel, runs: Sequence[SquareRun]) -> float:
     """Return the standard deviation of ε about the centre of its direction, m; 0: unknown."""
     square, freedom = 0.0, 0
     for clockwise in (True, False):
@@ -170,7 +170,7 @@ def refutation(
     return None
 
 
-def borenstein(model: RobotModel, runs: Sequence[Run], side_m: float) -> Correction:
+def borenstein(model: RobotModel, runs: Sequence[SquareRun], side_m: float) -> Correction:
     """Return the correction by the source's closed form, relative to ``model``.
 
     Raises:
@@ -194,7 +194,7 @@ def _base(alpha: float) -> float:
     return 0.5 * math.pi / (0.5 * math.pi - alpha)
 
 
-def refine(model: RobotModel, runs: Sequence[Run], start: Correction) -> Correction:
+def refine(model: RobotModel, runs: Sequence[SquareRun], start: Correction) -> Correction:
     """Fit E_d and E_b by least squares, so that the recorded counts lead to the measured ends.
 
     The fit starts at the closed form and uses scipy's trust region method.

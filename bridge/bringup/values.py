@@ -33,7 +33,7 @@ _SUFFIX = {
 _F32 = struct.Struct("<f")
 
 
-class Difference(NamedTuple):
+class ParameterDifference(NamedTuple):
     """A value that differs between device and file; None: missing on this side."""
 
     name: str
@@ -61,7 +61,7 @@ def file_values(model: RobotModel) -> dict[str, float]:
     return found
 
 
-def differences(parameters: Sequence[Parameter], model: RobotModel) -> list[Difference]:
+def differences(parameters: Sequence[Parameter], model: RobotModel) -> list[ParameterDifference]:
     """Return the values that exist on the device and in the file but differ.
 
     The file's number is rounded to the parameter's precision before the comparison.
@@ -71,7 +71,9 @@ def differences(parameters: Sequence[Parameter], model: RobotModel) -> list[Diff
     for parameter in parameters:
         wanted = values.get(robot_key(parameter))
         if wanted is not None and not _same(parameter, wanted):
-            found.append(Difference(parameter.name, parameter.unit, parameter.value, wanted))
+            found.append(
+                ParameterDifference(parameter.name, parameter.unit, parameter.value, wanted)
+            )
     return found
 
 

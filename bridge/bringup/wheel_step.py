@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.bringup.wiring import Finding, good, wrong
+from bridge.bringup.wiring import CheckResult, good, wrong
 from bridge.motion.kinematics import encoder_delta
 from bridge.motion.step_response import StepResponse
 
@@ -101,7 +101,7 @@ def wheel_steps(
     return WheelStep("left", left), WheelStep("right", right)
 
 
-def judge_step(step: WheelStep) -> Finding:
+def judge_step(step: WheelStep) -> CheckResult:
     """Evaluate a wheel's control, and recommend a change of its gains if needed."""
     name = f"wheel control {step.wheel}"
     target = step.response.target

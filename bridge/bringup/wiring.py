@@ -32,7 +32,7 @@ LEFT, RIGHT = "left", "right"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckResult:
     """Result of one check."""
 
     step: str
@@ -52,19 +52,19 @@ class Finding:
         return f"{self.step}: {sign}: {self.text}{tail}"
 
 
-def good(step: str, text: str) -> Finding:
+def good(step: str, text: str) -> CheckResult:
     """Return a passed check."""
-    return Finding(step, ok=True, text=text)
+    return CheckResult(step, ok=True, text=text)
 
 
-def wrong(step: str, text: str, advice: str) -> Finding:
+def wrong(step: str, text: str, advice: str) -> CheckResult:
     """Return a failed check."""
-    return Finding(step, ok=False, text=text, advice=advice)
+    return CheckResult(step, ok=False, text=text, advice=advice)
 
 
-def left_out(step: str, text: str, advice: str = "") -> Finding:
+def left_out(step: str, text: str, advice: str = "") -> CheckResult:
     """Return a skipped check."""
-    return Finding(step, ok=None, text=text, advice=advice)
+    return CheckResult(step, ok=None, text=text, advice=advice)
 
 
 class Kick(NamedTuple):
@@ -79,13 +79,13 @@ class Kick(NamedTuple):
     right_counts: int
 
 
-def judge_kicks(kicks: Sequence[Kick]) -> list[Finding]:
+def judge_kicks(kicks: Sequence[Kick]) -> list[CheckResult]:
     """Find swapped and reversed motor outputs and encoders.
 
     The person answers which wheel turned, and in which direction. No program can detect that
     outputs and encoders are both swapped; the robot would then turn in the wrong direction.
     """
-    found: list[Finding] = []
+    found: list[CheckResult] = []
     for kick in kicks:
         found += _judge_motor(kick)
         if kick.turned != "none":
@@ -103,12 +103,12 @@ _SWAP_ADVICE = {
 }
 
 
-def _swapped(what: str, step: str) -> Finding:
+def _swapped(what: str, step: str) -> CheckResult:
     text = "left and right are swapped"
-    return Finding(step, ok=False, text=text, advice=_SWAP_ADVICE[what], swapped=what)
+    return CheckResult(step, ok=False, text=text, advice=_SWAP_ADVICE[what], swapped=what)
 
 
-def _judge_motor(kick: Kick) -> list[Finding]:
+def _judge_motor(kick: Kick) -> list[CheckResult]:
     step = f"motor {kick.output}"
     if kick.turned == "none":
         return [
@@ -127,7 +127,7 @@ def _judge_motor(kick: Kick) -> list[Finding]:
     return found or [good(step, f"turns the {kick.turned} wheel forwards")]
 
 
-def _judge_encoder(kick: Kick) -> list[Finding]:
+def _judge_encoder(kick: Kick) -> list[CheckResult]:
     wheel = kick.turned
     step = f"encoder {wheel}"
     counts = {LEFT: kick.left_counts, RIGHT: kick.right_counts}
@@ -157,7 +157,7 @@ class ImuSample(NamedTuple):
     gyro: tuple[float, float, float]
 
 
-def judge_rest(samples: Sequence[ImuSample]) -> list[Finding]:
+def judge_rest(samples: Sequence[ImuSample]) -> list[CheckResult]:
     """Check the IMU of a robot that stands still on level floor."""
     if not samples:
         advice = "check the supply and the bus of the IMU"
@@ -192,7 +192,7 @@ def judge_rest(samples: Sequence[ImuSample]) -> list[Finding]:
     return found
 
 
-def _judge_up(accel: Sequence[float], shown: str) -> Finding:
+def _judge_up(accel: Sequence[float], shown: str) -> CheckResult:
     axis = max(range(3), key=lambda i: abs(accel[i]))
     sign = "+" if accel[axis] > 0.0 else "-"
     name = f"{sign}{_AXES[axis]}"
@@ -226,7 +226,7 @@ def strongest(values: Sequence[float]) -> Axis:
     return Axis(_AXES[axis], values[axis])
 
 
-def judge_axis(step: str, values: Sequence[float], wanted: str, least: float) -> Finding:
+def judge_axis(step: str, values: Sequence[float], wanted: str, least: float) -> CheckResult:
     """Check which axis responded to a motion by hand; ``least`` is the minimum response."""
     axis = strongest(values)
     if abs(axis.value) < least:
@@ -247,7 +247,7 @@ def judge_axis(step: str, values: Sequence[float], wanted: str, least: float) ->
 
 def judge_power(
     battery_v: float, logic_v: float, currents_a: tuple[float, float], nominal_v: float
-) -> list[Finding]:
+) -> list[CheckResult]:
     """Check the supply voltages, and the motor currents at standstill."""
     low, high = (1.0 - BATTERY_SHARE) * nominal_v, (1.0 + BATTERY_SHARE) * nominal_v
     found = [

@@ -23,7 +23,7 @@ from support.bench_wire import Scripted, desk_on
 from support.miswired import PLAN, Stand
 
 if TYPE_CHECKING:
-    from bridge.bringup.wiring import Finding
+    from bridge.bringup.wiring import CheckResult
     from sim_device.sensors.imu import ImuCounts
 
 pytestmark = pytest.mark.slow
@@ -52,7 +52,7 @@ ALL_STEPS = (
 )
 
 
-def brought_up(stand: Stand, *steps: str) -> list[Finding]:
+def brought_up(stand: Stand, *steps: str) -> list[CheckResult]:
     person = Scripted(confirm=stand.confirm, choose=stand.choose)
     desk, _ = desk_on(stand.device)
     with desk:
@@ -62,7 +62,7 @@ def brought_up(stand: Stand, *steps: str) -> list[Finding]:
     return found
 
 
-def wrongs(found: list[Finding]) -> set[tuple[str, str]]:
+def wrongs(found: list[CheckResult]) -> set[tuple[str, str]]:
     return {(f.step, f.text.split(" (")[0]) for f in found if f.ok is False}
 
 

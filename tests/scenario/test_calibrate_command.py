@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bringup.square import Result, Squares
+from bridge.bringup.square import SquareResult, Squares
 from bridge.bringup.umbmark import Benchmark, Correction
 from bridge.config import parse_robot
 from bridge.motion.robot_model import RobotModel
@@ -125,7 +125,7 @@ def test_a_refuted_result_is_never_written(
     still = Benchmark((0.0, 0.0), (0.0, 0.0))
     correction = Correction(1.01, 1.02, 0.0, 0.0)
     model = correction.applied_to(RobotModel())
-    found = Result(None, (), still, correction, correction, still, model, still, refuted)
+    found = SquareResult(None, (), still, correction, correction, still, model, still, refuted)
     monkeypatch.setattr(Squares, "run", lambda _squares, _asked: found)
     file = tmp_path / "robot.toml"
     asked = ("odometry", served.port, "--robot", file, "--verify", "--yes", "--json")

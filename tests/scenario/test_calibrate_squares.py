@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bringup.square import Asked, ByTape, Result, Squares
+from bridge.bringup.square import Asked, ByTape, SquareResult, Squares
 from bridge.errors import BridgeError, StoppedForSafetyError
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
@@ -49,7 +49,7 @@ def wrong_wheels(monkeypatch: pytest.MonkeyPatch, seed: int, noise: NoiseLevel) 
     return VirtualSweeper(PLAN, MODEL, seed=seed)
 
 
-def calibrated(device: VirtualSweeper, asked: Asked, person: Person | None = None) -> Result:
+def calibrated(device: VirtualSweeper, asked: Asked, person: Person | None = None) -> SquareResult:
     desk, _ = desk_on(device)
     with desk:
         squares = Squares(desk, person or Scripted(), MODEL, ByTruth(device))

@@ -17,7 +17,7 @@ from sim_device.rig import Rig
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from bridge.bringup.wiring import Finding
+    from bridge.bringup.wiring import CheckResult
     from protocol.link import LinkBase
     from sim_device.sweeper import VirtualSweeper
 
@@ -94,7 +94,7 @@ class Scripted:
     def show(self, text: str) -> None:
         self.reported.append(text)
 
-    def report(self, finding: Finding) -> None:
+    def report(self, finding: CheckResult) -> None:
         self.reported.append(finding.line)
 
     def confirm(self, text: str) -> bool:

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from bridge.bringup.desk import Desk
-    from bridge.bringup.desk_wire import Wire
+    from bridge.bringup.desk_wire import DeskPort
     from bridge.bringup.recorded import BenchRecords
-    from bridge.bringup.wiring import Finding
+    from bridge.bringup.wiring import CheckResult
     from bridge.motion.robot_model import RobotModel
     from tools.cli.port_options import PortAsked
 
@@ -107,7 +107,7 @@ class BenchLog:
 
 @contextlib.contextmanager
 def _recorded(
-    wire: Wire, port: str, log: BenchLog, model: RobotModel, robot_toml: str
+    wire: DeskPort, port: str, log: BenchLog, model: RobotModel, robot_toml: str
 ) -> Iterator[BenchRecords]:
     """Record the traffic of ``wire`` to a log file."""
     from bridge.bringup.recorded import BenchRecords
@@ -161,7 +161,7 @@ class Terminal:
         """Print a line."""
         self._print(text, None)
 
-    def report(self, finding: Finding) -> None:
+    def report(self, finding: CheckResult) -> None:
         """Print a finding: green if correct, red if wrong, yellow if skipped."""
         self._print(finding.line, {True: "green", False: "red", None: "yellow"}[finding.ok])
 

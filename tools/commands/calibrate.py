@@ -16,7 +16,7 @@ from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from bridge.bringup.applying import Change
-    from bridge.bringup.square import Result
+    from bridge.bringup.square import SquareResult
     from bridge.bringup.umbmark import Benchmark
     from bridge.motion.robot_model import RangerMount, RobotModel
     from tools.bringup.desk import BenchLog
@@ -223,7 +223,7 @@ def _odometry_changes(old: RobotModel, new: RobotModel) -> list[Change]:
     ]
 
 
-def _result_lines(found: Result) -> list[str]:
+def _result_lines(found: SquareResult) -> list[str]:
     correction, first = found.correction, found.first
     lines = []
     if found.scale is not None:
@@ -248,7 +248,7 @@ def _centres(b: Benchmark) -> str:
     )
 
 
-def _figures(found: Result) -> dict[str, Any]:
+def _figures(found: SquareResult) -> dict[str, Any]:
     def figures(b: Benchmark | None) -> dict[str, Any] | None:
         if b is None:
             return None

@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from bridge.api.exchange import LoopExchange
-from bridge.bringup.values import Difference, differences
+from bridge.bringup.values import ParameterDifference, differences
 from bridge.errors import BridgeError
 from bridge.io import clock
 from bridge.run.client import DeviceClient
@@ -103,7 +103,7 @@ def start_checked(pump: Pump, model: RobotModel, plan: FloorPlan | None) -> Iter
         over.set()
 
 
-def _report(pump: Pump, difference: Difference, source: str) -> None:
+def _report(pump: Pump, difference: ParameterDifference, source: str) -> None:
     name, unit, device, file = difference
     shown = "" if unit == "ratio" else f" {unit}"
     text = f"{name}: the device has {device:.7g}{shown}, {source} has {file:.7g}{shown}"

@@ -10,7 +10,7 @@ import pytest
 from bridge.bringup.umbmark import (
     Benchmark,
     Correction,
-    Run,
+    SquareRun,
     benchmark,
     borenstein,
     refine,
@@ -25,7 +25,7 @@ SIDE_M = 2.0
 PARTS = 40
 
 
-def true_square(ratio: float, base: float, *, clockwise: bool, scale: float = 1.0) -> Run:
+def true_square(ratio: float, base: float, *, clockwise: bool, scale: float = 1.0) -> SquareRun:
     """Return a square that looks perfect to odometry, driven by wheels with other sizes.
 
     Complex numbers, one exact arc for each leg: independent of the host's odometry.
@@ -57,10 +57,10 @@ def true_square(ratio: float, base: float, *, clockwise: bool, scale: float = 1.
                 )
                 place += chord * complex(math.cos(heading), math.sin(heading))
                 heading += angle
-    return Run(clockwise, tuple(counts), place.real, place.imag)
+    return SquareRun(clockwise, tuple(counts), place.real, place.imag)
 
 
-def both(ratio: float, base: float) -> list[Run]:
+def both(ratio: float, base: float) -> list[SquareRun]:
     return [true_square(ratio, base, clockwise=cw) for cw in (True, False)]
 
 
@@ -167,8 +167,8 @@ def test_a_result_is_refuted_by_squares_that_miss_by_more_than_scatter(
 
 
 def test_the_scatter_is_that_about_the_centre_of_each_direction() -> None:
-    def ended(x_m: float, *, clockwise: bool) -> Run:
-        return Run(clockwise, (), x_m, 0.0)
+    def ended(x_m: float, *, clockwise: bool) -> SquareRun:
+        return SquareRun(clockwise, (), x_m, 0.0)
 
     one_each = [ended(0.5, clockwise=True), ended(-0.5, clockwise=False)]
     assert scatter_m(MODEL, one_each) == 0.0, "not known"

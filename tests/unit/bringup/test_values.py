@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from bridge.bringup.values import Difference, differences, edited, file_values, robot_key
+from bridge.bringup.values import ParameterDifference, differences, edited, file_values, robot_key
 from bridge.config import parse_robot
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
@@ -43,8 +43,8 @@ def test_differences_are_reported_with_both_values() -> None:
     found = differences(device(wheel_base_m=0.2345, counts_per_turn=1440), MODEL)
     rounded = struct.unpack("<f", struct.pack("<f", 0.2345))[0]
     assert found == [
-        Difference("wheel_base", "m", rounded, 0.23),
-        Difference("counts_per_turn", "count", 1440, 1560),
+        ParameterDifference("wheel_base", "m", rounded, 0.23),
+        ParameterDifference("counts_per_turn", "count", 1440, 1560),
     ]
 
 
