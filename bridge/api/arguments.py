@@ -24,7 +24,7 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ArgumentKind:
     """Allowed type and range of an argument."""
 
     wanted: str
@@ -33,16 +33,16 @@ class Kind:
     secret: bool = False
     """True if error texts must not show the value."""
 
-    def __or__(self, other: Kind) -> Kind:
+    def __or__(self, other: ArgumentKind) -> ArgumentKind:
         """Return a kind that allows the values of both."""
-        return Kind(
+        return ArgumentKind(
             f"{self.wanted}, or {other.wanted}",
             lambda value: self.fits(value) or other.fits(value),
             self.secret or other.secret,
         )
 
 
-def checked(**kinds: Kind) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def checked(**kinds: ArgumentKind) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorator: raise :class:`ArgumentError` for arguments that are not of these kinds."""
 
     def wrap(call: Callable[P, R]) -> Callable[P, R]:
@@ -62,8 +62,8 @@ def checked(**kinds: Kind) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return wrap
 
 
-def _instance(wanted: str, *types: type) -> Kind:
-    return Kind(wanted, lambda value: isinstance(value, types))
+def _instance(wanted: str, *types: type) -> ArgumentKind:
+    return ArgumentKind(wanted, lambda value: isinstance(value, types))
 
 
 def _is_number(value: object, least: float = -math.inf) -> bool:
@@ -75,35 +75,37 @@ def _is_number(value: object, least: float = -math.inf) -> bool:
         return False
 
 
-def _whole(wanted: str, low: int, high: int) -> Kind:
+def _whole(wanted: str, low: int, high: int) -> ArgumentKind:
     def fits(value: object) -> bool:
         if isinstance(value, bool) or not isinstance(value, Integral):
             return False
         return low <= int(value) <= high
 
-    return Kind(wanted, fits)
+    return ArgumentKind(wanted, fits)
 
 
 def _is_key(value: object) -> bool:
     return isinstance(value, bytes) and len(value) == KEY_SIZE and any(value)
 
 
-NONE = Kind("None", lambda value: value is None)
+NONE = ArgumentKind("None", lambda value: value is None)
 FLAG = _instance("True or False", bool)
 TEXT = _instance("a text", str)
 PATH = _instance("a path", str, Path)
 MODEL = _instance("a RobotModel", RobotModel)
 ROOM = _instance("a FloorPlan", FloorPlan)
-SINK = Kind("an object with write()", lambda value: callable(getattr(value, "write", None)))
-NUMBER = Kind("a finite number", _is_number)
-SECONDS = Kind("a number of seconds, 0 or more", lambda value: _is_number(value, 0.0))
+SINK = ArgumentKind("an object with write()", lambda value: callable(getattr(value, "write", None)))
+NUMBER = ArgumentKind("a finite number", _is_number)
+SECONDS = ArgumentKind("a number of seconds, 0 or more", lambda value: _is_number(value, 0.0))
 NODE = _whole(f"an integer from 1 to {MAX_NODE}", 1, MAX_NODE)
 BITS_PER_S = _whole("an integer from 1 to 4294967295", 1, 0xFFFF_FFFF)
-KEY = Kind(f"{KEY_SIZE} bytes that are not all 0", _is_key, secret=True)
-PARAMETER = Kind(
+KEY = ArgumentKind(f"{KEY_SIZE} bytes that are not all 0", _is_key, secret=True)
+PARAMETER = ArgumentKind(
     "a parameter's name or number",
     lambda value: isinstance(value, str | Integral) and not isinstance(value, bool),
 )
 VALUE = _instance("a number, a text, True or False", Real, str)
 """Type of a parameter's value; the parameter itself checks the range."""
-HERTZ = Kind("a number", lambda value: isinstance(value, Real) and not isinstance(value, bool))
+HERTZ = ArgumentKind(
+    "a number", lambda value: isinstance(value, Real) and not isinstance(value, bool)
+)

@@ -42,7 +42,7 @@ the loop a thousand times per second."""
 R = TypeVar("R")
 
 
-class Result(NamedTuple):
+class LoopResult(NamedTuple):
     """Result of a loop; created once, when its port is closed."""
 
     ending: Ending
@@ -67,7 +67,7 @@ class Pump:
         """Called with the name of a port that was reopened."""
         self.crash: BaseException | None = None
         """Exception that ended the loop; None: no exception."""
-        self.result: Result | None = None
+        self.result: LoopResult | None = None
         """Result of the loop; None: not ended."""
         self.snapshot = host.snapshot()
         """Newest state of the robot and its run, for any thread."""
@@ -108,7 +108,7 @@ class Pump:
             self._reject_calls()
         return answer
 
-    def wait_over(self, timeout_s: float) -> Result | None:
+    def wait_over(self, timeout_s: float) -> LoopResult | None:
         """Wait until the loop has ended and its port is closed; None after a timeout."""
         self._over.wait(timeout_s)
         return self.result
@@ -145,7 +145,7 @@ class Pump:
         mission = self.host.mission
         ending = mission.ending or Ending("fault", "the run ended without a reason", 1)
         self.snapshot = self._last_snapshot(ending)
-        self.result = Result(ending, mission.confirmed)
+        self.result = LoopResult(ending, mission.confirmed)
         self._over.set()
         self._reject_calls()
         with suppress(Exception):  # ends the commands that still wait

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Self
 from bridge.api import arguments
 from bridge.api.exchange import LoopExchange
 from bridge.api.owner_service import OwnerService
-from bridge.api.pump import Pump, Result
+from bridge.api.pump import LoopResult, Pump
 from bridge.api.recording import Recording
 from bridge.api.robot_parts import SETPOINT_TIMEOUT_S, EventTap, Latest, ManualDrive, OwnPlanner
 from bridge.config import parse_robot, to_toml
@@ -637,7 +637,7 @@ class Robot:
         if failed is not None:
             raise failed
 
-    def _end(self, ending: Ending) -> Result | None:
+    def _end(self, ending: Ending) -> LoopResult | None:
         """End the session and wait for it; None: its loop does not respond."""
         self._pump.request_end(ending)
         result = self._pump.wait_over(OPEN_TIMEOUT_S)

@@ -30,7 +30,7 @@ REPEAT_S = 0.1
 """Interval of repeated stick reports, s. The interface itself reports changes only."""
 
 
-class Layout(NamedTuple):
+class PadLayout(NamedTuple):
     """Numbers of axes and buttons; the defaults fit most pads with Linux' xpad and hid drivers."""
 
     ahead_axis: int = 1
@@ -53,7 +53,7 @@ class Sticks(NamedTuple):
 class PadState:
     """Converts events to stick positions. Pure."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: PadLayout) -> None:
         self._layout = layout
         self._axes: dict[int, float] = {}
         self._buttons: dict[int, bool] = {}
@@ -102,7 +102,7 @@ class Gamepad:
         path: str,
         on_sticks: Callable[[Sticks], None],
         on_stop: Callable[[], None],
-        layout: Layout | None = None,
+        layout: PadLayout | None = None,
         on_gone: Callable[[], None] = lambda: None,
     ) -> None:
         """Open the device.
@@ -119,7 +119,7 @@ class Gamepad:
 
         """
         self._on_sticks, self._on_stop, self._on_gone = on_sticks, on_stop, on_gone
-        self._state = PadState(layout or Layout())
+        self._state = PadState(layout or PadLayout())
         try:
             self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:

@@ -31,7 +31,7 @@ ROOM_PERIOD_NS = 2_000_000_000
 _MOVED = "the robot was moved, and its position is unknown: {}; put it at its start and begin again"
 
 
-class Finding(NamedTuple):
+class FailedCheck(NamedTuple):
     """Result of a check that failed."""
 
     text: str
@@ -77,17 +77,19 @@ class Plausibility:
         """True if :meth:`step` is due."""
         return now_ns >= self._next_ns
 
-    def step(self, inputs: RuleInputs, localisation: Localisation, now_ns: int) -> Finding | None:
+    def step(
+        self, inputs: RuleInputs, localisation: Localisation, now_ns: int
+    ) -> FailedCheck | None:
         """Check the run; return each failed check once."""
         self._next_ns = now_ns + PERIOD_NS
         if localisation.displaced:
             self.displaced = True
-            return Finding(
+            return FailedCheck(
                 _MOVED.format("walls are where it has driven"), ends=True, displaced=True
             )
         spinning = self._spin.step(inputs, stands=localisation.estimator.stands)
         if spinning is not None:
-            return Finding(spinning, ends=True)
+            return FailedCheck(spinning, ends=True)
         if self._room is not None and self.plan is not None and now_ns >= self._room_ns:
             self._room_ns = now_ns + ROOM_PERIOD_NS
             return self._compare(localisation, self._room, self.plan)
@@ -95,7 +97,7 @@ class Plausibility:
 
     def _compare(
         self, localisation: Localisation, room: RoomCheck, plan: FloorPlan
-    ) -> Finding | None:
+    ) -> FailedCheck | None:
         """Compare the walls with the room."""
         known = self._fitted or self.fit is not None
         fit = room.fit(localisation.measured_walls(), seek=not known)
@@ -107,7 +109,7 @@ class Plausibility:
         text = f"{100.0 * fit.share:.0f} % of the walls match {plan.name}"
         if self._fitted and fit.share < room.tuning.moved_fits:
             self.displaced = True
-            return Finding(_MOVED.format(f"now {text}"), ends=True, displaced=True)
+            return FailedCheck(_MOVED.format(f"now {text}"), ends=True, displaced=True)
         if known:
             return None
         self.fit = fit
@@ -118,4 +120,4 @@ class Plausibility:
                 f"the robot started {off_m:.2f} m away from the room's start, turned by "
                 f"{math.degrees(off_rad):.0f}°"
             )
-        return Finding(f"{text}: {where}; map and coverage do not fit the room")
+        return FailedCheck(f"{text}: {where}; map and coverage do not fit the room")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import PortError
-from bridge.io.gamepad import Gamepad, Layout, PadState, Sticks
+from bridge.io.gamepad import Gamepad, PadLayout, PadState, Sticks
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
@@ -152,7 +152,7 @@ def event(kind: int, number: int, value: int) -> bytes:
 
 
 def test_sticks_and_buttons_of_the_kernels_events() -> None:
-    pad = PadState(Layout())
+    pad = PadState(PadLayout())
     assert pad.feed(event(0x82, 1, 0) + event(0x81, 4, 0)) is False
     assert pad.sticks == Sticks(0.0, 0.0, held=False)
     pad.feed(event(2, 1, -32767))  # stick pushed up
