@@ -33,7 +33,7 @@ from bridge.record.mcap_records import (
 )
 from bridge.record.scan import (
     DamagedBytes,
-    Search,
+    RecordSearch,
     has_shape,
     inner_end,
     next_file,
@@ -238,7 +238,7 @@ class _Recoverer:
         self._oversize = _OVERSIZE_BYTES
         self._guesses = _GUESSED_BYTES + _GUESSED_TIMES * ((following or len(data)) - begin)
         """Bytes that may still be read on a guess."""
-        self._search, self._search_inner = Search(data), Search(data)
+        self._search, self._search_inner = RecordSearch(data), RecordSearch(data)
         self._last: dict[int, list[tuple[int, int]]] = {}
         """Message indexes of the last kept chunk."""
         self._is_chunked = Opcode.CHUNK in self._summary.kinds.values()

@@ -185,7 +185,7 @@ Script = Generator[Leg, Step, str]
 """A plan as a coroutine: yields legs, is sent how they ended, returns why it finished."""
 
 
-class PlannerRecord:
+class PlannerReports:
     """Reports of a planner: its state, its decisions and the figures of its end."""
 
     def __init__(self) -> None:
@@ -219,7 +219,7 @@ class ScriptedPlanner(ABC):
     def __init__(self, model: RobotModel) -> None:
         """Plan for a robot; nothing begins before ``start``."""
         self.model = model
-        self.record = PlannerRecord()
+        self.record = PlannerReports()
         self._script: Script | None = None
 
     @abstractmethod

@@ -48,7 +48,7 @@ CREATE TABLE IF NOT EXISTS marks (
 _VALUES = ", ".join("?" for _ in range(8 + len(INDEXED)))
 
 
-class LogFile(NamedTuple):
+class ListedFile(NamedTuple):
     """A file as its folder lists it."""
 
     name: bytes
@@ -142,7 +142,7 @@ class FolderIndex:
 
     def update(
         self,
-        files: list[LogFile],
+        files: list[ListedFile],
         progress: Callable[[int, int], None],
         read: LogReaders = read_here,
     ) -> None:
@@ -163,7 +163,7 @@ class FolderIndex:
             raise IndexDamagedError(self.path, str(error)) from None
 
     def _update(
-        self, files: list[LogFile], progress: Callable[[int, int], None], read: LogReaders
+        self, files: list[ListedFile], progress: Callable[[int, int], None], read: LogReaders
     ) -> None:
         known = {
             name: (size, modified_ns)
@@ -199,10 +199,10 @@ class FolderIndex:
         found = (self.database.execute(asked, (name,)).fetchone() for name in names)
         return {row[0] for row in found if row is not None}
 
-    def _log(self, file: LogFile) -> tuple[Path, int]:
+    def _log(self, file: ListedFile) -> tuple[Path, int]:
         return self.folder / os.fsdecode(file.name), file.modified_ns
 
-    def _store(self, file: LogFile, log: ReadLog) -> bytes | None:
+    def _store(self, file: ListedFile, log: ReadLog) -> bytes | None:
         """Store a log's row; return the first file of its run, if it is a later one."""
         entry, digest = log
         values: dict[str, Any] = entry.values or {}
@@ -280,7 +280,7 @@ class FolderIndex:
         self.database.close()
 
 
-def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[LogFile]]]:
+def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[ListedFile]]]:
     """Yield ``top`` and the folders below it that hold logs; hidden folders are left out.
 
     Raises:
@@ -295,7 +295,7 @@ def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[LogFile]]]:
             yield from folders_with_logs(folder)
 
 
-def logs_in(folder: Path) -> tuple[list[LogFile], list[Path]]:
+def logs_in(folder: Path) -> tuple[list[ListedFile], list[Path]]:
     """Return the logs and the folders in a folder, sorted by name.
 
     Raises:
@@ -314,7 +314,7 @@ def logs_in(folder: Path) -> tuple[list[LogFile], list[Path]]:
             except OSError:  # deleted meanwhile, or a broken symbolic link
                 continue
             if stat.S_ISREG(found.st_mode):
-                files.append(LogFile(os.fsencode(entry.name), found.st_size, found.st_mtime_ns))
+                files.append(ListedFile(os.fsencode(entry.name), found.st_size, found.st_mtime_ns))
                 continue
         if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False):
             inner.append(folder / entry.name)

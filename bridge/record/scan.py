@@ -91,7 +91,7 @@ def opened(path: Path) -> Iterator[Bytes]:
         raise LogReadError(path, error.strerror or str(error)) from None
 
 
-class Search:
+class RecordSearch:
     """Search for the next record, with a cache of the last result.
 
     The result is valid for every start up to the record found. Without the cache, a file in which
@@ -138,7 +138,7 @@ def records(
     position: int = len(MAGIC),
     *,
     indexes: bool = True,
-    search: Search | None = None,
+    search: RecordSearch | None = None,
 ) -> Iterator[Found | DamagedBytes]:
     """Yield every record from ``position`` to the end of the file, with its summary.
 
@@ -153,7 +153,7 @@ def records(
 
     """
     size = len(data)
-    search = search or Search(data)
+    search = search or RecordSearch(data)
     while position < size and not (data[position] == MAGIC[0] and begins_file(data, position)):
         if not indexes and data[position] == Opcode.MESSAGE_INDEX:
             position = _past_indexes(data, position)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from bridge.coverage.planner import PlannerRecord
+from bridge.coverage.planner import PlannerReports
 from bridge.coverage.recovery.context import RecoveryContext
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
@@ -27,7 +27,7 @@ def context_at(
     """Begin a plan at an observation."""
     options = options or RecoveryOptions()
     chooser = Chooser(options)
-    return RecoveryContext.begin(model or RobotModel(), options, chooser, PlannerRecord(), obs)
+    return RecoveryContext.begin(model or RobotModel(), options, chooser, PlannerReports(), obs)
 
 
 def kinds(context: RecoveryContext) -> list[str]:

@@ -15,7 +15,7 @@ from bridge.motion.legs import Rest
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from bridge.coverage.planner import PlannerRecord, Step
+    from bridge.coverage.planner import PlannerReports, Step
     from bridge.coverage.recovery.geometry import PlannerGeometry
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.search import Chooser
@@ -35,7 +35,7 @@ class RecoveryContext:
     options: RecoveryOptions
     map: EvidenceMap
     chooser: Chooser
-    record: PlannerRecord
+    record: PlannerReports
     wall_segments: WallSegments
     occlusions: OccludedRegions
     lookout: Lookout
@@ -53,7 +53,7 @@ class RecoveryContext:
         model: RobotModel,
         options: RecoveryOptions,
         chooser: Chooser,
-        record: PlannerRecord,
+        record: PlannerReports,
         obs: Observation,
     ) -> RecoveryContext:
         """Begin a plan at the pose of ``obs`` with an empty map."""

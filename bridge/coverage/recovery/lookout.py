@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.motion.control.braking import Braking
 
 if TYPE_CHECKING:
-    from bridge.coverage.planner import PlannerRecord
+    from bridge.coverage.planner import PlannerReports
     from bridge.coverage.recovery.map import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.wall_segments import WallSegments
@@ -69,7 +69,7 @@ class Lookout:
         model: RobotModel,
         options: RecoveryOptions,
         evidence: EvidenceMap,
-        record: PlannerRecord,
+        record: PlannerReports,
         segments: WallSegments,
         *,
         obs: Observation,

@@ -10,7 +10,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.legs import StopReason
 
 if TYPE_CHECKING:
-    from bridge.coverage.planner import PlannerRecord
+    from bridge.coverage.planner import PlannerReports
     from bridge.coverage.recovery.map import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.search import Choice
@@ -33,7 +33,7 @@ class StuckPolicy:
         self,
         options: RecoveryOptions,
         evidence: EvidenceMap,
-        record: PlannerRecord,
+        record: PlannerReports,
     ) -> None:
         """Begin without attempts."""
         self._options, self._geometry = options, evidence.geometry
