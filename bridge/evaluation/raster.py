@@ -29,7 +29,7 @@ _ROOT = 1.324717957244746
 _PHI = 0.6180339887498949
 
 
-class Window(NamedTuple):
+class CellBlock(NamedTuple):
     """A block of cells: half-open ranges of rows and columns."""
 
     row0: int
@@ -73,10 +73,10 @@ class Raster:
         """Return an empty mask."""
         return np.zeros(self.shape, dtype=np.bool_)
 
-    def window(self, x0: float, y0: float, x1: float, y1: float) -> Window:
+    def window(self, x0: float, y0: float, x1: float, y1: float) -> CellBlock:
         """Return the cells that a rectangle touches; the window may be empty."""
         resolution, (rows, columns) = self.resolution_m, self.shape
-        return Window(
+        return CellBlock(
             max(math.floor((y0 - self.y_min_m) / resolution), 0),
             min(math.floor((y1 - self.y_min_m) / resolution) + 1, rows),
             max(math.floor((x0 - self.x_min_m) / resolution), 0),

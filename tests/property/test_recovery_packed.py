@@ -14,7 +14,7 @@ from bridge.coverage.recovery.evidence_kernels import SURE
 from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.window import Buffers, Window
+from bridge.coverage.recovery.window import Buffers, SearchWindow
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
@@ -80,7 +80,9 @@ def box_of(memory: EvidenceMap) -> tuple[slice, slice]:
 
 def seen_by_the_planner(memory: EvidenceMap) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return where the axle can be, and what needs no sweeping, over the packed box."""
-    window = Window(memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.tries, Buffers())
+    window = SearchWindow(
+        memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.tries, Buffers()
+    )
     # the window's rim is closed
     return window.open[1:-1, 1:-1] > 0, window.done[1:-1, 1:-1] > 0
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lanes
 from bridge.coverage.recovery.travel_kernels import STRAIGHT
-from bridge.coverage.recovery.window import Buffers, Point, Turned, Window, free_cell
+from bridge.coverage.recovery.window import Buffers, Point, SearchWindow, Turned, free_cell
 from bridge.coverage.recovery.window_kernels import (
     BestPerimeter,
     PerimeterCosts,
@@ -99,7 +99,7 @@ class Chooser:
             part = parts[min(k, 1)]
             if k < len(parts):
                 yield from self._spend(_COPYING * _size(part))
-                window = Window(memory, part, options.tries, self._buffers)
+                window = SearchWindow(memory, part, options.tries, self._buffers)
                 here = window.cell(pose.x_m, pose.y_m)
                 start = free_cell(window.open, *here, geometry.snap_cells)
                 self.shut_in = start is None
@@ -135,7 +135,7 @@ class Chooser:
         self._spent = 0.0
         box = memory.box()
         yield from self._spend(_COPYING * _size(box))
-        window = Window(memory, box, options.tries, self._buffers)
+        window = SearchWindow(memory, box, options.tries, self._buffers)
         here = window.cell(pose.x_m, pose.y_m)
         start = free_cell(window.open, *here, memory.geometry.snap_cells)
         goals = [free_cell(window.open, *window.cell(*point), 1) for point in points]
@@ -166,7 +166,7 @@ class Chooser:
 
     def _best(  # noqa: PLR0913 - a window, and from where
         self,
-        window: Window,
+        window: SearchWindow,
         most: int,
         pose: Pose2,
         grid_rad: float,
@@ -220,7 +220,7 @@ class Chooser:
         return self._lane(window, image, best[across], across)
 
     def _perimeter_choice(
-        self, window: Window, found: BestPerimeter, geometry: PlannerGeometry
+        self, window: SearchWindow, found: BestPerimeter, geometry: PlannerGeometry
     ) -> Choice:
         return Choice(
             "perimeter",
@@ -231,7 +231,7 @@ class Chooser:
             geometry.area_m2(found.score),
         )
 
-    def _lane(self, window: Window, image: Turned, found: BestLane, across: int) -> Choice:
+    def _lane(self, window: SearchWindow, image: Turned, found: BestLane, across: int) -> Choice:
         geometry = window.geometry
         begin, end = (found.last, found.first) if found.backwards else (found.first, found.last)
         x, y = image.point(found.row + 0.5, begin + 0.5, across=across)
@@ -248,7 +248,7 @@ class Chooser:
         )
 
 
-def _turning(window: Window, most: int, geometry: PlannerGeometry) -> int:
+def _turning(window: SearchWindow, most: int, geometry: PlannerGeometry) -> int:
     """Return the number of cells left that the mouth reaches, also by turning in place."""
     return mark_targets(
         window.dist, most, window.done, window.target, window.ways, geometry.turning_cells_2
@@ -284,7 +284,7 @@ def _lane_prices(geometry: PlannerGeometry, heading_rad: float) -> LanePrices:
     )
 
 
-def _parted(memory: EvidenceMap, window: Window, pose: Pose2) -> Point | None:
+def _parted(memory: EvidenceMap, window: SearchWindow, pose: Pose2) -> Point | None:
     """Return the nearest visited and free place that no path reaches.
 
     ``None`` if there are only a few such cells. The map may have grown since the window was made.

@@ -26,7 +26,7 @@ RING = _RING
 
 @cython.final
 @cython.cclass
-class Search:
+class TravelSearch:
     """State of a path search."""
 
     level = cython.declare(cython.int, visibility="public")
@@ -49,7 +49,7 @@ def travel(
     dist: Ints,
     queue: IntGrid,
     counts: Ints,
-    search: Search,
+    search: TravelSearch,
 ) -> tuple[int, bool]:
     """Continue the search for shortest paths up to a cost; return settled cells and completion.
 

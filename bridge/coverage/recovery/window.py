@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bridge.coverage.recovery.lane_kernels import turn_images
-from bridge.coverage.recovery.travel_kernels import RING, Search, travel, way_back
+from bridge.coverage.recovery.travel_kernels import RING, TravelSearch, travel, way_back
 from bridge.coverage.recovery.window_kernels import copy_window
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Buffers:
         return flat[:size].reshape(shape)
 
 
-class Window:
+class SearchWindow:
     """A window of the map at the beginning of a search, and the search's results."""
 
     def __init__(
@@ -83,7 +83,7 @@ class Window:
         self._cliffs = memory.cliffs.rims
         self._buffers = buffers
         self.settled = 0
-        self._search = Search()
+        self._search = TravelSearch()
         blocked, visited = memory.places()
         copy_window(
             memory.inflated,
@@ -137,7 +137,7 @@ class Window:
         self.dist[row, col] = 0
         buffers.counts.fill(0)
         buffers.counts[0] = 1
-        self._search = Search()
+        self._search = TravelSearch()
         self._search.waiting = 1
         buffers.queue[0, 0] = row * self.dist.shape[1] + col
 
@@ -166,7 +166,7 @@ class Window:
 class Turned:
     """A window's targets and path lengths in a frame rotated to the lanes."""
 
-    def __init__(self, window: Window, angle_rad: float, buffers: Buffers) -> None:
+    def __init__(self, window: SearchWindow, angle_rad: float, buffers: Buffers) -> None:
         rows, cols = window.open.shape
         c, s = math.cos(angle_rad), math.sin(angle_rad)
         corners = [(k * c + r * s, r * c - k * s) for r in (0, rows) for k in (0, cols)]

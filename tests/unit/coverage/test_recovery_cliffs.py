@@ -15,7 +15,7 @@ from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
-from bridge.coverage.recovery.window import Buffers, Window
+from bridge.coverage.recovery.window import Buffers, SearchWindow
 from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
@@ -49,7 +49,7 @@ def nowhere(x_m: float, y_m: float) -> bool:
 
 def open_at(memory: EvidenceMap, x_m: float, y_m: float) -> bool:
     rows, cols = memory.shape
-    window = Window(memory, (0, rows, 0, cols), 2, Buffers())
+    window = SearchWindow(memory, (0, rows, 0, cols), 2, Buffers())
     return bool(window.open[window.cell(x_m, y_m)] > 0)
 
 
@@ -195,11 +195,11 @@ def test_beside_a_cliff_a_lane_is_chosen_and_no_perimeter_pass() -> None:
 def test_no_perimeter_pass_is_begun_beside_a_cliff() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     rows, cols = memory.shape
-    window = Window(memory, (0, rows, 0, cols), 2, Buffers())
+    window = SearchWindow(memory, (0, rows, 0, cols), 2, Buffers())
     window.ways[:] = 7
     assert window.perimeter_lengths is window.ways
     memory.add_cliff(ORIGIN)
-    window = Window(memory, (0, rows, 0, cols), 2, Buffers())
+    window = SearchWindow(memory, (0, rows, 0, cols), 2, Buffers())
     window.ways[:] = 7
     rim = window.cell(MODEL.radius_m, 0.0)
     ways = window.perimeter_lengths

@@ -12,7 +12,7 @@ from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lan
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
-from bridge.coverage.recovery.travel_kernels import RING, Search, clear_line, travel, way_back
+from bridge.coverage.recovery.travel_kernels import RING, TravelSearch, clear_line, travel, way_back
 from bridge.coverage.recovery.window_kernels import (
     GIVEN_UP,
     OCCUPIED,
@@ -50,7 +50,7 @@ def reach(
     counts = np.zeros(RING, dtype=np.int32)
     dist[row, col] = 0
     QUEUE[0, 0] = row * open_.shape[1] + col
-    search = Search()
+    search = TravelSearch()
     search.waiting = counts[0] = 1
     cells = (open_.ravel(), open_.shape[1])
     while not travel(*cells, maximum, budget, dist.ravel(), QUEUE, counts, search)[1]:
