@@ -26,7 +26,7 @@ class FrameKind(IntEnum):
     """Parameters of the run: a JSON object of names and values."""
 
 
-class Frame(NamedTuple):
+class PipeFrame(NamedTuple):
     """One frame."""
 
     kind: FrameKind
@@ -37,11 +37,11 @@ class Frame(NamedTuple):
         return _HEAD.pack(self.kind, len(self.content)) + self.content
 
 
-def read_frames(stream: BinaryIO) -> Iterator[Frame]:
+def read_frames(stream: BinaryIO) -> Iterator[PipeFrame]:
     """Yield the frames until the end of the stream, even within a frame."""
     while len(head := stream.read(_HEAD.size)) == _HEAD.size:
         kind, length = _HEAD.unpack(head)
         content = stream.read(length)
         if len(content) != length:
             return
-        yield Frame(FrameKind(kind), content)
+        yield PipeFrame(FrameKind(kind), content)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bridge.view.errors import FoxgloveMissingError, FoxgloveServerError
-from bridge.view.foxglove.frames import Frame, FrameKind
+from bridge.view.foxglove.frames import FrameKind, PipeFrame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,7 +36,7 @@ class _Item:
 
     __slots__ = ("before", "chunk", "messages")
 
-    def __init__(self, before: list[Frame], chunk: bytes, messages: int) -> None:
+    def __init__(self, before: list[PipeFrame], chunk: bytes, messages: int) -> None:
         self.before = before
         """Frames that are never dropped: new files and declarations."""
         self.chunk = chunk
@@ -82,8 +82,8 @@ class FoxglovePublisher:
         """Address for Foxglove."""
         self.dropped = 0
         """Number of messages that were dropped."""
-        self._before: list[Frame] = []
-        first = Frame(FrameKind.PARAMETERS, json.dumps(parameters, default=str).encode())
+        self._before: list[PipeFrame] = []
+        first = PipeFrame(FrameKind.PARAMETERS, json.dumps(parameters, default=str).encode())
         self._items = deque([_Item([first], b"", 0)])
         self._changed = threading.Condition()
         self._closing = False
@@ -97,12 +97,12 @@ class FoxglovePublisher:
 
     def begin(self) -> None:
         """Note that a log file begins."""
-        self._before.append(Frame(FrameKind.FILE))
+        self._before.append(PipeFrame(FrameKind.FILE))
 
     def take(self, declarations: bytes, chunk: bytes, messages: int) -> None:
         """Queue a chunk; drop the oldest one if there are too many."""
         if declarations:
-            self._before.append(Frame(FrameKind.RECORDS, declarations))
+            self._before.append(PipeFrame(FrameKind.RECORDS, declarations))
         item = _Item(self._before, chunk, messages)
         self._before = []
         with self._changed:
@@ -111,7 +111,7 @@ class FoxglovePublisher:
                 oldest = self._items.popleft()
                 self.dropped += oldest.messages
                 following = self._items[0]
-                count = Frame(FrameKind.DROPPED, str(self.dropped).encode())
+                count = PipeFrame(FrameKind.DROPPED, str(self.dropped).encode())
                 kept = [each for each in oldest.before if each.kind is not FrameKind.DROPPED]
                 following.before = [*kept, *following.before, count]
             self._changed.notify()
@@ -164,7 +164,7 @@ class FoxglovePublisher:
                 for frame in item.before:
                     stream.write(frame.to_bytes())
                 if item.chunk:
-                    stream.write(Frame(FrameKind.RECORDS, item.chunk).to_bytes())
+                    stream.write(PipeFrame(FrameKind.RECORDS, item.chunk).to_bytes())
                 stream.flush()
         with contextlib.suppress(OSError):
             stream.close()

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client, WebSocketServer
 
     from bridge.record.reader import LogChannel, LogMessage
-    from bridge.view.foxglove.frames import Frame
+    from bridge.view.foxglove.frames import PipeFrame
 
 STATE_TOPICS = {"/tf_static": 8, "/map/room": 1, "/map/coverage": 1, "/planner": 1}
 """Topics that describe a state, with the number of newest messages that a new subscriber gets at
@@ -109,7 +109,7 @@ class LiveServer:
         self.port = self._server.port
         """TCP port on which the server listens."""
 
-    def take(self, frame: Frame) -> None:
+    def take(self, frame: PipeFrame) -> None:
         """Handle one frame."""
         match frame.kind:
             case FrameKind.FILE:

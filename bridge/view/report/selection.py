@@ -26,7 +26,7 @@ _JITTER = 0.16
 """Half width over which the points of a group are spread, relative to the group spacing."""
 
 
-class Measure(NamedTuple):
+class ComparedColumn(NamedTuple):
     """A column that is compared."""
 
     column: str
@@ -39,14 +39,14 @@ class Measure(NamedTuple):
 
 
 MEASURES = (
-    Measure("coverage", "swept, %", "swept of the reachable floor, %", 100.0, "{:.2f}"),
-    Measure("duration_s", "time, s", "time, s", form="{:.0f}"),
-    Measure("path_m", "path, m", "path, m"),
-    Measure("collisions", "collisions", "collisions", form="{:.0f}"),
-    Measure("largest_hole_cm2", "hole, cm²", "largest hole, cm²", form="{:.0f}"),
-    Measure("energy_wh", "energy, Wh", "energy, Wh", form="{:.2f}"),
-    Measure("supervision", "events", "supervision events", form="{:.0f}"),
-    Measure("lost", "lost", "lost frames", form="{:.0f}"),
+    ComparedColumn("coverage", "swept, %", "swept of the reachable floor, %", 100.0, "{:.2f}"),
+    ComparedColumn("duration_s", "time, s", "time, s", form="{:.0f}"),
+    ComparedColumn("path_m", "path, m", "path, m"),
+    ComparedColumn("collisions", "collisions", "collisions", form="{:.0f}"),
+    ComparedColumn("largest_hole_cm2", "hole, cm²", "largest hole, cm²", form="{:.0f}"),
+    ComparedColumn("energy_wh", "energy, Wh", "energy, Wh", form="{:.2f}"),
+    ComparedColumn("supervision", "events", "supervision events", form="{:.0f}"),
+    ComparedColumn("lost", "lost", "lost frames", form="{:.0f}"),
 )
 _DRAWN = MEASURES[:4]
 
@@ -57,7 +57,7 @@ class Group(NamedTuple):
     name: str
     rows: list[Row]
 
-    def values(self, measure: Measure) -> list[float]:
+    def values(self, measure: ComparedColumn) -> list[float]:
         """Return the known values in the unit of the measure."""
         found = (row[measure.column] for row in self.rows)
         return [value * measure.factor for value in found if value is not None]
@@ -184,7 +184,7 @@ def _height(groups: Sequence[Group]) -> float:
     return 1.4 + 0.42 * min(len(groups), _MAX_GROUPS)
 
 
-def _draw(axes: Axes, groups: Sequence[Group], measure: Measure) -> None:
+def _draw(axes: Axes, groups: Sequence[Group], measure: ComparedColumn) -> None:
     """Draw a row for each group, the first on top."""
     shown = groups[:_MAX_GROUPS]
     for place, group in enumerate(shown):

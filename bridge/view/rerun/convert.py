@@ -95,8 +95,8 @@ class RunConverter:
         self._lines = TextLines(p.EVENTS)
         self._path, self._truth_path = scene.path_track(), scene.truth_track()
         self._whole = scene.whole_track()
-        self._motion, self._target = scene.Motion(), scene.Target()
-        self._lanes, self._occlusions = planning.Lanes(), planning.OccludedRegions(model)
+        self._motion, self._target = scene.Motion(), scene.TargetPoint()
+        self._lanes, self._occlusions = planning.Lanes(), planning.OcclusionStrips(model)
         self._covariance, self._planner_text = planning.Covariance(), Document(p.PLANNER_TEXT)
         self._pose: planning.Pose | None = None
         self._planner_state = ""

@@ -74,7 +74,7 @@ class Lanes:
         self._strips.send(recording)
 
 
-class OccludedRegions:
+class OcclusionStrips:
     """Occluded regions: the floor beyond a lane that an obstacle ended early.
 
     A lane ended early if it stops more than the robot's diameter before the farthest end of all

@@ -204,7 +204,7 @@ class Ray:
         self._times, self._rays, self._counts = [], [], []
 
 
-class Target:
+class TargetPoint:
     """The point that the planner drives to."""
 
     def __init__(self) -> None:

@@ -59,7 +59,7 @@ def test_a_lane_is_drawn_from_its_beginning_to_its_end() -> None:
 
 def test_a_lane_cut_short_occludes_the_floor_to_where_the_others_ended() -> None:
     model = RobotModel()
-    occlusions = planning.OccludedRegions(model)
+    occlusions = planning.OcclusionStrips(model)
     occlusions.lane(0, lane(1.7), (1.9, 0.2, 0.0))
     occlusions.lane(1, lane(1.7), (0.2, 0.36, math.pi))
     occlusions.lane(2, lane(0.4), (0.6, 0.52, 0.0))
@@ -73,7 +73,7 @@ def test_a_lane_cut_short_occludes_the_floor_to_where_the_others_ended() -> None
 
 
 def test_an_occluded_region_that_the_planner_reports() -> None:
-    occlusions = planning.OccludedRegions(RobotModel())
+    occlusions = planning.OcclusionStrips(RobotModel())
     data = json.dumps({"occlusion": 1, "x_m": 1.0, "y_m": 0.5, "length_m": 0.8})
     occlusions.report(0, data, (0.9, 0.5, math.pi / 2))
     occlusions.report(1, "no json", (0.9, 0.5, 0.0))
