@@ -151,7 +151,7 @@ class Rig:
         """
         return max(0, self._down.room())
 
-    def give_back(self, data: bytes, now_us: int) -> None:
+    def take_back(self, data: bytes, now_us: int) -> None:
         """Put data that the host did not take back into the adapter's buffer.
 
         Data that does not fit is lost.
@@ -229,7 +229,7 @@ class Rig:
             if knobs.bus_off:
                 controller.leave()
             else:
-                controller.come_back()
+                controller.rejoin()
         if knobs.unplugged:
             self._counts.unplugged += len(self._held)
             self._held = b""

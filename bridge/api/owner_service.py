@@ -100,7 +100,7 @@ class OwnerService:
 
     def _resume(self) -> None:
         """Continue a run after a loss or a pause, in the loop's thread."""
-        answer = self._pump.call(lambda: self._host.go_on(clock.now()))
+        answer = self._pump.call(lambda: self._host.resume_run(clock.now()))
         try:
             goes_on = answer.result(CONFIRM_S)
         except TimeoutError:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.bringup.desk import Desk
+    from bridge.bringup.session import BringupSession
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +43,23 @@ class Applied:
     """Parameters among ``set`` that take effect at the next boot."""
 
 
-def set_on_device(desk: Desk, changes: Sequence[Change]) -> Applied:
+def set_on_device(session: BringupSession, changes: Sequence[Change]) -> Applied:
     """Set and save the parameters; return which were set and which the device lacks.
 
     Raises:
         BridgeError: a value is out of range, or the device rejected it or was lost.
 
     """
-    known = {p.name: p for p in desk.client.list_parameters()}
+    known = {p.name: p for p in session.client.list_parameters()}
     ours = [c for c in changes if c.parameter in known]
     for change in ours:
         known[change.parameter].raw(change.new)  # if one value is invalid, none is changed
     late = [
         change.parameter
         for change in ours
-        if desk.client.set_parameter(change.parameter, change.new).needs_reboot
+        if session.client.set_parameter(change.parameter, change.new).needs_reboot
     ]
     if ours:
-        desk.client.save_parameters()
+        session.client.save_parameters()
     lacking = tuple(c.parameter for c in changes if c.parameter not in known)
     return Applied(tuple(c.parameter for c in ours), lacking, tuple(late))

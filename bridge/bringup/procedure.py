@@ -37,8 +37,8 @@ from protocol.messages.values import Contact, Fault, Mode, fault_labels
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
-    from bridge.bringup.desk import Desk
     from bridge.bringup.person import Person
+    from bridge.bringup.session import BringupSession
     from bridge.motion.robot_model import RobotModel
 
 STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
@@ -76,10 +76,15 @@ class BringUp:
     """The bring-up procedure; its results are ``findings`` and ``steps``."""
 
     def __init__(
-        self, desk: Desk, person: Person, model: RobotModel, *, clear_stop: bool = False
+        self,
+        session: BringupSession,
+        person: Person,
+        model: RobotModel,
+        *,
+        clear_stop: bool = False,
     ) -> None:
         """Prepare the procedure; nothing moves before :meth:`run`."""
-        self._desk, self._person, self._model = desk, person, model
+        self._session, self._person, self._model = session, person, model
         self._clear_stop = clear_stop
         self._asked_off_floor = False
         self.findings: list[CheckResult] = []
@@ -121,15 +126,15 @@ class BringUp:
     # ---- checks without help --------------------------------------------------------------
 
     def _supply(self) -> Iterator[CheckResult]:
-        power = self._desk.await_newest(Power)
+        power = self._session.await_newest(Power)
         currents = power.motor_left_a, power.motor_right_a
         yield from judge_power(power.battery_v, power.logic_v, currents, self._model.battery_v)
 
     def _rest(self) -> Iterator[CheckResult]:
         self._person.show("Let the robot stand level and still.")
-        counts = self._desk.watch(Encoders)
-        readings = self._desk.collect(Imu, REST_S)
-        self._desk.unwatch(counts)
+        counts = self._session.watch(Encoders)
+        readings = self._session.collect(Imu, REST_S)
+        self._session.unwatch(counts)
         yield from judge_rest([_sample(message) for _, message in readings])
         moved = {(m.left, m.right) for _, m in counts if isinstance(m, Encoders)}
         if len(moved) > 1:
@@ -137,7 +142,7 @@ class BringUp:
             yield wrong("encoders at standstill", "the counts change", advice)
         elif moved:
             yield good("encoders at standstill", "the counts are constant")
-        faults = fault_labels(self._desk.await_newest(Status).faults & ~int(Fault.LIFTED))
+        faults = fault_labels(self._session.await_newest(Status).faults & ~int(Fault.LIFTED))
         if faults:
             yield wrong("device", f"reports {', '.join(faults)}", "see its log lines above")
 
@@ -152,22 +157,22 @@ class BringUp:
         if not self._off_floor("Each wheel will now be turned for a moment."):
             yield left_out("motors", "the wheels are not free to turn")
             return
-        self._desk.enable(Mode.BRINGUP, clear_stop=self._clear_stop)
+        self._session.enable(Mode.BRINGUP, clear_stop=self._clear_stop)
         kicks = [kick for output in (LEFT, RIGHT) if (kick := self._kick(output)) is not None]
-        self._desk.stop()
+        self._session.stop()
         yield from judge_kicks(kicks)
 
     def _kick(self, output: str) -> Kick | None:
-        desk, duty = self._desk, KICK_DUTY
+        session, duty = self._session, KICK_DUTY
         if not self._person.confirm(f"Output {output.upper()} next: watch the wheels. Ready?"):
             return None
-        before = desk.await_newest(Encoders)
-        readings = desk.watch(Encoders)
-        desk.duties(*((duty, 0.0) if output == LEFT else (0.0, duty)))
-        desk.run(KICK_S)
-        desk.duties(0.0, 0.0)
-        desk.run(0.5)
-        desk.unwatch(readings)
+        before = session.await_newest(Encoders)
+        readings = session.watch(Encoders)
+        session.duties(*((duty, 0.0) if output == LEFT else (0.0, duty)))
+        session.run(KICK_S)
+        session.duties(0.0, 0.0)
+        session.run(0.5)
+        session.unwatch(readings)
         left, right = _turned(before, [m for _, m in readings if isinstance(m, Encoders)])
         answer = self._person.choose("Which wheel turned, and in which direction?", _TURNED)
         wheel = {"l": LEFT, "r": RIGHT}.get(answer[0], "none")
@@ -209,10 +214,10 @@ class BringUp:
         return None
 
     def _rest_readings(self) -> list[tuple[float, ImuSample]]:
-        kept = self._desk.watch(Imu)
-        self._desk.run(REST_S)
-        self._desk.run(HAND_S, lambda: len(kept) >= MIN_SAMPLES)
-        self._desk.unwatch(kept)
+        kept = self._session.watch(Imu)
+        self._session.run(REST_S)
+        self._session.run(HAND_S, lambda: len(kept) >= MIN_SAMPLES)
+        self._session.unwatch(kept)
         return [(t_s, _sample(m)) for t_s, m in kept if isinstance(m, Imu)]
 
     def _by_hand(
@@ -220,7 +225,7 @@ class BringUp:
     ) -> CheckResult:
         if not self._person.confirm(f"{text} Ready (no: skip)?"):
             return left_out(step, "skipped")
-        kept = self._desk.watch(Imu)
+        kept = self._session.watch(Imu)
         taken = 0
 
         def answered() -> bool:
@@ -231,8 +236,8 @@ class BringUp:
             taken = len(kept)
             return abs(strongest(motion.values).value) >= least
 
-        self._desk.run(HAND_S, answered)
-        self._desk.unwatch(kept)
+        self._session.run(HAND_S, answered)
+        self._session.unwatch(kept)
         return judge_axis(step, motion.values, wanted, least)
 
     # ---- sensors --------------------------------------------------------------------------
@@ -273,26 +278,28 @@ class BringUp:
         first: Callable[[Range], bool] | None = None,
     ) -> CheckResult:
         """Wait for a reading; ``others`` are the readings that a swapped plug would give."""
-        desk = self._desk
+        session = self._session
         if first is None and (early := self._early_response(step, wanted)) is not None:
             return early
-        before = desk.await_newest(Range)
+        before = session.await_newest(Range)
         already = {name for name, test in others.items() if test(before)}
         if not self._person.confirm(f"{text} Ready (no: skip)?"):
             return left_out(step, "skipped")
-        if first is not None and not desk.run(HAND_S, lambda: first(desk.await_newest(Range))):
+        if first is not None and not session.run(
+            HAND_S, lambda: first(session.await_newest(Range))
+        ):
             return wrong(step, "never sees a floor", "check its supply, wire and signal level")
         other = ""
 
         def answered() -> bool:
             nonlocal other
-            reading = desk.await_newest(Range)
+            reading = session.await_newest(Range)
             if wanted(reading):
                 return True
             other = next((n for n, t in others.items() if n not in already and t(reading)), "")
             return bool(other)
 
-        if not desk.run(HAND_S, answered):
+        if not session.run(HAND_S, answered):
             return wrong(step, "does not respond", "check its supply and its wire")
         if other:
             return wrong(step, f"{other} responds", "left and right are swapped: cross their plugs")
@@ -303,8 +310,8 @@ class BringUp:
 
         The person's hand may still be near for a while after the previous check.
         """
-        desk = self._desk
-        if desk.run(RELEASE_S, lambda: not wanted(desk.await_newest(Range))):
+        session = self._session
+        if session.run(RELEASE_S, lambda: not wanted(session.await_newest(Range))):
             return None
         if not step.startswith("bumper"):
             return left_out(step, "an object is already near", "move the robot away from it")
@@ -330,7 +337,7 @@ class BringUp:
             yield left_out("wheel control", "the cliff sensor sees no floor", advice)
             return
         try:
-            self._desk.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
+            self._session.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
         except CommandRejectedError as error:
             text = f"the device rejected the command ({error.reason})"
             yield left_out("wheel control", text, "see its log lines above")
@@ -342,33 +349,33 @@ class BringUp:
                 raise
             yield wrong("wheel control", str(error), "see its log lines above")
         finally:
-            self._desk.stop()
+            self._session.stop()
         for step in self.steps:
             yield judge_step(step)
 
     def _sees_floor(self) -> bool:
         """Return whether the cliff sensor sees a floor; on a stand the person covers it."""
-        desk = self._desk
+        session = self._session
 
         def seen() -> bool:
-            return not desk.await_newest(Range).contacts & Contact.CLIFF
+            return not session.await_newest(Range).contacts & Contact.CLIFF
 
         text = "COVER the cliff sensor with paper, and leave it there. Ready?"
-        return seen() or (self._person.confirm(text) and desk.run(HAND_S, seen))
+        return seen() or (self._person.confirm(text) and session.run(HAND_S, seen))
 
     def _step(self) -> tuple[WheelStep, ...]:
-        desk = self._desk
-        encoders = desk.session.link.codec.catalogue.by_class[Encoders].type_id
-        desk.client.command(SetStreamRate, encoders, 1000, what="encoders at 100 Hz")
-        kept = desk.watch(Encoders)
-        desk.steer(lambda: (0.0, 0.0))
-        desk.run(0.3)
+        session = self._session
+        encoders = session.session.link.codec.catalogue.by_class[Encoders].type_id
+        session.client.command(SetStreamRate, encoders, 1000, what="encoders at 100 Hz")
+        kept = session.watch(Encoders)
+        session.steer(lambda: (0.0, 0.0))
+        session.run(0.3)
         step_s = kept[-1][0] if kept else 0.0
-        desk.steer(lambda: (STEP_M_S, 0.0))
-        desk.run(STEP_S)
-        desk.steer(lambda: (0.0, 0.0))
-        desk.run(0.5)
-        desk.unwatch(kept)
+        session.steer(lambda: (STEP_M_S, 0.0))
+        session.run(STEP_S)
+        session.steer(lambda: (0.0, 0.0))
+        session.run(0.5)
+        session.unwatch(kept)
         end_s = step_s + STEP_S
         samples = [
             (t_s, m.left, m.right) for t_s, m in kept if isinstance(m, Encoders) and t_s <= end_s

@@ -15,7 +15,7 @@ from protocol.messages.device import LogText
 from protocol.uart.framing import DamagedFrame
 
 if TYPE_CHECKING:
-    from bridge.bringup.desk_wire import DeskPort
+    from bridge.bringup.port import BringupPort
     from bridge.record.sink import Sink
     from bridge.session.states import SessionEvent
     from protocol.clock import HostNs
@@ -24,10 +24,10 @@ _CLOCK_NS = 1_000_000_000
 """Period of the records of the clock sync, ns: as in a run."""
 
 
-class BenchRecords:
-    """Records everything that passes between a desk and its device."""
+class BringupRecords:
+    """Records everything that passes between a bring-up session and its device."""
 
-    def __init__(self, wire: DeskPort, sink: Sink, unix_offset_ns: int) -> None:
+    def __init__(self, wire: BringupPort, sink: Sink, unix_offset_ns: int) -> None:
         """``unix_offset_ns`` is Unix time minus the time of ``wire``, ns."""
         self._wire, self._sink = wire, sink
         self._ingest = Ingest(TimeSync(), unix_offset_ns)

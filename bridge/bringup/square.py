@@ -31,8 +31,8 @@ from protocol.messages.device import Encoders, Range
 from protocol.messages.values import Contact, Mode, StopCause
 
 if TYPE_CHECKING:
-    from bridge.bringup.desk import Desk
     from bridge.bringup.person import Person
+    from bridge.bringup.session import BringupSession
     from bridge.motion.robot_model import RobotModel
     from protocol.schema.message import Message
 
@@ -109,11 +109,11 @@ class Asked:
 class Wheels:
     """Wheel odometry of one drive."""
 
-    def __init__(self, desk: Desk, model: RobotModel) -> None:
+    def __init__(self, session: BringupSession, model: RobotModel) -> None:
         """Take the present pose as the origin."""
         self._model = model
-        self._kept: list[tuple[float, Message]] = desk.watch(Encoders)
-        self._last = desk.await_newest(Encoders)
+        self._kept: list[tuple[float, Message]] = session.watch(Encoders)
+        self._last = session.await_newest(Encoders)
         self._last_s: float | None = None
         self.counts: list[tuple[int, int]] = []
         self.pose = Pose2(0.0, 0.0, 0.0)
@@ -121,7 +121,7 @@ class Wheels:
 
     @property
     def kept(self) -> list[tuple[float, Message]]:
-        """Received messages that are not yet processed; the desk appends to this list."""
+        """Received messages that are not yet processed; the session appends to this list."""
         return self._kept
 
     def update(self) -> None:
@@ -152,7 +152,7 @@ class Squares:
 
     def __init__(
         self,
-        desk: Desk,
+        session: BringupSession,
         person: Person,
         model: RobotModel,
         measure: Measure,
@@ -160,7 +160,7 @@ class Squares:
         clear_stop: bool = False,
     ) -> None:
         """Prepare the procedure; nothing moves before :meth:`run`."""
-        self._desk, self._person, self._measure = desk, person, measure
+        self._session, self._person, self._measure = session, person, measure
         self._model = model
         self._clear_stop = clear_stop
 
@@ -245,42 +245,42 @@ class Squares:
         self, model: RobotModel, asked: Asked, legs: tuple[Leg, ...]
     ) -> tuple[tuple[int, int], ...]:
         """Drive legs by wheel odometry alone; return the encoder counts."""
-        desk = self._desk
-        desk.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
+        session = self._session
+        session.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
         tuned = replace(model, cruise_speed_m_s=min(asked.speed_m_s, model.max_speed_m_s))
-        wheels, executor = Wheels(desk, model), LegExecutor(tuned)
+        wheels, executor = Wheels(session, model), LegExecutor(tuned)
 
         def steer() -> tuple[float, float]:
             wheels.update()
             command = executor.step(self._observe(wheels))
             return command.v_m_s, command.yaw_rate_rad_s
 
-        desk.steer(lambda: (0.0, 0.0))
-        desk.run(REST_S)
+        session.steer(lambda: (0.0, 0.0))
+        session.run(REST_S)
         wheels.update()
         for leg in legs:
             executor.start(leg, self._observe(wheels))
-            desk.steer(steer)
-            desk.run(_LEG_S, lambda: executor.result is not None)
+            session.steer(steer)
+            session.run(_LEG_S, lambda: executor.result is not None)
             self._check(leg, executor.result)
-        desk.steer(lambda: (0.0, 0.0))
-        desk.run(REST_S)
+        session.steer(lambda: (0.0, 0.0))
+        session.run(REST_S)
         wheels.update()
-        desk.unwatch(wheels.kept)
-        desk.stop()
+        session.unwatch(wheels.kept)
+        session.stop()
         return tuple(wheels.counts)
 
     def _check(self, leg: Leg, result: LegResult | None) -> None:
         if result is None or result.reason not in _FINE:
             why = "did not end in time" if result is None else f"ended: {result.reason.value}"
-            self._desk.stop(StopCause.SUPERVISE)
+            self._session.stop(StopCause.SUPERVISE)
             raise StoppedForSafetyError(f"a {leg.purpose} of the square {why}")
 
     def _observe(self, wheels: Wheels) -> Observation:
-        reading = self._desk.latest(Range)
+        reading = self._session.latest(Range)
         bits = 0 if reading is None else reading.contacts
         return Observation(
-            self._desk.now_s,
+            self._session.now_s,
             wheels.pose,
             wheels.v_m_s,
             wheels.yaw_rate_rad_s,

@@ -51,7 +51,7 @@ IDLE_S = 30.0
 """Maximum time without a request before a client is disconnected, s."""
 SEND_S = 2.0
 """Maximum time for a client to read an answer, s."""
-LAST_WORDS_S = 2.0
+FINISH_S = 2.0
 """Maximum time to finish answers at the owner's end, s."""
 _BACKLOG = 1024
 """Maximum number of connections that wait for acceptance; the kernel may allow fewer."""
@@ -185,7 +185,7 @@ class OwnerSocket:
         self._closed.set()
         self._wake()
         self._thread.join()
-        deadline_s = time.monotonic() + LAST_WORDS_S
+        deadline_s = time.monotonic() + FINISH_S
         with self._lock:
             threads = list(self._threads)
         for thread in threads:

@@ -64,7 +64,7 @@ _CONVERSATION = (
     ParameterValue,
     Challenge,
 )
-_NOBODY = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
+_DEFAULT_HELLO = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
 """Hello for a recording without a hello."""
 _STANDING = (Status, Encoders, Imu, Range, Power)
 """Messages that are repeated after the end of the recording, because the robot then stands
@@ -123,7 +123,7 @@ def load(reader: LogReader) -> RecordedRun:
     first, last = loader.played[0], loader.played[-1]
     duration_s = (last.log_ns - first.log_ns) / 1e9
     return RecordedRun(
-        loader.hello or _NOBODY, loader.node, loader.played, duration_s, loader.imu_info
+        loader.hello or _DEFAULT_HELLO, loader.node, loader.played, duration_s, loader.imu_info
     )
 
 

@@ -30,7 +30,7 @@ cdef class Host:
     cpdef object next_deadline(self)
     cpdef object snapshot(self, object now_ns=*)
     cpdef object supervise(self, object supervisor)
-    cpdef bint go_on(self, long long now_ns)
+    cpdef bint resume_run(self, long long now_ns)
     cpdef object end(self, object ending, long long now_ns)
     cpdef object _digest(self, object events, long long now_ns)
     cpdef object _happened(self, object event, long long now_ns)

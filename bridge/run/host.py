@@ -304,7 +304,7 @@ class Host:
         onboard = mission.planner if isinstance(mission, OnboardMission) else None
         self.supervision = Supervision(supervisor, self.model, self.commands, onboard)
 
-    def go_on(self, now_ns: HostNs) -> bool:
+    def resume_run(self, now_ns: HostNs) -> bool:
         """Continue a run after a loss or a pause, once the operator has checked the robot.
 
         Returns False if no run waits for it.

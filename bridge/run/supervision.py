@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _SPEED = "max_speed"
 """Name of the device's parameter for its maximum speed."""
-GIVE_BACK_NS = 900_000_000
+RESTORE_NS = 900_000_000
 """Maximum time to restore the device's maximum speed after a stop request, ns. After more time the
 run would count the stop as unconfirmed."""
 _SEVERITY = {
@@ -126,7 +126,7 @@ class Supervision:
         self._driving = False
         self.command = HALT
         if self._confirmed is not None:
-            self._give_back(self._confirmed, now_ns)
+            self._restore_speed(self._confirmed, now_ns)
 
     def step(
         self, inputs: RuleInputs, command: VelocityCommand | None, now_ns: HostNs, *, ended: bool
@@ -246,11 +246,11 @@ class Supervision:
         if message.cause < stop_cause:
             return False  # a stop of a higher cause was sent
         self._confirmed = outcome
-        self._give_back(outcome, now_ns)
+        self._restore_speed(outcome, now_ns)
         return True
 
-    def _give_back(self, confirmed: Outcome, now_ns: HostNs) -> None:
-        if not self._is_rejected and now_ns - self._stop_ns < GIVE_BACK_NS:
+    def _restore_speed(self, confirmed: Outcome, now_ns: HostNs) -> None:
+        if not self._is_rejected and now_ns - self._stop_ns < RESTORE_NS:
             self._set(1.0, now_ns)
             if self._setting:
                 return  # checked again at the next control step

@@ -59,7 +59,7 @@ class Follower:
                     found += self._chunks.messages(record.opcode, data[record.start : record.end])
         return found
 
-    def go_on(self) -> bool:
+    def next_file(self) -> bool:
         """Continue with the next file of the run. Return False if there is none."""
         for _ in range(_TRIES):  # the recorder creates the next file after the end of this one
             following = part_after(self._first, self._number)

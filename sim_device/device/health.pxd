@@ -22,4 +22,4 @@ cdef class Health:
     cpdef object on_power(self, object reading, double low_v, double empty_v)
     cpdef object on_around(self, object around, double wheel_base_m, double metres_per_count)
     cpdef bint _switch_stays(self, object around)
-    cpdef bint _sonar_lies(self, object sonar_m, object touched, double ahead_m, double turned_rad)
+    cpdef bint _is_ultrasonic_wrong(self, object sonar_m, object touched, double ahead_m, double turned_rad)

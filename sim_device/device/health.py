@@ -255,7 +255,7 @@ class Health:
             bits &= ~LIFTED
         elif self._tick - self._jolt_tick < JOLT_TICKS:
             bits |= LIFTED
-        if self._sonar_lies(sonar_m, bumper_left and bumper_right, ahead_m, turned_rad):
+        if self._is_ultrasonic_wrong(sonar_m, bumper_left and bumper_right, ahead_m, turned_rad):
             bits |= ULTRASONIC
         creeps = -CREEP_M <= ahead_m <= CREEP_M
         for side, range_m in enumerate((left_m, right_m)):
@@ -287,7 +287,7 @@ class Health:
                 pressed[side] += 1
         return max(pressed) >= PRESSED_READINGS
 
-    def _sonar_lies(
+    def _is_ultrasonic_wrong(
         self,
         sonar_m: float | None,
         touched: bool,  # noqa: FBT001 - a reading

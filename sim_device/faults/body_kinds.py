@@ -78,8 +78,8 @@ def _ultrasonic_blind(knobs: Knobs, values: Mapping[str, Value]) -> None:
     knobs.ultrasonic_blind = True
 
 
-def _ultrasonic_lies(knobs: Knobs, values: Mapping[str, Value]) -> None:
-    knobs.ultrasonic_lie_m = float(values["m"])
+def _ultrasonic_constant(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    knobs.ultrasonic_constant_m = float(values["m"])
 
 
 def _bumper_stuck(knobs: Knobs, values: Mapping[str, Value]) -> None:
@@ -263,7 +263,7 @@ BODY_KINDS = (
         "The ultrasonic sensor reports a constant distance.",
         "ultrasonic-lies@20:10:m=1.5",
         (Number("m", "reported distance", "m", 0.5, 0.02, 4.0),),
-        _ultrasonic_lies,
+        _ultrasonic_constant,
     ),
     FaultKind(
         "bumper-stuck",

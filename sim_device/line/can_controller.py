@@ -57,7 +57,7 @@ class CanController:
             self.is_off = True
             self.offs += 1
 
-    def come_back(self) -> None:
+    def rejoin(self) -> None:
         """Return to the bus, or start again after a reset of the chip."""
         self.is_off = False
         self._send = self._receive = 0

@@ -25,7 +25,7 @@ class DeviceEnd:
         self._dropped = self._up.dropped
         if self._controller is not None:
             self._offs = self._controller.offs
-            self._controller.come_back()
+            self._controller.rejoin()
 
     def health(self) -> LineHealth:
         """Return the counters."""

@@ -364,7 +364,7 @@ class CanChannel(Channel):
             sender.sent(good=good)
             if sender.is_off and not was_off:
                 self._sent_us += RECOVERY_BITS * _US // self._bitrate
-                sender.come_back()
+                sender.rejoin()
 
     def _duration_us(self, record: bytes) -> int:
         return -(-worst_bits(min(record[4], 8)) * _US // self._bitrate)

@@ -77,7 +77,7 @@ class ControlServer:
         if self.path.is_symlink() or self.path.exists():
             if not stat.S_ISSOCK(self.path.lstat().st_mode):
                 raise PortUnavailableError(f"{self.path} exists and is no socket")
-            if _somebody_listens(self.path):
+            if _has_listener(self.path):
                 raise PortUnavailableError(
                     f"another emulator that still runs listens on {self.path}; "
                     "end it, or choose another --control"
@@ -215,7 +215,7 @@ def ask_control(path: Path, line: str) -> dict[str, Any]:
     return reply
 
 
-def _somebody_listens(path: Path) -> bool:
+def _has_listener(path: Path) -> bool:
     with socket.socket(socket.AF_UNIX) as probe:
         probe.settimeout(1.0)
         try:

@@ -165,7 +165,7 @@ class QemuProcess:
         """Stop the chip and its clock."""
         self._order("stop")
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Let the chip and its clock continue."""
         self._order("cont")
 

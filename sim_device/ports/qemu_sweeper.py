@@ -368,7 +368,7 @@ class QemuSweeper:
                 self._state = _Chip.BOOTING
                 self._heard_us = self._now_us
                 self.qemu.reset()
-                self.qemu.go_on()
+                self.qemu.resume()
         elif self.plant.rail_5v_v < BROWN_OUT_V:
             self.reset(ResetCause.BROWN_OUT)
         elif silent_us > DEAD_US:

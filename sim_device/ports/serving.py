@@ -148,7 +148,7 @@ class _Served:
         if rig.plugged != self._plugged:
             self._replug()
         if out and self._plugged:
-            rig.give_back(out[port.write(out) :], now_us)
+            rig.take_back(out[port.write(out) :], now_us)
         if self._control is not None and not set(asked).isdisjoint(ready):
             self._control.turn(rig)
         self._report_changes()

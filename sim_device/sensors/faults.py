@@ -35,7 +35,7 @@ class SensorFaultValues:
     """True: the converter of the supply voltages repeats its last readings."""
     ultrasonic_blind: bool = False
     """True: no echo is detected."""
-    ultrasonic_lie_m: float | None = None
+    ultrasonic_constant_m: float | None = None
     """Range reported instead of any measurement, m, also with ``ultrasonic_blind``."""
     bumper_stuck_left: bool = False
     """True: the left switch is stuck pressed."""

@@ -67,8 +67,8 @@ class SensorSuite:
         """Return ultrasonic, infrared left and infrared right, m, each ``None`` if out of range."""
         plant, faults = self._plant, self.faults
         ranges = self._rangers.read(plant.tick_ms, plant.pose, plant.world)
-        if faults.ultrasonic_lie_m is not None:
-            return ranges._replace(ultrasonic_m=faults.ultrasonic_lie_m)
+        if faults.ultrasonic_constant_m is not None:
+            return ranges._replace(ultrasonic_m=faults.ultrasonic_constant_m)
         return ranges._replace(ultrasonic_m=None) if faults.ultrasonic_blind else ranges
 
     def bumpers(self) -> Bumpers:

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.motion.geometry import Pose2, wrap_angle
-from sim_device.world.ray_kernel import Ear
+from sim_device.world.ray_kernel import UltrasonicGeometry
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,7 +79,7 @@ class Ultrasonic:
         fan = np.linspace(-half_rad, half_rad, CONE_RAYS).tolist()
         self._beams: Floats = np.array([beam(mount, off) for off in fan])
         ear = (mount.x_m, mount.y_m, mount.yaw_rad, half_rad, _COS_SPECULAR, mount.max_range_m)
-        self._ear = Ear(*ear, EDGE_ECHO_M)
+        self._ear = UltrasonicGeometry(*ear, EDGE_ECHO_M)
         self._ping = -1
         self._before: tuple[int, Pose2] | None = None
         self._reported: float | None = None

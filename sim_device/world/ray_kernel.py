@@ -28,7 +28,7 @@ _IN_SIGHT_M = cython.declare(cython.double, 1e-6)
 
 @cython.final
 @cython.cclass
-class Ear:
+class UltrasonicGeometry:
     """Geometry of an ultrasonic ranger, in the body's frame."""
 
     x_m = cython.declare(cython.double, visibility="public")
@@ -178,7 +178,7 @@ def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a seco
     y_m: cython.double,
     theta_rad: cython.double,
     beams: FloatGrid,
-    ear: Ear,
+    ear: UltrasonicGeometry,
 ) -> float:
     """Return the distance to the nearest surface that returns the sound, m; ``inf``: none.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bridge.floor_plan.floor_plan import check_robot_fits, contains, signed_area_m2
-from sim_device.world.ray_kernel import HIT_COSINE, HIT_RANGE, Ear, cast_beams, echo
+from sim_device.world.ray_kernel import HIT_COSINE, HIT_RANGE, UltrasonicGeometry, cast_beams, echo
 from sim_device.world.terrain import carpet_rows, threshold_rows
 
 if TYPE_CHECKING:
@@ -129,7 +129,9 @@ class World:
         """
         cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
 
-    def echo_m(self, pose: tuple[float, float, float], beams: Floats, ear: Ear) -> float:
+    def echo_m(
+        self, pose: tuple[float, float, float], beams: Floats, ear: UltrasonicGeometry
+    ) -> float:
         """Return the distance to the nearest echo, m; ``inf``: none.
 
         ``pose`` and ``beams`` are as for ``cast_beams``.

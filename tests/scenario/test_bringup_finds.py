@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bringup.desk_wire import InterruptedByPersonError
+from bridge.bringup.port import InterruptedByPersonError
 from bridge.bringup.procedure import BringUp
 from bridge.errors import CommandRejectedError, ParameterError, StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
@@ -19,7 +19,7 @@ from protocol.messages.host import ClearStop, SetKey
 from protocol.messages.values import Mode, StopCause
 from sim_device.noise import NOISE_LEVELS
 from sim_device.sweeper import VirtualSweeper
-from support.bench_wire import Scripted, desk_on
+from support.bench_wire import Scripted, bringup_session
 from support.miswired import PLAN, Stand
 
 if TYPE_CHECKING:
@@ -54,9 +54,9 @@ ALL_STEPS = (
 
 def brought_up(stand: Stand, *steps: str) -> list[CheckResult]:
     person = Scripted(confirm=stand.confirm, choose=stand.choose)
-    desk, _ = desk_on(stand.device)
-    with desk:
-        bench = BringUp(desk, person, RobotModel())
+    session, _ = bringup_session(stand.device)
+    with session:
+        bench = BringUp(session, person, RobotModel())
         found = bench.run(steps) if steps else bench.run()
     assert [f.line for f in found] == [t for t in person.reported if ": " in t]
     return found
@@ -134,16 +134,16 @@ def test_a_gyro_bias_at_rest_is_not_reported_as_a_turn(noise: str, seeds: range)
     for seed in seeds:
         device = VirtualSweeper(PLAN, noise=noise, seed=seed)
         person = Scripted(confirm=lambda text: "Turn" in text, choose=lambda _text: "n")
-        desk, _ = desk_on(device)
-        with desk:
-            turn, *_ = BringUp(desk, person, RobotModel()).run(("axes",))
+        session, _ = bringup_session(device)
+        with session:
+            turn, *_ = BringUp(session, person, RobotModel()).run(("axes",))
         assert turn.line == "imu turn: skipped: no motion was measured", seed
 
 
 def test_axes_are_left_out_while_the_robot_is_moved() -> None:
     stand = Stand()
     person = Scripted(confirm=stand.confirm, choose=stand.choose)
-    desk, _ = desk_on(stand.device)
+    session, _ = bringup_session(stand.device)
     shaken = stand.device.sensors.imu
 
     def shaking() -> ImuCounts:
@@ -151,9 +151,9 @@ def test_axes_are_left_out_while_the_robot_is_moved() -> None:
         counts = shaken()
         return counts._replace(gyro_z=counts.gyro_z + swing)
 
-    with desk, pytest.MonkeyPatch.context() as patch:
+    with session, pytest.MonkeyPatch.context() as patch:
         patch.setattr(stand.device.sensors, "imu", shaking)
-        (finding,) = BringUp(desk, person, RobotModel()).run(("axes",))
+        (finding,) = BringUp(session, person, RobotModel()).run(("axes",))
     assert finding.ok is None
     assert "is not still" in finding.line
     assert person.asked == [], "no motion is asked for"
@@ -172,10 +172,10 @@ def test_a_knock_is_not_reported_as_a_tilt() -> None:
         return counts._replace(accel_y=max(-32768, counts.accel_y - hit))
 
     person = Scripted(confirm=stand.confirm, choose=stand.choose)
-    desk, _ = desk_on(stand.device)
-    with desk, pytest.MonkeyPatch.context() as patch:
+    session, _ = bringup_session(stand.device)
+    with session, pytest.MonkeyPatch.context() as patch:
         patch.setattr(stand.device.sensors, "imu", knocked)
-        found = BringUp(desk, person, RobotModel()).run(("axes",))
+        found = BringUp(session, person, RobotModel()).run(("axes",))
     assert [(f.step, f.ok) for f in found] == [
         ("imu turn", True),
         ("imu nose", True),
@@ -209,9 +209,9 @@ def test_the_sensors(wrong: str, expected: set[tuple[str, str]]) -> None:
 def test_nothing_turns_before_a_yes() -> None:
     stand = Stand()
     person = Scripted(confirm=lambda _text: False, choose=lambda _text: "n")
-    desk, _ = desk_on(stand.device)
-    with desk:
-        found = BringUp(desk, person, RobotModel()).run(("motors", "control"))
+    session, _ = bringup_session(stand.device)
+    with session:
+        found = BringUp(session, person, RobotModel()).run(("motors", "control"))
     assert [(f.step, f.ok) for f in found] == [("motors", None), ("wheel control", None)]
     assert stand.device.plant.wheel_angles_rad == (0.0, 0.0)
     assert any("OFF THE FLOOR" in text for text in person.asked)
@@ -220,10 +220,10 @@ def test_nothing_turns_before_a_yes() -> None:
 
 def test_the_step_response_is_that_of_the_wheels() -> None:
     stand = Stand()
-    desk, _ = desk_on(stand.device)
+    session, _ = bringup_session(stand.device)
     person = Scripted(confirm=stand.confirm, choose=stand.choose)
-    with desk:
-        bench = BringUp(desk, person, RobotModel())
+    with session:
+        bench = BringUp(session, person, RobotModel())
         bench.run(("control",))
     assert [step.wheel for step in bench.steps] == ["left", "right"]
     for step in bench.steps:
@@ -235,77 +235,77 @@ def test_the_step_response_is_that_of_the_wheels() -> None:
 
 def test_a_bus_does_as_well_as_a_line() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1, link=CanLink)
-    desk, wire = desk_on(device)
-    with desk:
-        names = [p.name for p in desk.client.list_parameters()]
+    session, wire = bringup_session(device)
+    with session:
+        names = [p.name for p in session.client.list_parameters()]
         assert names[:3] == ["node", "wheel_diameter", "wheel_base"]
-        assert desk.client.set_parameter("cruise_speed", 0.15).value == pytest.approx(0.15)
-        assert len(desk.collect(Imu, 1.0)) == pytest.approx(100, abs=2)
+        assert session.client.set_parameter("cruise_speed", 0.15).value == pytest.approx(0.15)
+        assert len(session.collect(Imu, 1.0)) == pytest.approx(100, abs=2)
         with pytest.raises(CommandRejectedError, match="other_cause"):
-            desk.client.command(ClearStop, StopCause.OPERATOR)
+            session.client.command(ClearStop, StopCause.OPERATOR)
         with pytest.raises(ParameterError, match="did you mean cruise_speed"):
-            desk.client.set_parameter("cruise_sped", 0.1)
+            session.client.set_parameter("cruise_sped", 0.1)
     assert wire.closed
 
 
 def test_quitting_leaves_the_robot_stopped() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1)
-    desk, wire = desk_on(device)
-    with desk:
-        desk.enable(Mode.VELOCITY)
-        desk.steer(lambda: (0.1, 0.0))
-        desk.run(2.0)
+    session, wire = bringup_session(device)
+    with session:
+        session.enable(Mode.VELOCITY)
+        session.steer(lambda: (0.1, 0.0))
+        session.run(2.0)
         assert device.truth.v_m_s == pytest.approx(0.1, abs=0.02)
-        desk.interrupt()
+        session.interrupt()
         with pytest.raises(InterruptedByPersonError):
-            desk.run(2.0)
+            session.run(2.0)
     assert device.firmware.latch.cause is StopCause.SESSION_END
     wire.turn(b"", HostNs(wire.now() + 1_000_000_000))
     assert InterruptedByPersonError.exit_status == 1
 
 
 def test_the_wire_is_released_even_if_the_stop_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    desk, wire = desk_on(VirtualSweeper(PLAN, noise="none", seed=1))
-    desk.enable(Mode.VELOCITY)
+    session, wire = bringup_session(VirtualSweeper(PLAN, noise="none", seed=1))
+    session.enable(Mode.VELOCITY)
 
     def unplugged(_data: bytes, _until_ns: int) -> bytes:
         raise OSError("gone")
 
     monkeypatch.setattr(wire, "turn", unplugged)
     with pytest.raises(OSError, match="gone"):
-        desk.close()
+        session.close()
     assert wire.closed
 
 
 def test_a_device_that_stops_by_itself_ends_the_procedure() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1)
-    desk, _ = desk_on(device)
-    with desk:
-        desk.enable(Mode.VELOCITY)
-        desk.steer(lambda: (0.05, 0.0))
-        desk.run(0.5)
+    session, _ = bringup_session(device)
+    with session:
+        session.enable(Mode.VELOCITY)
+        session.steer(lambda: (0.05, 0.0))
+        session.run(0.5)
         device.firmware.stop(StopCause.HARDWARE)
         with pytest.raises(StoppedForSafetyError, match="cause: hardware"):
-            desk.run(5.0)
-        desk.stop()
+            session.run(5.0)
+        session.stop()
         with pytest.raises(StoppedForSafetyError, match="clear_stop=True"):
-            desk.enable(Mode.VELOCITY)
+            session.enable(Mode.VELOCITY)
 
 
 def test_a_device_with_a_key_is_moved_by_each_holder_of_the_key() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     key = bytes(range(1, 17))
-    desk, _ = desk_on(device)
-    with desk:
-        desk.client.command(SetKey, *key_words(key))
-    desk, _ = desk_on(device)
-    with desk, pytest.raises((CommandRejectedError, StoppedForSafetyError)):
-        desk.enable(Mode.BRINGUP)
-    desk, _ = desk_on(device, key=key)
-    with desk:
-        desk.enable(Mode.BRINGUP)
-        desk.duties(0.3, 0.0)
-        desk.run(0.5)
+    session, _ = bringup_session(device)
+    with session:
+        session.client.command(SetKey, *key_words(key))
+    session, _ = bringup_session(device)
+    with session, pytest.raises((CommandRejectedError, StoppedForSafetyError)):
+        session.enable(Mode.BRINGUP)
+    session, _ = bringup_session(device, key=key)
+    with session:
+        session.enable(Mode.BRINGUP)
+        session.duties(0.3, 0.0)
+        session.run(0.5)
         assert device.plant.wheel_angles_rad[0] > 0.5
-        desk.stop()
-        assert desk.client.set_parameter("cruise_speed", 0.1).value == pytest.approx(0.1)
+        session.stop()
+        assert session.client.set_parameter("cruise_speed", 0.1).value == pytest.approx(0.1)

@@ -164,7 +164,7 @@ class Bench:
 
         self.each_step = each_step
 
-    def let_go(self) -> None:
+    def stop_sending(self) -> None:
         """Send no more setpoints."""
         self.each_step = lambda _now_ns: None
 
@@ -248,7 +248,7 @@ def test_it_drives_only_when_asked_and_as_long_as_setpoints_are_fresh(device: De
     assert device.drive == (0.0, 0.0)  # latched from the start
     bench.start()
     assert bench.run(0.1, lambda: device.drive == pytest.approx((0.2, 0.1)))
-    bench.let_go()
+    bench.stop_sending()
     assert bench.run(0.25, lambda: device.drive == (0.0, 0.0))
     status = bench.status()
     assert status.faults == Fault.SETPOINT_EXPIRED
@@ -353,7 +353,7 @@ def test_a_silent_host_is_a_latched_stop_and_a_new_hello(device: Device) -> None
     bench.run(1.3)
     assert device.drive == (0.0, 0.0)
     bench.host_alive = True
-    bench.let_go()
+    bench.stop_sending()
     assert bench.run(5.0, lambda: bench.session.state is not State.READY)
     assert bench.run(5.0, lambda: bench.session.state is State.READY)
     assert bench.status().stop_cause == StopCause.LINK

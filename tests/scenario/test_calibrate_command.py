@@ -16,7 +16,7 @@ from bridge.motion.robot_model import RobotModel
 from protocol.messages.device import Range
 from protocol.messages.values import ResetCause
 from sim_device.sweeper import VirtualSweeper
-from support.bench_wire import desk_on
+from support.bench_wire import bringup_session
 from support.cli import sweepctl
 from support.served import PLAN, Served
 
@@ -97,16 +97,16 @@ def test_a_calibrated_device_sends_corrected_ranges() -> None:
     The run is in virtual time.
     """
     device = VirtualSweeper(PLAN, noise="none", seed=1)
-    desk, _ = desk_on(device)
-    with desk:
-        assert desk.await_newest(Range).ultrasonic_m == pytest.approx(2.88, abs=0.002)
-        desk.client.set_parameter("ultrasonic_scale", 0.9)
-        desk.client.set_parameter("ultrasonic_offset", 0.05)
-        desk.client.save_parameters()
+    session, _ = bringup_session(device)
+    with session:
+        assert session.await_newest(Range).ultrasonic_m == pytest.approx(2.88, abs=0.002)
+        session.client.set_parameter("ultrasonic_scale", 0.9)
+        session.client.set_parameter("ultrasonic_offset", 0.05)
+        session.client.save_parameters()
         device.reset(ResetCause.SOFTWARE)
-    desk, _ = desk_on(device)
-    with desk:
-        reported = desk.await_newest(Range).ultrasonic_m
+    session, _ = bringup_session(device)
+    with session:
+        reported = session.await_newest(Range).ultrasonic_m
         assert reported == pytest.approx(0.9 * 2.88 + 0.05, abs=0.002)
 
 

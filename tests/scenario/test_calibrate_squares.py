@@ -15,7 +15,7 @@ from protocol.messages.values import StopCause
 from sim_device import sweeper as device_module
 from sim_device.noise import NoiseLevel
 from sim_device.sweeper import VirtualSweeper
-from support.bench_wire import Scripted, desk_on
+from support.bench_wire import Scripted, bringup_session
 
 if TYPE_CHECKING:
     from bridge.bringup.person import Person
@@ -50,9 +50,9 @@ def wrong_wheels(monkeypatch: pytest.MonkeyPatch, seed: int, noise: NoiseLevel) 
 
 
 def calibrated(device: VirtualSweeper, asked: Asked, person: Person | None = None) -> SquareResult:
-    desk, _ = desk_on(device)
-    with desk:
-        squares = Squares(desk, person or Scripted(), MODEL, ByTruth(device))
+    session, _ = bringup_session(device)
+    with session:
+        squares = Squares(session, person or Scripted(), MODEL, ByTruth(device))
         return squares.run(asked)
 
 

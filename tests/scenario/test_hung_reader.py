@@ -177,7 +177,7 @@ def test_drawing_continues_when_the_reader_is_back(served: Served, tmp_path: Pat
         terminal.shows("run waiting")
         terminal.stand_still()
         time.sleep(3.0)  # pictures fill the terminal's buffer
-        terminal.go_on()
+        terminal.resume()
         terminal.press(b"m")
         terminal.shows("mark 1 recorded")
         terminal.process.send_signal(signal.SIGINT)

@@ -195,9 +195,9 @@ def test_pausing_holds_the_devices_plan_until_a_person_looked() -> None:
     assert ends.device.firmware.mode is Mode.ONBOARD, "the plan is kept"
     ends.run(5.0)
     assert not ends.moving
-    assert host.go_on(ends.host_ns)
+    assert host.resume_run(ends.host_ns)
     assert ends.run(2.0, lambda: ends.moving)
-    assert not host.go_on(ends.host_ns), "once"
+    assert not host.resume_run(ends.host_ns), "once"
 
 
 def test_driving_slowly_sets_the_devices_top_speed_and_gives_it_back() -> None:

@@ -1,4 +1,4 @@
-"""A wire between the bring-up desk and an emulated device, in virtual time.
+"""A wire between a bring-up session and an emulated device, in virtual time.
 
 And a scripted person.
 """
@@ -9,7 +9,7 @@ import itertools
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bridge.bringup.desk import Desk
+from bridge.bringup.session import BringupSession
 from protocol.clock import HostNs
 from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
@@ -70,11 +70,13 @@ class RigWire:
         self.closed = True
 
 
-def desk_on(device: VirtualSweeper, key: bytes | None = None) -> tuple[Desk, RigWire]:
-    """Return a desk that has agreed with an emulated device."""
+def bringup_session(
+    device: VirtualSweeper, key: bytes | None = None
+) -> tuple[BringupSession, RigWire]:
+    """Return a session that is ready with an emulated device."""
     wire = RigWire(device)
     ids = itertools.count(0x5EED_1000)
-    return Desk(wire, lambda: next(ids), key=key), wire
+    return BringupSession(wire, lambda: next(ids), key=key), wire
 
 
 class Scripted:

@@ -138,7 +138,7 @@ class Sound:
         return self._newest_id
 
 
-class Reciting(Sound):
+class WrongChain(Sound):
     """Sends wrong chain hashes after the second field."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
@@ -148,7 +148,7 @@ class Reciting(Sound):
         return [frame]
 
 
-class Shy(Sound):
+class RareHello(Sound):
     """Sends a hello only every other second."""
 
     def __init__(self, seed: int) -> None:
@@ -163,7 +163,7 @@ class Shy(Sound):
         return [frame]
 
 
-class Eager(Sound):
+class ExecutesRepeats(Sound):
     """Executes every repetition of a command."""
 
     def __init__(self, seed: int) -> None:
@@ -185,7 +185,7 @@ class Eager(Sound):
         return [frame]
 
 
-class Forgetful(Sound):
+class DropsLatch(Sound):
     """Acknowledges a stop and stops, but drops the latch shortly afterwards."""
 
     def __init__(self, seed: int) -> None:
@@ -214,7 +214,7 @@ class Forgetful(Sound):
         return _bytes(Frame(PROTOCOL_VERSION << 4, 1, type_id, 0, 0, payload))
 
 
-class Batching(Sound):
+class StampsLate(Sound):
     """Stamps frames when they leave, every 25 ms, not when their content was sampled."""
 
     def __init__(self, seed: int) -> None:
@@ -243,7 +243,7 @@ class Lossy(Sound):
         return [] if frame.seq % 64 == 17 else [frame]
 
 
-class Persistent(Sound):
+class DrivesOn(Sound):
     """Drives on for seconds after the last setpoint."""
 
     def __init__(self, seed: int) -> None:
@@ -272,7 +272,7 @@ class Persistent(Sound):
         return _bytes(again._replace(t_us=stamp_us))
 
 
-class Trusting(Sound):
+class IgnoresCrc(Sound):
     """Never checks a frame's CRC."""
 
     def to_device(self, data: bytes) -> bytes:
@@ -302,21 +302,21 @@ class TransmitOnly(Sound):
         return _bytes(Frame(PROTOCOL_VERSION << 4, 1, type_id, 0, self.now_us, payload))
 
 
-class Careless(Sound):
+class ObeysOtherNodes(Sound):
     """Accepts messages that are addressed to other devices."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         return [frame._replace(node=1)]
 
 
-class Obliging(Sound):
+class ObeysNodeAll(Sound):
     """Obeys every message that is addressed to all."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         return [frame if frame.node else frame._replace(node=1)]
 
 
-class Newest(Sound):
+class LatchesNewest(Sound):
     """Latches the cause of the last stop, even if the one before was graver."""
 
     def __init__(self, seed: int) -> None:
@@ -336,7 +336,7 @@ class Newest(Sound):
         return [] if mine else [frame]
 
 
-class Fickle(Sound):
+class SavesNothing(Sound):
     """Reports that parameters were saved, but saves none."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
@@ -352,14 +352,14 @@ class Fickle(Sound):
         return [frame]
 
 
-class Selective(Sound):
+class IgnoresStopAll(Sound):
     """Obeys only its owner's stop."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         return [] if isinstance(self.message(frame), StopAll) else [frame]
 
 
-class Hospitable(Sound):
+class IgnoresBootId(Sound):
     """Opens a session for a host that names another boot."""
 
     def host_frame(self, frame: Frame) -> list[Frame]:
@@ -369,7 +369,7 @@ class Hospitable(Sound):
         return [frame]
 
 
-class Edge(Sound):
+class AtCliff(Sound):
     """A sound device with no floor under its cliff sensor."""
 
     plan = replace(
@@ -393,7 +393,7 @@ class Crashed(Sound):
         self.device.crash()
 
 
-class Enabled(Sound):
+class KeepsDriversOn(Sound):
     """Never disables its motor drivers."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
@@ -403,7 +403,7 @@ class Enabled(Sound):
         return [frame]
 
 
-class Suspicious(Sound):
+class FalseReversal(Sound):
     """Mistakes a wheel that turns back for one with a reversed encoder."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
@@ -414,7 +414,7 @@ class Suspicious(Sound):
         return [frame]
 
 
-class Reckless(Edge):
+class IgnoresCliff(AtCliff):
     """Drives over a cliff."""
 
     def __init__(self, seed: int) -> None:
@@ -422,7 +422,7 @@ class Reckless(Edge):
         self.device.firmware.control.reflexes.at_cliff = False
 
 
-class Pushing(Pressed):
+class IgnoresBumper(Pressed):
     """Pushes on with a bumper pressed."""
 
     def __init__(self, seed: int) -> None:
@@ -430,7 +430,7 @@ class Pushing(Pressed):
         self.device.firmware.control.reflexes.at_bumper = False
 
 
-class Hasty(Sound):
+class AcksSaveEarly(Sound):
     """Acknowledges a save before it has begun."""
 
     def __init__(self, seed: int) -> None:
@@ -449,7 +449,7 @@ class Hasty(Sound):
         return answers + super().to_host(data)
 
 
-class Wavering(Sound):
+class ImpreciseClock(Sound):
     """Runs from an oscillator that is off by 0.9 %, and does not report it."""
 
     def __init__(self, seed: int) -> None:
@@ -457,7 +457,7 @@ class Wavering(Sound):
         self.device.clock.drift_ppm = 9_000.0
 
 
-class Secretive(Crashed):
+class HidesCrash(Crashed):
     """Has crashed, but does not report where."""
 
     def device_frame(self, frame: Frame) -> list[Frame]:
@@ -472,31 +472,31 @@ DEFECTS = {
     kind.__name__.lower(): kind
     for kind in (
         Sound,
-        Reciting,
-        Shy,
-        Eager,
-        Forgetful,
-        Batching,
+        WrongChain,
+        RareHello,
+        ExecutesRepeats,
+        DropsLatch,
+        StampsLate,
         Lossy,
-        Persistent,
-        Trusting,
+        DrivesOn,
+        IgnoresCrc,
         TransmitOnly,
-        Careless,
-        Obliging,
-        Newest,
-        Fickle,
-        Selective,
-        Hospitable,
-        Edge,
+        ObeysOtherNodes,
+        ObeysNodeAll,
+        LatchesNewest,
+        SavesNothing,
+        IgnoresStopAll,
+        IgnoresBootId,
+        AtCliff,
         Pressed,
         Crashed,
-        Enabled,
-        Suspicious,
-        Reckless,
-        Pushing,
-        Hasty,
-        Wavering,
-        Secretive,
+        KeepsDriversOn,
+        FalseReversal,
+        IgnoresCliff,
+        IgnoresBumper,
+        AcksSaveEarly,
+        ImpreciseClock,
+        HidesCrash,
     )
 }
 

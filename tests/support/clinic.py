@@ -102,7 +102,7 @@ def _drive(visit: Visit, seed: int) -> Examination:
     return recorder.examination
 
 
-class _Desk:
+class _VirtualPort:
     """A host that examines a device in virtual time, and that may stall."""
 
     def __init__(self, visit: Visit, seed: int) -> None:
@@ -161,6 +161,6 @@ class _Desk:
 
 
 def _listen(visit: Visit, seed: int) -> Examination:
-    desk = _Desk(visit, seed)
-    desk.run()
-    return desk.doctor.examination
+    virtual_port = _VirtualPort(visit, seed)
+    virtual_port.run()
+    return virtual_port.doctor.examination

@@ -42,7 +42,7 @@ def f32(value: float) -> int:
     return raw
 
 
-class Desk:
+class ReadyDevice:
     """A session that has agreed with a device; it sends commands and waits for the answers."""
 
     def __init__(self, seed: int = 1) -> None:

@@ -86,7 +86,7 @@ class OnTerminal:
         """Stop its output, as Ctrl-S does."""
         os.write(self._master, b"\x13")
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Continue reading."""
         self._reads.set()
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.bringup.applying import Change
-    from bridge.bringup.desk import Desk
     from bridge.bringup.person import Person
+    from bridge.bringup.session import BringupSession
 
 
 class ByTruth:
@@ -75,12 +75,16 @@ NOWHERE = Written(None, (), (), ())
 
 
 def write_results(
-    desk: Desk, person: Person, changes: Sequence[Change], robot: Path | None, robot_toml: str
+    session: BringupSession,
+    person: Person,
+    changes: Sequence[Change],
+    robot: Path | None,
+    robot_toml: str,
 ) -> Written:
     """Show the changes, ask, and write them to the robot file and the device.
 
     Args:
-        desk: connection to the device.
+        session: connection to the device.
         person: the person who confirms.
         changes: parameters with old and new values.
         robot: robot file to write; None: only the device.
@@ -104,7 +108,7 @@ def write_results(
         text = robot_toml if is_there(robot) else ""
         replace_file(robot, edited(text, {c.key: c.new for c in changes}))
         person.show(f"{robot}: written")
-    applied = set_on_device(desk, changes)
+    applied = set_on_device(session, changes)
     if applied.set:
         person.show(f"device: set and saved {', '.join(applied.set)}")
     if applied.lacking:

@@ -10,8 +10,8 @@ from protocol.messages.device import Range
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.bringup.desk import Desk
     from bridge.bringup.person import Person
+    from bridge.bringup.session import BringupSession
 
 READ_S = 2.0
 """Duration of a measurement, s: 40 readings at 20 Hz."""
@@ -23,11 +23,13 @@ _WORDS = {
 """Names of the sensors in the prompts."""
 
 
-def measured(desk: Desk, person: Person, name: str, distances_m: Sequence[float]) -> list[Point]:
+def measured(
+    session: BringupSession, person: Person, name: str, distances_m: Sequence[float]
+) -> list[Point]:
     """Ask for a wall at each distance and measure it; a distance that is declined is skipped.
 
     Args:
-        desk: connection to the device.
+        session: connection to the device.
         person: the person who holds the wall.
         name: sensor, such as ``infrared_left``.
         distances_m: distances of the wall from the sensor's face, m.
@@ -44,7 +46,7 @@ def measured(desk: Desk, person: Person, name: str, distances_m: Sequence[float]
             f"Hold a flat board {shown} in front of the {_WORDS[name]} sensor. Ready (no: skip)?"
         ):
             continue
-        readings = [getattr(m, f"{name}_m") for _, m in desk.collect(Range, READ_S)]
+        readings = [getattr(m, f"{name}_m") for _, m in session.collect(Range, READ_S)]
         found.append(point(distance_m, readings))
         person.show(
             f"  {shown}: reads {100 * found[-1].read_m:.2f} cm ±{1000 * found[-1].sigma_m:.1f} mm"

@@ -54,7 +54,7 @@ def inform_lines(text: str) -> None:
         inform(line)
 
 
-def complain(text: str) -> None:
+def print_error(text: str) -> None:
     """Print a one-line error on stderr, after the name of the command."""
     click.echo(f"{click.style('sweepctl:', fg='red', bold=True)} {one_line(text)}", err=True)
 

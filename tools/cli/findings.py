@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from tools.cli.console import complain, inform, write_json
+from tools.cli.console import inform, print_error, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -44,7 +44,7 @@ class Findings:
         """Print the findings and return the exit status."""
         status = INVALID if self.problems else 0
         for text in self.problems:
-            complain(text if self.file in text else f"{self.file}: {text}")
+            print_error(text if self.file in text else f"{self.file}: {text}")
         for text in self.warnings:
             inform(f"{self.file}: warning: {text}")
         if as_json:

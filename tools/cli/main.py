@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 import sweepctl_plugins
-from tools.cli.console import complain, flush, inform, write_json
+from tools.cli.console import flush, inform, print_error, write_json
 from tools.cli.interrupt import interrupted, is_done, set_done
 from tools.cli.output_queue import QueuedOutput
 from tools.cli.visible_text import shortened
@@ -211,7 +211,7 @@ def _run(arguments: list[str]) -> int:
     except (click.Abort, KeyboardInterrupt) as error:
         command = _command_of(arguments)
         if command in _UNTIL_ENDED or command is None or is_done():
-            complain("interrupted")
+            print_error("interrupted")
             return 0
         if command == _STOP:  # for a script, status 0 means that the robot has stopped
             text = "interrupted: the stop is not confirmed; check that the robot stands still"
@@ -278,7 +278,7 @@ def _unwritten(error: OSError) -> int:
     Without that the interpreter would try to write the rest again at its exit.
     """
     if error.errno not in {errno.EPIPE, errno.EIO}:  # those two: the reader has left
-        complain(f"cannot write the output: {error.strerror}")
+        print_error(f"cannot write the output: {error.strerror}")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1
 
@@ -305,7 +305,7 @@ def _unusable(error: OSError) -> str | None:
 
 def _failed(arguments: list[str], text: str, status: int) -> int:
     """Print why a command failed, with --json also as an object, and return ``status``."""
-    complain(text)
+    print_error(text)
     if "--json" in arguments:
         write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
     return status

@@ -80,6 +80,6 @@ def in_order(
 def _ignore_signals() -> None:
     """Leave Ctrl-C to the parent, which ends the processes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    from tools.cli.signals import let_come
+    from tools.cli.signals import unblock_signals
 
-    let_come()
+    unblock_signals()

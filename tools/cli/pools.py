@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from bridge.errors import BridgeError
-from tools.cli.signals import held_back
+from tools.cli.signals import signals_blocked
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -109,7 +109,7 @@ class LocalPool:
 
         """
         try:
-            with held_back():
+            with signals_blocked():
                 return [self._pool.submit(function, item) for item in items]
         except OSError as error:
             if error.errno is None:  # from a pipe that the pool closed because a worker died

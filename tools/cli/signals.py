@@ -41,12 +41,12 @@ def until_signalled(end: Callable[[], None]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def held_back() -> Iterator[None]:
+def signals_blocked() -> Iterator[None]:
     """Block the ending signals in processes that this thread starts in the meantime.
 
-    A child process inherits the blocked signals. It calls :func:`let_come` after its handlers are
-    installed. Before that, a signal would end it silently or with a traceback. Other threads of
-    this process may still get the signals, which makes no difference to the handlers.
+    A child process inherits the blocked signals. It calls :func:`unblock_signals` after its
+    handlers are installed. Before that, a signal would end it silently or with a traceback. Other
+    threads of this process may still get the signals, which makes no difference to the handlers.
     """
     if sys.platform == "win32":  # Windows cannot block signals
         yield
@@ -59,8 +59,8 @@ def held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def let_come() -> None:
-    """Unblock the signals that :func:`held_back` blocked when this process started."""
+def unblock_signals() -> None:
+    """Unblock the signals that :func:`signals_blocked` blocked when this process started."""
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 

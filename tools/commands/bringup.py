@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools.bringup.desk import clear_stop_option, log_options
+from tools.bringup.session import clear_stop_option, log_options
 from tools.cli import options
 from tools.cli.console import inform_lines, write_json, write_line
 from tools.cli.port_options import PortAsked, keyed_port_options
@@ -16,7 +16,7 @@ from tools.cli.port_options import PortAsked, keyed_port_options
 if TYPE_CHECKING:
     from bridge.bringup.procedure import BringUp
     from bridge.bringup.wheel_step import WheelStep
-    from tools.bringup.desk import BenchLog
+    from tools.bringup.session import BringupLog
 
 _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
 
@@ -45,7 +45,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     steps: tuple[str, ...],
     plot: Path | None,
     clear_stop: bool,
-    log: BenchLog | None,
+    log: BringupLog | None,
     robot: Path | None,
     as_json: bool,
 ) -> int:
@@ -66,13 +66,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.bringup.procedure import BringUp
     from bridge.bringup.wheel_step import as_text
     from bridge.config import load_robot
-    from tools.bringup.desk import Terminal, desk_on
+    from tools.bringup.session import Terminal, bringup_session
 
     model, text = load_robot(robot)
     if plot is not None:
         _check_plot(plot)
-    with desk_on(port, log, model, text) as desk:
-        bench = BringUp(desk, Terminal(desk), model, clear_stop=clear_stop)
+    with bringup_session(port, log, model, text) as session:
+        bench = BringUp(session, Terminal(session), model, clear_stop=clear_stop)
         bench.run(steps or _STEPS)
     if bench.steps:
         inform_lines(as_text(bench.steps))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.bringup.calibrating import writing_options
-from tools.bringup.desk import clear_stop_option, log_options
+from tools.bringup.session import clear_stop_option, log_options
 from tools.cli import options
 from tools.cli.console import write_json
 from tools.cli.port_options import PortAsked, keyed_port_options
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bridge.bringup.square import SquareResult
     from bridge.bringup.umbmark import Benchmark
     from bridge.motion.robot_model import RangerMount, RobotModel
-    from tools.bringup.desk import BenchLog
+    from tools.bringup.session import BringupLog
 
 _SENSORS = ("ultrasonic", "infrared-left", "infrared-right")
 _DISTANCES_M = {
@@ -61,7 +61,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     duration_s: float,
     robot: Path | None,
     yes: bool,
-    log: BenchLog | None,
+    log: BringupLog | None,
     as_json: bool,
 ) -> int:
     """Measure the gyro bias while the robot stands still. Nothing moves.
@@ -74,15 +74,15 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     from bridge.errors import BridgeError
     from protocol.messages.device import Encoders, Imu
     from tools.bringup.calibrating import load_existing, write_results
-    from tools.bringup.desk import Terminal, desk_on
+    from tools.bringup.session import Terminal, bringup_session
 
     model, text = load_existing(robot)
-    with desk_on(port, log, model, text) as desk:
-        person = Terminal(desk, yes=yes)
+    with bringup_session(port, log, model, text) as session:
+        person = Terminal(session, yes=yes)
         person.show(f"Let the robot stand still for {duration_s:g} s.")
-        turned = desk.watch(Encoders)
-        readings = desk.collect(Imu, duration_s)
-        desk.unwatch(turned)
+        turned = session.watch(Encoders)
+        readings = session.collect(Imu, duration_s)
+        session.unwatch(turned)
         if len({(m.left, m.right) for _, m in turned if isinstance(m, Encoders)}) > 1:
             raise BridgeError(
                 "a wheel turned during the measurement; repeat it with a robot at rest"
@@ -101,7 +101,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
         change = Change(
             "gyro_bias", "gyro_bias_rad_s", "rad/s", model.gyro_bias_rad_s, found[2].bias_rad_s
         )
-        written = write_results(desk, person, [change], robot, text)
+        written = write_results(session, person, [change], robot, text)
     axes = {a.name: {"bias_rad_s": a.bias_rad_s, "sigma_rad_s": a.sigma_rad_s} for a in found}
     _report(as_json, {"gyro": axes, "written": written.to_dict()})
     return 0
@@ -174,7 +174,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     clear_stop: bool,
     robot: Path | None,
     yes: bool,
-    log: BenchLog | None,
+    log: BringupLog | None,
     as_json: bool,
 ) -> int:
     """Calibrate wheel base and wheel diameters by driving squares (UMBmark): THE ROBOT MOVES.
@@ -187,13 +187,13 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     """
     from bridge.bringup.square import Asked, ByTape, Squares
     from tools.bringup.calibrating import NOWHERE, ByTruth, load_existing, write_results
-    from tools.bringup.desk import Terminal, desk_on
+    from tools.bringup.session import Terminal, bringup_session
 
     model, text = load_existing(robot)
-    with desk_on(port, log, model, text) as desk:
-        person = Terminal(desk, yes=yes)
+    with bringup_session(port, log, model, text) as session:
+        person = Terminal(session, yes=yes)
         measure = ByTape(person) if truth is None else ByTruth(truth)
-        squares = Squares(desk, person, model, measure, clear_stop=clear_stop)
+        squares = Squares(session, person, model, measure, clear_stop=clear_stop)
         asked = Asked(
             side_m=side_m, runs=runs, speed_m_s=speed_m_s, straight=straight, verify=verify
         )
@@ -202,7 +202,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
             person.show(line)
         if found.refuted is None:
             changes = _odometry_changes(model, found.model)
-            written = write_results(desk, person, changes, robot, text)
+            written = write_results(session, person, changes, robot, text)
         else:
             person.show(f"verification failed: {found.refuted}; nothing was written")
             person.show("repeat with more squares (--runs), slower (--speed), on a floor with grip")
@@ -308,7 +308,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
     distances_m: tuple[float, ...],
     robot: Path | None,
     yes: bool,
-    log: BenchLog | None,
+    log: BringupLog | None,
     as_json: bool,
 ) -> int:
     """Calibrate scale and offset of the range sensors with a tape measure. Nothing moves.
@@ -318,15 +318,15 @@ def _range(  # noqa: PLR0913 - one parameter per option
     """
     from bridge.bringup.ranging import fit
     from tools.bringup.calibrating import load_existing, write_results
-    from tools.bringup.desk import Terminal, desk_on
     from tools.bringup.range_points import measured
+    from tools.bringup.session import Terminal, bringup_session
 
     model, text = load_existing(robot)
     found: dict[str, Any] = {}
     changes: list[Change] = []
-    with desk_on(port, log, model, text) as desk:
-        person = Terminal(desk, yes=yes)
-        known = {p.name: p.value for p in desk.client.list_parameters()}
+    with bringup_session(port, log, model, text) as session:
+        person = Terminal(session, yes=yes)
+        known = {p.name: p.value for p in session.client.list_parameters()}
         for sensor in sensors or _SENSORS:
             name = sensor.replace("-", "_")
             mount: RangerMount = getattr(model, name)
@@ -334,7 +334,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
                 known.get(f"{name}_scale", mount.scale),
                 known.get(f"{name}_offset", mount.offset_m),
             )
-            points = measured(desk, person, name, distances_m or _DISTANCES_M[sensor])
+            points = measured(session, person, name, distances_m or _DISTANCES_M[sensor])
             if not points:
                 person.show(f"{sensor}: skipped")
                 continue
@@ -345,7 +345,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
             )
             found[name] = {"points": [p._asdict() for p in points], **result._asdict()}
             changes += _range_changes(name, now, (result.scale, result.offset_m))
-        written = write_results(desk, person, changes, robot, text) if changes else None
+        written = write_results(session, person, changes, robot, text) if changes else None
     _report(as_json, {"range": found, "written": written.to_dict() if written else None})
     return 0
 

@@ -11,7 +11,7 @@ import click
 from tools.cli import options, planners
 from tools.cli.adapter_delay import adapter_delay_option
 from tools.cli.completion import complete_room
-from tools.cli.console import complain, print_summary
+from tools.cli.console import print_error, print_summary
 from tools.cli.foxglove import foxglove_option
 from tools.cli.on_event import on_option
 from tools.cli.port_options import port_argument
@@ -169,7 +169,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         )
     )
     for line in result.complaints:
-        complain(line)
+        print_error(line)
     if as_json or result.negotiated or not result.complaints:
         print_summary(result.summary, as_json=as_json)
     return result.exit_status

@@ -83,7 +83,7 @@ def command(  # noqa: PLR0913 - the options of a port
 
         return _report(target, "log", examine_log(path), as_json=as_json)
     if find_baud:
-        from bridge.doctor.attend import find_baud as search
+        from bridge.doctor.port_examination import find_baud as search
 
         found = search(target, on_rate=lambda rate: inform(f"listening at {rate} baud"))
         if found is None:
@@ -93,7 +93,7 @@ def command(  # noqa: PLR0913 - the options of a port
         baud = found
     import threading
 
-    from bridge.doctor.attend import attend
+    from bridge.doctor.port_examination import examine_port
     from bridge.io.ports import open_port
     from tools.cli.signals import until_signalled
 
@@ -104,7 +104,7 @@ def command(  # noqa: PLR0913 - the options of a port
         inform(f"{target}: {how} for {duration_s:g} s; Ctrl-C ends it earlier")
     ended = threading.Event()
     with until_signalled(ended.set):  # an interrupted examination is reported too
-        examination = attend(
+        examination = examine_port(
             port, target, duration_s, node=node, ask=not listen, ended=ended.is_set
         )
     return _report(target, "port", examination, as_json=as_json, note=note)

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from tools.bringup.desk import clear_stop_option
+from tools.bringup.session import clear_stop_option
 from tools.cli import options
-from tools.cli.console import complain, print_summary
+from tools.cli.console import print_error, print_summary
 from tools.cli.port_options import PortAsked, keyed_port_options
 from tools.cli.recording import recording_options, take_record_options
 
@@ -92,7 +92,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         )
     )
     for line in result.complaints:
-        complain(line)
+        print_error(line)
     if as_json or result.negotiated or not result.complaints:
         print_summary(result.summary, as_json=as_json)
     return result.exit_status

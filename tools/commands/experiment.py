@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from tools.cli import options
 from tools.cli.completion import complete_robots, complete_rooms
-from tools.cli.console import complain, inform
+from tools.cli.console import inform, print_error
 from tools.cli.planners import PLANNERS, PlannerList
 
 if TYPE_CHECKING:
@@ -336,7 +336,7 @@ def _close(outcome: Outcome, done: str, out: Path) -> int:
     if outcome.interrupted:
         inform(f"{done}, kept in {out}; the same command continues from there")
     for line in outcome.failed:
-        complain(line)
+        print_error(line)
     if outcome.failed:
         inform(f"tracebacks: {out / ERRORS}")
     return 1 if outcome.failed else 0

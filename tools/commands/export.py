@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli import options
-from tools.cli.console import complain, inform, write_json, write_line
+from tools.cli.console import inform, print_error, write_json, write_line
 from tools.cli.log_file import LogPath
 from tools.cli.parallel import in_order, parallel_options, pool_of
 
@@ -75,7 +75,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             raise click.UsageError("--jobs and --scheduler need several files")
         result = export_file(made[0])
     except KeyboardInterrupt:
-        complain(f"interrupted: the tables in {out} are incomplete; repeat with --force")
+        print_error(f"interrupted: the tables in {out} are incomplete; repeat with --force")
         return 1
     for problem in result.problems:
         inform(problem)
@@ -100,7 +100,7 @@ def _several(
                 line, failed_status = result
                 status = max(status, failed_status)
                 total["failed"].append(str(job.path))
-                complain(line)
+                print_error(line)
                 continue
             for problem in result.problems:
                 inform(f"{job.path}: {problem}")

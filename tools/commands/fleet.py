@@ -173,7 +173,7 @@ def _unique(log: Path, taken: Sequence[Path]) -> Path:
 
 
 def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) -> int:
-    from tools.cli.console import complain, inform, is_drawable, write_json
+    from tools.cli.console import inform, is_drawable, print_error, write_json
     from tools.cli.signals import until_signalled
     from tools.cli.visible_text import one_line
     from tools.fleet.dashboard import FleetDashboard
@@ -205,14 +205,14 @@ def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) 
             continue
         inform(f"{member.target.label}: {ended.outcome} - {ended.reason}")
     for label in fleet.unconfirmed:
-        complain(f"{label}: the stop is NOT CONFIRMED; switch the robot off")
+        print_error(f"{label}: the stop is NOT CONFIRMED; switch the robot off")
     return fleet.exit_status
 
 
 def _print_line(label: str, line: str, *, is_error: bool) -> None:
-    from tools.cli.console import complain, inform
+    from tools.cli.console import inform, print_error
 
-    (complain if is_error else inform)(f"{label}: {line}")
+    (print_error if is_error else inform)(f"{label}: {line}")
 
 
 def _wait(fleet: Fleet) -> None:

@@ -11,7 +11,7 @@ import click
 
 from protocol.generate import GENERATORS, PER_NODE
 from protocol.imu import NOMINAL, ImuScale
-from tools.cli.console import complain, write_line
+from tools.cli.console import print_error, write_line
 from tools.cli.outputs import check_outputs
 
 
@@ -102,6 +102,6 @@ def command(*, what: str, out: Path, node: int | None, imu: ImuScale | None, for
             path.write_text(text, encoding="utf-8", newline="\n")
             write_line(str(path))
     except OSError as error:
-        complain(f"cannot write {error.filename or out}: {error.strerror}")
+        print_error(f"cannot write {error.filename or out}: {error.strerror}")
         return 1
     return 0

@@ -12,7 +12,7 @@ import click
 from tools.cli import options, planners
 from tools.cli.completion import complete_room
 from tools.cli.configuration import ConfiguredOption
-from tools.cli.console import complain, err, inform, print_summary
+from tools.cli.console import err, inform, print_error, print_summary
 from tools.cli.foxglove import foxglove_option, live_foxglove, run_parameters
 from tools.cli.on_event import EventCommands, on_option
 from tools.cli.supervising import rule_option
@@ -170,7 +170,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             writer.write(record)
         with (
             _interruptible() as ended,  # a signal must not cut off the summary either
-            EventCommands(on_events, facts, complain) as commands,
+            EventCommands(on_events, facts, print_error) as commands,
         ):
             notices = NoticeSink(writer, model, load_supervise(robot).battery, commands.notify)
             sink: Sink = notices if on_events else writer
@@ -201,7 +201,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             if ending is not None:
                 notices.finish(ending, status, summary)
             if run.crash is not None and ending is not None:
-                complain(ending.reason)
+                print_error(ending.reason)
                 core_target.print_trace(run.crash)
             print_summary(summary, as_json=as_json)
     return status

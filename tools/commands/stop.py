@@ -7,7 +7,7 @@ from typing import cast
 import click
 
 from tools.cli import options
-from tools.cli.console import complain, inform, write_json
+from tools.cli.console import inform, print_error, write_json
 from tools.cli.port_options import port_argument
 
 
@@ -31,7 +31,7 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     if as_json:
         write_json(found)
     if not found["confirmed"]:
-        complain(f"{port}: {found['ending']}")
+        print_error(f"{port}: {found['ending']}")
         return 3
     nodes = cast("list[int]", found.get("nodes", []))
     several = f"nodes {', '.join(map(str, nodes))}" if len(nodes) > 1 else "the device"

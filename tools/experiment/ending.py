@@ -12,7 +12,7 @@ import os
 import signal
 from typing import TYPE_CHECKING, Any
 
-from tools.cli.signals import let_come
+from tools.cli.signals import unblock_signals
 from tools.experiment.worker import run_trial
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def prepare_worker() -> None:
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _on_sigterm)
-    let_come()
+    unblock_signals()
 
 
 def _on_sigterm(_number: int, _frame: FrameType | None) -> None:

@@ -32,7 +32,7 @@ _ROUNDING_S = 1e-6
 """Rounding error of that difference, s. The last energy sample may be at the end of the drive."""
 
 
-class _Eye(NullSink):
+class _TruthSink(NullSink):
     """A sink that stores true poses and commands only."""
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ def observe(  # noqa: PLR0913 - one parameter for each property of a run
         FloorPlanError: the robot does not fit at the room's start.
 
     """
-    eye, model = _Eye(), model or trial.model
+    eye, model = _TruthSink(), model or trial.model
     settings = settings_of(trial.options)
     begun: list[VirtualRun] = []
     energy: list[tuple[float, float]] = []

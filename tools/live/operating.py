@@ -54,7 +54,7 @@ class Operating:
         pump: Pump,
         operator: Operator,
         *,
-        go_on: Callable[[], object],
+        on_resume: Callable[[], object],
         on_start: Callable[[], object] = lambda: None,
         clear_stop: bool = False,
     ) -> None:
@@ -63,13 +63,13 @@ class Operating:
         Args:
             pump: the run.
             operator: its runner, which switches between plan and manual driving.
-            go_on: called to resume a run that waits after a loss.
+            on_resume: called to resume a run that waits after a loss.
             on_start: called when a key starts the run.
             clear_stop: a start may clear a latched safety stop.
 
         """
         self._pump, self.operator = pump, operator
-        self._go_on, self._on_start = go_on, on_start
+        self._on_resume, self._on_start = on_resume, on_start
         self._clear_stop = clear_stop
         self._armed = ("", 0)
         """Key that was pressed once, and the time of the press, ns."""
@@ -145,7 +145,7 @@ class Operating:
             case "p":
                 self._pause()
             case "r":
-                self._go_on()
+                self._on_resume()
             case "c":
                 self._clear()
             case "m":

@@ -292,7 +292,7 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
     host = pump.host
 
     def resume() -> None:
-        host.go_on(clock.now())
+        host.resume_run(clock.now())
 
     def begun() -> None:
         if asked.supervise is not None and host.supervision is None and not asked.drive:
@@ -301,7 +301,7 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
     return Operating(
         pump,
         operator,
-        go_on=lambda: pump.call(resume),
+        on_resume=lambda: pump.call(resume),
         on_start=lambda: pump.call(begun),
         clear_stop=asked.clear_stop,
     )

@@ -90,7 +90,7 @@ class PlannerGeometry:
     width."""
     snap_cells: int
     """Maximum distance to a passable cell that replaces the robot's place as a start (6)."""
-    parted_cells: int
+    unreachable_cells: int
     """Number of visited but unreachable cells that proves wrong evidence (50): a metre of path."""
     min_cells: int
     """Minimum number of new cells for a lane (7, 28 cm²): a ninth of the mouth's width squared."""
@@ -204,7 +204,7 @@ class PlannerGeometry:
             beside_cells=max(round(0.5 * width_m / cell_m), 2),
             hole_cells=max(round(0.5 * width_m / cell_m), 2),
             snap_cells=round(0.12 * scale / cell_m) if scale > 1.0 else round(0.12 / cell_m),
-            parted_cells=round(1.0 / cell_m),
+            unreachable_cells=round(1.0 / cell_m),
             min_cells=round(per_cell(options.min_area * width_m**2)),
             floor_cells=round(per_cell(options.retry_length_m * width_m)),
             gap_cells=round(options.gap_m / cell_m),

@@ -101,11 +101,13 @@ class RecoveryPlanner(ScriptedPlanner):
             choice = yield from self._behaviours.choose(context)
             if choice is None and context.stuck.clear_bumps():
                 continue
-            shut_in, parted_at = self._chooser.shut_in, self._chooser.parted_at
-            verdict = context.stuck.judge(context.pose, shut_in=shut_in, parted_at=parted_at)
+            enclosed, unreachable_at = self._chooser.enclosed, self._chooser.unreachable_at
+            verdict = context.stuck.judge(
+                context.pose, enclosed=enclosed, unreachable_at=unreachable_at
+            )
             if verdict is Verdict.CLEARED:
                 continue
-            if verdict is Verdict.SHUT_IN:
+            if verdict is Verdict.ENCLOSED:
                 return self._end(context, "enclosed: no target is reachable")
             if choice is None:
                 return self._end(context, "no reachable unswept piece is worth its time")

@@ -61,9 +61,9 @@ class Chooser:
         self._options = options
         self._buffers = Buffers()
         self._spent = 0.0
-        self.shut_in = False
+        self.enclosed = False
         """True if the last search found no start cell, or no path to places where the robot was."""
-        self.parted_at: Point | None = None
+        self.unreachable_at: Point | None = None
         """Nearest place where the robot was that the search could not reach, m."""
         self.left_m2 = 0.0
         """Reachable floor that is neither swept nor abandoned, m². It covers the area of the last
@@ -94,7 +94,7 @@ class Chooser:
         parts = [_clip(box, int(row), int(column), geometry.path_costs[0] // STRAIGHT), box]
         choice: Choice | None = None
         self._spent = self.left_m2 = 0.0
-        self.parted_at = None
+        self.unreachable_at = None
         for k, most in enumerate(geometry.path_costs):
             part = parts[min(k, 1)]
             if k < len(parts):
@@ -102,11 +102,11 @@ class Chooser:
                 window = SearchWindow(memory, part, options.tries, self._buffers)
                 here = window.cell(pose.x_m, pose.y_m)
                 start = free_cell(window.open, *here, geometry.snap_cells)
-                self.shut_in = start is None
+                self.enclosed = start is None
                 if start is None:
                     return None
                 window.begin(start)
-            while not window.go_on(most, int(options.slice_cells - self._spent)):
+            while not window.search_paths(most, int(options.slice_cells - self._spent)):
                 self._spent = 0.0
                 yield
             self._spent += window.settled
@@ -120,8 +120,8 @@ class Chooser:
             choice = yield from self._best(window, most, pose, grid_rad, geometry, holes=True)
         if choice is None:
             self.beside_walls_m2 = geometry.area_m2(_turning(window, most, geometry)) - self.left_m2
-            self.parted_at = _parted(memory, window, pose)
-            self.shut_in = self.parted_at is not None
+            self.unreachable_at = _parted(memory, window, pose)
+            self.enclosed = self.unreachable_at is not None
         return choice
 
     def path_to(
@@ -143,7 +143,7 @@ class Chooser:
             return None
         window.begin(start)
         for most in memory.geometry.path_costs[:-1]:
-            while not window.go_on(most, int(options.slice_cells - self._spent)):
+            while not window.search_paths(most, int(options.slice_cells - self._spent)):
                 self._spent = 0.0
                 yield
             self._spent += window.settled
@@ -296,7 +296,7 @@ def _parted(memory: EvidenceMap, window: SearchWindow, pose: Pose2) -> Point | N
     blocked, visited = memory.places()
     was_there = (visited[part] > 0) & (memory.inflated[part] == 0) & (blocked[part] == 0)
     cells = np.argwhere(was_there & (window.dist < 0))
-    if len(cells) < memory.geometry.parted_cells:
+    if len(cells) < memory.geometry.unreachable_cells:
         return None
     x, y = window.place(pose)
     row, column = cells[np.hypot(cells[:, 0] + 0.5 - y, cells[:, 1] + 0.5 - x).argmin()].tolist()

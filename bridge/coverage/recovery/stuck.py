@@ -23,7 +23,7 @@ class Verdict(Enum):
 
     GO_ON = "go on"
     CLEARED = "evidence was cleared: choose again"
-    SHUT_IN = "end the plan"
+    ENCLOSED = "end the plan"
 
 
 class StuckPolicy:
@@ -66,19 +66,19 @@ class StuckPolicy:
         self._record.decide("clear", "before the end: evidence from bumps alone cleared")
         return True
 
-    def judge(self, pose: Pose2, *, shut_in: bool, parted_at: Point | None) -> Verdict:
+    def judge(self, pose: Pose2, *, enclosed: bool, unreachable_at: Point | None) -> Verdict:
         """Decide whether to continue from a pose.
 
         Args:
             pose: the robot's pose.
-            shut_in: the search found no start cell, or no path to places where the robot was.
-            parted_at: nearest place where the robot was that the search could not reach, m.
+            enclosed: the search found no start cell, or no path to places where the robot was.
+            unreachable_at: nearest place where the robot was that the search could not reach, m.
 
         """
-        stuck = self._fruitless >= self._options.max_fruitless or shut_in
+        stuck = self._fruitless >= self._options.max_fruitless or enclosed
         if not stuck and self._blocks <= self._options.max_blocked:
             return Verdict.GO_ON
-        place = self._uncertain_place(pose, parted_at)
+        place = self._uncertain_place(pose, unreachable_at)
         self._blocks = 0
         if self._map.new_cells - self._cleared_at > self._geometry.floor_cells:
             self._cleared = 0
@@ -98,7 +98,7 @@ class StuckPolicy:
             self._fruitless, self._cleared_at = 0, self._map.new_cells
             self._cleared += 1
             return Verdict.CLEARED
-        return Verdict.SHUT_IN if stuck else Verdict.GO_ON
+        return Verdict.ENCLOSED if stuck else Verdict.GO_ON
 
     def begin_transit(self) -> None:
         """Discard the place where the last transit was left."""
@@ -203,10 +203,10 @@ class StuckPolicy:
         )
         self._record.decide("abandon", reason, x_m=round(x, 3), y_m=round(y, 3))
 
-    def _uncertain_place(self, pose: Pose2, parted_at: Point | None) -> Pose2:
+    def _uncertain_place(self, pose: Pose2, unreachable_at: Point | None) -> Pose2:
         """Return the place whose evidence is probably wrong."""
-        if parted_at is not None:
-            return Pose2(*parted_at, 0.0)
+        if unreachable_at is not None:
+            return Pose2(*unreachable_at, 0.0)
         if self._blocks > self._options.max_blocked and self._blocked_at is not None:
             return self._blocked_at
         return pose

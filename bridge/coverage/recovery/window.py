@@ -141,7 +141,7 @@ class SearchWindow:
         self._search.waiting = 1
         buffers.queue[0, 0] = row * self.dist.shape[1] + col
 
-    def go_on(self, most: int, budget: int) -> bool:
+    def search_paths(self, most: int, budget: int) -> bool:
         """Continue the path search up to a cost. Return False if the budget of cells is used up."""
         self.settled, done = travel(
             self.open.ravel(),

@@ -56,7 +56,7 @@ class RangeRun:
             self.forget()
             return
         readings = self._readings
-        if readings and not self._goes_on(range_m, measured):
+        if readings and not self._is_same_run(range_m, measured):
             self.forget()
         if not readings:
             self._turn_rad = measured.turn_rad
@@ -68,7 +68,7 @@ class RangeRun:
             self.lost = _lost(list(readings))
             readings.popleft()
 
-    def _goes_on(self, range_m: float, measured: Measured) -> bool:
+    def _is_same_run(self, range_m: float, measured: Measured) -> bool:
         """Return True if the robot drives straight ahead towards the same object."""
         distance_m, before_m = self._readings[-1]
         made_m = measured.distance_m - distance_m

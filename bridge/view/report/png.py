@@ -34,7 +34,7 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
     heights = [_HEAD, 1.0 - _HEAD]
     top, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     top.text(0.012, 0.93, drawn_text(words.title(data)), fontsize=17, weight="bold", va="top")
-    text = " ".join([f"{words.when(data)}.", *words.story(data)])
+    text = " ".join([f"{words.when(data)}.", *words.summary_sentences(data)])
     lines = "\n".join(textwrap.wrap(text, _LETTERS))
     top.text(0.012, 0.66, drawn_text(lines), fontsize=10, va="top", linespacing=1.5)
     is_band = bool(data.track.best) and report_figures.room_ratio(data) < _BAND

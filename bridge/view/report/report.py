@@ -15,7 +15,7 @@ from bridge.view.report.drawing import svg
 from bridge.view.report.page import document, section, table
 from bridge.view.report.png import picture
 from bridge.view.report.run_data import load_run
-from bridge.view.report.words import story, tiles, title, when
+from bridge.view.report.words import summary_sentences, tiles, title, when
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +76,7 @@ def render(data: RunData, found: list[Hole]) -> str:
     parts.append(table("Messages of the device", *rows.stream_rows(data), note=_STREAM_NOTE))
     parts.append(table("Faults and events", *rows.event_rows(data), note=rows.event_note(data)))
     parts.append(table("Settings", ("", ""), rows.settings(data)))
-    lead = "".join(f"<p>{escape(line)}</p>" for line in story(data))
+    lead = "".join(f"<p>{escape(line)}</p>" for line in summary_sentences(data))
     return document(title(data), when(data), lead, tiles(data), parts)
 
 

@@ -78,7 +78,7 @@ class MessageStream:
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class LoggedEvent:
     """One event in the log."""
 
     time_s: float
@@ -113,7 +113,7 @@ class RunData:
     """Second, and numbers of received and lost frames in it."""
     pose_error: list[tuple[float, float]] = field(default_factory=list)
     """Time, distance between estimate and truth (m)."""
-    happenings: list[Happening] = field(default_factory=list)
+    happenings: list[LoggedEvent] = field(default_factory=list)
     damaged: int = 0
     """Number of damaged frames."""
 
@@ -268,11 +268,11 @@ class _Gatherer:
                 if event.source == "link" and event.kind == EventKind.DAMAGED:
                     data.damaged += frames_of(event.data_json)
                 words = event.severity, event.source, event.kind, event.text
-                data.happenings.append(Happening(time_s, *map(str, words)))
+                data.happenings.append(LoggedEvent(time_s, *map(str, words)))
             case "/log" if (level := _LEVELS.get(message.decoded.level)) is not None:
                 line = message.decoded
                 words = level, line.name, "log", line.message
-                data.happenings.append(Happening(time_s, *map(str, words)))
+                data.happenings.append(LoggedEvent(time_s, *map(str, words)))
 
     def _count(self, message: LogMessage, name: str) -> None:
         stream = self._data.streams.get(name)
@@ -298,7 +298,7 @@ class _Gatherer:
         self._faults = status.faults
 
     def _note(self, time_s: float, severity: str, kind: str, text: str) -> None:
-        self._data.happenings.append(Happening(time_s, severity, "device", kind, text))
+        self._data.happenings.append(LoggedEvent(time_s, severity, "device", kind, text))
 
     def finish(self) -> None:
         """Compute the row of each second, and remove events that the host has recorded as well."""

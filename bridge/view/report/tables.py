@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 if TYPE_CHECKING:
-    from bridge.view.report.run_data import Happening, RunData
+    from bridge.view.report.run_data import LoggedEvent, RunData
 
 Row = tuple[str, ...]
 Rows = tuple[Row, list[Row]]
@@ -182,7 +182,7 @@ def event_rows(data: RunData) -> Rows:
     return ("time, s", "", "source", "kind", "text"), rows
 
 
-def _shown(data: RunData) -> list[Happening]:
+def _shown(data: RunData) -> list[LoggedEvent]:
     """Return all events or, if there are too many, the most severe ones."""
     happenings = data.happenings
     if len(happenings) <= _MAX_EVENTS:

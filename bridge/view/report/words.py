@@ -44,7 +44,7 @@ def when(data: RunData) -> str:
     return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
 
 
-def story(data: RunData) -> list[str]:
+def summary_sentences(data: RunData) -> list[str]:
     """Return the summary of the run in sentences."""
     summary, report = data.summary, data.coverage
     lines = []

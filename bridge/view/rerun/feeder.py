@@ -188,7 +188,7 @@ class _Feed:
         while True:
             last = ended()
             yield follower.more()
-            if last or (follower.ended and not follower.go_on()):
+            if last or (follower.ended and not follower.next_file()):
                 return
             clock.pause(POLL_S)
 

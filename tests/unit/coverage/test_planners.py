@@ -214,8 +214,8 @@ def test_being_blocked_twice_in_one_place_is_not_an_end() -> None:
     """The two ends of a lane that is no longer than a step are one place."""
     run = Corridor(paper(), [2.0, 0.05, 2.0, 2.0], {0: 0.01, 1: 0.01})
     assert run.finish is None
-    shut_in = Corridor(paper(), [0.01] * END, dict.fromkeys(range(END), 0.0))
-    assert shut_in.finish is not None
+    enclosed = Corridor(paper(), [0.01] * END, dict.fromkeys(range(END), 0.0))
+    assert enclosed.finish is not None
 
 
 def test_a_bump_is_a_wall_and_is_backed_off_from() -> None:

@@ -174,7 +174,7 @@ def test_a_robot_within_a_cliffs_margin_is_not_walled_in() -> None:
         memory.add_cliff(Pose2(-0.2 * k, 0.0, QUARTER))
     chooser = Chooser(RecoveryOptions())
     assert chooser.choose(memory, Pose2(-3.0, 0.01, 0.0), 0.0) is None
-    assert not chooser.shut_in
+    assert not chooser.enclosed
 
 
 def test_beside_a_cliff_a_lane_is_chosen_and_no_perimeter_pass() -> None:

@@ -181,10 +181,10 @@ def test_after_one_block_only_evidence_near_it_is_cleared() -> None:
     _, reported = planner.run(8)
     assert (reported["clear"], planner.known(), planner.shut()) == (1, [0, 1], False)
     assert planner.why == {"blocked repeatedly at one place"}
-    shut_in = Fruitless()
-    _, reported = shut_in.run(21)
-    assert (reported["clear"], shut_in.known()) == (1, [0, 0])
-    assert shut_in.why == {"no target is reachable"}
+    enclosed = Fruitless()
+    _, reported = enclosed.run(21)
+    assert (reported["clear"], enclosed.known()) == (1, [0, 0])
+    assert enclosed.why == {"no target is reachable"}
 
 
 class Wavering(Blocked):

@@ -195,15 +195,15 @@ def parted(cells: int) -> EvidenceMap:
 
 
 def test_evidence_that_separates_the_robot_from_its_past_encloses_it() -> None:
-    for cells, shut_in in ((60, True), (40, False)):
+    for cells, enclosed in ((60, True), (40, False)):
         chooser = Chooser(OPTIONS)
         assert chooser.choose(parted(cells), HERE, 0.0) is None
-        assert chooser.shut_in is shut_in
+        assert chooser.enclosed is enclosed
     memory = parted(60)
     memory.blocked[:] = 0
     chooser = Chooser(OPTIONS)
     assert chooser.choose(memory, HERE, 0.0) is None
-    assert not chooser.shut_in
+    assert not chooser.enclosed
 
 
 def test_a_trail_along_a_wall_seen_later_does_not_count() -> None:
@@ -213,18 +213,18 @@ def test_a_trail_along_a_wall_seen_later_does_not_count() -> None:
         getattr(memory, layer)[memory.visited > 0] = 1
         chooser = Chooser(OPTIONS)
         assert chooser.choose(memory, HERE, 0.0) is None
-        assert not chooser.shut_in
+        assert not chooser.enclosed
 
 
 def test_a_past_separation_is_not_reported_for_the_next_search() -> None:
     chooser = Chooser(OPTIONS)
     chooser.choose(parted(60), HERE, 0.0)
-    assert chooser.parted_at is not None
+    assert chooser.unreachable_at is not None
     assert chooser.choose(EvidenceMap(MODEL, OPTIONS, HERE), HERE, 0.0) is not None
-    assert chooser.parted_at is None
+    assert chooser.unreachable_at is None
 
 
-class ShutIn:
+class Enclosed:
     """Separated from its past, 70 cells of it to the left, by a line 50 cm away."""
 
     def __init__(self, layer: str) -> None:
@@ -253,13 +253,13 @@ class ShutIn:
 
 
 def test_evidence_of_bumps_alone_is_cleared_first() -> None:
-    why, reported = ShutIn("blocked").run()
+    why, reported = Enclosed("blocked").run()
     assert [event.kind for event in reported] == ["start", "clear"]
     assert why == "no reachable unswept piece is worth its time"
 
 
 def test_evidence_that_separates_the_robot_from_its_past_place_is_cleared() -> None:
-    why, reported = ShutIn("wall").run()
+    why, reported = Enclosed("wall").run()
     assert [event.kind for event in reported] == ["start", "clear"]
     assert reported[1].data["x_m"] == pytest.approx(-0.81, abs=0.03)
     assert reported[1].data["y_m"] == pytest.approx(0.0, abs=0.03)

@@ -321,7 +321,7 @@ def imu_kernel(m: Any) -> list[object]:
 def ray_kernel(m: Any) -> list[object]:
     turned = np.linspace(-1.6, 1.6, 21)
     beams = np.array([(0.05, 0.01, math.cos(a), math.sin(a)) for a in turned.tolist()])
-    ear = m.Ear(0.12, 0.0, 0.1, 0.13, 0.891, 4.0, 1.5)
+    ear = m.UltrasonicGeometry(0.12, 0.0, 0.1, 0.13, 0.891, 4.0, 1.5)
     given: list[object] = []
     for k in range(24):
         walker = np.array([1.0, 1.1, 0.1 * (k % 3)])

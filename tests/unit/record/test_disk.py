@@ -323,7 +323,7 @@ def test_files_of_other_runs_beside_the_first_file(tmp_path: Path) -> None:
     assert [m.decoded.message for m in reader.messages({"/log"})] == [f"20 {i}" for i in range(20)]
     follower = Follower(path, {"/log"})
     followed = [m.decoded.message for m in follower.more()]
-    while follower.ended and follower.go_on():
+    while follower.ended and follower.next_file():
         followed += [m.decoded.message for m in follower.more()]
     assert followed == [f"20 {i}" for i in range(20)]
     (tmp_path / "run-0002.mcap").write_bytes(b"")

@@ -77,7 +77,7 @@ def runner(mission: Mission) -> object:
     return mission.runner
 
 
-def go_on(mission: Mission, at_s: float, cause: StopCause = StopCause.LINK) -> None:
+def resume_run(mission: Mission, at_s: float, cause: StopCause = StopCause.LINK) -> None:
     """Run the steps that enable motion after a loss."""
     mission.on_status(status(cause), at_s)
     mission.on_command(accepted(ClearStop(2, cause)), at_s)
@@ -298,7 +298,7 @@ def test_after_the_answer_the_plan_continues() -> None:
     assert mission.resume(22.0) is True
     assert (mission.phase, mission.asking) == (Phase.WAITING, False)
     assert mission.resume(22.0) is False, "once"
-    go_on(mission, 23.0)
+    resume_run(mission, 23.0)
     assert mission.requests() == [Request("clear", StopCause.LINK), Request("mode", Mode.VELOCITY)]
     assert phase(mission) is Phase.DRIVING
     assert plan.printed == ["held", "released"]
@@ -316,7 +316,7 @@ def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
     mission.on_lost(18.0)
     mission.on_ready(20.0)
     mission.resume(22.0)
-    go_on(mission, 23.0)
+    resume_run(mission, 23.0)
     mission.phase = Phase.WAITING  # as if it waited for motion to be enabled again
     mission.requests()
     mission.on_status(status(StopCause.LINK), 26.0)
@@ -364,7 +364,7 @@ def test_a_simulated_run_continues_by_itself() -> None:
     mission.on_lost(18.0)
     mission.on_ready(20.0)
     assert phase(mission) is Phase.WAITING
-    go_on(mission, 21.0)
+    resume_run(mission, 21.0)
     assert (mission.phase, plan.printed) == (Phase.DRIVING, ["held", "released"])
 
 

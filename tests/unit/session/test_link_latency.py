@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bringup.desk import LINK_S
+from bridge.bringup.session import LINK_S
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
@@ -27,7 +27,7 @@ from protocol.messages.host import PlannerCommand, TimeRequest
 from protocol.messages.values import Mode, OnboardPlanner, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from support.bench_wire import desk_on
+from support.bench_wire import bringup_session
 from support.ends import Collector, Ends, HostEnd, Spinning, check_safe, spinning_host, sweeper
 from support.hostile import Piece, Pipe, Wire
 
@@ -254,25 +254,25 @@ def test_an_unsupervised_onboard_plan_is_stopped_too() -> None:
 
 
 def test_the_bench_moves_nothing_over_a_slow_link() -> None:
-    desk, wire = desk_on(sweeper())
+    session, wire = bringup_session(sweeper())
     wire.latency_us = 150_000
-    desk.run(1.0)
+    session.run(1.0)
     with pytest.raises(StoppedForSafetyError, match=r"round-trip time is 300 ms \(limit 100 ms\)"):
-        desk.enable(Mode.VELOCITY)
+        session.enable(Mode.VELOCITY)
     assert wire.device.firmware.mode is Mode.IDLE
 
 
 def test_bring_up_stops_motion_when_the_link_becomes_slow() -> None:
-    desk, wire = desk_on(sweeper())
-    desk.enable(Mode.VELOCITY)
-    desk.steer(lambda: (0.1, 0.0))
-    desk.run(1.0)
+    session, wire = bringup_session(sweeper())
+    session.enable(Mode.VELOCITY)
+    session.steer(lambda: (0.1, 0.0))
+    session.run(1.0)
     wire.latency_us = 150_000
-    began_s = desk.now_s
+    began_s = session.now_s
     with pytest.raises(StoppedForSafetyError, match="too slow for motion"):
-        desk.run(LINK_S)
-    assert desk.now_s - began_s < STOP_S
-    desk.close()
+        session.run(LINK_S)
+    assert session.now_s - began_s < STOP_S
+    session.close()
     assert wire.device.firmware.latch.cause is StopCause.LINK
 
 

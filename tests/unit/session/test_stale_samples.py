@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bringup.desk import STALE_S as BENCH_STALE_S
+from bridge.bringup.session import STALE_S as BENCH_STALE_S
 from bridge.errors import StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
 from bridge.run.host import Host
@@ -23,7 +23,7 @@ from protocol.messages.values import Mode, OnboardPlanner, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.framing import encode_frame
 from protocol.uart.link import Link
-from support.bench_wire import desk_on
+from support.bench_wire import bringup_session
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
 from support.hostile import Piece, Pipe, Wire
 
@@ -260,10 +260,10 @@ def test_an_observer_sees_a_clock_that_was_set_and_then_current_data(seconds: fl
 
 
 def test_bring_up_stops_motion_on_frozen_counts() -> None:
-    desk, wire = desk_on(sweeper())
-    desk.enable(Mode.VELOCITY)
-    desk.steer(lambda: (0.1, 0.0))
-    desk.run(1.0)
+    session, wire = bringup_session(sweeper())
+    session.enable(Mode.VELOCITY)
+    session.steer(lambda: (0.1, 0.0))
+    session.run(1.0)
     frames, plain = Restamped(Encoders), wire.turn
     frames.stamp = frozen()
 
@@ -272,10 +272,10 @@ def test_bring_up_stops_motion_on_frozen_counts() -> None:
         return b"".join(p.data for p in frames.misbehave(Piece(0, came)))
 
     wire.turn = turn  # type: ignore[method-assign]  # the wire of this test
-    began_s = desk.now_s
+    began_s = session.now_s
     with pytest.raises(StoppedForSafetyError, match="no fresh encoder readings"):
-        desk.run(3.0)
-    assert desk.now_s - began_s < BENCH_STALE_S + SLACK_S
+        session.run(3.0)
+    assert session.now_s - began_s < BENCH_STALE_S + SLACK_S
 
 
 # ---- the evaluation -----------------------------------------------------------------------

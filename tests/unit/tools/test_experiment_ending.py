@@ -83,9 +83,9 @@ def test_signals_wait_until_a_worker_is_prepared() -> None:
     begin = """
         import signal, subprocess, sys
         from multiprocessing import resource_tracker
-        from tools.cli.signals import held_back
+        from tools.cli.signals import signals_blocked
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-        with held_back():
+        with signals_blocked():
             resource_tracker.ensure_running()  # as a pool does before it begins a process
             child = subprocess.Popen([sys.executable, "-c", sys.stdin.read()])
         assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before

@@ -66,9 +66,9 @@ class Bench:
             MODEL, DeadMan(0.3, 0.2), make_plan=lambda: PlanRunner(Straight(), MODEL)
         )
         self.gone_on = 0
-        self.keys = Operating(self.loop, operator, go_on=self._go_on)  # type: ignore[arg-type]  # as much of a pump as is used
+        self.keys = Operating(self.loop, operator, on_resume=self._on_resume)  # type: ignore[arg-type]  # as much of a pump as is used
 
-    def _go_on(self) -> None:
+    def _on_resume(self) -> None:
         self.gone_on += 1
 
     def press(self, *names: str) -> str:

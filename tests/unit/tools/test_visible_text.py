@@ -96,7 +96,7 @@ def test_a_long_word_and_a_long_line_are_shortened() -> None:
 SINKS: list[Callable[[str], None]] = [
     console.inform,
     console.inform_lines,
-    console.complain,
+    console.print_error,
     console.ask,
     console.write_line,
     console.write_lines,

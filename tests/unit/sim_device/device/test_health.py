@@ -271,10 +271,10 @@ def test_an_ultrasonic_that_is_blind() -> None:
 
 def test_an_ultrasonic_that_lies() -> None:
     bench = Bench()
-    bench.device.sensors.faults.ultrasonic_lie_m = 1.5
+    bench.device.sensors.faults.ultrasonic_constant_m = 1.5
     bench.drive(3.5, 0.2)
     assert bench.faults & Fault.ULTRASONIC
-    bench.device.sensors.faults.ultrasonic_lie_m = None
+    bench.device.sensors.faults.ultrasonic_constant_m = None
     bench.drive(0.5, 0.2)
     assert not bench.faults & Fault.ULTRASONIC
 

@@ -21,17 +21,17 @@ from protocol.messages.values import (
 )
 from sim_device.device.parameters import Parameter, ParameterStore, from_raw, table, to_raw
 from support.ends import REST_M_S
-from support.ready_device import F32, NUMBERS, U32, Desk, cruise, f32
+from support.ready_device import F32, NUMBERS, U32, ReadyDevice, cruise, f32
 
 # ---- the table ----------------------------------------------------------------------------
 
 
 def test_every_parameter_can_be_listed() -> None:
-    desk = Desk()
+    ready = ReadyDevice()
     names = []
     for number in range(len(NUMBERS)):
-        assert desk.ask(lambda i, n=number: GetParameter(i, n)) is None  # type: ignore[misc]
-        value = desk.heard(ParameterValue)[-1]
+        assert ready.ask(lambda i, n=number: GetParameter(i, n)) is None  # type: ignore[misc]
+        value = ready.heard(ParameterValue)[-1]
         assert isinstance(value, ParameterValue)
         assert (value.parameter, value.parameter_count) == (number, len(NUMBERS))
         assert value.value == value.default
@@ -42,7 +42,7 @@ def test_every_parameter_can_be_listed() -> None:
     assert names[0] == "node id"
     assert "wheel_diameter m" in names
     assert "stop_deceleration m/s2" in names
-    assert desk.ask(lambda i: GetParameter(i, len(NUMBERS))) is NackReason.UNKNOWN_PARAMETER
+    assert ready.ask(lambda i: GetParameter(i, len(NUMBERS))) is NackReason.UNKNOWN_PARAMETER
 
 
 def test_the_table_holds_the_robots_own_values_within_their_ranges() -> None:
@@ -54,9 +54,9 @@ def test_the_table_holds_the_robots_own_values_within_their_ranges() -> None:
 
 
 def test_the_value_comes_before_the_acknowledgement() -> None:
-    desk = Desk()
-    desk.get("max_speed")
-    kinds = [e for e in desk.host.events if isinstance(e, CommandEnded | Data)]
+    ready = ReadyDevice()
+    ready.get("max_speed")
+    kinds = [e for e in ready.host.events if isinstance(e, CommandEnded | Data)]
     order = [
         "ack" if isinstance(e, CommandEnded) else "value"
         for e in kinds
@@ -67,21 +67,21 @@ def test_the_value_comes_before_the_acknowledgement() -> None:
 
 def test_a_repeated_get_gives_the_value_again() -> None:
     """The acknowledgement may arrive although the value was lost."""
-    desk = Desk()
+    ready = ReadyDevice()
     for _ in range(2):
-        desk.send(GetParameter(900, NUMBERS["max_speed"]))
-        desk.ends.run(0.05)
-    assert len(desk.heard(ParameterValue)) == 2
+        ready.send(GetParameter(900, NUMBERS["max_speed"]))
+        ready.ends.run(0.05)
+    assert len(ready.heard(ParameterValue)) == 2
 
 
 def test_a_repeated_set_is_carried_out_once() -> None:
-    desk = Desk()
-    number, first, second = NUMBERS["max_speed"], desk.spare_id(), desk.spare_id()
-    desk.send(SetParameter(first, number, F32, f32(0.2)))
-    desk.send(SetParameter(second, number, F32, f32(0.1)))
-    desk.send(SetParameter(first, number, F32, f32(0.2)))
-    desk.ends.run(0.1)
-    assert desk.get("max_speed").value == f32(0.1)
+    ready = ReadyDevice()
+    number, first, second = NUMBERS["max_speed"], ready.spare_id(), ready.spare_id()
+    ready.send(SetParameter(first, number, F32, f32(0.2)))
+    ready.send(SetParameter(second, number, F32, f32(0.1)))
+    ready.send(SetParameter(first, number, F32, f32(0.2)))
+    ready.ends.run(0.1)
+    assert ready.get("max_speed").value == f32(0.1)
 
 
 @pytest.mark.parametrize(
@@ -100,39 +100,39 @@ def test_a_repeated_set_is_carried_out_once() -> None:
 def test_invalid_values_are_rejected_and_change_nothing(
     name: str, kind: int, raw: int, reason: NackReason
 ) -> None:
-    desk = Desk()
-    assert desk.ask(lambda i: SetParameter(i, NUMBERS[name], kind, raw)) is reason
-    value = desk.get(name)
+    ready = ReadyDevice()
+    assert ready.ask(lambda i: SetParameter(i, NUMBERS[name], kind, raw)) is reason
+    value = ready.get(name)
     assert value.value == value.default
     assert not value.flags & ParameterFlag.CHANGED
 
 
 def test_an_unknown_parameter_cannot_be_set() -> None:
-    desk = Desk()
-    assert desk.ask(lambda i: SetParameter(i, 200, F32, 0)) is NackReason.UNKNOWN_PARAMETER
+    ready = ReadyDevice()
+    assert ready.ask(lambda i: SetParameter(i, 200, F32, 0)) is NackReason.UNKNOWN_PARAMETER
 
 
 def test_flags_show_the_state_of_a_value() -> None:
-    desk = Desk()
-    assert desk.get("max_speed").flags == 0
-    assert desk.get("node").flags == ParameterFlag.READ_ONLY
-    assert desk.get("wheel_base").flags == ParameterFlag.NEEDS_REBOOT
-    desk.set("max_speed", 0.25)
-    assert desk.get("max_speed").flags == ParameterFlag.CHANGED
-    assert desk.save() is None
-    assert desk.get("max_speed").flags == ParameterFlag.STORED
-    desk.set("max_speed", 0.3)
-    assert desk.get("max_speed").flags == ParameterFlag.CHANGED, "the stored one is another"
+    ready = ReadyDevice()
+    assert ready.get("max_speed").flags == 0
+    assert ready.get("node").flags == ParameterFlag.READ_ONLY
+    assert ready.get("wheel_base").flags == ParameterFlag.NEEDS_REBOOT
+    ready.set("max_speed", 0.25)
+    assert ready.get("max_speed").flags == ParameterFlag.CHANGED
+    assert ready.save() is None
+    assert ready.get("max_speed").flags == ParameterFlag.STORED
+    ready.set("max_speed", 0.3)
+    assert ready.get("max_speed").flags == ParameterFlag.CHANGED, "the stored one is another"
 
 
 def test_parameters_need_a_session() -> None:
-    desk = Desk()
-    desk.host.session.close()
-    desk.ends.run(1.5)  # the device ends the session
-    booted = desk.ends.device.firmware
+    ready = ReadyDevice()
+    ready.host.session.close()
+    ready.ends.run(1.5)  # the device ends the session
+    booted = ready.ends.device.firmware
     assert not booted.negotiated
-    desk.send(SetParameter(1, NUMBERS["max_speed"], F32, f32(0.1)))
-    desk.ends.run(0.05)
+    ready.send(SetParameter(1, NUMBERS["max_speed"], F32, f32(0.1)))
+    ready.ends.run(0.05)
     assert booted.parameters.value("max_speed") == 0.3
 
 
@@ -140,64 +140,64 @@ def test_parameters_need_a_session() -> None:
 
 
 def test_a_limit_counts_at_once() -> None:
-    desk = Desk()
-    desk.free()
-    desk.drive(1.5, cruise)
-    assert desk.speed == pytest.approx(0.3, abs=0.02)
-    assert desk.set("max_speed", 0.1) is None
-    desk.drive(1.5, cruise)
-    assert desk.speed == pytest.approx(0.1, abs=0.02)
+    ready = ReadyDevice()
+    ready.free()
+    ready.drive(1.5, cruise)
+    assert ready.speed == pytest.approx(0.3, abs=0.02)
+    assert ready.set("max_speed", 0.1) is None
+    ready.drive(1.5, cruise)
+    assert ready.speed == pytest.approx(0.1, abs=0.02)
 
 
 def test_a_gentler_stop_takes_longer() -> None:
     def stopping_m(deceleration: float) -> float:
-        desk = Desk()
-        assert desk.set("stop_deceleration", deceleration) is None
-        desk.free()
-        desk.drive(2.0, cruise)
-        start = desk.ends.device.truth.path_m
-        assert desk.ask(lambda i: Stop(i, StopCause.OPERATOR)) is None
-        desk.ends.run(2.0)
-        assert desk.speed < REST_M_S
-        return desk.ends.device.truth.path_m - start
+        ready = ReadyDevice()
+        assert ready.set("stop_deceleration", deceleration) is None
+        ready.free()
+        ready.drive(2.0, cruise)
+        start = ready.ends.device.truth.path_m
+        assert ready.ask(lambda i: Stop(i, StopCause.OPERATOR)) is None
+        ready.ends.run(2.0)
+        assert ready.speed < REST_M_S
+        return ready.ends.device.truth.path_m - start
 
     brisk, gentle = stopping_m(1.0), stopping_m(0.3)
     assert gentle - brisk == pytest.approx(0.09 * (1 / 0.3 - 1) / 2, rel=0.3)
 
 
 def test_battery_low_uses_the_parameter() -> None:
-    desk = Desk()
-    desk.ends.run(0.5)
-    assert not desk.ends.device.firmware.faults & Fault.BATTERY_LOW
-    assert desk.set("battery_low", 20.0) is None
-    desk.ends.run(0.5)
-    status = desk.heard(Status)[-1]
+    ready = ReadyDevice()
+    ready.ends.run(0.5)
+    assert not ready.ends.device.firmware.faults & Fault.BATTERY_LOW
+    assert ready.set("battery_low", 20.0) is None
+    ready.ends.run(0.5)
+    status = ready.heard(Status)[-1]
     assert isinstance(status, Status)
     assert status.faults & Fault.BATTERY_LOW
 
 
 def test_geometry_counts_from_the_next_boot_on() -> None:
     """A device with doubled wheel diameters drives at half the speed."""
-    desk = Desk()
-    assert desk.set("wheel_diameter", 0.13) is None
-    assert desk.save() is None
-    desk.free()
-    desk.drive(1.5, cruise)
-    assert desk.speed == pytest.approx(0.3, abs=0.02)
-    assert desk.ask(lambda i: Stop(i, StopCause.SESSION_END)) is None
-    desk.ends.run(1.0)
-    assert desk.reboot() is None
-    desk.free()
-    desk.drive(1.5, cruise)
-    assert desk.speed == pytest.approx(0.15, abs=0.02)
+    ready = ReadyDevice()
+    assert ready.set("wheel_diameter", 0.13) is None
+    assert ready.save() is None
+    ready.free()
+    ready.drive(1.5, cruise)
+    assert ready.speed == pytest.approx(0.3, abs=0.02)
+    assert ready.ask(lambda i: Stop(i, StopCause.SESSION_END)) is None
+    ready.ends.run(1.0)
+    assert ready.reboot() is None
+    ready.free()
+    ready.drive(1.5, cruise)
+    assert ready.speed == pytest.approx(0.15, abs=0.02)
 
 
 def test_saving_waits_until_it_cannot_drive() -> None:
-    desk = Desk()
-    desk.free()
-    assert desk.save() is NackReason.OTHER_MODE
-    assert desk.ask(lambda i: SetMode(i, Mode.IDLE)) is None
-    assert desk.save() is None
+    ready = ReadyDevice()
+    ready.free()
+    assert ready.save() is NackReason.OTHER_MODE
+    assert ready.ask(lambda i: SetMode(i, Mode.IDLE)) is None
+    assert ready.save() is None
 
 
 # ---- the store by itself ------------------------------------------------------------------
@@ -234,8 +234,8 @@ def test_a_default_is_itself_and_not_its_32_bits() -> None:
 
 
 def test_a_reboot_is_acknowledged_first() -> None:
-    desk = Desk()
-    desk.send(Reboot(77, RebootKind.NORMAL))
-    desk.ends.run(0.1)
-    acks = [d.received.message for d in desk.host.of(Data) if d.received.spec.cls is Ack]
+    ready = ReadyDevice()
+    ready.send(Reboot(77, RebootKind.NORMAL))
+    ready.ends.run(0.1)
+    acks = [d.received.message for d in ready.host.of(Data) if d.received.spec.cls is Ack]
     assert acks[-1] == Ack(77, 0x0E)

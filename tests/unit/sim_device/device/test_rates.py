@@ -20,7 +20,7 @@ from support.ends import SessionEnd, session_end
 if TYPE_CHECKING:
     from protocol.schema.message import Message
 from support.device_bench import Bench
-from support.ready_device import Desk
+from support.ready_device import ReadyDevice
 
 IMU, POWER, SYNC = (CATALOGUE.by_class[c].type_id for c in (Imu, Power, Sync))
 
@@ -29,43 +29,43 @@ IMU, POWER, SYNC = (CATALOGUE.by_class[c].type_id for c in (Imu, Power, Sync))
     ("tenths", "expected"), [(0, 0), (1, 0), (125, 25), (500, 100), (1000, 200), (10_000, 200)]
 )
 def test_a_stream_comes_at_the_rate_asked_for(tenths: int, expected: int) -> None:
-    desk = Desk()
-    assert desk.rate(IMU, tenths) is None
-    assert desk.count(Imu, 2.0) == pytest.approx(expected, abs=1)
+    ready = ReadyDevice()
+    assert ready.rate(IMU, tenths) is None
+    assert ready.count(Imu, 2.0) == pytest.approx(expected, abs=1)
 
 
 def test_other_streams_keep_theirs() -> None:
-    desk = Desk()
-    desk.rate(POWER, 0)
-    assert desk.count(Imu, 1.0) == pytest.approx(100, abs=1)
+    ready = ReadyDevice()
+    ready.rate(POWER, 0)
+    assert ready.count(Imu, 1.0) == pytest.approx(100, abs=1)
 
 
 def test_rates_end_with_the_session() -> None:
-    desk = Desk()
-    desk.rate(IMU, 0)
-    assert desk.count(Imu, 1.0) == 0
-    desk.ends.restart_host(session_end())
-    host = desk.ends.host
+    ready = ReadyDevice()
+    ready.rate(IMU, 0)
+    assert ready.count(Imu, 1.0) == 0
+    ready.ends.restart_host(session_end())
+    host = ready.ends.host
     assert isinstance(host, SessionEnd)
-    desk.host = host
-    desk.complete_handshake()
-    assert desk.count(Imu, 1.0) == pytest.approx(100, abs=1)
+    ready.host = host
+    ready.complete_handshake()
+    assert ready.count(Imu, 1.0) == pytest.approx(100, abs=1)
 
 
 def test_a_stream_that_was_off_can_be_had_again() -> None:
-    desk = Desk()
-    desk.rate(POWER, 0)
-    assert desk.count(Power, 1.0) == 0
-    assert desk.rate(POWER, 100) is None
-    assert desk.count(Power, 1.0) == pytest.approx(10, abs=1)
+    ready = ReadyDevice()
+    ready.rate(POWER, 0)
+    assert ready.count(Power, 1.0) == 0
+    assert ready.rate(POWER, 100) is None
+    assert ready.count(Power, 1.0) == pytest.approx(10, abs=1)
 
 
 def test_the_supply_is_supervised_with_any_streams() -> None:
-    desk = Desk()
-    desk.rate(POWER, 0)
-    desk.set("battery_low", 20.0)
-    desk.ends.run(0.5)
-    assert desk.ends.device.firmware.faults & Fault.BATTERY_LOW
+    ready = ReadyDevice()
+    ready.rate(POWER, 0)
+    ready.set("battery_low", 20.0)
+    ready.ends.run(0.5)
+    assert ready.ends.device.firmware.faults & Fault.BATTERY_LOW
 
 
 @pytest.mark.parametrize(
@@ -79,12 +79,12 @@ def test_the_supply_is_supervised_with_any_streams() -> None:
     ],
 )
 def test_rates_that_cannot_be(kind: type[Message], tenths: int, reason: NackReason) -> None:
-    desk = Desk()
-    assert desk.rate(CATALOGUE.by_class[kind].type_id, tenths) is reason
+    ready = ReadyDevice()
+    assert ready.rate(CATALOGUE.by_class[kind].type_id, tenths) is reason
 
 
 def test_an_unknown_type_has_no_rate() -> None:
-    assert Desk().rate(0x7D, 10) is NackReason.BAD_VALUE
+    assert ReadyDevice().rate(0x7D, 10) is NackReason.BAD_VALUE
 
 
 def stamped(bench: Bench, kind: type[Message], duration_s: float) -> list[tuple[int, Message]]:

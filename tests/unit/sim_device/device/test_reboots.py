@@ -16,45 +16,45 @@ from protocol.messages.values import (
 )
 from sim_device.sweeper import BOOT_US
 from support.ends import HOST_BOOT_US
-from support.ready_device import Desk, cruise, f32
+from support.ready_device import ReadyDevice, cruise, f32
 
 pytestmark = pytest.mark.usefixtures("target")
 
 
 def test_a_reboot_is_acknowledged_then_done_then_the_handshake_repeats() -> None:
-    desk = Desk()
-    before = desk.ends.device.firmware.identity
-    assert desk.reboot() is None
-    first, second = desk.host.of(SessionReady)
+    ready = ReadyDevice()
+    before = ready.ends.device.firmware.identity
+    assert ready.reboot() is None
+    first, second = ready.host.of(SessionReady)
     assert second.rebooted
     assert second.hello.boot_id not in {0, first.hello.boot_id}
     assert second.hello.reset_cause == ResetCause.SOFTWARE
     assert second.hello.uid == first.hello.uid
-    assert desk.ends.device.firmware.latch.cause is StopCause.SESSION_END
-    assert desk.ends.device.firmware.identity.boot_id != before.boot_id
+    assert ready.ends.device.firmware.latch.cause is StopCause.SESSION_END
+    assert ready.ends.device.firmware.identity.boot_id != before.boot_id
 
 
 def test_boot_ids_follow_the_seed() -> None:
     def ids(seed: int) -> list[int]:
-        desk = Desk(seed)
-        desk.reboot()
-        desk.reboot()
-        return [a.hello.boot_id for a in desk.host.of(SessionReady)]
+        ready = ReadyDevice(seed)
+        ready.reboot()
+        ready.reboot()
+        return [a.hello.boot_id for a in ready.host.of(SessionReady)]
 
     assert ids(3) == ids(3)
     assert len({*ids(3), *ids(4)}) == 6
 
 
 def test_a_boot_takes_time_and_restarts_the_clock() -> None:
-    desk = Desk()
-    desk.ends.run(2.0)
-    asked_us = desk.ends.now_us
-    known = len(desk.host.events)
-    desk.ask(lambda i: Reboot(i, RebootKind.NORMAL))
-    desk.ends.run(1.0)
+    ready = ReadyDevice()
+    ready.ends.run(2.0)
+    asked_us = ready.ends.now_us
+    known = len(ready.host.events)
+    ready.ask(lambda i: Reboot(i, RebootKind.NORMAL))
+    ready.ends.run(1.0)
     heard = [
         (event.arrived_ns // 1000 - HOST_BOOT_US, event.received.frame.t_us)
-        for event in desk.host.events[known:]
+        for event in ready.host.events[known:]
         if isinstance(event, Data)
     ]
     assert not [at for at, _ in heard if asked_us + 40_000 < at < asked_us + BOOT_US]
@@ -65,45 +65,45 @@ def test_a_boot_takes_time_and_restarts_the_clock() -> None:
 
 
 def test_saved_parameters_survive_a_reboot_and_others_do_not() -> None:
-    desk = Desk()
-    desk.set("max_speed", 0.25)
-    desk.save()
-    desk.set("cruise_speed", 0.15)
-    desk.reboot()
-    assert desk.get("max_speed").value == f32(0.25)
-    assert desk.get("max_speed").flags == ParameterFlag.STORED
-    assert desk.get("cruise_speed").value == f32(0.20)
+    ready = ReadyDevice()
+    ready.set("max_speed", 0.25)
+    ready.save()
+    ready.set("cruise_speed", 0.15)
+    ready.reboot()
+    assert ready.get("max_speed").value == f32(0.25)
+    assert ready.get("max_speed").flags == ParameterFlag.STORED
+    assert ready.get("cruise_speed").value == f32(0.20)
 
 
 def test_a_factory_reset_erases_them() -> None:
-    desk = Desk()
-    desk.set("max_speed", 0.25)
-    desk.save()
-    assert desk.reboot(RebootKind.FACTORY_RESET) is None
-    value = desk.get("max_speed")
+    ready = ReadyDevice()
+    ready.set("max_speed", 0.25)
+    ready.save()
+    assert ready.reboot(RebootKind.FACTORY_RESET) is None
+    value = ready.get("max_speed")
     assert value.value == value.default == f32(0.3)
     assert value.flags == 0
 
 
 @pytest.mark.parametrize("kind", [2, 3])
 def test_a_boot_that_there_is_not(kind: int) -> None:
-    desk = Desk()
-    firmware = desk.ends.device.firmware
-    assert desk.ask(lambda i: Reboot(i, kind)) is NackReason.BAD_VALUE
-    desk.ends.run(1.0)
-    assert desk.ends.device.firmware is firmware
+    ready = ReadyDevice()
+    firmware = ready.ends.device.firmware
+    assert ready.ask(lambda i: Reboot(i, kind)) is NackReason.BAD_VALUE
+    ready.ends.run(1.0)
+    assert ready.ends.device.firmware is firmware
 
 
 def test_a_reboot_is_rejected_while_it_drives_or_rolls() -> None:
-    desk = Desk()
-    desk.free()
-    desk.drive(1.0, cruise)
-    assert desk.ask(lambda i: Reboot(i, RebootKind.NORMAL)) is NackReason.OTHER_MODE
-    first, second = desk.spare_id(), desk.spare_id()
-    desk.send(SetMode(first, Mode.IDLE))
-    desk.send(Reboot(second, RebootKind.NORMAL))  # at the same time: it still rolls
-    desk.ends.run(0.1)
-    nacks = [d.received.message for d in desk.host.of(Data) if d.received.spec.name == "nack"]
+    ready = ReadyDevice()
+    ready.free()
+    ready.drive(1.0, cruise)
+    assert ready.ask(lambda i: Reboot(i, RebootKind.NORMAL)) is NackReason.OTHER_MODE
+    first, second = ready.spare_id(), ready.spare_id()
+    ready.send(SetMode(first, Mode.IDLE))
+    ready.send(Reboot(second, RebootKind.NORMAL))  # at the same time: it still rolls
+    ready.ends.run(0.1)
+    nacks = [d.received.message for d in ready.host.of(Data) if d.received.spec.name == "nack"]
     assert [(m.command_id, m.reason) for m in nacks[-1:]] == [(second, NackReason.FAULT)]  # type: ignore[attr-defined]
-    desk.ends.run(1.0)
-    assert desk.reboot() is None
+    ready.ends.run(1.0)
+    assert ready.reboot() is None

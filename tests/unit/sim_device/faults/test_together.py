@@ -117,7 +117,7 @@ def test_bytes_that_the_host_does_not_read_overflow_the_adapter() -> None:
     while made.counts().adapter_overrun == 0:
         now_us = made.next_deadline_us()
         out = made.step(b"", now_us)
-        made.give_back(out, now_us)
+        made.take_back(out, now_us)
         held = max(held, len(out))
         assert now_us < 6_000_000
     assert held <= 4096 + 62

@@ -116,7 +116,7 @@ def test_at_256_it_leaves_the_bus_and_shows_255() -> None:
     controller.sent(good=True)
     controller.leave()
     assert (controller.send_errors, controller.offs) == (255, 1)
-    controller.come_back()
+    controller.rejoin()
     assert (controller.send_errors, controller.is_off, controller.offs) == (0, False, 1)
 
 

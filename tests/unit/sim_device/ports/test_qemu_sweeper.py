@@ -54,7 +54,7 @@ class FakeQemu:
     def halt(self) -> None:
         self.orders.append("halt")
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         self.orders.append("go on")
 
     def close(self) -> None:

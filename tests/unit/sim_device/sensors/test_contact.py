@@ -209,9 +209,9 @@ def test_a_blind_and_a_lying_ultrasonic() -> None:
     assert suite.ranges().ultrasonic_m == pytest.approx(0.88)
     suite.faults.ultrasonic_blind = True
     assert suite.ranges().ultrasonic_m is None
-    suite.faults.ultrasonic_lie_m = 0.33
+    suite.faults.ultrasonic_constant_m = 0.33
     assert suite.ranges().ultrasonic_m == 0.33
-    suite.faults.ultrasonic_lie_m = None
+    suite.faults.ultrasonic_constant_m = None
     suite.faults.ultrasonic_blind = False
     assert suite.ranges().ultrasonic_m == pytest.approx(0.88)
 

@@ -30,7 +30,7 @@ HELLO_S = 1.3
 """Listening time at each baud rate, s. A device without a session sends a hello every second."""
 
 
-def attend(  # noqa: PLR0913 - options of a visit
+def examine_port(  # noqa: PLR0913 - options of a visit
     port: BytePort,
     name: str,
     duration_s: float,

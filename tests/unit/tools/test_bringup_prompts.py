@@ -1,4 +1,4 @@
-"""The desk of the bring-up commands: the port in errors, and problems of the robot."""
+"""The session of the bring-up commands: the port in errors, and problems of the robot."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from bridge.errors import (
     StoppedForSafetyError,
 )
 from bridge.motion.robot_model import RobotModel
-from tools.bringup.desk import desk_on
+from tools.bringup.session import bringup_session
 
 PORT = "/dev/robot"
 
 
-class Desk(nullcontext[None]):
-    """A desk with a session."""
+class FakeSession(nullcontext[None]):
+    """A session without a device."""
 
     def __init__(self, *_: object, **__: object) -> None:
         super().__init__(None)
@@ -33,7 +33,7 @@ class Desk(nullcontext[None]):
 
 @pytest.fixture(name="asked")
 def _asked(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401 - in place of a port's options
-    monkeypatch.setattr("bridge.bringup.desk.Desk", Desk)
+    monkeypatch.setattr("bridge.bringup.session.BringupSession", FakeSession)
     port = SimpleNamespace(name=PORT, close=lambda: None)
     return SimpleNamespace(name=PORT, key=None, node=None, open=lambda: port)
 
@@ -52,7 +52,7 @@ def _asked(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401 - in place o
     ],
 )
 def test_a_failure_names_the_port_once(asked: Any, error: BridgeError, text: str) -> None:  # noqa: ANN401 - as above
-    with pytest.raises(type(error)) as caught, desk_on(asked, None, RobotModel(), ""):
+    with pytest.raises(type(error)) as caught, bringup_session(asked, None, RobotModel(), ""):
         raise error
     assert str(caught.value) == text
 
@@ -62,6 +62,6 @@ def test_unsuitable_values_are_reported_first(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     wide = dataclasses.replace(RobotModel(), mouth_offset_m=0.15)
-    with desk_on(asked, None, wide, ""):
+    with bringup_session(asked, None, wide, ""):
         pass
     assert "warning: robot: cleaning_width_m, mouth_offset_m: " in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The port of a desk, and the error for a procedure that a person has ended."""
+"""The port of a bring-up session, and the error for a procedure that a person has ended."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 
-class DeskPort(Protocol):
+class BringupPort(Protocol):
     """A port with a clock: a real port, or the virtual device in virtual time."""
 
     @property

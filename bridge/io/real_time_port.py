@@ -17,7 +17,7 @@ STUCK_NS = 50_000_000
 are repeated."""
 
 
-class PortWire:
+class RealTimePort:
     """Sends and receives bytes over a port in real time."""
 
     def __init__(self, port: BytePort) -> None:

@@ -1,6 +1,6 @@
 """A session with one device for bring-up: requests, measurements and small motions.
 
-Sans-I/O: a :class:`bridge.bringup.desk_wire.DeskPort` carries bytes and gives the time. So the same
+Sans-I/O: a :class:`bridge.bringup.port.BringupPort` carries bytes and gives the time. So the same
 procedure runs on a port and, in virtual time, against the emulated device. Time passes only inside
 its calls. It has one thread, and no planner, log or estimate; :class:`bridge.run.host.Host` has
 these.
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Self, TypeVar, cast
 
-from bridge.bringup.desk_wire import InterruptedByPersonError
+from bridge.bringup.port import InterruptedByPersonError
 from bridge.errors import (
     BridgeError,
     DeviceLostError,
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
-    from bridge.bringup.desk_wire import DeskPort
-    from bridge.bringup.recorded import BenchRecords
+    from bridge.bringup.port import BringupPort
+    from bridge.bringup.recorded import BringupRecords
     from bridge.session.states import SessionEvent
     from protocol.commands import Outcome
     from protocol.messages.host import Stop
@@ -66,18 +66,18 @@ M = TypeVar("M", bound="Message")
 R = TypeVar("R")
 
 
-class Desk:
+class BringupSession:
     """A session with one device. As a context manager it leaves the device stopped."""
 
     def __init__(  # noqa: PLR0913 - options of a session
         self,
-        wire: DeskPort,
+        wire: BringupPort,
         new_session_id: Callable[[], int],
         *,
         node: int | None = None,
         key: bytes | None = None,
         timeout_s: float = 10.0,
-        records: BenchRecords | None = None,
+        records: BringupRecords | None = None,
     ) -> None:
         """Open a session with the device; nothing moves.
 
@@ -125,9 +125,9 @@ class Desk:
         self.session.open(self._polled_ns)
         if not self._spin(timeout_s, lambda: self.ready):
             wire.close()
-            raise self._nobody(timeout_s)
+            raise self._no_device_error(timeout_s)
 
-    def _nobody(self, timeout_s: float) -> BridgeError:
+    def _no_device_error(self, timeout_s: float) -> BridgeError:
         failed = self._failed
         if failed is None:
             return NoDeviceError(f"no sweeper answered within {timeout_s:g} s")
@@ -380,7 +380,7 @@ class Desk:
         self._duty = None
         self._steer = wanted
 
-    def let_go(self) -> None:
+    def stop_sending(self) -> None:
         """Send neither duties nor velocities any more: the device ramps to rest."""
         self._duty = self._steer = None
 
@@ -394,7 +394,7 @@ class Desk:
             PortError: the port is gone.
 
         """
-        self.let_go()
+        self.stop_sending()
         self._free = False
         self._interrupted = False
         self._failed, self._unsafe = None, ""

@@ -27,9 +27,9 @@ from tools.cli.signals import until_signalled
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from bridge.bringup.desk import Desk
-    from bridge.bringup.desk_wire import DeskPort
-    from bridge.bringup.recorded import BenchRecords
+    from bridge.bringup.port import BringupPort
+    from bridge.bringup.recorded import BringupRecords
+    from bridge.bringup.session import BringupSession
     from bridge.bringup.wiring import CheckResult
     from bridge.motion.robot_model import RobotModel
     from tools.cli.port_options import PortAsked
@@ -39,9 +39,9 @@ _LONG_S = 1e6
 
 
 @contextlib.contextmanager
-def desk_on(
-    asked: PortAsked, log: BenchLog | None, model: RobotModel, robot_toml: str
-) -> Iterator[Desk]:
+def bringup_session(
+    asked: PortAsked, log: BringupLog | None, model: RobotModel, robot_toml: str
+) -> Iterator[BringupSession]:
     """Open a session with the device on a port. Ctrl-C interrupts it, and its end stops the robot.
 
     Cautions about the robot are printed first. Errors of the device or its link name the port.
@@ -59,28 +59,28 @@ def desk_on(
         LogWriteError: the log cannot be written.
 
     """
-    from bridge.bringup.desk import Desk
-    from bridge.io.desk_wire import PortWire
+    from bridge.bringup.session import BringupSession
+    from bridge.io.real_time_port import RealTimePort
 
     key = asked.key
     for line in caution_lines(model, None):
         inform(line)
     with contextlib.ExitStack() as stack:
         stack.enter_context(_named(asked.name))
-        wire = PortWire(asked.open())
+        wire = RealTimePort(asked.open())
         stack.callback(wire.close)
         records = None
         if log is not None:
             records = stack.enter_context(_recorded(wire, asked.name, log, model, robot_toml))
-        desk = Desk(
+        session = BringupSession(
             wire,
             new_session_id,
             node=asked.node,
             key=key,
             records=records,
         )
-        with until_signalled(desk.interrupt), desk:
-            yield desk
+        with until_signalled(session.interrupt), session:
+            yield session
 
 
 @contextlib.contextmanager
@@ -95,7 +95,7 @@ def _named(port: str) -> Iterator[None]:
 
 
 @dataclass(frozen=True, slots=True)
-class BenchLog:
+class BringupLog:
     """Where to record a bring-up or calibration."""
 
     path: Path
@@ -107,10 +107,10 @@ class BenchLog:
 
 @contextlib.contextmanager
 def _recorded(
-    wire: DeskPort, port: str, log: BenchLog, model: RobotModel, robot_toml: str
-) -> Iterator[BenchRecords]:
+    wire: BringupPort, port: str, log: BringupLog, model: RobotModel, robot_toml: str
+) -> Iterator[BringupRecords]:
     """Record the traffic of ``wire`` to a log file."""
-    from bridge.bringup.recorded import BenchRecords
+    from bridge.bringup.recorded import BringupRecords
     from bridge.io import clock
     from bridge.record.policy import RecordOptions, open_log
     from bridge.record.recorder import ThreadedRecorder
@@ -123,7 +123,7 @@ def _recorded(
     info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, model, robot_toml, None, extra)
     # It runs in its own thread, because a slow disk must not delay the command that stops a wheel.
     recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
-    records = BenchRecords(wire, recorder, offset_ns)
+    records = BringupRecords(wire, recorder, offset_ns)
     try:
         yield records
     finally:
@@ -133,13 +133,13 @@ def _recorded(
 
 
 def log_options(f: Callable[..., object]) -> Callable[..., object]:
-    """Add ``--log`` and ``--force``; the command gets one ``log: BenchLog | None``."""
+    """Add ``--log`` and ``--force``; the command gets one ``log: BringupLog | None``."""
 
     @functools.wraps(f)
     def gathered(**given: Any) -> object:  # noqa: ANN401 - click's values
         path, force = given.pop("log"), given.pop("force")
         command = click.get_current_context().command_path.partition(" ")[2]
-        return f(log=None if path is None else BenchLog(path, force, command), **given)
+        return f(log=None if path is None else BringupLog(path, force, command), **given)
 
     made = click.option("--force", is_flag=True, help="Replace output files that exist.")(gathered)
     return click.option(
@@ -152,9 +152,11 @@ def log_options(f: Callable[..., object]) -> Callable[..., object]:
 class Terminal:
     """Prompts at this terminal; the session with the device continues during a prompt."""
 
-    def __init__(self, desk: Desk, *, yes: bool = False, source: TextIO | None = None) -> None:
+    def __init__(
+        self, session: BringupSession, *, yes: bool = False, source: TextIO | None = None
+    ) -> None:
         """Prompt on stderr and read from ``source`` (stdin); ``yes`` confirms every question."""
-        self._desk, self._yes = desk, yes
+        self._session, self._yes = session, yes
         self._source = source or sys.stdin
 
     def show(self, text: str) -> None:
@@ -166,7 +168,7 @@ class Terminal:
         self._print(finding.line, {True: "green", False: "red", None: "yellow"}[finding.ok])
 
     def _print(self, text: str, colour: str | None) -> None:
-        self._desk.record_line(text)
+        self._session.record_line(text)
         inform(text, style=colour)
 
     def confirm(self, text: str) -> bool:
@@ -223,7 +225,7 @@ class Terminal:
             done.set()
 
         threading.Thread(target=read, name="answer", daemon=True).start()
-        self._desk.run(_LONG_S, done.is_set)
+        self._session.run(_LONG_S, done.is_set)
         return answers[0].strip() if answers[0] else None
 
 
