@@ -238,7 +238,7 @@ class Examination:
         if wire.device_damaged >= MIN_DAMAGED and not self._mostly_garbage():
             # With different baud rates both ends receive damaged frames.
             text = f"the device counted {wire.device_damaged} damaged frames from the host"
-            yield Finding("device_hears_noise", _WARN, text, {"damaged": wire.device_damaged})
+            yield Finding("device_receives_noise", _WARN, text, {"damaged": wire.device_damaged})
         if wire.device_stale > max(MIN_DAMAGED, STALE_SHARE * wire.device_received):
             text = f"the device dropped {wire.device_stale} setpoints as stale or duplicate"
             yield Finding("late_setpoints", _WARN, text, {"stale": wire.device_stale})

@@ -36,7 +36,7 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "streams (sweepctl param, stream rates) or a receive buffer that is too small",
         "repeated": "a driver or adapter delivers packets twice; update it, or try another hub or "
         "adapter",
-        "device_hears_noise": "the bytes from the host arrive damaged at the device; check that "
+        "device_receives_noise": "the bytes from the host arrive damaged at the device; check that "
         "wire, its level (3.3 V or 5 V) and the ground",
         "late_setpoints": "the device dropped velocity setpoints because they were too old; see "
         "the findings latency and host_stall",

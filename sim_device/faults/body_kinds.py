@@ -259,9 +259,9 @@ BODY_KINDS = (
         _ultrasonic_blind,
     ),
     FaultKind(
-        "ultrasonic-lies",
+        "ultrasonic-constant",
         "The ultrasonic sensor reports a constant distance.",
-        "ultrasonic-lies@20:10:m=1.5",
+        "ultrasonic-constant@20:10:m=1.5",
         (Number("m", "reported distance", "m", 0.5, 0.02, 4.0),),
         _ultrasonic_constant,
     ),

@@ -75,10 +75,12 @@ PATIENTS: tuple[Patient, ...] = (
     _patient("well, for five seconds", "", seconds=4.8),
     _patient("well, driving", "", moving=True, seconds=60.0),
     _patient("well, a whole room", "", moving=True, seconds=300.0),
-    _patient("bit-flips", "line_noise", "bit-flips@5:10:rate=0.001", beside="device_hears_noise"),
-    _patient("byte-loss", "overrun", "byte-loss@5:10:rate=0.001", beside="device_hears_noise"),
-    _patient("bursts", "line_noise", "bursts@5:12:rate=0.0007", beside="device_hears_noise"),
-    _patient("duplicates", "repeated", "duplicates@5:10", beside="device_hears_noise"),
+    _patient(
+        "bit-flips", "line_noise", "bit-flips@5:10:rate=0.001", beside="device_receives_noise"
+    ),
+    _patient("byte-loss", "overrun", "byte-loss@5:10:rate=0.001", beside="device_receives_noise"),
+    _patient("bursts", "line_noise", "bursts@5:12:rate=0.0007", beside="device_receives_noise"),
+    _patient("duplicates", "repeated", "duplicates@5:10", beside="device_receives_noise"),
     _patient("latency", "latency", "latency@8:10:ms=40"),
     _patient("jitter", "latency", "jitter@4:15:ms=15"),
     _patient("silence", "gap", "silence@8:0.7:way=up"),
@@ -150,7 +152,11 @@ PATIENTS: tuple[Patient, ...] = (
         beside="slip",
     ),
     _patient(
-        "ultrasonic-lies", "slip sensor", "ultrasonic-lies@10:30:m=1.5", moving=True, seconds=45.0
+        "ultrasonic-constant",
+        "slip sensor",
+        "ultrasonic-constant@10:30:m=1.5",
+        moving=True,
+        seconds=45.0,
     ),
     _patient("bumper-stuck", "bump", "bumper-stuck@12:15", moving=True, seconds=30.0),
     _patient(

@@ -78,7 +78,7 @@ HAZARDS: tuple[Hazard, ...] = (
         30,
         *(f"bumper-stuck@{{t}}+{0.6 * i:.1f}:0.2" for i in range(50)),
     ),
-    _hazard("ultrasonic lies", "slip sensor", 40, "ultrasonic-lies@{t}:40:m=1.2"),
+    _hazard("ultrasonic constant", "slip sensor", 40, "ultrasonic-constant@{t}:40:m=1.2"),
     _hazard(
         "ultrasonic blind", "sensor", 150, "ultrasonic-blind@{t}:150", rooms=("case-1", "case-2")
     ),
@@ -93,7 +93,7 @@ HAZARDS: tuple[Hazard, ...] = (
         "shut in",
         "progress",
         120,
-        "ultrasonic-lies@{t}:120:m=0.03",
+        "ultrasonic-constant@{t}:120:m=0.03",
         planners=("random",),
         rooms=OPEN,
     ),

@@ -207,7 +207,7 @@ def test_counts_and_reports_of_the_device() -> None:
     line.inform(Power(16_000, 160, 5, 5))  # 4.0 V on the logic's rail
     assert sorted(line.kinds) == [
         "brown_out",
-        "device_hears_noise",
+        "device_receives_noise",
         "late_setpoints",
         "overload",
         "stopped",

@@ -60,7 +60,7 @@ def test_an_encoder_that_misses_counts() -> None:
 
 
 def test_a_blind_and_a_lying_ultrasonic() -> None:
-    drive = Drive(rig("ultrasonic-blind@2:1", "ultrasonic-lies@4:1:m=0.7", plan=AHEAD))
+    drive = Drive(rig("ultrasonic-blind@2:1", "ultrasonic-constant@4:1:m=0.7", plan=AHEAD))
     drive.run(6.0)
 
     def readings(since_s: float) -> set[float | None]:
