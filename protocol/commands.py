@@ -40,7 +40,7 @@ class Command(Protocol):
         """Id that the sender has chosen; the reply repeats it."""
 
 
-class RoundTrip:
+class RoundTripEstimate:
     """Smoothed round trip and the resulting timeout (RFC 6298, section 2)."""
 
     def __init__(self) -> None:
@@ -95,7 +95,7 @@ class CommandSender:
     """Keeps commands until they are answered."""
 
     def __init__(self, first_id: int = 1) -> None:
-        self.round_trip = RoundTrip()
+        self.round_trip = RoundTripEstimate()
         self._next_id = first_id & 0xFFFF
         self._pending: OrderedDict[int, Pending] = OrderedDict()
 

@@ -44,7 +44,7 @@ class Machine:
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class TimingRule:
     """One timing rule: the side that applies it, its meaning, its value, and its constant."""
 
     who: str
@@ -75,7 +75,7 @@ class Behaviour:
 
     machines: Sequence[Machine]
     parameters: Sequence[ParameterRow]
-    rules: Sequence[Rule]
+    rules: Sequence[TimingRule]
     numbers: Mapping[str, str]
     """Values for the section about one setpoint, by their names in the template."""
 

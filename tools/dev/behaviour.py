@@ -18,7 +18,7 @@ from protocol import commands
 from protocol.can import link as can_link
 from protocol.can import stamps as can_stamps
 from protocol.can import transfers as can_segments
-from protocol.generate.md import Behaviour, Machine, ParameterRow, Rule
+from protocol.generate.md import Behaviour, Machine, ParameterRow, TimingRule
 from protocol.messages.values import StopCause
 from sim_device import sweeper as device
 from sim_device.device import commands as device_commands
@@ -137,56 +137,56 @@ def _us(us: float) -> str:
     return _ms(us * 1000)
 
 
-def _rules() -> Iterator[Rule]:
-    yield Rule(
+def _rules() -> Iterator[TimingRule]:
+    yield TimingRule(
         "device",
         "control period, and minimum period of a stream",
         _us(virtual_firmware.TICK_US),
         "sim_device.device.virtual_firmware.TICK_US",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "period of `hello` until the handshake is complete",
         _us(virtual_firmware.HELLO_TICKS * virtual_firmware.TICK_US),
         "sim_device.device.virtual_firmware.HELLO_TICKS",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "maximum time to live of a setpoint",
         _us(safety.MAX_TIME_TO_LIVE_US),
         "sim_device.device.safety.MAX_TIME_TO_LIVE_US",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "no valid host frame: the session ends and a stop with cause `link` is latched after",
         _us(safety.HOST_SILENCE_US),
         "sim_device.device.safety.HOST_SILENCE_US",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "maximum clock drift that the freshness check allows",
         f"{safety.DRIFT_ALLOWANCE_PPM} ppm",
         "sim_device.device.safety.DRIFT_ALLOWANCE_PPM",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "stored replies for repeated commands",
         str(commands.REMEMBERED),
         "protocol.commands.REMEMBERED",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "minimum time between two log texts",
         _us(log_lines.LOG_PERIOD_US),
         "sim_device.device.log_lines.LOG_PERIOD_US",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "minimum rate of `sync`",
         f"{device_commands.SYNC_RATE_MIN / 10:g} Hz",
         "sim_device.device.commands.SYNC_RATE_MIN",
     )
-    yield Rule(
+    yield TimingRule(
         "device",
         "maximum duty in bring-up mode",
         f"{safety.BRINGUP_DUTY_MAX:g}",
@@ -201,12 +201,12 @@ def _rules() -> Iterator[Rule]:
             "device.onboard.AT_REST_US",
         ),
     ):
-        yield Rule("device", what, _us(us), f"sim_device.{source}")
+        yield TimingRule("device", what, _us(us), f"sim_device.{source}")
     yield from _host_rules()
     yield from _can_rules()
 
 
-def _host_rules() -> Iterator[Rule]:
+def _host_rules() -> Iterator[TimingRule]:
     for what, value, source in (
         (
             "period of `host_hello` until a device answers",
@@ -235,64 +235,64 @@ def _host_rules() -> Iterator[Rule]:
             "SLOW_PING_NS",
         ),
     ):
-        yield Rule("host", what, _ms(value), f"bridge.session.session.{source}")
-    yield Rule(
+        yield TimingRule("host", what, _ms(value), f"bridge.session.session.{source}")
+    yield TimingRule(
         "host",
         f"maximum round-trip time for motion: minimum of the last {round_trip.PINGS} time "
         "requests, less the device's turnaround",
         _ms(round_trip.LIMIT_NS),
         "bridge.session.round_trip.LIMIT_NS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "stop with cause `link` if no reply arrives within that maximum for",
         _ms(round_trip.UNANSWERED_NS),
         "bridge.session.round_trip.UNANSWERED_NS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "maximum turnaround that is subtracted from a round trip",
         _ms(round_trip.TURNAROUND_NS),
         "bridge.session.round_trip.TURNAROUND_NS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "random advance of each time request, at most",
         _ms(session.PING_SPREAD_NS),
         "bridge.session.session.PING_SPREAD_NS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         f"handshakes with a device that restarts: {session.HANDSHAKES_AT_ONCE} without delay, "
         "then one every",
         _ms(session.HANDSHAKE_PERIOD_NS),
         "bridge.session.session.HANDSHAKE_PERIOD_NS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "unanswered `describe` repeated after",
         _ms(session.ANSWER_PERIOD_NS),
         "bridge.session.session.ANSWER_PERIOD_NS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "maximum number of `describe` without an answer yet",
         str(session_negotiation.QUESTIONS_AT_ONCE),
         "bridge.session.negotiation.QUESTIONS_AT_ONCE",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "period of setpoints",
         _ms(host.CONTROL_PERIOD_NS),
         "bridge.run.host.CONTROL_PERIOD_NS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "time to live of a setpoint",
         f"{host.SETPOINT_TTL_MS} ms",
         "bridge.run.host.SETPOINT_TTL_MS",
     )
-    yield Rule(
+    yield TimingRule(
         "host",
         "maximum age of a setpoint that is sent",
         _ms(host.LATE_NS),
@@ -311,8 +311,8 @@ def _host_rules() -> Iterator[Rule]:
             "MAX_TIMEOUT_US",
         ),
     ):
-        yield Rule("host", what, _us(value), f"protocol.commands.{source}")
-    yield Rule(
+        yield TimingRule("host", what, _us(value), f"protocol.commands.{source}")
+    yield TimingRule(
         "host",
         "attempts for a command; a stop is repeated until acknowledged",
         str(commands.MAX_TRIES),
@@ -320,7 +320,7 @@ def _host_rules() -> Iterator[Rule]:
     )
 
 
-def _can_rules() -> Iterator[Rule]:
+def _can_rules() -> Iterator[TimingRule]:
     for what, value, source in (
         ("maximum age of a short stamp", can_stamps.OLDEST_US, "can.stamps.OLDEST_US"),
         ("an incomplete transfer is dropped after", can_segments.OPEN_US, "can.transfers.OPEN_US"),
@@ -330,8 +330,8 @@ def _can_rules() -> Iterator[Rule]:
             "can.link.DUPLICATE_US",
         ),
     ):
-        yield Rule("both, on CAN", what, _us(value), f"protocol.{source}")
-    yield Rule(
+        yield TimingRule("both, on CAN", what, _us(value), f"protocol.{source}")
+    yield TimingRule(
         "host, on CAN",
         "time for other devices to answer after the first hello",
         _ms(session_bus.ANSWERS_NS),

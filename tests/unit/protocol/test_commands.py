@@ -15,7 +15,7 @@ from protocol.commands import (
     CommandLog,
     CommandSender,
     Outcome,
-    RoundTrip,
+    RoundTripEstimate,
 )
 from protocol.messages.device import Ack, Nack
 from protocol.messages.host import ClearStop, SetMode, Stop
@@ -51,18 +51,18 @@ def run_until_silent(sender: CommandSender, now_us: int) -> tuple[list[tuple[int
 
 
 def test_before_a_measurement_the_timeout_is_the_first_one() -> None:
-    assert RoundTrip().timeout_us == FIRST_TIMEOUT_US
+    assert RoundTripEstimate().timeout_us == FIRST_TIMEOUT_US
 
 
 def test_the_first_measurement_sets_mean_and_half_of_it_as_variation() -> None:
-    round_trip = RoundTrip()
+    round_trip = RoundTripEstimate()
     round_trip.add(40_000)
     assert (round_trip.smoothed_us, round_trip.variation_us) == (40_000, 20_000)
     assert round_trip.timeout_us == 40_000 + 4 * 20_000
 
 
 def test_later_measurements_are_smoothed_by_an_eighth_and_a_quarter() -> None:
-    round_trip = RoundTrip()
+    round_trip = RoundTripEstimate()
     round_trip.add(40_000)
     round_trip.add(48_000)
     # variation: 3/4 * 20000 + 1/4 * |40000 - 48000|, with the mean of before
@@ -72,7 +72,7 @@ def test_later_measurements_are_smoothed_by_an_eighth_and_a_quarter() -> None:
 
 
 def test_the_timeout_has_a_floor_and_a_ceiling() -> None:
-    fast, slow = RoundTrip(), RoundTrip()
+    fast, slow = RoundTripEstimate(), RoundTripEstimate()
     for _ in range(50):
         fast.add(300)
         slow.add(5_000_000)
@@ -81,7 +81,7 @@ def test_the_timeout_has_a_floor_and_a_ceiling() -> None:
 
 
 def test_a_steady_line_keeps_a_margin_above_its_round_trip() -> None:
-    steady = RoundTrip()
+    steady = RoundTripEstimate()
     for _ in range(200):
         steady.add(50_000)
     assert steady.timeout_us == 51_000
