@@ -16,7 +16,7 @@ _MASK = 0xFFFF
 _TAU = 2.0 * pi
 
 
-class Encoders:
+class EncoderCounters:
     """Both counters, zero at power-on and rising forwards.
 
     They count the turns of the wheels, including those of a slipping wheel. The plant models the

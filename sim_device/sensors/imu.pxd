@@ -1,4 +1,4 @@
-cdef class Imu:
+cdef class ImuSensor:
     cdef object _plant
     cdef object _noise, _rng, _faults, _lift, _alias, _period_eighths, _bias, _extra, _chip
     cdef object _own_bias, _normals, _at, _was_ms, _sample_no, _last, _reported

@@ -30,7 +30,7 @@ import numpy as np
 from protocol.imu import NOMINAL, ImuScale
 from sim_device.body.lift import Lift
 from sim_device.sensors.faults import SensorFaults
-from sim_device.sensors.imu_kernel import AXES, DRAWS, Chip, sample
+from sim_device.sensors.imu_kernel import AXES, DRAWS, ImuChip, sample
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -131,7 +131,7 @@ class ImuCounts(NamedTuple):
     gyro_z: int
 
 
-class Imu:
+class ImuSensor:
     """The chip, mounted on the plant."""
 
     def __init__(
@@ -238,7 +238,7 @@ def _drawn_chip(
     config: ImuConfig,
     bias: NDArray[np.float64],
     extra: NDArray[np.float64],
-) -> Chip:
+) -> ImuChip:
     """Draw a chip's own errors, in a fixed order; append new draws at the end.
 
     ``bias`` is filled in; the chip keeps it and ``extra``.
@@ -259,7 +259,7 @@ def _drawn_chip(
     np.fill_diagonal(accel, 1.0)
     np.fill_diagonal(gyro, 1.0 + scale)
     tempco = np.concatenate([accel_tempco, gyro_tempco])
-    chip = Chip(np.vstack([accel, gyro]), bias, tempco, extra)
+    chip = ImuChip(np.vstack([accel, gyro]), bias, tempco, extra)
     chip.motion_deg_s = motion_deg_s
     chip.temperature_error_c = float(tolerance(noise.imu_temperature_error_c))
     chip.lsb_accel = ACCEL_LSB_PER_G[config.accel_range_g]

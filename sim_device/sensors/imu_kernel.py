@@ -42,7 +42,7 @@ _ROUNDS = cython.declare(cython.double, 6755399441055744.0)
 
 @cython.final
 @cython.cclass
-class Chip:
+class ImuChip:
     """State of one chip: its drawn and configured values, the walk of its bias, the last sample."""
 
     matrix: FloatGrid
@@ -127,7 +127,7 @@ class Chip:
 
 
 def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes cheaply
-    chip: Chip,
+    chip: ImuChip,
     normals: Floats,
     at: cython.Py_ssize_t,
     tick_ms: cython.double,
@@ -208,7 +208,7 @@ def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _filter(chip: Chip, head: cython.int) -> cython.void:
+def _filter(chip: ImuChip, head: cython.int) -> cython.void:
     """Compute the running mean over the window that ends with the row ``head``.
 
     If the window begins within a row, the means with and without that row are mixed so that the
@@ -234,7 +234,7 @@ def _filter(chip: Chip, head: cython.int) -> cython.void:
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _axis(chip: Chip, axis: cython.int, warm_c: cython.double, lsb: cython.double) -> cython.int:
+def _axis(chip: ImuChip, axis: cython.int, warm_c: cython.double, lsb: cython.double) -> cython.int:
     """Return the register of one axis."""
     return _counts((chip.mean[axis] + chip.bias[axis] + warm_c * chip.tempco[axis]) * lsb)
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from sim_device.noise import Draws
 from sim_device.sensors.bumper import Bumper
 from sim_device.sensors.cliff import CliffSensor
-from sim_device.sensors.encoders import Encoders
+from sim_device.sensors.encoders import EncoderCounters
 from sim_device.sensors.faults import SensorFaults
-from sim_device.sensors.imu import Imu, ImuConfig
+from sim_device.sensors.imu import ImuConfig, ImuSensor
 from sim_device.sensors.power_monitor import PowerMonitor, PowerReading
 from sim_device.sensors.rangers import Rangers, Ranges
 
@@ -48,9 +48,11 @@ class SensorSuite:
         self.faults = SensorFaults()
         """Faults of the sensors; they may change at any time."""
         self._plant = plant
-        self.encoders: Callable[[], tuple[int, int]] = Encoders(plant, model, self.faults).read
+        self.encoders: Callable[[], tuple[int, int]] = EncoderCounters(
+            plant, model, self.faults
+        ).read
         """Returns the left and the right count, 0..65535."""
-        self._imu = Imu(plant, noise, imu_rng, self.faults, imu)
+        self._imu = ImuSensor(plant, noise, imu_rng, self.faults, imu)
         self.imu: Callable[[], ImuCounts] = self._imu.read
         """Returns the MPU6050's registers: acceleration, temperature, rotation."""
         self._rangers = Rangers(model, noise, range_rng)

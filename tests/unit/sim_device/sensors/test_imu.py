@@ -10,7 +10,7 @@ import pytest
 
 from sim_device.noise import NOISE_LEVELS, NoiseLevel
 from sim_device.sensors.faults import SensorFaults
-from sim_device.sensors.imu import Imu, ImuConfig, ImuConfigError, ImuCounts
+from sim_device.sensors.imu import ImuConfig, ImuConfigError, ImuCounts, ImuSensor
 from support.scripted_body import Scripted
 
 NONE = NOISE_LEVELS["none"]
@@ -24,11 +24,11 @@ def chip(
     seed: int = 1,
     faults: SensorFaults | None = None,
     config: ImuConfig = FAST,
-) -> Imu:
-    return Imu(body.plant, level, np.random.default_rng(seed), faults, config)
+) -> ImuSensor:
+    return ImuSensor(body.plant, level, np.random.default_rng(seed), faults, config)
 
 
-def read(body: Scripted, device: Imu, count: int, *, every_ms: int = 10) -> list[ImuCounts]:
+def read(body: Scripted, device: ImuSensor, count: int, *, every_ms: int = 10) -> list[ImuCounts]:
     out = []
     for _ in range(count):
         body.tick_ms += every_ms
