@@ -11,7 +11,7 @@ from sim_device.ports.control import ControlServer, ask_control
 from sim_device.ports.multicast import MULTICAST_GROUP, MulticastPort
 from sim_device.ports.pty_port import PtyPort, SlcanPort
 from sim_device.ports.serving import NOBODY, ServeReport, Watchers, serve
-from sim_device.ports.tcp import TcpPort
+from sim_device.ports.tcp import TcpServerPort
 
 __all__ = [
     "MULTICAST_GROUP",
@@ -24,7 +24,7 @@ __all__ = [
     "ServeReport",
     "SlcanPort",
     "Stopper",
-    "TcpPort",
+    "TcpServerPort",
     "Watchers",
     "ask_control",
     "serve",

@@ -61,13 +61,13 @@ class ToChip(IntEnum):
     CRASH = 0x86
 
 
-class Boot(NamedTuple):
+class ChipBoot(NamedTuple):
     """The chip has started and asks for its identity."""
 
     version: int
 
 
-class Request(NamedTuple):
+class PlantRequest(NamedTuple):
     """Permission for the plant to advance to ``sample_us``, the time of the requested readings."""
 
     now_us: int
@@ -107,13 +107,13 @@ class Write(NamedTuple):
     data: bytes
 
 
-class Reset(NamedTuple):
+class ChipReset(NamedTuple):
     """The chip is about to reset, for this cause."""
 
     cause: int
 
 
-Message = Boot | Request | Motors | Erase | Write | Reset
+Message = ChipBoot | PlantRequest | Motors | Erase | Write | ChipReset
 
 
 def frame(kind: int, payload: bytes = b"") -> bytes:
@@ -214,12 +214,12 @@ def _write(payload: bytes) -> Write:
 
 
 _READERS: dict[int, Callable[[bytes], Message]] = {
-    FromChip.BOOT: lambda payload: Boot(*_BYTE.unpack(payload)),
-    FromChip.REQUEST: lambda payload: Request(*_REQUEST.unpack(payload)),
+    FromChip.BOOT: lambda payload: ChipBoot(*_BYTE.unpack(payload)),
+    FromChip.REQUEST: lambda payload: PlantRequest(*_REQUEST.unpack(payload)),
     FromChip.MOTORS: lambda payload: Motors(*_MOTORS.unpack(payload)),
     FromChip.ERASE: lambda payload: Erase(*_BYTE.unpack(payload)),
     FromChip.WRITE: _write,
-    FromChip.RESET: lambda payload: Reset(*_BYTE.unpack(payload)),
+    FromChip.RESET: lambda payload: ChipReset(*_BYTE.unpack(payload)),
 }
 
 

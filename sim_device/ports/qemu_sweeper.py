@@ -227,7 +227,7 @@ class QemuSweeper:
             time.sleep(0.005)
             self.qemu.check()
             for message in self._parser.feed(self.qemu.plant.read()):
-                if isinstance(message, link.Boot):
+                if isinstance(message, link.ChipBoot):
                     if message.version != link.VERSION:
                         raise QemuGoneError(
                             f"it speaks version {message.version} of the link to the plant, this "
@@ -252,7 +252,9 @@ class QemuSweeper:
         said = self.qemu.wire.read()
         if self._state is _Chip.RUNNING:
             self._out += said
-        newest = max((i for i, m in enumerate(messages) if isinstance(m, link.Request)), default=0)
+        newest = max(
+            (i for i, m in enumerate(messages) if isinstance(m, link.PlantRequest)), default=0
+        )
         for place, message in enumerate(messages):
             self._take(message, answered=place >= newest)
         if self._asked and self._state is _Chip.BOOTING:
@@ -260,13 +262,13 @@ class QemuSweeper:
             self._send_identity()
 
     def _take(self, message: link.Message, *, answered: bool) -> None:
-        if isinstance(message, link.Boot):
+        if isinstance(message, link.ChipBoot):
             if self._state is _Chip.RUNNING:  # it restarted without a message: a fault of its own
                 self._begin_anew(ResetCause.SOFTWARE)
             self._asked = True
         elif self._state is not _Chip.RUNNING:
             return  # the last message of a program before its reset
-        elif isinstance(message, link.Request):
+        elif isinstance(message, link.PlantRequest):
             self._request(message)
             if answered and self._wanted(message):
                 self._send_readings(self._extended(message.sample_us))
@@ -291,7 +293,7 @@ class QemuSweeper:
         self._state = _Chip.RUNNING
         self._heard_us = self._now_us
 
-    def _request(self, request: link.Request) -> None:
+    def _request(self, request: link.PlantRequest) -> None:
         if self._base_us is None:
             self._chip_us = request.now_us
             self._base_us = self._now_us - request.now_us
@@ -305,7 +307,7 @@ class QemuSweeper:
         self._set_motors(request)
         self._advance(self._extended(request.sample_us))
 
-    def _wanted(self, request: link.Request) -> bool:
+    def _wanted(self, request: link.PlantRequest) -> bool:
         """Return whether to answer: a chip that is late gets fewer answers, the later the fewer.
 
         Otherwise the data that QEMU takes too slowly would queue up, and all of it would be late.
@@ -338,7 +340,7 @@ class QemuSweeper:
             plant.write(link.power(at_us, sensors.power()))
         self._periods += 1
 
-    def _set_motors(self, motors: link.Request | link.Motors) -> None:
+    def _set_motors(self, motors: link.PlantRequest | link.Motors) -> None:
         self.plant.set_duty(motors.left / link.DUTY_ONE, motors.right / link.DUTY_ONE)
         self.drivers = motors.drivers
 

@@ -74,7 +74,7 @@ class Watchers:
 NOBODY = Watchers()
 
 
-class Waker(Protocol):
+class SelfTimed(Protocol):
     """A device with its own work times, because its chip is another process."""
 
     def filenos(self) -> list[int]:
@@ -91,11 +91,11 @@ def serve(  # noqa: PLR0913 - participants of a run
     watchers: Watchers = NOBODY,
     control: ControlServer | None = None,
     *,
-    waker: Waker | None = None,
+    waker: SelfTimed | None = None,
 ) -> ServeReport:
     """Run the device in real time on a port until stopped.
 
-    ``waker`` is the device itself, if it is a :class:`Waker`.
+    ``waker`` is the device itself, if it is a :class:`SelfTimed`.
 
     Raises:
         PortUnavailableError: a port that was unplugged cannot come back.
@@ -117,7 +117,7 @@ class _Served:
         port: DevicePort,
         watchers: Watchers,
         control: ControlServer | None,
-        waker: Waker | None,
+        waker: SelfTimed | None,
     ) -> None:
         self._rig, self._port, self._watchers, self._control = rig, port, watchers, control
         self._waker = waker

@@ -92,7 +92,7 @@ class _Client:
         self.socket.close()
 
 
-class TcpPort(DevicePort):
+class TcpServerPort(DevicePort):
     """A listening socket. Its first client is the host; any other client may only stop the robot.
 
     A second client has :data:`GRACE_S` to send a frame. A stop is passed to the device, and the

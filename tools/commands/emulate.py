@@ -287,7 +287,7 @@ def _line(link: str, baud: int | None, latency_ms: float | None, bitrate: int) -
 def _port(
     link: str, pty_link: Path | None, bitrate: int, listen: tuple[str, int] | None, *, lan: bool
 ) -> DevicePort:
-    from sim_device.ports import MulticastPort, PtyPort, SlcanPort, TcpPort
+    from sim_device.ports import MulticastPort, PtyPort, SlcanPort, TcpServerPort
 
     match link:
         case "slcan":
@@ -298,7 +298,7 @@ def _port(
             return MulticastPort(partial(MulticastBus, lan=lan))
         case "tcp":
             host, number = listen or ("0.0.0.0" if lan else "127.0.0.1", 0)  # noqa: S104 - --lan
-            return TcpPort(host, number, _notify)
+            return TcpServerPort(host, number, _notify)
         case _:
             return PtyPort(pty_link)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sim_device.ports import PortUnavailableError, PtyPort, TcpPort
+from sim_device.ports import PortUnavailableError, PtyPort, TcpServerPort
 from sim_device.ports.tcp import is_loopback
 
 if TYPE_CHECKING:
@@ -75,8 +75,8 @@ def test_a_socket_with_a_given_listening_address() -> None:
         number = taken.getsockname()[1]
         taken.listen()
         with pytest.raises(PortUnavailableError, match=f"cannot listen on 127.0.0.1:{number}"):
-            TcpPort("127.0.0.1", number)
-    with TcpPort("127.0.0.1", number) as port:
+            TcpServerPort("127.0.0.1", number)
+    with TcpServerPort("127.0.0.1", number) as port:
         assert port.path == f"socket://127.0.0.1:{number}"
         port.unplug()
         with pytest.raises(ConnectionRefusedError):
@@ -84,10 +84,10 @@ def test_a_socket_with_a_given_listening_address() -> None:
         port.plug()
         assert port.path == f"socket://127.0.0.1:{number}"
         socket.create_connection(("127.0.0.1", number)).close()
-    with TcpPort("0.0.0.0") as port:  # noqa: S104 - for the moment of this test
+    with TcpServerPort("0.0.0.0") as port:  # noqa: S104 - for the moment of this test
         assert port.path.startswith("socket://127.0.0.1:")
     with pytest.raises(PortUnavailableError, match=r"cannot listen on 203\.0\.113\.9"):
-        TcpPort("203.0.113.9")
+        TcpServerPort("203.0.113.9")
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,8 @@ def framed(kind: int, payload: bytes) -> bytes:
 
 
 SENT = {
-    link.Boot(1): framed(0x01, b"\x01"),
-    link.Request(70_000, 80_000, 60_000, -10_000, 2500, 7000, drivers=True): framed(
+    link.ChipBoot(1): framed(0x01, b"\x01"),
+    link.PlantRequest(70_000, 80_000, 60_000, -10_000, 2500, 7000, drivers=True): framed(
         0x02, bytes.fromhex("70110100 80380100 60ea0000 f0d8 c409 581b 01")
     ),
     link.Motors(0xFFFF_FFFF, 1, -1, drivers=False): framed(
@@ -32,7 +32,7 @@ SENT = {
     ),
     link.Erase(1): framed(0x04, b"\x01"),
     link.Write(1, 1020, b"\x01\x02\x03\x04"): framed(0x05, bytes.fromhex("01 fc03 01020304")),
-    link.Reset(3): framed(0x06, b"\x03"),
+    link.ChipReset(3): framed(0x06, b"\x03"),
 }
 
 
@@ -87,7 +87,7 @@ def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
 )
 def test_missing_entries_are_ignored(kind: int, payload: bytes) -> None:
     parser = link.Parser()
-    assert list(parser.feed(framed(kind, payload) + SENT[link.Boot(1)])) == [link.Boot(1)]
+    assert list(parser.feed(framed(kind, payload) + SENT[link.ChipBoot(1)])) == [link.ChipBoot(1)]
     assert parser.damaged == 1
 
 
@@ -95,7 +95,7 @@ def test_a_reset_drops_half_a_frame() -> None:
     parser = link.Parser()
     assert not list(parser.feed(SENT[link.Motors(0xFFFF_FFFF, 1, -1, drivers=False)][:-1]))
     parser.clear()
-    assert list(parser.feed(SENT[link.Boot(1)])) == [link.Boot(1)]
+    assert list(parser.feed(SENT[link.ChipBoot(1)])) == [link.ChipBoot(1)]
 
 
 def test_a_sample() -> None:

@@ -15,7 +15,7 @@ from protocol.messages.values import Mode, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from sim_device.ports import TcpPort
+from sim_device.ports import TcpServerPort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,7 +30,7 @@ HELLO = HostHello(CATALOGUE.hash, 9, 0, 0, "test")
 class Served:
     """The port, and its received bytes."""
 
-    def __init__(self, port: TcpPort) -> None:
+    def __init__(self, port: TcpServerPort) -> None:
         self.port = port
         self.link = Link(Direction.DEVICE)
         self.heard: list[Message] = []
@@ -56,7 +56,7 @@ class Served:
 
 @pytest.fixture(name="served")
 def _served() -> Iterator[Served]:
-    with TcpPort() as port:
+    with TcpServerPort() as port:
         yield Served(port)
 
 
