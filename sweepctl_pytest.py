@@ -74,7 +74,7 @@ def sweeper(request: pytest.FixtureRequest) -> Iterator[SimulatedSweeper]:
     """A virtual sweeper with a connected host, in virtual time: run, drive, clean, truth."""
     settings = _settings(request)
     from bridge.errors import BridgeError
-    from sim_device.core.chip import FirmwareCrashError, LibraryError
+    from sim_device.core.chip import FirmwareCrashError, FirmwareLibraryError
     from sim_device.faults.spec import FaultSpecError
     from sim_device.noise import UnknownNoiseLevelError
     from tools.virtual.sweeper import SimulatedSweeper
@@ -83,7 +83,7 @@ def sweeper(request: pytest.FixtureRequest) -> Iterator[SimulatedSweeper]:
         made = SimulatedSweeper(settings)
     except FirmwareCrashError as error:
         message = f"sweeper: {error}\n{error.details}"
-    except (FaultSpecError, UnknownNoiseLevelError, LibraryError, BridgeError) as error:
+    except (FaultSpecError, UnknownNoiseLevelError, FirmwareLibraryError, BridgeError) as error:
         message = f"sweeper: {error}"
     else:
         with _log_of(request) as log:

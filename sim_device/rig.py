@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from protocol.can.frames import RECORD
-from sim_device.faults.damage import Damage, Delay
+from sim_device.faults.damage import Delay, LineDamage
 from sim_device.faults.injector import FaultInjector
 from sim_device.line.can_controller import CanController
 from sim_device.line.device_end import DeviceEnd
@@ -86,7 +86,7 @@ class Rig:
             cannot = {**cannot, **WITHOUT_BUS}
         self.faults = FaultInjector(device, faults, cannot=cannot)
         up, down, up_delay, down_delay = np.random.default_rng((_SEED, seed)).spawn(4)
-        self._damage_up, self._damage_down = Damage(up), Damage(down)
+        self._damage_up, self._damage_down = LineDamage(up), LineDamage(down)
         self._delay_up, self._delay_down = Delay(up_delay), Delay(down_delay)
         self._controller = CanController() if settings.bitrate else None
         self._up, self._down = _channels(
@@ -239,7 +239,7 @@ class Rig:
 
 
 def _channels(
-    settings: LineSettings, up: Damage, down: Damage, controller: CanController | None
+    settings: LineSettings, up: LineDamage, down: LineDamage, controller: CanController | None
 ) -> tuple[Channel, Channel]:
     """Return the channels from device to host, and from host to device."""
     if settings.bitrate:

@@ -18,7 +18,7 @@ from sim_device.body.supply import BROWN_OUT_V, SUPPLY_GOOD_V
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import Flash
 from sim_device.device.identity import CrashRecord, Identity
-from sim_device.device.modes import Event, ModeMachine, State
+from sim_device.device.modes import DeviceState, Event, ModeMachine
 from sim_device.device.virtual_firmware import TICK_US, Firmware
 from sim_device.noise import NoiseLevel, noise_level
 from sim_device.sensors.imu import ImuConfig
@@ -44,7 +44,7 @@ state."""
 CRASH_PC, CRASH_LR, CRASH_CFSR = 0x0800_4D2A, 0x0800_4C91, 0x0001_0000
 """Crash record of this firmware: two addresses in the flash, and "undefined instruction" (PM0214,
 section 4.4.10). They are fixed, because the virtual firmware has no real addresses."""
-_OFF = State.OFF
+_OFF = DeviceState.OFF
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 
 
@@ -84,7 +84,7 @@ class Program(Protocol):
         """True if the firmware enables the motor drivers."""
 
     @property
-    def state(self) -> State:
+    def state(self) -> DeviceState:
         """State in the mode table."""
 
     @property
@@ -212,7 +212,7 @@ class Sweeper(ABC, Generic[P]):
         return self._modes.awake and self.firmware.drivers
 
     @property
-    def state(self) -> State:
+    def state(self) -> DeviceState:
         """State of the device in its mode table."""
         return self.firmware.state if self._modes.awake else self._modes.state
 
@@ -301,12 +301,12 @@ class Sweeper(ABC, Generic[P]):
 
     def _wait(self, now_us: int) -> int:
         """Run a period without firmware; return the time of the next one."""
-        if self._modes.state is State.OFF:
+        if self._modes.state is DeviceState.OFF:
             if self.plant.rail_5v_v < SUPPLY_GOOD_V:
                 self._ready_us = max(self._ready_us, now_us + TICK_US + BOOT_US)
             elif now_us >= self._ready_us - BOOT_US:
                 self._modes.fire(Event.SUPPLY_BACK)
-        if self._modes.state is State.BOOT and now_us >= self._ready_us:
+        if self._modes.state is DeviceState.BOOT and now_us >= self._ready_us:
             self._modes.fire(Event.BOOTED)
             self.clock.boot(now_us)
             return now_us

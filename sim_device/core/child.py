@@ -12,7 +12,7 @@ import struct
 import sys
 from pathlib import Path
 
-from sim_device.core.chip import LibraryError, LocalChip, catch_signals
+from sim_device.core.chip import FirmwareLibraryError, LocalChip, catch_signals
 
 HEAD = struct.Struct("<BI")
 """Header of a message: kind or operation, and length of the payload."""
@@ -68,7 +68,7 @@ def serve(library: Path) -> int:
     catch_signals()
     try:
         chip = LocalChip(ask, library)
-    except LibraryError as error:
+    except FirmwareLibraryError as error:
         pipes.write(REJECTED, error.reason.encode())
         return REJECTED_STATUS
     pipes.write(OPENED, chip.imu_settings)

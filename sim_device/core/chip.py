@@ -47,7 +47,7 @@ class Ask(IntEnum):
     POWER = 3
 
 
-class LibraryError(Exception):
+class FirmwareLibraryError(Exception):
     """A file is not a firmware library for this program, or cannot be loaded."""
 
     def __init__(self, path: Path, reason: str) -> None:
@@ -100,7 +100,7 @@ class LocalChip:
         ``chip.h``. It is called within :meth:`call` and must not raise an exception.
 
         Raises:
-            LibraryError: the file is not such a library.
+            FirmwareLibraryError: the file is not such a library.
 
         """
         board = _board()
@@ -110,14 +110,14 @@ class LocalChip:
             try:
                 firmware = getattr(self._loaded, _SYMBOL)
             except AttributeError:
-                raise LibraryError(library, f"it has no function {_SYMBOL}()") from None
+                raise FirmwareLibraryError(library, f"it has no function {_SYMBOL}()") from None
         firmware.restype = ctypes.c_void_p
         self._answer = answer
         self._asked = _ASK(self._ask)  # stored here, because C keeps no reference
         self._board = board
         self._chip = board.chip_open(firmware(), self._asked)
         if not self._chip:
-            raise LibraryError(library or BUILT_IN, board.chip_error().decode())
+            raise FirmwareLibraryError(library or BUILT_IN, board.chip_error().decode())
         self._payload = _memory(board.chip_payload(self._chip), PAYLOAD_MAX)
         self._reply = _memory(board.chip_reply(self._chip), PAYLOAD_MAX)
         self._answered = _memory(board.chip_answer(self._chip), ANSWER_MAX)
@@ -158,7 +158,7 @@ def _load(path: Path) -> ctypes.CDLL:
     try:
         return ctypes.CDLL(str(path.absolute()))
     except OSError as error:
-        raise LibraryError(path, str(error).removeprefix(f"{path.absolute()}: ")) from None
+        raise FirmwareLibraryError(path, str(error).removeprefix(f"{path.absolute()}: ")) from None
 
 
 _boards: list[ctypes.CDLL] = []
@@ -183,5 +183,5 @@ def _declared(board: ctypes.CDLL) -> ctypes.CDLL:
     board.chip_imu_settings.restype, board.chip_imu_settings.argtypes = number, (pointer,)
     board.chip_version.restype = number
     if board.chip_version() != VERSION:
-        raise LibraryError(BUILT_IN, "it was built of other sources; install sweepctl anew")
+        raise FirmwareLibraryError(BUILT_IN, "it was built of other sources; install sweepctl anew")
     return board

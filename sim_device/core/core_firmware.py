@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.messages.values import Fault, Mode, RebootKind, StopCause
 from sim_device.core.chip import PAYLOAD_MAX, Ask, Operation
 from sim_device.device.identity import CAPABILITIES
-from sim_device.device.modes import MODE_OF, State
+from sim_device.device.modes import MODE_OF, DeviceState
 from sim_device.device.safety import StopLatch
 from sim_device.sensors.units import contact_bits, milli, range_steps
 
@@ -30,13 +30,13 @@ _NO_CLOCK = 1
 """``BOARD_TROUBLE_CLOCK`` in ``board.h``."""
 _ROOM = PAYLOAD_MAX - RECEIVE.size
 STATES = (
-    State.STOPPED,
-    State.IDLE,
-    State.VELOCITY,
-    State.BRINGUP,
-    State.ONBOARD,
-    State.RUNNING,
-    State.PAUSED,
+    DeviceState.STOPPED,
+    DeviceState.IDLE,
+    DeviceState.VELOCITY,
+    DeviceState.BRINGUP,
+    DeviceState.ONBOARD,
+    DeviceState.RUNNING,
+    DeviceState.PAUSED,
 )
 """State of each mode number in ``core/modes.h``."""
 
@@ -161,7 +161,7 @@ class CoreFirmware:
         return self.view.drivers
 
     @property
-    def state(self) -> State:
+    def state(self) -> DeviceState:
         """Where it stands in the mode table."""
         return STATES[self.view.state]
 

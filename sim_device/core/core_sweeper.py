@@ -60,7 +60,7 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         Raises:
             FloorPlanError: the robot does not fit at its start.
             UnknownNoiseLevelError: there is no such noise level.
-            LibraryError: the library does not fit.
+            FirmwareLibraryError: the library does not fit.
 
         """
         model = model or RobotModel()

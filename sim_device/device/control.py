@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from protocol.messages.values import Fault, LogLevel, NackReason, StopCause, flag_labels, label
 from sim_device.device.health import IMU, Health
-from sim_device.device.modes import MODE_OF, PLANNING, Event, Guard, State
+from sim_device.device.modes import MODE_OF, PLANNING, DeviceState, Event, Guard
 from sim_device.device.onboard import NO_PLAN, Onboard, planner_name
 from sim_device.device.reflexes import Reflexes
 from sim_device.device.safety import DutyWatchdog, SetpointWatchdog, StopLatch
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from sim_device.device.safety import Watchdog
     from sim_device.device.sampling import Around, Sampler
 
-_BRINGUP, _VELOCITY, _STOPPED = State.BRINGUP, State.VELOCITY, State.STOPPED
+_BRINGUP, _VELOCITY, _STOPPED = DeviceState.BRINGUP, DeviceState.VELOCITY, DeviceState.STOPPED
 _EXPIRED, _LIMITED, _DRIVERS_OFF = (
     int(Fault.SETPOINT_EXPIRED),
     int(Fault.LIMITED),
     int(Fault.DRIVERS_OFF),
 )
-_RESTING = frozenset({State.STOPPED, State.IDLE})
+_RESTING = frozenset({DeviceState.STOPPED, DeviceState.IDLE})
 """States without motion: the drivers are disabled once the robot rests."""
 _STEP = 0.5e-4
 """Half of the smallest step of a duty in the bridge's timer."""
@@ -107,7 +107,7 @@ class Control:
     @property
     def watchdog(self) -> Watchdog:
         """Watchdog of the host's cyclic message in this mode."""
-        return self.duties if self.modes.state is State.BRINGUP else self.setpoints
+        return self.duties if self.modes.state is DeviceState.BRINGUP else self.setpoints
 
     def planner_state(self) -> PlannerState:
         """State of the running plan, or of the last one."""
@@ -122,7 +122,7 @@ class Control:
         before = self.modes.state
         held = self._stands_against(event)
         outcome = self.modes.fire(event, (*holding, Guard.FAULT_HOLDS) if held else holding)
-        if not isinstance(outcome, State):
+        if not isinstance(outcome, DeviceState):
             return outcome
         if event is Event.START:
             self.onboard = Onboard(self._model, planner, self._seed, self._now_us)
@@ -154,7 +154,9 @@ class Control:
         orderly end does not turn it into a lost link.
         """
         self.fire(event)
-        if self.modes.state is State.STOPPED and (event is Event.STOP or not self.latch.latched):
+        if self.modes.state is DeviceState.STOPPED and (
+            event is Event.STOP or not self.latch.latched
+        ):
             self._latch(cause)
 
     def _latch(self, cause: int) -> None:
@@ -170,7 +172,7 @@ class Control:
             holding.append(Guard.CAUSE_HOLDS)
         was = self.modes.state
         reason = self.fire(Event.CLEAR, holding)
-        if reason is None and was is State.STOPPED and self.latch.clear(cause):
+        if reason is None and was is DeviceState.STOPPED and self.latch.clear(cause):
             self._log.add(LogLevel.INFO, f"stop cleared: {label(StopCause, cause)}")
         return reason
 
@@ -220,7 +222,7 @@ class Control:
         """Return the duties in every case without a valid host velocity, also while latched."""
         counts = sampler.counts
         if not self.latch.cause:
-            if self.modes.state is State.BRINGUP:
+            if self.modes.state is DeviceState.BRINGUP:
                 self.reflexes.rest()
                 duties = self.duties.duties
                 self.wheels.coast(counts, duties)
@@ -232,7 +234,7 @@ class Control:
         self.reflexes.rest()
         return self.wheels.release(counts)
 
-    def _switch_drivers(self, state: State, duties: tuple[float, float]) -> None:
+    def _switch_drivers(self, state: DeviceState, duties: tuple[float, float]) -> None:
         """Enable the drivers in a driving mode; disable them once a stopped robot is at rest."""
         if state not in _RESTING:
             self.drivers, self._rest_ticks = True, 0

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
 
-class State(Enum):
+class DeviceState(Enum):
     """A state of the device; the value is its name in the specification."""
 
     OFF = "off"
@@ -67,7 +67,7 @@ class Guard(Enum):
     NO_PLANNER = "no such planner"
 
 
-Outcome = State | NackReason | None
+Outcome = DeviceState | NackReason | None
 """Outcome of an event. A state: enter it. A reason: reject the event. None: nothing to do."""
 
 
@@ -80,16 +80,16 @@ class Branch(NamedTuple):
 
 Branches = tuple[Branch, ...]
 
-MODE_OF: dict[State, Mode] = {
-    State.OFF: Mode.IDLE,
-    State.BOOT: Mode.IDLE,
-    State.STOPPED: Mode.IDLE,
-    State.IDLE: Mode.IDLE,
-    State.VELOCITY: Mode.VELOCITY,
-    State.BRINGUP: Mode.BRINGUP,
-    State.ONBOARD: Mode.ONBOARD,
-    State.RUNNING: Mode.ONBOARD,
-    State.PAUSED: Mode.ONBOARD,
+MODE_OF: dict[DeviceState, Mode] = {
+    DeviceState.OFF: Mode.IDLE,
+    DeviceState.BOOT: Mode.IDLE,
+    DeviceState.STOPPED: Mode.IDLE,
+    DeviceState.IDLE: Mode.IDLE,
+    DeviceState.VELOCITY: Mode.VELOCITY,
+    DeviceState.BRINGUP: Mode.BRINGUP,
+    DeviceState.ONBOARD: Mode.ONBOARD,
+    DeviceState.RUNNING: Mode.ONBOARD,
+    DeviceState.PAUSED: Mode.ONBOARD,
 }
 """Mode in the status message for each state."""
 SET_EVENT: dict[int, Event] = {
@@ -98,39 +98,41 @@ SET_EVENT: dict[int, Event] = {
     Mode.BRINGUP: Event.SET_BRINGUP,
     Mode.ONBOARD: Event.SET_ONBOARD,
 }
-PLANNING = frozenset({State.RUNNING, State.PAUSED})
+PLANNING = frozenset({DeviceState.RUNNING, DeviceState.PAUSED})
 """States that have a plan."""
-GUARDED = frozenset({State.VELOCITY, State.ONBOARD, State.RUNNING, State.PAUSED})
+GUARDED = frozenset(
+    {DeviceState.VELOCITY, DeviceState.ONBOARD, DeviceState.RUNNING, DeviceState.PAUSED}
+)
 """States that a stopping fault ends. Bring-up is not among them: its wheels are off the floor, its
 duty is limited, and a person is present."""
-_UNPOWERED = frozenset({State.OFF, State.BOOT})
-_AWAKE = tuple(s for s in State if s not in _UNPOWERED)
-_FREE = tuple(s for s in _AWAKE if s is not State.STOPPED)
+_UNPOWERED = frozenset({DeviceState.OFF, DeviceState.BOOT})
+_AWAKE = tuple(s for s in DeviceState if s not in _UNPOWERED)
+_FREE = tuple(s for s in _AWAKE if s is not DeviceState.STOPPED)
 
 
-def _to(state: State, *rejections: Branch) -> Branches:
+def _to(state: DeviceState, *rejections: Branch) -> Branches:
     return (*rejections, Branch(state))
 
 
-def _rows() -> Iterator[tuple[State, Event, Branches]]:
+def _rows() -> Iterator[tuple[DeviceState, Event, Branches]]:
     faulty = Branch(NackReason.FAULT, Guard.FAULT_HOLDS)
     latched = (Branch(NackReason.STOP_LATCHED),)
     elsewhere = (Branch(NackReason.OTHER_MODE),)
 
-    yield State.OFF, Event.SUPPLY_BACK, _to(State.BOOT)
-    yield State.BOOT, Event.BOOTED, _to(State.STOPPED)
-    yield State.BOOT, Event.RESET, _to(State.BOOT)
-    yield State.BOOT, Event.SUPPLY_LOST, _to(State.OFF)
+    yield DeviceState.OFF, Event.SUPPLY_BACK, _to(DeviceState.BOOT)
+    yield DeviceState.BOOT, Event.BOOTED, _to(DeviceState.STOPPED)
+    yield DeviceState.BOOT, Event.RESET, _to(DeviceState.BOOT)
+    yield DeviceState.BOOT, Event.SUPPLY_LOST, _to(DeviceState.OFF)
     for state in _AWAKE:
-        yield state, Event.SUPPLY_LOST, _to(State.OFF)
-        yield state, Event.RESET, _to(State.BOOT)
-        yield state, Event.STOP, _to(State.STOPPED)
+        yield state, Event.SUPPLY_LOST, _to(DeviceState.OFF)
+        yield state, Event.RESET, _to(DeviceState.BOOT)
+        yield state, Event.STOP, _to(DeviceState.STOPPED)
 
     yield (
-        State.STOPPED,
+        DeviceState.STOPPED,
         Event.CLEAR,
         _to(
-            State.IDLE,
+            DeviceState.IDLE,
             Branch(NackReason.OTHER_CAUSE, Guard.OTHER_CAUSE),
             Branch(NackReason.FAULT, Guard.CAUSE_HOLDS),
         ),
@@ -143,37 +145,37 @@ def _rows() -> Iterator[tuple[State, Event, Branches]]:
         Event.PAUSE,
         Event.RESUME,
     ):
-        yield State.STOPPED, event, latched
+        yield DeviceState.STOPPED, event, latched
 
     for state in _FREE:
-        yield state, Event.SILENCE, _to(State.STOPPED)
-        yield state, Event.NEW_SESSION, _to(State.STOPPED)
-        yield state, Event.SET_IDLE, _to(State.IDLE)
-        yield state, Event.SET_VELOCITY, _to(State.VELOCITY, faulty)
-        yield state, Event.SET_BRINGUP, _to(State.BRINGUP)
+        yield state, Event.SILENCE, _to(DeviceState.STOPPED)
+        yield state, Event.NEW_SESSION, _to(DeviceState.STOPPED)
+        yield state, Event.SET_IDLE, _to(DeviceState.IDLE)
+        yield state, Event.SET_VELOCITY, _to(DeviceState.VELOCITY, faulty)
+        yield state, Event.SET_BRINGUP, _to(DeviceState.BRINGUP)
         if state in GUARDED:
-            yield state, Event.FAULT, _to(State.STOPPED)
+            yield state, Event.FAULT, _to(DeviceState.STOPPED)
         if state not in PLANNING:
-            yield state, Event.SET_ONBOARD, _to(State.ONBOARD, faulty)
+            yield state, Event.SET_ONBOARD, _to(DeviceState.ONBOARD, faulty)
             yield state, Event.PAUSE, elsewhere
             yield state, Event.RESUME, elsewhere
-        if state is not State.ONBOARD:
+        if state is not DeviceState.ONBOARD:
             yield state, Event.START, elsewhere
     yield (
-        State.ONBOARD,
+        DeviceState.ONBOARD,
         Event.START,
-        _to(State.RUNNING, Branch(NackReason.UNSUPPORTED, Guard.NO_PLANNER), faulty),
+        _to(DeviceState.RUNNING, Branch(NackReason.UNSUPPORTED, Guard.NO_PLANNER), faulty),
     )
-    yield State.RUNNING, Event.PAUSE, _to(State.PAUSED)
-    yield State.PAUSED, Event.RESUME, _to(State.RUNNING, faulty)
-    yield State.RUNNING, Event.ABORT, _to(State.IDLE)
-    yield State.PAUSED, Event.ABORT, _to(State.IDLE)
-    yield State.RUNNING, Event.FINISHED, _to(State.IDLE)
+    yield DeviceState.RUNNING, Event.PAUSE, _to(DeviceState.PAUSED)
+    yield DeviceState.PAUSED, Event.RESUME, _to(DeviceState.RUNNING, faulty)
+    yield DeviceState.RUNNING, Event.ABORT, _to(DeviceState.IDLE)
+    yield DeviceState.PAUSED, Event.ABORT, _to(DeviceState.IDLE)
+    yield DeviceState.RUNNING, Event.FINISHED, _to(DeviceState.IDLE)
 
 
 NOTHING: Branches = (Branch(None),)
-TABLE: dict[tuple[State, Event], Branches] = {
-    **{(state, event): NOTHING for state in State for event in Event},
+TABLE: dict[tuple[DeviceState, Event], Branches] = {
+    **{(state, event): NOTHING for state in DeviceState for event in Event},
     **{(state, event): branches for state, event, branches in _rows()},
 }
 """Branches for every state and event. The first branch whose guard is true, or that has none,
@@ -183,11 +185,11 @@ applies."""
 class ModeMachine:
     """Applies events by the table."""
 
-    def __init__(self, state: State = State.OFF) -> None:
+    def __init__(self, state: DeviceState = DeviceState.OFF) -> None:
         """Start without supply."""
         self._go(state)
 
-    def _go(self, state: State) -> None:
+    def _go(self, state: DeviceState) -> None:
         self.state = state
         # A stored flag, because it is read in each period and hashing an enumeration is slow in
         # Python.
@@ -200,7 +202,7 @@ class ModeMachine:
         ``holding`` are the conditions that are true now.
         """
         outcome = next(b.outcome for b in TABLE[self.state, event] if b.guard in {None, *holding})
-        if isinstance(outcome, State):
+        if isinstance(outcome, DeviceState):
             self._go(outcome)
         return outcome
 
@@ -210,7 +212,7 @@ def drawn() -> list[tuple[str, str, str]]:
     found: list[tuple[str, str, str]] = []
     for (state, event), branches in TABLE.items():
         target = branches[-1].outcome
-        if isinstance(target, State) and target is not state:
+        if isinstance(target, DeviceState) and target is not state:
             unless = " or ".join(b.guard.value for b in branches if b.guard is not None)
             label = f"{event.value} (unless {unless})" if unless else event.value
             found.append((state.value, label, target.value))

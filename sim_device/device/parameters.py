@@ -38,7 +38,7 @@ RANGERS = ("ultrasonic", "infrared_left", "infrared_right")
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class TableParameter:
     """One row of the table; ``default``, ``low`` and ``high`` are in ``unit``."""
 
     name: str
@@ -80,7 +80,7 @@ def from_raw(kind: ParameterKind, raw: int) -> float:
     return value
 
 
-def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
+def table(model: RobotModel, node: int) -> tuple[TableParameter, ...]:
     """Return every parameter by its number; append new ones at the end."""
     u32, f32 = ParameterKind.U32, ParameterKind.F32
 
@@ -94,23 +94,23 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
         *,
         kind: ParameterKind = f32,
         needs_reboot: bool = False,
-    ) -> Parameter:
+    ) -> TableParameter:
         default = getattr(model, key)
-        return Parameter(
+        return TableParameter(
             name, unit, kind, default, low, high, key, needs_reboot=needs_reboot, doc=doc
         )
 
     def own(  # noqa: PLR0913, PLR0917 - a row of the table
         name: str, unit: str, default: float, low: float, high: float, doc: str
-    ) -> Parameter:
-        return Parameter(name, unit, f32, default, low, high, doc=doc)
+    ) -> TableParameter:
+        return TableParameter(name, unit, f32, default, low, high, doc=doc)
 
-    def switch(name: str, doc: str) -> Parameter:
-        return Parameter(name, "bool", u32, 1, 0, 1, doc=doc)
+    def switch(name: str, doc: str) -> TableParameter:
+        return TableParameter(name, "bool", u32, 1, 0, 1, doc=doc)
 
     geometry = functools.partial(robot, needs_reboot=True)
     return (
-        Parameter("node", "id", u32, node, 1, 15, read_only=True, doc="set by the board"),
+        TableParameter("node", "id", u32, node, 1, 15, read_only=True, doc="set by the board"),
         geometry("wheel_diameter", "m", "wheel_diameter_m", 0.01, 1.0, "mean of both wheels"),
         geometry("wheel_base", "m", "wheel_base_m", 0.02, 2.0, "distance between the wheels"),
         geometry(
@@ -136,7 +136,9 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
         geometry("wheel_ratio", "ratio", "wheel_ratio", 0.8, 1.25, "right over left diameter"),
         geometry("gyro_bias", "rad/s", "gyro_bias_rad_s", -0.4, 0.4, "yaw rate read at rest"),
         *(
-            Parameter(f"{ranger}_{name}", unit, f32, value, low, high, needs_reboot=True, doc=doc)
+            TableParameter(
+                f"{ranger}_{name}", unit, f32, value, low, high, needs_reboot=True, doc=doc
+            )
             for ranger in RANGERS
             for name, unit, value, low, high, doc in (
                 ("scale", "ratio", getattr(model, ranger).scale, 0.5, 2.0, "true over raw range"),
@@ -151,7 +153,7 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
 class ParameterStore:
     """Present values on top of the stored ones. Only ``stored`` outlives the boot."""
 
-    def __init__(self, parameters: Sequence[Parameter], stored: Mapping[str, int]) -> None:
+    def __init__(self, parameters: Sequence[TableParameter], stored: Mapping[str, int]) -> None:
         """Read the stored values by name; a value outside its parameter's range is ignored."""
         self.parameters = tuple(parameters)
         self._stored = dict(stored)
@@ -163,7 +165,7 @@ class ParameterStore:
         self.present = list(self._boot)
         self._number = {p.name: i for i, p in enumerate(self.parameters)}
 
-    def _kept(self, parameter: Parameter, default: int) -> int:
+    def _kept(self, parameter: TableParameter, default: int) -> int:
         raw = self._stored.get(parameter.name)
         return default if raw is None or not _allowed(parameter, raw) else raw
 
@@ -251,7 +253,7 @@ class ParameterStore:
         return dataclasses.replace(model, **changes)  # type: ignore[arg-type]  # keys are its own
 
 
-def _allowed(parameter: Parameter, raw: int) -> bool:
+def _allowed(parameter: TableParameter, raw: int) -> bool:
     """Return whether 32 bits are within the parameter's range, its bounds rounded to 32 bits."""
     value = from_raw(parameter.kind, raw)
     low, high = (

@@ -49,7 +49,7 @@ from sim_device.device.flash import Flash
 from sim_device.device.identity import CAPABILITIES
 from sim_device.device.keyring import Keyring
 from sim_device.device.log_lines import LogLines
-from sim_device.device.modes import Event, ModeMachine, State
+from sim_device.device.modes import DeviceState, Event, ModeMachine
 from sim_device.device.parameters import ParameterStore
 from sim_device.device.safety import HOST_SILENCE_US, Freshness
 from sim_device.device.sampling import Sampler
@@ -124,7 +124,7 @@ class Firmware:
         self.control = Control(
             model,
             self.parameters,
-            modes or ModeMachine(State.STOPPED),
+            modes or ModeMachine(DeviceState.STOPPED),
             self._lines,
             identity.boot_id,
         )
@@ -169,7 +169,7 @@ class Firmware:
         return self.control.latch
 
     @property
-    def state(self) -> State:
+    def state(self) -> DeviceState:
         """State in the mode table."""
         return self.control.modes.state
 
@@ -410,12 +410,12 @@ class Firmware:
     def _setpoint(self, message: VelocitySetpoint, extra_us: float, now_us: int) -> None:
         if not self.session_id:
             self._strange(now_us)
-        elif self.negotiated and self.control.modes.state is State.VELOCITY:
+        elif self.negotiated and self.control.modes.state is DeviceState.VELOCITY:
             taken = self.control.setpoints.offer(message, extra_us, now_us)
             self.telemetry.counters.stale += not taken
 
     def _duty(self, message: WheelDuty, extra_us: float, now_us: int) -> None:
-        if self.negotiated and self.control.modes.state is State.BRINGUP:
+        if self.negotiated and self.control.modes.state is DeviceState.BRINGUP:
             taken = self.control.duties.offer(message, extra_us, now_us)
             self.telemetry.counters.stale += not taken
 

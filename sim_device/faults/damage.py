@@ -49,7 +49,7 @@ class _Hits:
         self._gap = int(self._rng.geometric(self._rate)) - 1 if self._rate > 0.0 else 0
 
 
-class Damage:
+class LineDamage:
     """The damage on one direction of the line."""
 
     def __init__(self, rng: np.random.Generator) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sim_device.core.child import ANSWER, ASKED, OPENED, REPLY, Pipes
-from sim_device.core.chip import FirmwareCrashError, LibraryError
+from sim_device.core.chip import FirmwareCrashError, FirmwareLibraryError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,7 +53,7 @@ class CoreProcess:
         With ``debugged`` a call may take any time.
 
         Raises:
-            LibraryError: the file is not such a library.
+            FirmwareLibraryError: the file is not such a library.
             FirmwareCrashError: the firmware crashed while it was loaded.
 
         """
@@ -76,7 +76,7 @@ class CoreProcess:
         kind, payload = self._read()
         if kind != OPENED:
             self.close()
-            raise LibraryError(library, payload.decode(errors="replace"))
+            raise FirmwareLibraryError(library, payload.decode(errors="replace"))
         self.imu_settings = payload
         started(process.pid)
 

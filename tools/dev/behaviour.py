@@ -98,7 +98,7 @@ def _modes() -> Machine:
         f"counts, a motor stalls for {health.STALL_STOP_S:g} s, or the battery is empty. While "
         "the device's own planner runs, an implausible gyro is a stopping fault as well. Events "
         "that are not shown change nothing or are rejected.",
-        modes.State.OFF.value,
+        modes.DeviceState.OFF.value,
         modes.drawn(),
     )
 

@@ -18,13 +18,13 @@ from tools.cli.console import write_line
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from sim_device.device.parameters import Parameter
+    from sim_device.device.parameters import DeviceParameter
 
 FOLDER = Path(__file__).resolve().parents[2] / "sim_device" / "firmware" / "core"
 COMMAND = "python -m tools.dev.firmware_tables"
 _UNITS = {"m": "M", "m/s": "M_S", "rad/s": "RAD_S", "m/s2": "M_S2", "V": "V"}
 """Suffix of a constant by the unit of its parameter; other units have no suffix."""
-_ASLEEP = (modes.State.OFF, modes.State.BOOT)
+_ASLEEP = (modes.DeviceState.OFF, modes.DeviceState.BOOT)
 """States in which no program runs, so the firmware does not have them."""
 _WAKING = (
     modes.Event.SUPPLY_LOST,
@@ -65,7 +65,7 @@ def _macro(head: str, rows: Iterable[str]) -> list[str]:
 # ---- parameters ---------------------------------------------------------------------------
 
 
-def constant(parameter: Parameter) -> str:
+def constant(parameter: DeviceParameter) -> str:
     """Return the name of a parameter's factory value in C."""
     name = parameter.name.removeprefix("robot_").upper()
     suffix = _UNITS.get(parameter.unit, "")
@@ -77,7 +77,7 @@ def _parameters() -> str:
     return _file("parameter_table.h", "sim_device/device/parameters.py", _parameter_lines(rows))
 
 
-def _parameter_lines(rows: Iterable[Parameter]) -> Iterator[str]:
+def _parameter_lines(rows: Iterable[DeviceParameter]) -> Iterator[str]:
     rows = list(rows)
     yield "/* Factory values. Your ROBOT_CONFIG (robot.h) may define others before. */"
     for row in rows:
@@ -90,7 +90,7 @@ def _parameter_lines(rows: Iterable[Parameter]) -> Iterator[str]:
     yield from _macro("PARAMETER_TABLE(X)", map(_parameter, rows))
 
 
-def _parameter(row: Parameter) -> str:
+def _parameter(row: DeviceParameter) -> str:
     factory = _float(row.default) if row.read_only else constant(row)
     kind = "F32" if row.kind is ParameterKind.F32 else "U32"
     flags = [
@@ -116,7 +116,7 @@ def _modes() -> str:
 
 
 def _mode_lines() -> Iterator[str]:
-    states = [state for state in modes.State if state not in _ASLEEP]
+    states = [state for state in modes.DeviceState if state not in _ASLEEP]
     events = [event for event in modes.Event if event not in _WAKING]
     yield "/* X(STATE, mode that the status message reports in it). */"
     yield from _macro("MODE_STATES(X)", (f"X({s.name}, {modes.MODE_OF[s].name})" for s in states))
@@ -133,9 +133,9 @@ def _mode_lines() -> Iterator[str]:
     yield from _macro("MODE_ROWS(ENTERS, REJECTS)", _mode_rows(states, events))
 
 
-def _mode_rows(states: list[modes.State], events: list[modes.Event]) -> Iterator[str]:
+def _mode_rows(states: list[modes.DeviceState], events: list[modes.Event]) -> Iterator[str]:
     for event in events:
-        alike: dict[modes.Branches, list[modes.State]] = {}
+        alike: dict[modes.Branches, list[modes.DeviceState]] = {}
         for state in states:
             branches = modes.TABLE[state, event]
             if branches is not modes.NOTHING:
@@ -149,10 +149,10 @@ def _mode_rows(states: list[modes.State], events: list[modes.Event]) -> Iterator
                     yield f"{kind}({mask}, {event.name}, {condition}, {outcome.name})"
 
 
-def _mask(found: list[modes.State], states: list[modes.State]) -> str:
+def _mask(found: list[modes.DeviceState], states: list[modes.DeviceState]) -> str:
     if found == states:
         return "ALL"
-    if found == [state for state in states if state is not modes.State.STOPPED]:
+    if found == [state for state in states if state is not modes.DeviceState.STOPPED]:
         return "FREE"
     return " | ".join(f"IN({state.name})" for state in found)
 

@@ -62,7 +62,7 @@ def device(
 
     """
     from bridge.errors import BridgeError
-    from sim_device.core.chip import FirmwareCrashError, LibraryError
+    from sim_device.core.chip import FirmwareCrashError, FirmwareLibraryError
 
     def started(pid: int) -> None:
         if gdb:
@@ -70,7 +70,7 @@ def device(
 
     try:
         return make(wanted, firmware, started, debugged=gdb)
-    except LibraryError as error:
+    except FirmwareLibraryError as error:
         raise click.BadParameter(str(error), param_hint="'--firmware'") from None
     except FirmwareCrashError as error:
         print_trace(error)
@@ -94,7 +94,7 @@ def make(
         debugged: the firmware may take any time.
 
     Raises:
-        LibraryError: ``firmware`` is no firmware library.
+        FirmwareLibraryError: ``firmware`` is no firmware library.
         FirmwareCrashError: it crashed as it was loaded or booted.
 
     """

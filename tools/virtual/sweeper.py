@@ -103,7 +103,7 @@ class SimulatedSweeper:
             FloorPlanError: no such room, or the robot does not fit at its start.
             UnknownNoiseLevelError: no such noise level.
             FaultSpecError: a fault is invalid, or this device does not support it.
-            LibraryError: the settings' firmware is no firmware library.
+            FirmwareLibraryError: the settings' firmware is no firmware library.
             StoppedForSafetyError: no handshake within 5 s; a fault at time 0 can prevent it.
 
         """

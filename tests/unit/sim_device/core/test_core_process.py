@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sim_device.core.chip import FirmwareCrashError, LibraryError, LocalChip
+from sim_device.core.chip import FirmwareCrashError, FirmwareLibraryError, LocalChip
 from sim_device.core.core_sweeper import CoreSweeper
 from sim_device.ports import core_process
 from sim_device.ports.core_process import CoreProcess
@@ -106,7 +106,7 @@ def test_a_library_of_another_abi_is_rejected(
     reason: str,
 ) -> None:
     monkeypatch.setenv("BUG", bug)
-    with pytest.raises(LibraryError, match=reason):
+    with pytest.raises(FirmwareLibraryError, match=reason):
         made(library(*CRASHING), kind)
 
 
@@ -115,5 +115,5 @@ def test_a_file_that_is_no_library_is_rejected(
 ) -> None:
     other = tmp_path / "text.so"
     other.write_text("no library")
-    with pytest.raises(LibraryError, match=r"text\.so"):
+    with pytest.raises(FirmwareLibraryError, match=r"text\.so"):
         made(other)

@@ -20,7 +20,7 @@ from protocol.messages.values import (
 )
 from protocol.uart.link import Link
 from sim_device.core.core_sweeper import CoreSweeper
-from sim_device.device.modes import State
+from sim_device.device.modes import DeviceState
 from sim_device.device.parameters import from_raw
 from sim_device.faults.kinds import parse_fault
 from sim_device.faults.spec import FaultSpecError
@@ -220,4 +220,4 @@ def test_a_chip_without_supply_is_off(made: Sweeper[Any]) -> None:
     states = [made.state]
     made.step(b"", 2_000_000)
     states.append(made.state)
-    assert states == [State.OFF, State.STOPPED]
+    assert states == [DeviceState.OFF, DeviceState.STOPPED]

@@ -18,7 +18,7 @@ from protocol.messages.values import (
     StopCause,
 )
 from sim_device.device.health import STALL_STOP_S
-from sim_device.device.modes import State
+from sim_device.device.modes import DeviceState
 from sim_device.device.onboard import AT_REST_US
 from sim_device.device.parameters import table, to_raw
 from sim_device.sensors.rangers import Ranges
@@ -160,7 +160,7 @@ def test_planning_for_itself_it_stops_without_a_gyro() -> None:
     bench.run(AT_REST_US / 1e6 + 2.0)
     assert not bench.standing()
     bench.device.sensors.faults.imu_frozen = True
-    assert bench.run(60.0, lambda: bench.device.state is State.STOPPED)
+    assert bench.run(60.0, lambda: bench.device.state is DeviceState.STOPPED)
     bench.run(1.0)
     assert bench.stopped_by(StopCause.HARDWARE)
     assert bench.standing()

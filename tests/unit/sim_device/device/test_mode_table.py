@@ -14,54 +14,54 @@ from sim_device.device.modes import (
     MODE_OF,
     SET_EVENT,
     TABLE,
+    DeviceState,
     Event,
     Guard,
     ModeMachine,
-    State,
     drawn,
     rejections,
 )
 from support.root import ROOT
 
-MOVING = {State.VELOCITY, State.BRINGUP, State.RUNNING}
+MOVING = {DeviceState.VELOCITY, DeviceState.BRINGUP, DeviceState.RUNNING}
 """States in which a wheel may turn."""
-FREE = set(State) - {State.OFF, State.BOOT, State.STOPPED}
+FREE = set(DeviceState) - {DeviceState.OFF, DeviceState.BOOT, DeviceState.STOPPED}
 
 
-def outcome(state: State, event: Event, *holding: Guard) -> object:
+def outcome(state: DeviceState, event: Event, *holding: Guard) -> object:
     machine = ModeMachine(state)
     result = machine.fire(event, holding)
-    assert machine.state is (result if isinstance(result, State) else state)
+    assert machine.state is (result if isinstance(result, DeviceState) else state)
     return result
 
 
 def test_every_state_has_an_answer_to_every_event() -> None:
-    assert set(TABLE) == set(itertools.product(State, Event))
+    assert set(TABLE) == set(itertools.product(DeviceState, Event))
     for branches in TABLE.values():
         assert branches[-1].guard is None
         assert all(b.guard is not None for b in branches[:-1])
         assert all(isinstance(b.outcome, NackReason) for b in branches[:-1]), "guards refuse"
 
 
-@pytest.mark.parametrize("state", [state for state in State if state in FREE])
-def test_every_free_state_can_be_stopped(state: State) -> None:
+@pytest.mark.parametrize("state", [state for state in DeviceState if state in FREE])
+def test_every_free_state_can_be_stopped(state: DeviceState) -> None:
     for event in (Event.STOP, Event.SILENCE, Event.NEW_SESSION):
-        assert outcome(state, event, *Guard) is State.STOPPED
-    assert outcome(state, Event.SUPPLY_LOST) is State.OFF
-    assert outcome(state, Event.RESET) is State.BOOT
+        assert outcome(state, event, *Guard) is DeviceState.STOPPED
+    assert outcome(state, Event.SUPPLY_LOST) is DeviceState.OFF
+    assert outcome(state, Event.RESET) is DeviceState.BOOT
 
 
 def test_from_stopped_only_clearing_by_name_leads_on_and_only_to_idle() -> None:
-    ways = {e: TABLE[State.STOPPED, e] for e in Event}
-    moves = {e: b[-1].outcome for e, b in ways.items() if isinstance(b[-1].outcome, State)}
+    ways = {e: TABLE[DeviceState.STOPPED, e] for e in Event}
+    moves = {e: b[-1].outcome for e, b in ways.items() if isinstance(b[-1].outcome, DeviceState)}
     assert moves == {
-        Event.CLEAR: State.IDLE,
-        Event.STOP: State.STOPPED,
-        Event.SUPPLY_LOST: State.OFF,
-        Event.RESET: State.BOOT,
+        Event.CLEAR: DeviceState.IDLE,
+        Event.STOP: DeviceState.STOPPED,
+        Event.SUPPLY_LOST: DeviceState.OFF,
+        Event.RESET: DeviceState.BOOT,
     }
-    assert outcome(State.STOPPED, Event.CLEAR, Guard.OTHER_CAUSE) is NackReason.OTHER_CAUSE
-    assert outcome(State.STOPPED, Event.CLEAR, Guard.CAUSE_HOLDS) is NackReason.FAULT
+    assert outcome(DeviceState.STOPPED, Event.CLEAR, Guard.OTHER_CAUSE) is NackReason.OTHER_CAUSE
+    assert outcome(DeviceState.STOPPED, Event.CLEAR, Guard.CAUSE_HOLDS) is NackReason.FAULT
 
 
 def test_only_a_motion_command_starts_motion() -> None:
@@ -77,69 +77,73 @@ def test_only_a_motion_command_starts_motion() -> None:
         Event.START,
         Event.RESUME,
     }
-    assert {state for state, _ in into} == {State.IDLE, State.ONBOARD, State.PAUSED}
+    assert {state for state, _ in into} == {
+        DeviceState.IDLE,
+        DeviceState.ONBOARD,
+        DeviceState.PAUSED,
+    }
 
 
 def test_off_and_boot_lead_through_a_latched_stop() -> None:
     """After any boot, the first state in which the device accepts a command is stopped."""
-    seen, waiting = {State.OFF}, deque([State.OFF])
+    seen, waiting = {DeviceState.OFF}, deque([DeviceState.OFF])
     while waiting:
         state = waiting.popleft()
         for event in Event:
             target = outcome(state, event)
-            if isinstance(target, State) and target not in seen:
+            if isinstance(target, DeviceState) and target not in seen:
                 seen.add(target)
-                if target is not State.STOPPED:
+                if target is not DeviceState.STOPPED:
                     waiting.append(target)
-    assert seen == {State.OFF, State.BOOT, State.STOPPED}
+    assert seen == {DeviceState.OFF, DeviceState.BOOT, DeviceState.STOPPED}
 
 
 def test_a_stopping_fault_ends_what_drives_by_itself_or_by_setpoints() -> None:
-    for state in State:
-        ends = outcome(state, Event.FAULT) is State.STOPPED
+    for state in DeviceState:
+        ends = outcome(state, Event.FAULT) is DeviceState.STOPPED
         assert ends is (state in GUARDED), state
-    for state in FREE - {State.RUNNING, State.PAUSED}:
+    for state in FREE - {DeviceState.RUNNING, DeviceState.PAUSED}:
         for event in (Event.SET_VELOCITY, Event.SET_ONBOARD):
             assert outcome(state, event, Guard.FAULT_HOLDS) is NackReason.FAULT
-        assert outcome(state, Event.SET_BRINGUP, Guard.FAULT_HOLDS) is State.BRINGUP
+        assert outcome(state, Event.SET_BRINGUP, Guard.FAULT_HOLDS) is DeviceState.BRINGUP
 
 
 def test_how_the_devices_own_planner_ends_and_is_held() -> None:
-    running, paused = State.RUNNING, State.PAUSED
+    running, paused = DeviceState.RUNNING, DeviceState.PAUSED
     moves = {
         (running, Event.PAUSE): paused,
         (paused, Event.RESUME): running,
-        (running, Event.ABORT): State.IDLE,
-        (paused, Event.ABORT): State.IDLE,
-        (running, Event.FINISHED): State.IDLE,
-        (State.ONBOARD, Event.START): running,
+        (running, Event.ABORT): DeviceState.IDLE,
+        (paused, Event.ABORT): DeviceState.IDLE,
+        (running, Event.FINISHED): DeviceState.IDLE,
+        (DeviceState.ONBOARD, Event.START): running,
     }
     for (state, event), target in moves.items():
         assert outcome(state, event) is target
-    for state in State:
+    for state in DeviceState:
         assert ModeMachine(state).planning is (state in {running, paused})
-        assert ModeMachine(state).awake is (state not in {State.OFF, State.BOOT})
+        assert ModeMachine(state).awake is (state not in {DeviceState.OFF, DeviceState.BOOT})
 
 
 def test_a_reset_or_a_supply_loss_interrupts_a_boot() -> None:
-    assert outcome(State.BOOT, Event.RESET) is State.BOOT
-    assert outcome(State.BOOT, Event.SUPPLY_LOST) is State.OFF
-    assert outcome(State.OFF, Event.SUPPLY_BACK) is State.BOOT
-    assert outcome(State.BOOT, Event.BOOTED) is State.STOPPED
+    assert outcome(DeviceState.BOOT, Event.RESET) is DeviceState.BOOT
+    assert outcome(DeviceState.BOOT, Event.SUPPLY_LOST) is DeviceState.OFF
+    assert outcome(DeviceState.OFF, Event.SUPPLY_BACK) is DeviceState.BOOT
+    assert outcome(DeviceState.BOOT, Event.BOOTED) is DeviceState.STOPPED
 
 
 def test_every_mode_of_the_wire_can_be_chosen() -> None:
     for mode, event in SET_EVENT.items():
-        target = outcome(State.IDLE, event)
-        assert isinstance(target, State)
+        target = outcome(DeviceState.IDLE, event)
+        assert isinstance(target, DeviceState)
         assert MODE_OF[target] == mode
     assert set(SET_EVENT) == set(Mode)
-    assert set(MODE_OF) == set(State)
+    assert set(MODE_OF) == set(DeviceState)
 
 
 def test_the_diagram_shows_every_state_and_every_rejection_has_a_reason() -> None:
     moves = drawn()
-    assert {end for move in moves for end in (move[0], move[2])} == {s.value for s in State}
+    assert {end for move in moves for end in (move[0], move[2])} == {s.value for s in DeviceState}
     assert len(moves) == len(set(moves))
     assert (
         "stopped",

@@ -14,17 +14,17 @@ from protocol.messages.values import (
     ResetCause,
     StopCause,
 )
-from sim_device.device.modes import MODE_OF, SET_EVENT, Event, Guard, ModeMachine, State
+from sim_device.device.modes import MODE_OF, SET_EVENT, DeviceState, Event, Guard, ModeMachine
 from support.ends import sweeper
 from support.wire_host import SESSION, WireHost
 
 pytestmark = pytest.mark.usefixtures("target")
 
 
-def outcome(state: State, event: Event, *holding: Guard) -> object:
+def outcome(state: DeviceState, event: Event, *holding: Guard) -> object:
     machine = ModeMachine(state)
     result = machine.fire(event, holding)
-    assert machine.state is (result if isinstance(result, State) else state)
+    assert machine.state is (result if isinstance(result, DeviceState) else state)
     return result
 
 
@@ -37,22 +37,22 @@ class Trial:
         self.session = SESSION
 
     @property
-    def state(self) -> State:
+    def state(self) -> DeviceState:
         return self.host.device.state
 
-    def bring(self, state: State) -> None:
+    def bring(self, state: DeviceState) -> None:
         host = self.host
-        if state is State.STOPPED:
+        if state is DeviceState.STOPPED:
             return
-        if state in {State.OFF, State.BOOT}:
-            cause = ResetCause.BROWN_OUT if state is State.OFF else ResetCause.PIN
+        if state in {DeviceState.OFF, DeviceState.BOOT}:
+            cause = ResetCause.BROWN_OUT if state is DeviceState.OFF else ResetCause.PIN
             host.device.reset(cause, off_s=10.0)
         else:
             host.clear()
             host.choose(MODE_OF[state])
-            if state in {State.RUNNING, State.PAUSED}:
+            if state in {DeviceState.RUNNING, DeviceState.PAUSED}:
                 host.plan(PlannerAction.START)
-            if state is State.PAUSED:
+            if state is DeviceState.PAUSED:
                 host.plan(PlannerAction.PAUSE)
         assert self.state is state
 
@@ -86,19 +86,21 @@ BY_BYTES = [
 ]
 
 
-@pytest.mark.parametrize("state", [s for s in State if s not in {State.OFF, State.BOOT}])
-def test_the_device_follows_the_table(state: State) -> None:
+@pytest.mark.parametrize(
+    "state", [s for s in DeviceState if s not in {DeviceState.OFF, DeviceState.BOOT}]
+)
+def test_the_device_follows_the_table(state: DeviceState) -> None:
     for event in BY_BYTES:
         trial = Trial()
         trial.bring(state)
         expected = outcome(state, event)
         rejected = trial.meet(event)
         assert rejected is (expected if isinstance(expected, NackReason) else None), event
-        assert trial.state is (expected if isinstance(expected, State) else state), event
+        assert trial.state is (expected if isinstance(expected, DeviceState) else state), event
 
 
-@pytest.mark.parametrize("state", [State.OFF, State.BOOT])
-def test_without_supply_or_before_the_boot_nothing_is_received(state: State) -> None:
+@pytest.mark.parametrize("state", [DeviceState.OFF, DeviceState.BOOT])
+def test_without_supply_or_before_the_boot_nothing_is_received(state: DeviceState) -> None:
     trial = Trial()
     trial.bring(state)
     trial.host.join(9)
@@ -113,23 +115,23 @@ class ModesMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.trial = Trial()
-        self.model = ModeMachine(State.STOPPED)
+        self.model = ModeMachine(DeviceState.STOPPED)
 
-    @precondition(lambda self: self.model.state not in {State.OFF, State.BOOT})
+    @precondition(lambda self: self.model.state not in {DeviceState.OFF, DeviceState.BOOT})
     @rule(event=st.sampled_from([e for e in BY_BYTES if e is not Event.SILENCE]))
     def meet(self, event: Event) -> None:
         expected = self.model.fire(event)
         rejected = self.trial.meet(event)
         assert rejected is (expected if isinstance(expected, NackReason) else None)
 
-    @precondition(lambda self: self.model.state in {State.OFF, State.BOOT})
+    @precondition(lambda self: self.model.state in {DeviceState.OFF, DeviceState.BOOT})
     @rule()
     def boot(self) -> None:
         self.trial.host.run(0.5)
         self.trial.host.join(self.trial.session)
-        self.model = ModeMachine(State.STOPPED)
+        self.model = ModeMachine(DeviceState.STOPPED)
 
-    @precondition(lambda self: self.model.state not in {State.OFF, State.BOOT})
+    @precondition(lambda self: self.model.state not in {DeviceState.OFF, DeviceState.BOOT})
     @rule(planner=st.sampled_from([9, OnboardPlanner.PAPER]))
     def start(self, planner: int) -> None:
         holding = () if planner == OnboardPlanner.PAPER else (Guard.NO_PLANNER,)
@@ -137,7 +139,7 @@ class ModesMachine(RuleBasedStateMachine):
         rejected = self.trial.host.plan(PlannerAction.START, planner)
         assert rejected is (expected if isinstance(expected, NackReason) else None)
 
-    @precondition(lambda self: self.model.state not in {State.OFF, State.BOOT})
+    @precondition(lambda self: self.model.state not in {DeviceState.OFF, DeviceState.BOOT})
     @rule()
     def live(self) -> None:
         self.trial.host.run(0.05)
@@ -147,7 +149,7 @@ class ModesMachine(RuleBasedStateMachine):
         device = self.trial.host.device
         assert device.state is self.model.state
         latched = device.firmware.latch.cause is not StopCause.NONE
-        assert latched is (device.state in {State.OFF, State.BOOT, State.STOPPED})
+        assert latched is (device.state in {DeviceState.OFF, DeviceState.BOOT, DeviceState.STOPPED})
 
 
 ModesMachine.TestCase.settings = settings(max_examples=15, stateful_step_count=15, deadline=None)

@@ -19,7 +19,7 @@ from protocol.messages.values import (
     RebootKind,
     StopCause,
 )
-from sim_device.device.parameters import Parameter, ParameterStore, from_raw, table, to_raw
+from sim_device.device.parameters import ParameterStore, TableParameter, from_raw, table, to_raw
 from support.ends import REST_M_S
 from support.ready_device import F32, NUMBERS, U32, ReadyDevice, cruise, f32
 
@@ -203,8 +203,8 @@ def test_saving_waits_until_it_cannot_drive() -> None:
 # ---- the store by itself ------------------------------------------------------------------
 
 SOME = (
-    Parameter("signed", "count", F32, -5, -10, 10),
-    Parameter("switch", "bits", U32, 1, 0, 1),
+    TableParameter("signed", "count", F32, -5, -10, 10),
+    TableParameter("switch", "bits", U32, 1, 0, 1),
 )
 
 

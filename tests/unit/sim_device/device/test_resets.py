@@ -15,7 +15,7 @@ from protocol.messages.values import Mode, ParameterKind, ResetCause, StopCause
 from sim_device.body.supply import BROWN_OUT_V, SUPPLY_GOOD_V
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import BYTES_PER_MS, ERASE_MS, Flash
-from sim_device.device.modes import State
+from sim_device.device.modes import DeviceState
 from sim_device.device.parameters import table, to_raw
 from sim_device.sweeper import (
     BOOT_US,
@@ -114,7 +114,7 @@ def test_a_firmware_that_hangs_is_reset_by_the_watchdog() -> None:
     path_m = host.device.truth.path_m
     host.device.hang()
     host.heard.clear()
-    assert host.run(1.0, lambda: host.device.state is State.BOOT)
+    assert host.run(1.0, lambda: host.device.state is DeviceState.BOOT)
     assert host.now_us - hung_us <= WATCHDOG_US + 20_000
     # Until then the bridges held their duty: it drove on, without control, for exactly that time.
     driven_m = host.device.truth.path_m - path_m
@@ -129,7 +129,7 @@ def test_a_firmware_that_lives_is_never_reset() -> None:
     host = free()
     drive(host, 3.0)
     assert host.hello.reset_cause == ResetCause.POWER_ON
-    assert host.device.state is State.VELOCITY
+    assert host.device.state is DeviceState.VELOCITY
 
 
 # ---- brown-out ----------------------------------------------------------------------------
@@ -156,15 +156,15 @@ def test_a_rail_that_falls_switches_it_off_until_it_is_back(
     assert host.status.mode == Mode.VELOCITY
     rail.volts = BROWN_OUT_V - 0.05
     host.run(0.02)
-    assert host.device.state is State.OFF
+    assert host.device.state is DeviceState.OFF
     host.heard.clear()
     rail.volts = SUPPLY_GOOD_V - 0.05
     host.run(2.0)
-    assert host.device.state is State.OFF, "between the thresholds it stays off"
+    assert host.device.state is DeviceState.OFF, "between the thresholds it stays off"
     assert speed(host) < REST_M_S
     rail.volts = 5.0
     back_us = host.now_us
-    assert host.run(1.0, lambda: host.device.state is State.STOPPED)
+    assert host.run(1.0, lambda: host.device.state is DeviceState.STOPPED)
     assert host.now_us - back_us == pytest.approx(BOOT_US, abs=30_000)
     host.run(0.02)
     assert host.hello.reset_cause == ResetCause.BROWN_OUT
@@ -178,12 +178,12 @@ def test_a_rail_that_falls_again_while_it_boots(monkeypatch: pytest.MonkeyPatch)
     for _ in range(5):
         rail.volts = 3.0
         host.run(0.1)
-        assert host.device.state is State.OFF
+        assert host.device.state is DeviceState.OFF
         rail.volts = 5.0
         host.run(0.25)
     assert not host.heard
     host.run(0.2)
-    assert host.device.state is State.STOPPED
+    assert host.device.state is DeviceState.STOPPED
 
 
 def test_a_flat_battery_switches_it_off_and_a_full_one_on() -> None:
@@ -191,12 +191,12 @@ def test_a_flat_battery_switches_it_off_and_a_full_one_on() -> None:
     host = free()
     drive(host, 1.0)
     host.device.plant.set_charge(0.0)
-    assert host.run(5.0, lambda: host.device.state is State.OFF)
+    assert host.run(5.0, lambda: host.device.state is DeviceState.OFF)
     host.run(5.0)
-    assert host.device.state is State.OFF
+    assert host.device.state is DeviceState.OFF
     assert speed(host) < REST_M_S
     host.device.plant.set_charge(1.0)
-    assert host.run(1.0, lambda: host.device.state is State.STOPPED)
+    assert host.run(1.0, lambda: host.device.state is DeviceState.STOPPED)
     host.run(0.02)
     assert host.hello.reset_cause == ResetCause.BROWN_OUT
 

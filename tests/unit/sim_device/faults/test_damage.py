@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from protocol.can.frames import RECORD
-from sim_device.faults.damage import Damage, Delay
+from sim_device.faults.damage import Delay, LineDamage
 from sim_device.faults.knobs import WireKnobs
 
 DATA = bytes(i % 251 for i in range(100_000))
 FRAMES = b"".join(RECORD.pack(i % 2000, 8, i.to_bytes(8, "little")) for i in range(2000))
 
 
-def damage(knobs: WireKnobs, seed: int = 1) -> Damage:
-    made = Damage(np.random.default_rng(seed))
+def damage(knobs: WireKnobs, seed: int = 1) -> LineDamage:
+    made = LineDamage(np.random.default_rng(seed))
     made.turn(knobs)
     return made
 
@@ -101,7 +101,7 @@ def test_the_result_is_independent_of_the_split(knobs: WireKnobs) -> None:
     assert damage(knobs, seed=2).stretch(DATA[:5000]) != whole
 
 
-def frames(line: Damage) -> tuple[list[bytes], int]:
+def frames(line: LineDamage) -> tuple[list[bytes], int]:
     """Return what arrives of 2000 frames, and how many were destroyed."""
     out: list[bytes] = []
     destroyed = 0
