@@ -11,7 +11,7 @@ import pytest
 from tools.experiment.layout_tables import layout_table
 from tools.experiment.paper_tables import PAPER_SHARES
 from tools.experiment.paper_trials import STRICT_END, TABLE_2_SEEDS
-from tools.experiment.trials import Kind, Trial
+from tools.experiment.trials import Trial, TrialKind
 from tools.experiment.worker import run_trial
 
 pytestmark = pytest.mark.slow
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 @cache
 def run(room: str, planner: str, noise: str, seed: int = 0) -> dict[str, Any]:
-    kind = Kind.LAYOUT if ":" in room else Kind.RUN
+    kind = TrialKind.LAYOUT if ":" in room else TrialKind.RUN
     done = run_trial(Trial(room, planner, noise, seed, 1800.0, kind))
     assert done["outcome"] == "complete"
     return done
@@ -75,7 +75,7 @@ def test_the_strict_reading_ends_at_the_first_blocked_step() -> None:
     assert 0.20 < shares[STRICT_END] < 0.35, "as expected of a column"
     assert 0.50 < shares["paper"] < 0.85
     rows = [
-        {"kind": Kind.LAYOUT, "room": "layout:diamond", "planner": planner, **row}
+        {"kind": TrialKind.LAYOUT, "room": "layout:diamond", "planner": planner, **row}
         for planner, row in found.items()
     ]
     (line,) = layout_table(rows).rows

@@ -17,7 +17,7 @@ from tools.cli.planners import PLANNERS, PlannerList
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tools.experiment.runs import Outcome
+    from tools.experiment.runs import TrialsOutcome
     from tools.experiment.trials import Trial
 
 _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-rooms,studio-flat"
@@ -329,7 +329,7 @@ def _reject_grid(ctx: click.Context) -> None:
         )
 
 
-def _close(outcome: Outcome, done: str, out: Path) -> int:
+def _close(outcome: TrialsOutcome, done: str, out: Path) -> int:
     """Print the failures and return the exit status."""
     from tools.experiment.runs import ERRORS
 
@@ -352,7 +352,7 @@ def _trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the grid
     *,
     zimablue: bool,
 ) -> list[Trial]:
-    from tools.experiment.trials import PERFECT, Kind, grid_trials
+    from tools.experiment.trials import PERFECT, TrialKind, grid_trials
     from tools.experiment.zimablue_run import check, zimablue_trials
 
     if what == "sensitivity":
@@ -360,7 +360,7 @@ def _trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the grid
     if what == "limits":
         mine = planners or [_DEFAULT]
         beside = dict.fromkeys([PERFECT, *levels])
-        return grid_trials(names, mine, beside, seeds, max_time_s, Kind.LIMITS)
+        return grid_trials(names, mine, beside, seeds, max_time_s, TrialKind.LIMITS)
     trials = grid_trials(names, planners or _PLANNERS, levels, seeds, max_time_s)
     if zimablue:
         check()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.limits import CAUSES
 from tools.experiment.tables import Table, at_multiples, group, number, outcomes, percent, values
-from tools.experiment.trials import Kind
+from tools.experiment.trials import TrialKind
 from tools.experiment.zimablue_run import LONGEST, PLANNERS
 
 if TYPE_CHECKING:
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 def shared(rows: Sequence[Row]) -> list[Row]:
     """Return the runs whose room and seed both zimablue and our planners have."""
-    theirs = {(row["room"], row["seed"]) for row in rows if row["kind"] == Kind.ZIMABLUE}
-    ours = {(row["room"], row["seed"]) for row in rows if row["kind"] != Kind.ZIMABLUE}
+    theirs = {(row["room"], row["seed"]) for row in rows if row["kind"] == TrialKind.ZIMABLUE}
+    ours = {(row["room"], row["seed"]) for row in rows if row["kind"] != TrialKind.ZIMABLUE}
     both = theirs & ours
     return [row for row in rows if (row["room"], row["seed"]) in both]
 
@@ -43,7 +43,7 @@ def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
         (display_name(planner), noise, str(len(runs)), *at_multiples(runs, curve), outcomes(runs))
         for (planner, noise), runs in group(shared(rows), "planner", "noise").items()
     ]
-    scale = next((row["scale"] for row in rows if row["kind"] == Kind.ZIMABLUE), 1.0)
+    scale = next((row["scale"] for row in rows if row["kind"] == TrialKind.ZIMABLUE), 1.0)
     unit = "time" if curve == "coverage" else "path"
     return Table(
         f"Comparison with zimablue, against {unit}",

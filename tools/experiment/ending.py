@@ -28,7 +28,7 @@ class EndedEarlyError(Exception):
     """The trial was not started."""
 
 
-class Ending:
+class EarlyEnd:
     """State that the signal handler and the trial share."""
 
     asked = False
@@ -47,9 +47,9 @@ def prepare_worker() -> None:
 
 
 def _on_sigterm(_number: int, _frame: FrameType | None) -> None:
-    if Ending.busy:
+    if EarlyEnd.busy:
         os._exit(1)
-    Ending.asked = True
+    EarlyEnd.asked = True
     if hasattr(signal, "setitimer"):  # Windows has neither this nor a SIGTERM to catch
         signal.setitimer(signal.ITIMER_REAL, GRACE_S)
 
@@ -61,10 +61,10 @@ def run_until_ended(trial: Trial) -> dict[str, Any]:
         EndedEarlyError: SIGTERM came before the trial.
 
     """
-    Ending.busy = True
+    EarlyEnd.busy = True
     try:
-        if Ending.asked:
+        if EarlyEnd.asked:
             raise EndedEarlyError
         return run_trial(trial)
     finally:
-        Ending.busy = False
+        EarlyEnd.busy = False

@@ -13,7 +13,7 @@ from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.limits import CAUSES
 from tools.experiment.paper_tables import cycle_spread
 from tools.experiment.tables import group
-from tools.experiment.trials import OPEN_FLOOR, Kind, robot_label, room_of
+from tools.experiment.trials import OPEN_FLOOR, TrialKind, robot_label, room_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,7 +64,7 @@ def zimablue_curves(rows: Sequence[Row]) -> str:
     theirs = 0
     for (planner, noise), runs in group(shared(rows), "planner", "noise").items():
         name, colour, style = f"{planner}, {noise}", _COLOURS.get(planner, _OTHER), "o-"
-        if runs[0]["kind"] == Kind.ZIMABLUE:
+        if runs[0]["kind"] == TrialKind.ZIMABLUE:
             name, colour, style = display_name(planner), _THEIRS[theirs % len(_THEIRS)], "s--"
             theirs += 1
         for axes, curve in ((over_time, "coverage"), (over_path, "by_path")):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tools.experiment.layouts import LAYOUT, LAYOUTS
 from tools.experiment.paper_trials import RANGE_LEVEL, STRICT_END, TOLERANCES
 from tools.experiment.tables import Table, group, percent, spread, values
-from tools.experiment.trials import Kind
+from tools.experiment.trials import TrialKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,7 @@ beforehand."""
 def layout_table(rows: Sequence[Row]) -> Table:
     """Return the coverage in each layout: expected, two readings of the paper, and recovery."""
     lines = []
-    for (room,), runs in group(_of(rows, Kind.LAYOUT), "room").items():
+    for (room,), runs in group(_of(rows, TrialKind.LAYOUT), "room").items():
         layout = LAYOUTS[room.removeprefix(LAYOUT)]
         shares = [
             percent(values([run for run in runs if run["planner"] == planner], _SHARE), fmean)
@@ -45,7 +45,7 @@ def layout_table(rows: Sequence[Row]) -> Table:
 def range_table(rows: Sequence[Row]) -> Table:
     """Return the cost of 1 cm of range noise, for two ways to count T and two tolerances."""
     lines = []
-    for (planner,), runs in group(_of(rows, Kind.RANGES), "planner").items():
+    for (planner,), runs in group(_of(rows, TrialKind.RANGES), "planner").items():
         options, counting = TOLERANCES[planner]
         without, noisy = (
             values([run for run in runs if run["noise"] == noise], _SHARE)
@@ -83,5 +83,5 @@ def range_table(rows: Sequence[Row]) -> Table:
 _SHARE = "mouth_sweepable"
 
 
-def _of(rows: Sequence[Row], kind: Kind) -> list[Row]:
+def _of(rows: Sequence[Row], kind: TrialKind) -> list[Row]:
     return [row for row in rows if row["kind"] == kind]

@@ -12,7 +12,7 @@ from tools.experiment.curves import MULTIPLES
 from tools.experiment.limits import CAUSES
 from tools.experiment.store import write_csv
 from tools.experiment.tables import room_file
-from tools.experiment.trials import Kind, room_of
+from tools.experiment.trials import TrialKind, room_of
 from tools.experiment.versions import matched, version_of, versions_tables
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def write_results(
     swept = [row for row in rows if "curve" in row]
     if swept:
         write_csv(out / "curves.csv", _curves(swept))
-    cycles = [row for row in rows if row["kind"] == Kind.CYCLES]
+    cycles = [row for row in rows if row["kind"] == TrialKind.CYCLES]
     if cycles:
         points = [{"seed": row["seed"], **point} for row in cycles for point in row["offsets"]]
         write_csv(out / "cycles.csv", points)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from tools.experiment.compare_tables import display_name
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.tables import Table, group
-from tools.experiment.trials import NOISELESS, Kind
+from tools.experiment.trials import NOISELESS, TrialKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,7 +47,7 @@ def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
         "A dash: a run had ended before."
         + (
             " zimablue's runs have their own noise and are compared with ours of each level."
-            if any(row["kind"] == Kind.ZIMABLUE for row in others)
+            if any(row["kind"] == TrialKind.ZIMABLUE for row in others)
             else ""
         ),
     )
@@ -71,7 +71,9 @@ def _pairs(
                     (other["room"], other["seed"], other["robot"]),
                     once.get((other["room"], other["robot"])),
                 )
-                if run is not None and (other["noise"] == noise or other["kind"] == Kind.ZIMABLUE):
+                if run is not None and (
+                    other["noise"] == noise or other["kind"] == TrialKind.ZIMABLUE
+                ):
                     found.setdefault((planner, noise), []).append((run, other))
     return found
 

@@ -9,7 +9,7 @@ from tools.experiment.curves import MULTIPLES
 from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.paper_trials import COMPREHENSIVE
 from tools.experiment.tables import Table, group, number, outcomes, percent, spread, values
-from tools.experiment.trials import Kind
+from tools.experiment.trials import TrialKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,12 +70,12 @@ def paper_table(rows: Sequence[Row]) -> Table:
 
 def beside_rows(rows: Sequence[Row]) -> list[Row]:
     """Return the runs to compare in the comprehensive room; none without another planner."""
-    others = [row for row in rows if row["kind"] == Kind.BESIDE]
+    others = [row for row in rows if row["kind"] == TrialKind.BESIDE]
     levels = {row["noise"] for row in others}
     papers = [
         row
         for row in rows
-        if (row["kind"], row["room"], row["planner"]) == (Kind.RUN, COMPREHENSIVE, "paper")
+        if (row["kind"], row["room"], row["planner"]) == (TrialKind.RUN, COMPREHENSIVE, "paper")
         and row["noise"] in levels
     ]
     return papers + others

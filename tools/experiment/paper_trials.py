@@ -7,7 +7,7 @@ from dataclasses import replace
 from bridge.coverage.baselines.paper import PaperOptions
 from sim_device.noise import NoiseLevel
 from tools.experiment.layouts import LAYOUT, LAYOUTS
-from tools.experiment.trials import OPEN_FLOOR, Kind, Trial
+from tools.experiment.trials import OPEN_FLOOR, Trial, TrialKind
 
 TABLE_2_SEEDS = 5
 """Number of runs of each room: the paper ran case 1 five times (Table 2)."""
@@ -67,7 +67,7 @@ def _coverage(max_time_s: float | None) -> list[Trial]:
 def _beside(max_time_s: float | None) -> list[Trial]:
     """Return the trials of section 5.3: the other planners in the comprehensive room."""
     return [
-        Trial(COMPREHENSIVE, planner, "paper", seed, max_time_s, Kind.BESIDE)
+        Trial(COMPREHENSIVE, planner, "paper", seed, max_time_s, TrialKind.BESIDE)
         for planner in BESIDE
         for seed in range(TABLE_2_SEEDS)
     ]
@@ -76,7 +76,7 @@ def _beside(max_time_s: float | None) -> list[Trial]:
 def _layouts(max_time_s: float | None) -> list[Trial]:
     """Return the trials of the layouts, without noise, so that only the algorithm can fail."""
     return [
-        Trial(f"{LAYOUT}{name}", planner, "none", 0, max_time_s, Kind.LAYOUT)
+        Trial(f"{LAYOUT}{name}", planner, "none", 0, max_time_s, TrialKind.LAYOUT)
         for name in LAYOUTS
         for planner in ("paper", STRICT_END, "recovery")
     ]
@@ -85,7 +85,7 @@ def _layouts(max_time_s: float | None) -> list[Trial]:
 def _ranges(max_time_s: float | None) -> list[Trial]:
     """Return the trials of case 1 with and without 1 cm of range noise."""
     return [
-        Trial("case-1", reading, noise, seed, max_time_s, Kind.RANGES)
+        Trial("case-1", reading, noise, seed, max_time_s, TrialKind.RANGES)
         for reading in TOLERANCES
         for noise, seeds in (("none", 1), (RANGE_LEVEL.name, TABLE_2_SEEDS))
         for seed in range(seeds)
@@ -95,6 +95,6 @@ def _ranges(max_time_s: float | None) -> list[Trial]:
 def _cycles(max_time_s: float | None) -> list[Trial]:
     """Return the trials of Figs. 12, 14 and 15."""
     return [
-        Trial(OPEN_FLOOR, "u-cycles", "paper", seed, max_time_s, Kind.CYCLES)
+        Trial(OPEN_FLOOR, "u-cycles", "paper", seed, max_time_s, TrialKind.CYCLES)
         for seed in range(CYCLE_SEEDS)
     ]

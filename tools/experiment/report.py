@@ -11,7 +11,7 @@ from tools.cli.planners import DEFAULT_PLANNER
 from tools.experiment import compare_tables, figures, layout_tables, paper_tables, tables
 from tools.experiment.paired import paired_table
 from tools.experiment.sensitivity import sensitivity_table
-from tools.experiment.trials import Kind
+from tools.experiment.trials import TrialKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,20 +27,24 @@ class Results:
 
     rows: Sequence[Row]
 
-    def of(self, *kinds: Kind) -> list[Row]:
+    def of(self, *kinds: TrialKind) -> list[Row]:
         """Return the rows of these kinds."""
         return [row for row in self.rows if row["kind"] in kinds]
 
     @property
     def levels(self) -> list[str]:
         """Noise levels of our planners' runs, in the order of the rows."""
-        return list(dict.fromkeys(row["noise"] for row in self.of(Kind.RUN, Kind.LIMITS)))
+        return list(dict.fromkeys(row["noise"] for row in self.of(TrialKind.RUN, TrialKind.LIMITS)))
 
 
 def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
     """Return every table for which there are rows."""
     results = Results(rows)
-    runs, cycles, limits = results.of(Kind.RUN), results.of(Kind.CYCLES), results.of(Kind.LIMITS)
+    runs, cycles, limits = (
+        results.of(TrialKind.RUN),
+        results.of(TrialKind.CYCLES),
+        results.of(TrialKind.LIMITS),
+    )
     made = _paper_tables(results)
     if cycles:
         made.append(paper_tables.cycle_table(cycles))
@@ -51,14 +55,14 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
     if ours:
         made.append(tables.planner_table(ours))
         made += [tables.curve_table(ours, curve) for curve in ("coverage", "by_energy")]
-        swept = ours + results.of(Kind.ZIMABLUE)
+        swept = ours + results.of(TrialKind.ZIMABLUE)
         paired = [
             paired_table(swept, curve, DEFAULT_PLANNER) for curve in ("coverage", "by_energy")
         ]
         made += [table for table in (tables.robot_table(ours), *paired) if table.rows]
-    if results.of(Kind.SENSITIVITY):
-        made.append(sensitivity_table(results.of(Kind.RUN, Kind.SENSITIVITY)))
-    if compare_tables.shared(rows) and results.of(Kind.ZIMABLUE):
+    if results.of(TrialKind.SENSITIVITY):
+        made.append(sensitivity_table(results.of(TrialKind.RUN, TrialKind.SENSITIVITY)))
+    if compare_tables.shared(rows) and results.of(TrialKind.ZIMABLUE):
         made += [compare_tables.zimablue_table(rows, curve) for curve in ("coverage", "by_path")]
     if ours:
         made.append(tables.energy_table(ours))
@@ -69,14 +73,14 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
 
 def _paper_tables(results: Results) -> list[Table]:
     """Return the tables of the paper's experiments."""
-    rows, runs, made = results.rows, results.of(Kind.RUN), []
+    rows, runs, made = results.rows, results.of(TrialKind.RUN), []
     if any(row["room"] in paper_tables.PAPER_SHARES and row["planner"] == "paper" for row in runs):
         made.append(paper_tables.paper_table(runs))
-    if results.of(Kind.BESIDE):
+    if results.of(TrialKind.BESIDE):
         made.append(paper_tables.beside_table(rows))
-    if results.of(Kind.LAYOUT):
+    if results.of(TrialKind.LAYOUT):
         made.append(layout_tables.layout_table(rows))
-    if results.of(Kind.RANGES):
+    if results.of(TrialKind.RANGES):
         made.append(layout_tables.range_table(rows))
     return made
 
@@ -106,7 +110,7 @@ def render(
     firsts = [
         runs[0]
         for runs in tables.group(rows, "room", "planner", "noise", "robot").values()
-        if runs[0].get("path") and runs[0]["kind"] != Kind.RANGES
+        if runs[0].get("path") and runs[0]["kind"] != TrialKind.RANGES
     ]
     if firsts:
         note = "The first seed of each. Dot: start; square: end."
@@ -136,7 +140,7 @@ def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
     """Return heading, SVG text and note of each figure."""
     results = Results(rows)
     made = []
-    cycles = results.of(Kind.CYCLES)
+    cycles = results.of(TrialKind.CYCLES)
     if any(row["offsets"] for row in cycles):
         note = "Seven U-shaped cycles with noise paper on an open floor. Each grey line is a seed."
         made.append(("Fig. 15: keeping the path", figures.cycles_figure(cycles), note))
@@ -144,22 +148,22 @@ def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
         if row.get("smoothing"):
             note = "The first seconds of seed 0 of the same runs: commands at 50 Hz."
             made.append(("Fig. 12: velocity smoothing", figures.smoothing_figure(row), note))
-    if results.of(Kind.BESIDE):
+    if results.of(TrialKind.BESIDE):
         beside = paper_tables.beside_rows(rows)
         svg = figures.coverage_curves(beside, beside[0]["noise"])
         made.append(("Section 5.3: the comprehensive room against time and energy", svg, ""))
-    limits = results.of(Kind.LIMITS)
+    limits = results.of(TrialKind.LIMITS)
     if limits:
         made.append(("Lost coverage by cause", figures.loss_figure(limits), ""))
     for noise in results.levels:
-        svg = figures.coverage_curves(results.of(Kind.RUN, Kind.LIMITS), noise)
+        svg = figures.coverage_curves(results.of(TrialKind.RUN, TrialKind.LIMITS), noise)
         note = (
             "Mean over all runs, in multiples of the time or energy to sweep the sweepable area "
             "once, straight ahead at cruise speed. A level line: the planner has ended. A line "
             "that stops: a run has reached its time limit."
         )
         made.append((f"Coverage against time and energy, noise {noise}", svg, note))
-    if results.of(Kind.ZIMABLUE) and compare_tables.shared(rows):
+    if results.of(TrialKind.ZIMABLUE) and compare_tables.shared(rows):
         note = "Each robot against its own reference time and path. Dashed: zimablue."
         made.append(("Comparison with zimablue", figures.zimablue_curves(rows), note))
     return made

@@ -35,7 +35,7 @@ ERRORS = "errors.txt"
 
 
 @dataclass(slots=True)
-class Outcome:
+class TrialsOutcome:
     """Result of a batch of trials."""
 
     interrupted: bool = False
@@ -54,7 +54,7 @@ class _Left(ProgressColumn):
 
 def run_all(
     store: Store, trials: list[Trial], jobs: int | None, scheduler: str | None = None
-) -> Outcome:
+) -> TrialsOutcome:
     """Run the trials that the store lacks. A failed trial is reported, and the others continue.
 
     Ctrl-C or SIGTERM ends the runs. The signal is polled, not raised. An exception during the start
@@ -72,7 +72,7 @@ def run_all(
 
     """
     missing = store.missing(trials)
-    outcome = Outcome()
+    outcome = TrialsOutcome()
     if not missing:
         return outcome
 
@@ -111,7 +111,12 @@ def _pool(missing: int, jobs: int | None, scheduler: str | None) -> Pool:
 
 
 def _collect(  # noqa: PLR0913, PLR0917 - the parts of the loop
-    store: Store, missing: list[Trial], count: int, pool: Pool, bar: Progress, outcome: Outcome
+    store: Store,
+    missing: list[Trial],
+    count: int,
+    pool: Pool,
+    bar: Progress,
+    outcome: TrialsOutcome,
 ) -> None:
     """Run the trials and store their results, until all are done or an end is requested.
 
@@ -135,7 +140,7 @@ def _collect(  # noqa: PLR0913, PLR0917 - the parts of the loop
             _print_progress(bar, task, text)
 
 
-def _break_off(outcome: Outcome, error: Exception | CancelledError) -> None:
+def _break_off(outcome: TrialsOutcome, error: Exception | CancelledError) -> None:
     """Record that the pool is broken."""
     if not outcome.interrupted:
         match error:
@@ -149,7 +154,9 @@ def _break_off(outcome: Outcome, error: Exception | CancelledError) -> None:
     outcome.interrupted = True
 
 
-def _keep(store: Store, trial: Trial, future: Future[dict[str, Any]], outcome: Outcome) -> str:
+def _keep(
+    store: Store, trial: Trial, future: Future[dict[str, Any]], outcome: TrialsOutcome
+) -> str:
     """Store a result or an error, and return a line about it.
 
     Raises:

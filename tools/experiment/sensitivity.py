@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tools.experiment.settings import constants, scaled
 from tools.experiment.tables import Table
-from tools.experiment.trials import Kind
+from tools.experiment.trials import TrialKind
 from tools.experiment.versions import Pair, difference
 
 if TYPE_CHECKING:
@@ -26,7 +26,9 @@ def sensitivity_trials(
     for name in names:
         for value in dict.fromkeys(scaled(name, factor) for factor in factors):
             made += [
-                dataclasses.replace(trial, kind=Kind.SENSITIVITY, options=f"{name}={value:.6g}")
+                dataclasses.replace(
+                    trial, kind=TrialKind.SENSITIVITY, options=f"{name}={value:.6g}"
+                )
                 for trial in trials
             ]
     return made
@@ -34,11 +36,11 @@ def sensitivity_trials(
 
 def sensitivity_table(rows: Sequence[Row]) -> Table:
     """Return the effect of each change of a constant, the largest effect first."""
-    known = {_place(row): row for row in rows if row["kind"] == Kind.RUN}
+    known = {_place(row): row for row in rows if row["kind"] == TrialKind.RUN}
     pairs: dict[str, list[Pair]] = {}
     for row in rows:
         before = known.get(_place(row))
-        if row["kind"] == Kind.SENSITIVITY and before is not None:
+        if row["kind"] == TrialKind.SENSITIVITY and before is not None:
             pairs.setdefault(row["options"], []).append((before, row))
     effects: dict[str, float] = {}
     lines: list[tuple[str, ...]] = []

@@ -42,7 +42,7 @@ _DRAWN_FROM = 0x5EED
 """First part of the seeds of generated rooms, so that they differ from other uses of the number."""
 
 
-class Kind(StrEnum):
+class TrialKind(StrEnum):
     """Kind of a trial: how it is run and what is measured."""
 
     RUN = "run"
@@ -79,7 +79,7 @@ class Trial:
     seed: int
     max_time_s: float | None = None
     """Time limit in simulated seconds; None: an hour, more in large rooms."""
-    kind: Kind = Kind.RUN
+    kind: TrialKind = TrialKind.RUN
     robot: str = ""
     """Robot file; empty: the default robot."""
     robot_hash: str = ""
@@ -153,7 +153,7 @@ def grid_trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the 
     levels: Iterable[str],
     seeds: Iterable[int],
     max_time_s: float | None,
-    kind: Kind = Kind.RUN,
+    kind: TrialKind = TrialKind.RUN,
 ) -> list[Trial]:
     """Return every combination of room, planner, level and seed; one seed where all are equal."""
     seeds = list(seeds)
@@ -206,9 +206,9 @@ def work(trial: Trial, plan: FloorPlan) -> float:
     """Return the approximate cost of a trial in arbitrary units, to estimate the time left."""
     x0, y0, x1, y1 = plan.bounds()
     match trial.kind:
-        case Kind.CYCLES:
+        case TrialKind.CYCLES:
             return 3.0
-        case Kind.ZIMABLUE:
+        case TrialKind.ZIMABLUE:
             return 6.0 * (x1 - x0) * (y1 - y0)
         case _:
             area_m2 = (x1 - x0) * (y1 - y0)

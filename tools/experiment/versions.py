@@ -33,7 +33,7 @@ _LOSSES = 10
 """Number of pairs in the table of the largest losses."""
 
 
-class Difference(NamedTuple):
+class PairedDifference(NamedTuple):
     """Mean difference of pairs, after minus before."""
 
     mean: float
@@ -53,7 +53,7 @@ class Difference(NamedTuple):
         return f"{scale * self.mean:+.{digits}f} ± {scale * self.margin:.{digits}f}{star}"
 
 
-def difference(pairs: Sequence[Pair], figure: str) -> Difference:
+def difference(pairs: Sequence[Pair], figure: str) -> PairedDifference:
     """Return the mean difference of a figure; runs without it are left out."""
     found = [
         after[figure] - before[figure]
@@ -61,11 +61,11 @@ def difference(pairs: Sequence[Pair], figure: str) -> Difference:
         if before.get(figure) is not None and after.get(figure) is not None
     ]
     if not found:
-        return Difference(0.0, math.inf)
+        return PairedDifference(0.0, math.inf)
     if len(found) == 1:
-        return Difference(found[0], math.inf)
+        return PairedDifference(found[0], math.inf)
     factor = float(stats.t.ppf(0.975, len(found) - 1))
-    return Difference(fmean(found), factor * stdev(found) / math.sqrt(len(found)))
+    return PairedDifference(fmean(found), factor * stdev(found) / math.sqrt(len(found)))
 
 
 def read_rows(folder: Path) -> list[Row]:

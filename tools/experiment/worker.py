@@ -10,7 +10,7 @@ from bridge.evaluation.metrics import CoverageMeter
 from tools.experiment import curves
 from tools.experiment.observed import Observed, observe
 from tools.experiment.span import energy_unit_wh, enough, limit_s, planner_of
-from tools.experiment.trials import PERFECT, Kind, Trial
+from tools.experiment.trials import PERFECT, Trial, TrialKind
 from tools.virtual.summary import summarise
 
 if TYPE_CHECKING:
@@ -28,17 +28,17 @@ def run_trial(trial: Trial) -> dict[str, Any]:
 
     """
     match trial.kind:
-        case Kind.CYCLES:
+        case TrialKind.CYCLES:
             from tools.experiment.cycles import run_cycles
 
             return run_cycles(trial)
-        case Kind.ZIMABLUE:
+        case TrialKind.ZIMABLUE:
             from tools.experiment.zimablue_run import run_zimablue
 
             return run_zimablue(trial)
-        case Kind.LIMITS:
+        case TrialKind.LIMITS:
             return _limits(trial)
-        case Kind.LAYOUT | Kind.RANGES:
+        case TrialKind.LAYOUT | TrialKind.RANGES:
             return _reading(trial)
         case _:
             return _figures(trial, _drive(trial))

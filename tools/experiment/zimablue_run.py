@@ -23,7 +23,7 @@ from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from tools.experiment import curves
-from tools.experiment.trials import Kind, Trial, room_of
+from tools.experiment.trials import Trial, TrialKind, room_of
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Polygon
@@ -61,7 +61,7 @@ def check() -> None:
 def zimablue_trials(rooms: list[str], seeds: range, max_time_s: float | None) -> list[Trial]:
     """Return every combination of room, zimablue's planners and seed, with zimablue's noise."""
     return [
-        Trial(room, f"zimablue {name}", "its own", seed, max_time_s, Kind.ZIMABLUE)
+        Trial(room, f"zimablue {name}", "its own", seed, max_time_s, TrialKind.ZIMABLUE)
         for room in rooms
         for name in PLANNERS
         for seed in seeds

@@ -10,7 +10,7 @@ from tools.experiment import figures, report
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.paired import paired_table
 from tools.experiment.tables import curve_table, energy_table
-from tools.experiment.trials import Kind
+from tools.experiment.trials import TrialKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +37,7 @@ def row(
     **more: Any,  # noqa: ANN401 - any column
 ) -> dict[str, Any]:
     return {
-        "kind": Kind.RUN,
+        "kind": TrialKind.RUN,
         "room": "case-1",
         "robot": "",
         "planner": planner,
@@ -114,7 +114,7 @@ def test_run_by_run_at_equal_energy_is_another_table() -> None:
     rows = [
         row("recovery", share(rest=0.9), share(rest=0.7)),
         row("u-shape", share(rest=0.5), share(rest=0.8)),
-        row("zimablue bsa", share(rest=0.5), kind=Kind.ZIMABLUE, noise="its own"),
+        row("zimablue bsa", share(rest=0.5), kind=TrialKind.ZIMABLUE, noise="its own"),
     ]
     del rows[2]["curve"]["by_energy"]
     (line,) = paired_table(rows, "by_energy", "recovery").rows
@@ -143,7 +143,7 @@ def test_zimablues_runs_stand_beside_ours_of_each_level() -> None:
     rows = [
         row("recovery", share(rest=0.9)),
         row("recovery", share(rest=0.7), noise="harsh"),
-        row("zimablue bsa", share(rest=0.8), kind=Kind.ZIMABLUE, noise="its own"),
+        row("zimablue bsa", share(rest=0.8), kind=TrialKind.ZIMABLUE, noise="its own"),
     ]
     table = paired_table(rows, "coverage", "recovery")
     assert [line[:4] for line in table.rows] == [

@@ -18,8 +18,8 @@ from tools.experiment.store import Store
 from tools.experiment.trials import (
     OPEN_FLOOR,
     PERFECT,
-    Kind,
     Trial,
+    TrialKind,
     grid_trials,
     room_of,
     with_robots,
@@ -35,7 +35,7 @@ MODEL = RobotModel()
 
 
 def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
-    row = run_trial(Trial(OPEN_FLOOR, "u-cycles", "paper", 0, 33.0, Kind.CYCLES))
+    row = run_trial(Trial(OPEN_FLOOR, "u-cycles", "paper", 0, 33.0, TrialKind.CYCLES))
     (first,) = row["offsets"]
     assert first["cycle"] == 1
     # two lanes of 1.77 m and two steps of 0.16 m at no more than cruise speed, and four turns
@@ -59,7 +59,7 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
 def test_ranges_with_noise_move_the_ends_of_lanes_by_the_seed() -> None:
     def ends(noise: str, seed: int) -> float:
         """Return where the first lane ended."""
-        trial = Trial("case-1", next(iter(TOLERANCES)), noise, seed, 16.0, Kind.RANGES)
+        trial = Trial("case-1", next(iter(TOLERANCES)), noise, seed, 16.0, TrialKind.RANGES)
         return float(max(x for x, _ in run_trial(trial)["path"]))
 
     assert ends("none", 0) == ends("none", 1)
@@ -70,7 +70,7 @@ def test_ranges_with_noise_move_the_ends_of_lanes_by_the_seed() -> None:
 
 
 def test_a_perfect_pose_is_the_truth_and_the_loss_is_all_that_is_missing() -> None:
-    row = run_trial(Trial("case-1", "u-shape", PERFECT, 3, 6.0, Kind.LIMITS))
+    row = run_trial(Trial("case-1", "u-shape", PERFECT, 3, 6.0, TrialKind.LIMITS))
     # the remaining error is the 21 ms between an encoder sample and now
     assert row["pose_error_max_m"] <= 0.021 * MODEL.max_speed_m_s
     assert list(row["loss"]) == list(CAUSES)
@@ -80,7 +80,7 @@ def test_a_perfect_pose_is_the_truth_and_the_loss_is_all_that_is_missing() -> No
 
 
 def test_a_zimablue_run_is_repeatable_and_within_its_heads_sweep() -> None:
-    trial = Trial("empty", "zimablue bsa", "its own", 1, 3.0, Kind.ZIMABLUE)
+    trial = Trial("empty", "zimablue bsa", "its own", 1, 3.0, TrialKind.ZIMABLUE)
     row = run_trial(trial)
     assert run_trial(trial) == row
     assert row["outcome"] == "timeout"

@@ -18,7 +18,7 @@ from tools.experiment import curves
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.span import cruise_power_w, limit_s, planner_of
 from tools.experiment.tables import at_multiples
-from tools.experiment.trials import PERFECT, Kind, Trial, room_of
+from tools.experiment.trials import PERFECT, Trial, TrialKind, room_of
 from tools.experiment.worker import run_trial
 from tools.experiment.zimablue_run import limit_s as their_limit_s
 
@@ -87,7 +87,7 @@ def test_an_hour_is_not_enough_in_every_room() -> None:
 
 
 def test_a_perfect_pose_goes_as_far_and_reports_its_loss(closet: str) -> None:
-    run = run_trial(Trial(closet, "random", PERFECT, 0, None, Kind.LIMITS))
+    run = run_trial(Trial(closet, "random", PERFECT, 0, None, TrialKind.LIMITS))
     assert run["time_ratio"] > MULTIPLES[-1]
     assert sum(run["loss"].values()) == pytest.approx(1.0 - run["mouth_sweepable"], abs=1e-3)
 

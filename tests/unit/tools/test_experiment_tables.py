@@ -29,7 +29,7 @@ from tools.experiment.paper_tables import (
 from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES, paper_trials
 from tools.experiment.store import LINES, ExperimentFolderError, Store, code_version
 from tools.experiment.tables import at_multiples, repeat_command, worst_table
-from tools.experiment.trials import OPEN_FLOOR, Kind, Trial, generated_rooms, room_of
+from tools.experiment.trials import OPEN_FLOOR, Trial, TrialKind, generated_rooms, room_of
 from tools.experiment.zimablue_run import enlarged
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 def row(planner: str = "paper", seed: int = 0, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - any column
     shares = [0.1 * k for k in range(len(curves.MULTIPLES))]
     return {
-        "kind": Kind.RUN,
+        "kind": TrialKind.RUN,
         "room": "case-1",
         "robot": "",
         "planner": planner,
@@ -64,9 +64,9 @@ def test_the_papers_table_2_by_division() -> None:
 
 def test_the_papers_own_trials() -> None:
     trials = paper_trials(3600.0)
-    case_1 = [t for t in trials if (t.room, t.noise, t.kind) == ("case-1", "paper", Kind.RUN)]
+    case_1 = [t for t in trials if (t.room, t.noise, t.kind) == ("case-1", "paper", TrialKind.RUN)]
     assert [t.seed for t in case_1] == [0, 1, 2, 3, 4]
-    assert sum(t.kind is Kind.CYCLES for t in trials) == 20
+    assert sum(t.kind is TrialKind.CYCLES for t in trials) == 20
 
 
 def test_section_5_3_compares_the_papers_algorithm_with_others_at_equal_noise() -> None:
@@ -74,7 +74,7 @@ def test_section_5_3_compares_the_papers_algorithm_with_others_at_equal_noise() 
         row(room="comprehensive", noise="paper", body_free=0.90),
         row(room="comprehensive", noise="typical", body_free=0.50),
         row(room="case-1", noise="paper", body_free=0.40),
-        row("random", kind=Kind.BESIDE, room="comprehensive", noise="paper", body_free=0.80),
+        row("random", kind=TrialKind.BESIDE, room="comprehensive", noise="paper", body_free=0.80),
     ]
     assert beside_rows(rows) == [rows[0], rows[3]]
     assert [line[:3] for line in beside_table(rows).rows] == [
@@ -99,7 +99,7 @@ def test_every_layout_is_a_room_of_plausible_size_in_which_the_robot_fits() -> N
 
 
 def test_the_cost_of_range_noise_is_the_difference() -> None:
-    kind, reading = Kind.RANGES, next(iter(TOLERANCES))
+    kind, reading = TrialKind.RANGES, next(iter(TOLERANCES))
     rows = [row(reading, kind=kind, noise="none", mouth_sweepable=0.9)] + [
         row(reading, seed, kind=kind, noise=RANGE_LEVEL.name, mouth_sweepable=share)
         for seed, share in enumerate((0.8, 0.9))
@@ -111,7 +111,7 @@ def test_the_cost_of_range_noise_is_the_difference() -> None:
 
 def test_the_u_shaped_cycles_have_a_picture_of_their_own_size() -> None:
     places = [[10.0, 10.0], [11.77, 10.0], [11.77, 10.16], [10.0, 10.16]]
-    cycles = row("u-cycles", kind=Kind.CYCLES, room=OPEN_FLOOR, noise="paper", path=places)
+    cycles = row("u-cycles", kind=TrialKind.CYCLES, room=OPEN_FLOOR, noise="paper", path=places)
     cycles |= {"path_m": 27.0, "duration_s": 160.0, "offsets": [{}] * 7}
     del cycles["mouth_sweepable"]
     assert "<svg" in path_picture(cycles)
@@ -162,7 +162,7 @@ def test_a_mean_is_not_reported_where_a_run_was_cut() -> None:
 
 
 def test_side_by_side_only_where_both_ran() -> None:
-    theirs = row("zimablue bsa", kind=Kind.ZIMABLUE, noise="its own", scale=1.77)
+    theirs = row("zimablue bsa", kind=TrialKind.ZIMABLUE, noise="its own", scale=1.77)
     rows = [row(), row(seed=1), theirs]
     assert shared(rows) == [rows[0], theirs]
     table = zimablue_table(rows, "coverage")
@@ -238,7 +238,7 @@ def test_results_of_other_code_or_another_time_limit_are_not_mixed(tmp_path: Pat
 
 
 def test_a_page_holds_no_text_as_markup_and_markdown_every_cell() -> None:
-    made = report.all_tables([row("zimablue bsa", kind=Kind.ZIMABLUE)], "rooms")
+    made = report.all_tables([row("zimablue bsa", kind=TrialKind.ZIMABLUE)], "rooms")
     assert made == []
     page = report.render("a < b", "sweepctl 'x<y>'", [], made)
     assert "a &lt; b" in page

@@ -12,7 +12,7 @@ from bridge.motion.estimation.drift_model import DriftModel
 from tools.experiment.sensitivity import sensitivity_table, sensitivity_trials
 from tools.experiment.settings import Settings, constants, scaled, settings_of
 from tools.experiment.store import LINES, ExperimentFolderError
-from tools.experiment.trials import Kind, Trial
+from tools.experiment.trials import Trial, TrialKind
 from tools.experiment.versions import (
     difference,
     losses_table,
@@ -141,7 +141,7 @@ def test_trials_of_a_screening_are_the_defaults_and_each_change() -> None:
     trials = sensitivity_trials(base, ["planner.tries", "planner.min_rate"], [0.7, 1.4])
     assert trials[:2] == base
     assert len(trials) == 2 * (1 + 4)
-    assert {t.kind for t in trials[2:]} == {Kind.SENSITIVITY}
+    assert {t.kind for t in trials[2:]} == {TrialKind.SENSITIVITY}
     assert len({t.key for t in trials}) == len(trials)
     assert "planner.tries=1" in trials[2].label
 
