@@ -22,7 +22,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
 
-    from tools.virtual.settings import Settings
+    from tools.virtual.settings import SweeperSettings
     from tools.virtual.sweeper import SimulatedSweeper
 
 MARKER = "sweeper"
@@ -180,9 +180,9 @@ def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
     return values
 
 
-def _settings(request: pytest.FixtureRequest) -> Settings:
+def _settings(request: pytest.FixtureRequest) -> SweeperSettings:
     _check_names()
-    from tools.virtual.settings import Settings
+    from tools.virtual.settings import SweeperSettings
 
     values = _marked(request)
     if not isinstance(values.setdefault(_RECORD, False), bool):
@@ -217,7 +217,7 @@ def _settings(request: pytest.FixtureRequest) -> Settings:
         values["firmware"] = str(values["firmware"])
     values["room"] = str(values.get("room", "case-1"))
     values["faults"] = tuple(values.get("faults", ()))
-    return Settings(**values)
+    return SweeperSettings(**values)
 
 
 # ---- in the project's own tree ----------------------------------------------------------

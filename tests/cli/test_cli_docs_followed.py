@@ -16,7 +16,7 @@ from support.cli import sweepctl
 from support.emulated import Emulated
 from support.plugin_site import EXAMPLE, install_example, sweepctl_with
 from support.root import ROOT
-from tools.virtual.settings import Settings
+from tools.virtual.settings import SweeperSettings
 from tools.virtual.sweeper import SimulatedSweeper
 
 if TYPE_CHECKING:
@@ -114,5 +114,5 @@ def test_the_page_about_python(folder: Path) -> None:
             exec(program, {"bridge": bridge})  # noqa: S102 - the page's own program
             assert (folder / "drive.mcap").stat().st_size > 10_000
             (folder / "drive.mcap").unlink()
-    exec(virtual[0], {"sweeper": SimulatedSweeper(Settings())})  # noqa: S102 - as above
+    exec(virtual[0], {"sweeper": SimulatedSweeper(SweeperSettings())})  # noqa: S102 - as above
     assert (folder / "drive.mcap").stat().st_size > 10_000

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
     from tools.live.heading import RunFacts
     from tools.live.live import EventLines
-    from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
+    from tools.live.monitor_view import JsonLines, MonitorLines, Nothing, RateTable
 
 S = TypeVar("S")
 _STATES_HZ = 4.0
@@ -131,22 +131,22 @@ def _view(  # noqa: PLR0913 - how the traffic is shown
     lines: bool,
     jsonl: bool,
     quiet: bool,
-) -> Nothing | JsonLines | TextLines | Table:
-    from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
+) -> Nothing | JsonLines | MonitorLines | RateTable:
+    from tools.live.monitor_view import JsonLines, MonitorLines, Nothing, RateTable
 
     if quiet:
         return Nothing()
     if jsonl:
         return JsonLines(raw=raw)
     if lines or raw or not plain_console().is_interactive:
-        return TextLines(raw=raw)
-    return Table(monitor, port, types)
+        return MonitorLines(raw=raw)
+    return RateTable(monitor, port, types)
 
 
 def _listen(
     port: PortAsked,
     monitor: Monitor,
-    view: Nothing | JsonLines | TextLines | Table,
+    view: Nothing | JsonLines | MonitorLines | RateTable,
     duration_s: float | None,
 ) -> None:
     """Show the traffic until a signal comes or the time is over."""

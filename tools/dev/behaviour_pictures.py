@@ -91,7 +91,7 @@ class Sample(NamedTuple):
 
 
 @dataclass(slots=True)
-class Run:
+class PicturedRun:
     """A simulated run with the data that pictures need; times in seconds since the robot booted."""
 
     plan: FloorPlan
@@ -152,7 +152,7 @@ class MapView(NamedTuple):
 class _Recorder(PlanRunner):
     """Keeps every control step of a plan."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: PicturedRun) -> None:
         super().__init__(run.planner, MODEL)
         self._run = run
 
@@ -190,21 +190,21 @@ def _since_boot(log_ns: int) -> float:
     return (log_ns - EPOCH_NS) * 1e-9
 
 
-def _simulate(plan: FloorPlan, planner: Planner, noise: str, seed: int) -> Run:
-    run = Run(plan, planner)
+def _simulate(plan: FloorPlan, planner: Planner, noise: str, seed: int) -> PicturedRun:
+    run = PicturedRun(plan, planner)
     run_virtual(plan, MODEL, None, run, seed=seed, noise=noise, runner=_Recorder(run))
     return run
 
 
 @cache
-def recovery_run(room: str, noise: str = "typical", seed: int = 1) -> Run:
+def recovery_run(room: str, noise: str = "typical", seed: int = 1) -> PicturedRun:
     """Return a complete run of ``recovery`` in a shipped room."""
     return _simulate(load_room(room, MODEL.radius_m), RecoveryPlanner(MODEL), noise, seed)
 
 
 def legs_run(
     legs: Sequence[Leg], room: str = "empty", start: Pose2 | None = None, noise: str = "typical"
-) -> Run:
+) -> PicturedRun:
     """Some legs in a room that ships, from its start pose or another."""
     plan = load_room(room, MODEL.radius_m)
     plan = plan if start is None else replace(plan, start=start)
@@ -218,11 +218,11 @@ def _xy(poses: Sequence[Pose2]) -> tuple[list[float], list[float]]:
     return [pose.x_m for pose in poses], [pose.y_m for pose in poses]
 
 
-def _true(run: Run, begin_s: float, end_s: float) -> list[Pose2]:
+def _true(run: PicturedRun, begin_s: float, end_s: float) -> list[Pose2]:
     return [pose for t_s, pose in run.truth if begin_s <= t_s <= end_s]
 
 
-def _true_at(run: Run, t_s: float) -> Pose2:
+def _true_at(run: PicturedRun, t_s: float) -> Pose2:
     return min(run.truth, key=lambda entry: abs(entry[0] - t_s))[1]
 
 
@@ -234,7 +234,7 @@ def _floor(axes: Axes, plan: FloorPlan, margin_m: float = 0.06) -> None:
     axes.set_ylim(y0 - margin_m, y1 + margin_m)
 
 
-def _swept(axes: Axes, run: Run, end_s: float) -> None:
+def _swept(axes: Axes, run: PicturedRun, end_s: float) -> None:
     """Draw the floor that the mouth had swept at a time."""
     from matplotlib.colors import ListedColormap
 
@@ -540,12 +540,12 @@ def estimation_bias() -> Figure:
 # ---- control ------------------------------------------------------------------------------
 
 
-def _drive_span(run: Run, kind: type[Leg]) -> list[Sample]:
+def _drive_span(run: PicturedRun, kind: type[Leg]) -> list[Sample]:
     return [sample for sample in run.samples if isinstance(sample.leg, kind)]
 
 
 @cache
-def _drive_run() -> Run:
+def _drive_run() -> PicturedRun:
     """Towards a wall, from a heading 60° off."""
     room = load_room("empty", MODEL.radius_m)
     start = room.start._replace(x_m=0.6, y_m=1.0, theta_rad=math.radians(60.0))
@@ -881,7 +881,7 @@ def recovery_heading() -> Figure:
 
 
 @cache
-def _cliff_run() -> Run:
+def _cliff_run() -> PicturedRun:
     room = load_room("empty", MODEL.radius_m)
     pit = ((1.2, 0.9), (1.9, 0.9), (1.9, 1.5), (1.2, 1.5))
     return _simulate(replace(room, cliffs=(pit,)), RecoveryPlanner(MODEL), "typical", 1)

@@ -27,7 +27,7 @@ _GAP = "   "
 """Space between two values."""
 
 
-class Coverage(Protocol):
+class CoverageSoFar(Protocol):
     """Coverage of a run in progress."""
 
     def share(self, now_s: float) -> float:
@@ -58,7 +58,7 @@ class RunFacts:
     """Name of the planner; empty: none."""
     plan: FloorPlan | None = None
     """The room, if it is known."""
-    coverage: Coverage | None = None
+    coverage: CoverageSoFar | None = None
     """Coverage, if the room is known."""
     began_ns: int | None = None
     """Host time at which the run began, ns."""

@@ -51,7 +51,7 @@ class Nothing:
         """Restore the terminal."""
 
 
-class TextLines(Nothing):
+class MonitorLines(Nothing):
     """A line for each message on stdout, and the rates once a second on stderr."""
 
     def __init__(self, *, raw: bool) -> None:
@@ -128,7 +128,7 @@ class JsonLines(Nothing):
         inform(_totals(monitor))
 
 
-class Table(Nothing):
+class RateTable(Nothing):
     """A table of each type's rate and newest content, and the newest damaged bytes."""
 
     def __init__(self, monitor: Monitor, port: str, types: tuple[str, ...]) -> None:

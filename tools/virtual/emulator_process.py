@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tools.virtual.settings import Settings
+    from tools.virtual.settings import SweeperSettings
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -22,7 +22,9 @@ class EmulatorError(Exception):
 class EmulatorProcess:
     """A running emulator that has printed ``ready PORT``."""
 
-    def __init__(self, settings: Settings, *, ready_s: float, truth: Path | None = None) -> None:
+    def __init__(
+        self, settings: SweeperSettings, *, ready_s: float, truth: Path | None = None
+    ) -> None:
         """Start the emulator and wait until its port is ready.
 
         Args:

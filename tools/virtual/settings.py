@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class SweeperSettings:
     """Properties of a virtual sweeper, in a child process or in the process of the test."""
 
     room: str = "case-1"

@@ -46,7 +46,7 @@ from tools.version import VERSION
 from tools.virtual import core_target
 from tools.virtual.loop import HOST_BOOT_NS, VirtualLoop
 from tools.virtual.run import EPOCH_NS, stop_crashed
-from tools.virtual.settings import Settings
+from tools.virtual.settings import SweeperSettings
 from tools.virtual.wanted import Wanted
 
 if TYPE_CHECKING:
@@ -92,7 +92,9 @@ class Newest(Generic[T]):
 class SimulatedSweeper:
     """Virtual device, line, faults and host. After construction it is connected and at rest."""
 
-    def __init__(self, settings: Settings | None = None, *, sink: Sink | None = None) -> None:
+    def __init__(
+        self, settings: SweeperSettings | None = None, *, sink: Sink | None = None
+    ) -> None:
         """Switch the device on and connect.
 
         Args:
@@ -107,7 +109,7 @@ class SimulatedSweeper:
             StoppedForSafetyError: no handshake within 5 s; a fault at time 0 can prevent it.
 
         """
-        self.settings = settings = settings or Settings()
+        self.settings = settings = settings or SweeperSettings()
         self.plan = load_room(settings.room)
         self.model, self._robot_toml = load_robot(None)
         faults = [parse_fault(text) for text in settings.faults]

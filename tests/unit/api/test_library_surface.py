@@ -15,7 +15,7 @@ from bridge.run.ending import Ending, cannot_move
 from protocol.messages.device import Imu, Range, Status
 from tools.cli.remedies import error_line
 from tools.dev.api_reference import PATH, documented, page
-from tools.virtual.settings import Settings
+from tools.virtual.settings import SweeperSettings
 from tools.virtual.sweeper import SimulatedSweeper
 
 
@@ -51,7 +51,7 @@ def test_a_message_shows_itself_in_si_units() -> None:
 
 
 def test_a_virtual_robot_and_its_recording_show_themselves(tmp_path: Path) -> None:
-    sweeper = SimulatedSweeper(Settings(room="empty", noise="none"))
+    sweeper = SimulatedSweeper(SweeperSettings(room="empty", noise="none"))
     with sweeper.record(tmp_path / "drive.mcap") as recording:
         sweeper.enable()
         sweeper.drive(0.1, 0.0, for_s=1.0)

@@ -14,7 +14,7 @@ from bridge.coverage.runner import PlanRunner
 from bridge.motion.legs import Drive, GoTo, Leg, Rest, Turn
 from bridge.motion.robot_model import RobotModel
 from protocol.messages.values import StopCause
-from tools.virtual.settings import Settings
+from tools.virtual.settings import SweeperSettings
 from tools.virtual.sweeper import SimulatedSweeper
 
 MODEL = RobotModel()
@@ -73,7 +73,7 @@ def test_a_planner_that_observes_by_half_is_rejected(
 
 
 def test_a_simulated_run_fails_before_it_begins() -> None:
-    sweeper = SimulatedSweeper(Settings())
+    sweeper = SimulatedSweeper(SweeperSettings())
     before = sweeper.truth.pose, sweeper.time_s
     with pytest.raises(PlannerError, match="drain_events"):
         sweeper.clean(without("drain_events"))  # type: ignore[arg-type]  # it is none
@@ -108,7 +108,7 @@ def test_a_leg_with_a_wrong_field_ends_the_run_as_a_fault_that_names_it(
 ) -> None:
     needed = {each.name: 0.0 for each in fields(kind) if each.default is MISSING}
     leg = kind(**needed | {field: value})  # type: ignore[arg-type]  # some are of no such type
-    summary = SimulatedSweeper(Settings()).clean(Once(leg))
+    summary = SimulatedSweeper(SweeperSettings()).clean(Once(leg))
     problem = f"Once: its leg {kind.__name__} has {field} = {value!r}; it must be {wanted}"
     assert summary["outcome"] == "fault"
     assert f"PlannerError: {problem})" in summary["reason"]
@@ -116,19 +116,19 @@ def test_a_leg_with_a_wrong_field_ends_the_run_as_a_fault_that_names_it(
 
 @pytest.mark.parametrize("leg", [(0.0, 1.0), None])
 def test_an_invalid_leg_ends_the_run_as_a_fault_that_names_it(leg: object) -> None:
-    summary = SimulatedSweeper(Settings()).clean(Once(leg))
+    summary = SimulatedSweeper(SweeperSettings()).clean(Once(leg))
     assert summary["outcome"] == "fault"
     assert f"Once gave {leg!r}; a leg is one of Drive, Turn, GoTo, Rest" in summary["reason"]
 
 
 def test_an_integer_beyond_every_number_is_named() -> None:
-    summary = SimulatedSweeper(Settings()).clean(Once(Rest(10**400)))
+    summary = SimulatedSweeper(SweeperSettings()).clean(Once(Rest(10**400)))
     assert "has duration_s = 100000000000000000...0000000000000000000; it must" in summary["reason"]
 
 
 def test_numbers_of_numpy_are_numbers() -> None:
     planner = Once(Drive(np.float32(0.0), np.float64(0.1), wary=np.False_))  # type: ignore[arg-type]
-    summary = SimulatedSweeper(Settings()).clean(planner)
+    summary = SimulatedSweeper(SweeperSettings()).clean(planner)
     assert summary["outcome"] == "complete", summary["reason"]
 
 
@@ -139,7 +139,7 @@ class Raises(Whole):
 
 def test_a_planner_that_raises_ends_the_run_as_a_fault() -> None:
     """As in ``simulate``; the sweeper can be used afterwards."""
-    sweeper = SimulatedSweeper(Settings())
+    sweeper = SimulatedSweeper(SweeperSettings())
     summary = sweeper.clean(Raises())
     assert summary["outcome"] == "fault"
     assert "ZeroDivisionError: no lanes" in summary["reason"]

@@ -10,7 +10,7 @@ from bridge.session.outbox import Outbox
 from protocol.clock import HostNs
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from tools.virtual.settings import Settings
+from tools.virtual.settings import SweeperSettings
 from tools.virtual.sweeper import SimulatedSweeper
 
 BAD = [(math.nan, 0.0), (0.0, math.nan)]
@@ -29,7 +29,7 @@ def test_nothing_is_queued(pair: tuple[float, float]) -> None:
 
 @pytest.mark.parametrize("pair", BAD)
 def test_no_robot_moves_for_it(pair: tuple[float, float]) -> None:
-    sweeper = SimulatedSweeper(Settings(room="empty"))
+    sweeper = SimulatedSweeper(SweeperSettings(room="empty"))
     sweeper.enable()
     before = sweeper.truth
     with pytest.raises(ValueError, match="velocity is not a number"):

@@ -15,7 +15,7 @@ from protocol.messages.values import StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.reference_codec import cobs_encode, crc32
-from tools.live.monitor_view import TextLines
+from tools.live.monitor_view import MonitorLines
 
 MS = 1_000_000
 
@@ -144,7 +144,7 @@ def test_a_bus_receives_both_directions() -> None:
 def test_a_missing_node_is_reported_once_with_those_that_answer(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monitor, lines = Monitor(node=9), TextLines(raw=False)
+    monitor, lines = Monitor(node=9), MonitorLines(raw=False)
     second = 1_000_000_000
     for at in range(1, 6):
         monitor.receive(framed(3, 0x16, at, 1, struct.pack("<HH", 1, 2)), HostNs(at * second))
@@ -161,7 +161,7 @@ def test_a_missing_node_is_reported_once_with_those_that_answer(
 def test_a_silence_is_reported_once_and_again_after_it_was_broken(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monitor, lines = Monitor(), TextLines(raw=False)
+    monitor, lines = Monitor(), MonitorLines(raw=False)
     second = 1_000_000_000
     for at in range(1, 20):
         data = framed(3, 0x16, at, 1, struct.pack("<HH", 1, 2)) if at == 8 else b""

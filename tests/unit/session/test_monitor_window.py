@@ -12,7 +12,7 @@ from protocol.clock import HostNs
 from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from tools.live.monitor_view import Table
+from tools.live.monitor_view import RateTable
 
 SENT = (
     Encoders(100, 200),
@@ -32,7 +32,7 @@ def test_every_type_is_there_with_its_rate(width: int, height: int) -> None:
         for message in SENT:
             line.send(message, 1000 * turn, node=1)
         monitor.receive(line.data_to_send() + b"\1\2\3\0", HostNs(10**9 * (turn + 1)))
-    table = Table(monitor, "/dev/ttyUSB0[x]", ())
+    table = RateTable(monitor, "/dev/ttyUSB0[x]", ())
     out = io.StringIO()
     console = Console(file=out, width=width, height=height, force_terminal=True, color_system=None)
     console.print(table.picture(console))

@@ -19,7 +19,7 @@ from tools.live.live import Dashboard, EventLines
 from tools.live.map import legend, swept_picture
 from tools.live.tables import planner_table, status_line
 from tools.virtual.loop import HOST_BOOT_NS
-from tools.virtual.settings import Settings
+from tools.virtual.settings import SweeperSettings
 from tools.virtual.sweeper import SimulatedSweeper
 
 MODEL = RobotModel()
@@ -52,7 +52,7 @@ def drawn(picture: Dashboard, width: int, height: int, at_ns: int) -> str:
 @pytest.fixture(name="lost", scope="module")
 def _lost() -> SimulatedSweeper:
     """Return a sweeper whose port vanished 5 s ago, in the middle of a lane at cruise speed."""
-    sweeper = SimulatedSweeper(Settings(noise="none"))
+    sweeper = SimulatedSweeper(SweeperSettings(noise="none"))
     planner = make_planner("paper", MODEL, random.Random(0))
     sweeper.host.mission.start(PlanRunner(planner, MODEL))
     sweeper.run(8.0)
@@ -64,7 +64,7 @@ def _lost() -> SimulatedSweeper:
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_port_time_coverage_log_and_viewer_are_shown_whole(width: int, height: int) -> None:
-    sweeper = SimulatedSweeper(Settings(noise="none"))
+    sweeper = SimulatedSweeper(SweeperSettings(noise="none"))
     poses = array("d")
     for k in range(200):
         poses.extend((0.02 * k, 0.5 + 0.01 * k, 0.5, 0.0))
@@ -110,7 +110,7 @@ def test_the_plain_line_of_a_lost_robot_has_no_speed_either(lost: SimulatedSweep
 
 
 def test_a_silent_encoder_leaves_no_frozen_speed() -> None:
-    sweeper = SimulatedSweeper(Settings(noise="none"))
+    sweeper = SimulatedSweeper(SweeperSettings(noise="none"))
     sweeper.run(0.05)  # the first encoder sample comes after the handshake
     assert "speed +0.00 m/s" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9)
     assert "speed -" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9 + 0.7)
@@ -123,7 +123,7 @@ def test_a_silent_encoder_leaves_no_frozen_speed() -> None:
 def test_the_papers_variables_are_for_its_planner_alone(
     planner: str, shown: str, hidden: str
 ) -> None:
-    sweeper = SimulatedSweeper(Settings(noise="none"))
+    sweeper = SimulatedSweeper(SweeperSettings(noise="none"))
     made = make_planner(planner, MODEL, random.Random(0))
     sweeper.host.mission.start(PlanRunner(made, MODEL))
     table = planner_table(sweeper.host.snapshot(), planner)
@@ -134,7 +134,7 @@ def test_the_papers_variables_are_for_its_planner_alone(
 
 
 def test_the_map_has_the_perimeter_of_the_room() -> None:
-    sweeper = SimulatedSweeper(Settings(noise="none"))
+    sweeper = SimulatedSweeper(SweeperSettings(noise="none"))
     picture = swept_picture(sweeper.host.snapshot(), 60, 60, (), ROOM)
     styles = {str(span.style) for span in picture.spans}
     for colour in ("white", "red", "magenta", "yellow"):

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.errors import OutputExistsError
 from bridge.record.reader import LogReader
-from tools.virtual.settings import Settings
+from tools.virtual.settings import SweeperSettings
 from tools.virtual.sweeper import SimulatedSweeper
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def test_a_block_is_recorded_with_its_truth_and_its_end(tmp_path: Path) -> None:
-    sweeper = SimulatedSweeper(Settings(room="empty", seed=2))
+    sweeper = SimulatedSweeper(SweeperSettings(room="empty", seed=2))
     log = tmp_path / "drive.mcap"
     with sweeper.record(log) as recording:
         sweeper.enable()
@@ -36,7 +36,7 @@ def test_a_block_is_recorded_with_its_truth_and_its_end(tmp_path: Path) -> None:
 
 
 def test_close_completes_every_recording_and_a_planner_is_named(tmp_path: Path) -> None:
-    sweeper = SimulatedSweeper(Settings(room="empty"))
+    sweeper = SimulatedSweeper(SweeperSettings(room="empty"))
     logs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     for log in logs:
         sweeper.record(log)
@@ -52,7 +52,7 @@ def test_close_completes_every_recording_and_a_planner_is_named(tmp_path: Path) 
 def test_equal_settings_give_equal_logs(tmp_path: Path) -> None:
     contents = []
     for name in ("a", "b"):
-        sweeper = SimulatedSweeper(Settings(room="empty", seed=7))
+        sweeper = SimulatedSweeper(SweeperSettings(room="empty", seed=7))
         with sweeper.record(tmp_path / f"{name}.mcap"):
             sweeper.enable()
             sweeper.drive(0.1, 0.2, for_s=1.0)
