@@ -8,13 +8,15 @@ The rooms do not depend on any planner.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from bridge.floor_plan.floor_plan import FloorPlan, Point, Polygon, contains
 from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from bridge.coverage.baselines.random_bounce import RandomSource
 
 KINDS = ("box", "ell", "turned", "columns", "legs", "pockets", "corridor", "flat")
 """Kinds of room of ``generate_room``."""
@@ -33,14 +35,6 @@ _AT_WALL = (0.25, 0.5)
 """Cumulative probabilities that a box stands at the left wall, and at the left or upper wall."""
 _LEG_MARGIN_M = 0.05
 """Minimum distance of a table leg's centre to the walls, m."""
-
-
-class RandomSource(Protocol):
-    """A random number generator, such as ``numpy.random.Generator``."""
-
-    def uniform(self, low: float, high: float) -> float:
-        """Return a number in [low, high)."""
-        ...
 
 
 def generate_room(
