@@ -5,7 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim_device.device.wheel_kernel import MIN_V, REST_M_S, Loop, Wheel, control, release
+from sim_device.device.wheel_kernel import (
+    MIN_V,
+    REST_M_S,
+    Loop,
+    WheelControlState,
+    control,
+    release,
+)
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -33,8 +40,8 @@ class WheelControl:
         self, model: RobotModel, stop_decel_m_s2: float, gains: WheelGains | None = None
     ) -> None:
         gains = gains or WheelGains()
-        self.left = Wheel(model.left_metres_per_count / PERIOD_S)
-        self.right = Wheel(model.right_metres_per_count / PERIOD_S)
+        self.left = WheelControlState(model.left_metres_per_count / PERIOD_S)
+        self.right = WheelControlState(model.right_metres_per_count / PERIOD_S)
         self._loop = loop = Loop(self.left, self.right)
         loop.feed_forward, loop.friction = gains.feed_forward, gains.friction
         loop.proportional, loop.integral_limit = gains.proportional, gains.integral_limit

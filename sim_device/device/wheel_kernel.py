@@ -28,7 +28,7 @@ _MASK = cython.declare(cython.int, 0xFFFF)
 
 @cython.final
 @cython.cclass
-class Wheel:
+class WheelControlState:
     """Measurement and control state of one wheel."""
 
     m_s_per_count = cython.declare(cython.double, visibility="public")
@@ -62,8 +62,8 @@ class Wheel:
 class Loop:
     """Gains and limits, both wheels, and the ramp of the body velocity."""
 
-    left = cython.declare(Wheel, visibility="public")
-    right = cython.declare(Wheel, visibility="public")
+    left = cython.declare(WheelControlState, visibility="public")
+    right = cython.declare(WheelControlState, visibility="public")
     feed_forward = cython.declare(cython.double, visibility="public")
     """Feed-forward gain, duty per m/s; the other gains have the same unit."""
     friction = cython.declare(cython.double, visibility="public")
@@ -85,7 +85,7 @@ class Loop:
     released = cython.declare(cython.bint, visibility="public")
     """Whether the last period was one of the safe state."""
 
-    def __init__(self, left: Wheel, right: Wheel) -> None:
+    def __init__(self, left: WheelControlState, right: WheelControlState) -> None:
         """Take the wheels; the caller sets gains and limits."""
         self.left, self.right = left, right
         self.feed_forward = self.friction = self.proportional = 0.0
@@ -96,7 +96,7 @@ class Loop:
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _measure(wheel: Wheel, count: cython.int) -> cython.void:
+def _measure(wheel: WheelControlState, count: cython.int) -> cython.void:
     """Take an absolute 16-bit count, once a period."""
     if wheel.count != _NO_COUNT:
         delta = ((count - wheel.count + _HALF_WRAP) & _MASK) - _HALF_WRAP
@@ -117,7 +117,9 @@ def _towards(
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _duty(loop: Loop, wheel: Wheel, target: cython.double, scale: cython.double) -> cython.double:
+def _duty(
+    loop: Loop, wheel: WheelControlState, target: cython.double, scale: cython.double
+) -> cython.double:
     """Return the duty for the next period; exactly 0 if the wheel should rest and does."""
     speed = wheel.speed_m_s
     base = far = 0.0
@@ -167,7 +169,7 @@ def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a s
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _let_fall(loop: Loop, wheel: Wheel, target: cython.double) -> cython.double:
+def _let_fall(loop: Loop, wheel: WheelControlState, target: cython.double) -> cython.double:
     """Return a duty nearer to 0 in the safe state; ``target`` was the wheel's last ramp value."""
     if not loop.released:
         periods = max(target, -target) / loop.v_step + _RELEASE_PERIODS

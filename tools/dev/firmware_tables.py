@@ -18,7 +18,7 @@ from tools.cli.console import write_line
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from sim_device.device.parameters import DeviceParameter
+    from sim_device.device.parameters import TableParameter
 
 FOLDER = Path(__file__).resolve().parents[2] / "sim_device" / "firmware" / "core"
 COMMAND = "python -m tools.dev.firmware_tables"
@@ -65,7 +65,7 @@ def _macro(head: str, rows: Iterable[str]) -> list[str]:
 # ---- parameters ---------------------------------------------------------------------------
 
 
-def constant(parameter: DeviceParameter) -> str:
+def constant(parameter: TableParameter) -> str:
     """Return the name of a parameter's factory value in C."""
     name = parameter.name.removeprefix("robot_").upper()
     suffix = _UNITS.get(parameter.unit, "")
@@ -77,7 +77,7 @@ def _parameters() -> str:
     return _file("parameter_table.h", "sim_device/device/parameters.py", _parameter_lines(rows))
 
 
-def _parameter_lines(rows: Iterable[DeviceParameter]) -> Iterator[str]:
+def _parameter_lines(rows: Iterable[TableParameter]) -> Iterator[str]:
     rows = list(rows)
     yield "/* Factory values. Your ROBOT_CONFIG (robot.h) may define others before. */"
     for row in rows:
@@ -90,7 +90,7 @@ def _parameter_lines(rows: Iterable[DeviceParameter]) -> Iterator[str]:
     yield from _macro("PARAMETER_TABLE(X)", map(_parameter, rows))
 
 
-def _parameter(row: DeviceParameter) -> str:
+def _parameter(row: TableParameter) -> str:
     factory = _float(row.default) if row.read_only else constant(row)
     kind = "F32" if row.kind is ParameterKind.F32 else "U32"
     flags = [

@@ -128,7 +128,7 @@ def travel_kernels(m: Any) -> list[object]:
     open_ = floor(np.random.default_rng(3), 50, 60)
     open_[1:-1, 5] = 2
     dist, counts = np.full(open_.shape, -1, np.int32), np.zeros(m.RING, np.int32)
-    queue, search = np.zeros((m.RING, 2048), np.int32), m.Search()
+    queue, search = np.zeros((m.RING, 2048), np.int32), m.TravelSearch()
     dist[20, 5], queue[0, 0], counts[0], search.waiting = 0, 20 * 60 + 5, 1, 1
     given: list[object] = []
     done = False
@@ -279,7 +279,7 @@ def drive_kernel(m: Any) -> list[object]:
 
 
 def wheel_kernel(m: Any) -> list[object]:
-    left, right = m.Wheel(0.013), m.Wheel(0.0131)
+    left, right = m.WheelControlState(0.013), m.WheelControlState(0.0131)
     loop = m.Loop(left, right)
     loop.feed_forward, loop.friction, loop.proportional = 2.12, 0.15, 1.6
     loop.integral_gain, loop.integral_limit, loop.half_base_m = 0.12, 0.5, 0.115
@@ -298,7 +298,7 @@ def imu_kernel(m: Any) -> list[object]:
     rng = np.random.default_rng(10)
     matrix = np.vstack([np.eye(3), np.eye(3)]) + rng.uniform(-0.02, 0.02, (6, 3))
     bias, extra = rng.uniform(-1.0, 1.0, 6), np.zeros(6)
-    chip = m.Chip(matrix, bias, rng.uniform(-0.01, 0.01, 6), extra)
+    chip = m.ImuChip(matrix, bias, rng.uniform(-0.01, 0.01, 6), extra)
     chip.rest_sigma_g, chip.moving_sigma_g, chip.sigma_deg_s = 0.004, 0.02, 0.05
     chip.walk_sigma_deg_s, chip.yaw_sigma_deg_s, chip.motion_deg_s = 0.001, 0.02, 0.1
     chip.lsb_accel, chip.lsb_gyro, chip.window_ms = 16384.0, 131.0, 19.6
