@@ -29,4 +29,4 @@ def test_every_option_with_its_default() -> None:
 
 
 def test_every_layout() -> None:
-    assert set(LAYOUTS) <= set(reported("paper.md"))
+    assert set(LAYOUTS) <= set(reported("paper-layouts.md"))
