@@ -55,6 +55,8 @@ def _escape(character: str) -> str:
 
 def one_line(text: str) -> str:
     """Escape a message, including its line ends, and shorten one that is too long to read."""
+    if len(text) <= MAX_WORD and text.isascii() and text.isprintable():
+        return text  # nearly every cell of a long table
     return shortened(visible(text))
 
 
