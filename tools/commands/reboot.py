@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 BACK_S = 15.0
 """Maximum time for a boot and its handshake, s. The session retries every 1 s."""
+READY_S = 3.0
+"""Maximum time until the session of the port's owner is ready, s."""
 _POLL_S = 0.1
 """Period at which the state of the device is polled, s."""
 _STILL = frozenset({"waiting", "done"})
@@ -77,8 +79,11 @@ def _at_rest(port: str, robot: Reached) -> dict[str, Any]:
 
     """
     from bridge.errors import CommandRejectedError, DeviceLostError
+    from bridge.io import clock
 
-    known = robot.snapshot()
+    until_ns = clock.now() + round(READY_S * 1e9)
+    while (known := robot.snapshot())["session"] != "ready" and clock.now() < until_ns:
+        clock.pause(_POLL_S)  # an owner that was started just before may still negotiate
     device: dict[str, Any] | None = known["device"]
     if device is None or known["session"] != "ready":
         raise DeviceLostError(f"{port}: no device is connected (session: {known['session']})")
