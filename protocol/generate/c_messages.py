@@ -206,7 +206,7 @@ def _frame_helper(spec: MessageSpec) -> list[str]:
     name = spec.name
     if spec.is_bare:
         return [
-            "/* Its node, number and stamp are 0: the same bytes whoever sends it. */",
+            "/* Its node, number and stamp are 0, so the bytes are the same from every sender. */",
             f"static inline size_t sp_{name}_frame(",
             f"    uint8_t *frame, sp_sender_t *sender, uint32_t t_us, const sp_{name}_t *message)",
             "{",

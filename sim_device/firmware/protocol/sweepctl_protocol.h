@@ -380,7 +380,7 @@ typedef struct {
 } sp_stop_all_t;
 int sp_stop_all_encode(const sp_stop_all_t *message, uint8_t *payload, size_t capacity);
 bool sp_stop_all_decode(sp_stop_all_t *message, const uint8_t *payload, size_t length);
-/* Its node, number and stamp are 0: the same bytes whoever sends it. */
+/* Its node, number and stamp are 0, so the bytes are the same from every sender. */
 static inline size_t sp_stop_all_frame(
     uint8_t *frame, sp_sender_t *sender, uint32_t t_us, const sp_stop_all_t *message)
 {

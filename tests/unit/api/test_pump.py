@@ -234,7 +234,7 @@ def test_a_full_port_receives_no_old_bytes(scene: Scene) -> None:
     scene.at(4.8, lambda: setattr(scene.port, "full", False))
     scene.at(6.0, lambda: scene.pump.request_end(CTRL_C))
     scene.pump.run()
-    assert scene.kinds().count("stuck") == 1, "told once, not for every batch"
+    assert scene.kinds().count("stuck") == 1, "reported once, not for every batch"
     gap = [at for at, _ in scene.port.taken if at > scene.start_ns + 4_700_000_000]
     link = Link(Direction.DEVICE)
     for at, data in scene.port.taken:

@@ -88,7 +88,7 @@ def test_a_short_pause_of_the_condition_is_the_same_occasion() -> None:
     run.go(0.5, stalls=True)
     run.go(0.96)
     assert run.go(0.5, stalls=True) == [], "still the first occasion"
-    assert run.go(0.3, stalls=True) == [Level.STOP], "2 s after it was told"
+    assert run.go(0.3, stalls=True) == [Level.STOP], "2 s after the command"
 
 
 def test_after_a_calm_second_it_is_a_new_occasion() -> None:

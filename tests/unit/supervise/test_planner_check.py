@@ -236,7 +236,7 @@ def test_the_case_follows_from_d_prev_d_and_phi(distance: int, case: int) -> Non
             TURN, turns=1, distance=distance, previous=distance, case=reported, length=8
         )
         device.lane(distance / 1000, state)
-        assert bool(device.found) is (reported != case), f"told {reported} after {distance}"
+        assert bool(device.found) is (reported != case), f"reported {reported} after {distance}"
         if reported != case:
             assert device.data["case"] == reported
             assert device.data["expected"] == case
