@@ -41,24 +41,28 @@ def test_a_room_is_swept_and_the_run_ends_by_itself(room: str, noise: str) -> No
 
 
 class Decisions:
-    """Keeps the times at which a run started towards a wall."""
+    """Keeps the times at which a run started towards a wall, and those of contacts."""
 
     def __init__(self) -> None:
         self.measurements_s: list[float] = []
+        self.contacts_s: list[float] = []
 
     def write(self, record: Record) -> None:
-        if isinstance(record, EventRecord) and record.kind == "heading-fix":
-            self.measurements_s.append((record.log_ns - EPOCH_NS) / 1e9)
+        if not isinstance(record, EventRecord):
+            return
+        at_s = (record.log_ns - EPOCH_NS) / 1e9
+        if record.kind == "heading-fix":
+            self.measurements_s.append(at_s)
+        if record.kind == "bump":
+            self.contacts_s.append(at_s)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
         del summary
 
 
-LOST = pytest.mark.xfail(reason="harsh: no known wall is found again, and σ grows to 1.7°")
 SEEDS = (
     *(1, 2),
-    *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (3, 4, 5, 6, 8)),
-    pytest.param(7, marks=[pytest.mark.nightly, LOST]),
+    *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (3, 4, 5, 6, 7, 8)),
 )
 """Seeds 1 to 8."""
 
@@ -81,10 +85,8 @@ def test_in_open_floor_gyro_vibration_sends_the_robot_to_a_known_wall(seed: int)
     assert len(reported.measurements_s) < 8, "not again and again"
     for begun_s in reported.measurements_s:
         assert max(sigma for t_s, sigma in sigmas if begun_s - 1.5 < t_s <= begun_s) > 0.75
-    helped = [
-        min(sigma for t_s, sigma in sigmas if begun_s < t_s < begun_s + 25.0) < 0.6
-        for begun_s in whole
-    ]
-    # A wall may be missed or blocked: the planner then waits longer before it tries again.
-    assert sum(helped) > 0.5 * len(helped)
+    for begun_s in whole:
+        if any(begun_s < t_s < begun_s + 10.0 for t_s in reported.contacts_s):
+            continue  # lines measured within 0.4 m of a contact count less
+        assert min(sigma for t_s, sigma in sigmas if begun_s < t_s < begun_s + 25.0) < 0.6
     assert max(sigma for _, sigma in sigmas) < 1.5, "it is never left to grow"

@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bridge.motion.estimation.ekf import STATES, THETA, WHEEL_SCALE, X, Y
-from bridge.motion.estimation.wall_frames import NEW_SPAN_M, SQUARE_RAD, Frames, Wall
+from bridge.motion.estimation.wall_frames import (
+    NEW_SPAN_M,
+    SQUARE_GATE_RAD,
+    SQUARE_RAD,
+    Frames,
+    Wall,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -131,7 +137,10 @@ class WallMap:
     # -- sights ----------------------------------------------------------------------------
 
     def see_line(self, measurement: LineMeasurement) -> bool:
-        """Use a line measured at the present pose. Return True if the wall was known."""
+        """Use a line measured at the present pose. Return True if it is a known wall.
+
+        A line that may be one of two surfaces updates only the heading.
+        """
         self._check()
         ekf, pose = self._ekf, self._ekf.pose
         noise = np.array(
@@ -148,7 +157,10 @@ class WallMap:
             return False
         off_rad, off_m = best.innovation.tolist()
         gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best.expected[1, 1]))
-        if best.second_chi2 < SAME_CHI2 or abs(off_rad) > GATE_RAD or abs(off_m) > gate_m:
+        if abs(off_rad) > GATE_RAD or abs(off_m) > gate_m:
+            return False
+        if best.second_chi2 < SAME_CHI2:
+            self._take_direction(best)
             return False
         if same or best.chi2 < SAME_CHI2:
             ekf.yaw_noise.learn(off_rad**2 / float(best.expected[0, 0]))
@@ -163,6 +175,22 @@ class WallMap:
         self._found = self.walls[best.wall]
         self._square(best.wall)
         return True
+
+    def _take_direction(self, match: _Match) -> None:
+        """Take only the direction of a line that may be a wall or another surface nearby.
+
+        Such a surface is parallel to the wall, so the heading does not depend on the choice.
+        """
+        ekf, wall = self._ekf, self.walls[match.wall]
+        off_rad, variance = float(match.innovation[0]), float(match.expected[0, 0])
+        if wall.frame < 0 or wall.seen_m < NEW_SPAN_M:
+            return
+        if abs(off_rad) > SQUARE_GATE_RAD or off_rad * off_rad > SAME_CHI1 * variance:
+            return
+        ekf.yaw_noise.learn(off_rad * off_rad / variance)
+        ekf.update(
+            self._index(match.wall), match.rows[:1], match.innovation[:1], match.noise[:1, :1]
+        )
 
     def see_front(self, measurement: FrontMeasurement, mount: RangerMount) -> bool:
         """Take a distance to a surface ahead; whether it was known."""
@@ -248,14 +276,12 @@ class WallMap:
             return None
         best = min(found, key=lambda match: match.chi2)
         if self.walls[best.wall].seen_m < NEW_SPAN_M:
-            bearers = [
+            long = [
                 match
                 for match in found
-                if match.chi2 < same_chi2
-                and self.walls[match.wall].seen_m >= NEW_SPAN_M
-                and self._is_one(match.wall, best.wall)
+                if match.chi2 < same_chi2 and self.walls[match.wall].seen_m >= NEW_SPAN_M
             ]
-            best = min(bearers, key=lambda match: match.chi2, default=best)
+            best = min(long, key=lambda match: match.chi2, default=best)
         others = [m.chi2 for m in found if m is not best and not self._is_one(m.wall, best.wall)]
         return best._replace(second_chi2=min(others, default=math.inf))
 

@@ -7,6 +7,7 @@ the odometry, so that updates of the estimate do not bend the line.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.motion.estimation.wall_track import infrared_sigma_m
@@ -20,9 +21,9 @@ MIN_SPAN_M = 0.09
 it measures 0.12 m of the wall."""
 MAX_SPAN_M = 0.40
 MIN_HITS = 7
-MAX_CHI2 = 12.0
-"""Maximum mean squared residual of a flat wall, per degree of freedom. Above 1 the sensor is
-noisier than assumed, and the measurement gets less weight."""
+MAX_CHI2 = 11.0
+"""Maximum mean squared residual of a flat wall, per degree of freedom, without the part that is
+noise of the sensor. If the sensor is noisier than assumed, the measurement gets less weight."""
 MAX_BOW_M = 0.003
 """Maximum bow of a flat wall, m: a column of 0.7 m diameter bows 5 mm over 0.12 m."""
 WANDER_BOW = 1.5 * 5.0 / math.sqrt(210.0)
@@ -106,7 +107,11 @@ class SideMeasurement:
         """Collect the hits of a sensor at this mount."""
         self._mount = mount
         self._hits: list[_Hit] = []
-        self._last_m = 0.0
+        self._newest_m: deque[float] = deque(maxlen=3)
+        """Newest readings of the line, m."""
+        self._jumped = False
+        """Whether the newest reading was dropped: one reading far off is noise, two are another
+        surface."""
         self._last = Pose2(0.0, 0.0, 0.0)
         """Odometry at the last hit."""
 
@@ -135,8 +140,14 @@ class SideMeasurement:
         sigma = infrared_sigma_m(range_m)
         measurement = None
         last = self._last
+        last_m = sorted(self._newest_m)[len(self._newest_m) // 2] if self._hits else range_m
+        jumped = abs(range_m - last_m) > JUMP_M + 3.0 * sigma
+        if jumped and not self._jumped:
+            self._jumped = True
+            return None
+        self._jumped = False
         if self._hits and (
-            abs(range_m - self._last_m) > JUMP_M + 3.0 * sigma
+            jumped
             or odometry.distance_m(last) > GAP_M
             or abs(math.remainder(odometry.theta_rad - last.theta_rad, math.tau)) > GAP_RAD
         ):
@@ -148,14 +159,16 @@ class SideMeasurement:
             mount.y_m + reach * math.sin(mount.yaw_rad),
         )
         self._hits.append(_Hit(x, y, 1.0 / sigma**2))
-        self._last_m, self._last = range_m, odometry
+        self._newest_m.append(range_m)
+        self._last = odometry
         first = self._hits[0]
         if math.hypot(x - first.x_m, y - first.y_m) >= MAX_SPAN_M:
             return self._end(odometry, wander_m_sqrt_m)
         return measurement
 
     def _end(self, odometry: Pose2, wander_m_sqrt_m: float) -> LineMeasurement | None:
-        hits, self._hits = self._hits, []
+        hits, self._hits, self._jumped = self._hits, [], False
+        self._newest_m.clear()
         return fit_line(hits, odometry, wander_m_sqrt_m) if len(hits) >= MIN_HITS else None
 
 
@@ -177,7 +190,7 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
     low, high = min(along), max(along)
     moment = sum(h.weight * a * a for h, a in zip(hits, along, strict=True))
     chi2 = sum(h.weight * e * e for h, e in zip(hits, across, strict=True)) / (len(hits) - 2)
-    if high - low < MIN_SPAN_M or chi2 > MAX_CHI2:
+    if high - low < MIN_SPAN_M or chi2 - _noise_chi2(hits, across) > MAX_CHI2:
         return None
     bow, bow_sigma = _bow(hits, along, across)
     noise = math.sqrt(max(chi2, 1.0)) * bow_sigma
@@ -196,6 +209,19 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
         -ahead - high,
         -ahead - low,
     )
+
+
+def _noise_chi2(hits: list[_Hit], across: list[float]) -> float:
+    """Return the mean squared residual of the sensor's noise, from successive differences.
+
+    Noise of one reading does not depend on the reading before; the shape of a surface does
+    (J. von Neumann, 1941).
+    """
+    squares = [
+        hit.weight * (there - here) ** 2
+        for hit, here, there in zip(hits[1:], across, across[1:], strict=False)
+    ]
+    return sum(squares) / (2.0 * len(squares))
 
 
 def _bow(hits: list[_Hit], along: list[float], across: list[float]) -> tuple[float, float]:

@@ -203,7 +203,8 @@ def test_an_ambiguous_wall_is_not_used() -> None:
     assert not room.walls.see_line(line(math.pi / 2, 0.5))
 
 
-def test_a_cupboards_front_before_a_wall_is_not_that_wall() -> None:
+@pytest.mark.parametrize(("off_deg", "taken"), [(0.4, True), (1.8, False)])
+def test_a_cupboards_front_before_a_wall_is_not_that_wall(off_deg: float, *, taken: bool) -> None:
     room = Room()
     for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
         room.walls.see_line(measurement)
@@ -213,8 +214,13 @@ def test_a_cupboards_front_before_a_wall_is_not_that_wall() -> None:
     assert len(walls) == 3
     assert len({wall.frame for wall in walls}) == 1, "parallel, 2.5 cm apart, and surely so"
     room.believe(-0.6, 0.0, 0.0)
-    room.inflate(0.02, 0.5 * DEGREE)
+    room.inflate(0.02, DEGREE)
+    room.believe(0.0, 0.0, off_deg * DEGREE)
+    before = room.filter.pose
     assert not room.walls.see_line(line(math.pi / 2, 0.49)), "it may be either"
+    pose = room.filter.pose
+    assert pose.y_m == pytest.approx(before.y_m, abs=1e-3)
+    assert (abs(pose.theta_rad) < 0.05 * DEGREE) is taken, "both have one direction"
 
 
 def marked(before_m: float = 0.0) -> Room:

@@ -85,13 +85,42 @@ def test_a_wall_observations_variance_is_that_of_its_errors() -> None:
 def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
     assert drive_by(0.2, 0.0, bow_m=0.006) is None
     assert drive_by(0.2, 0.0, way_m=0.07) is None
-    assert drive_by(0.2, 0.0, noise_m=0.015, seed=3) is None
     side = SideMeasurement(MODEL.infrared_left)
     for i in range(12):
         assert side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True) is None
-    first = side.add(Pose2(0.12, 0, 0), 0.20, moving=True, steady=True)
+    assert side.add(Pose2(0.12, 0, 0), 0.20, moving=True, steady=True) is None, "or one is noise"
+    first = side.add(Pose2(0.13, 0, 0), 0.20, moving=True, steady=True)
     assert first is not None
     assert first.span_m == pytest.approx(0.11)
+
+
+def test_a_reading_far_off_is_dropped() -> None:
+    side = SideMeasurement(MODEL.infrared_left)
+    for i in range(31):
+        range_m = 0.13 if i in {7, 15, 23} else 0.10
+        assert side.add(Pose2(0.01 * i, 0, 0), range_m, moving=True, steady=True) is None
+    measurement = side.add(Pose2(0.3, 0, 0), None, moving=True, steady=True)
+    assert measurement is not None
+    assert measurement.span_m == pytest.approx(0.3)
+    assert measurement.normal_rad == pytest.approx(math.pi / 2, abs=1e-6)
+
+
+def test_a_sensor_four_times_as_noisy_still_measures_walls_with_their_uncertainty() -> None:
+    measurements = [drive_by(0.2, 0.0, noise_m=0.0076, seed=seed) for seed in range(300)]
+    seen = [s for s in measurements if s is not None and s.span_m > 0.2]
+    assert len(seen) > 240
+    turn = np.array([s.normal_rad - math.pi / 2 for s in seen])
+    assert 0.5 < float((turn**2).mean()) / float(np.mean([s.var_normal for s in seen])) < 2.0
+
+
+def test_a_wavy_surface_is_no_wall_however_noisy_the_sensor() -> None:
+    rng = random.Random(5)
+    for noise_m in (0.0019, 0.005):
+        side = SideMeasurement(MODEL.infrared_left)
+        for i in range(31):
+            range_m = 0.12 + 0.025 * math.sin(i / 5.0) + rng.gauss(0.0, noise_m)
+            side.add(Pose2(0.01 * i, 0, 0), range_m, moving=True, steady=True)
+        assert side.add(Pose2(0.3, 0, 0), None, moving=True, steady=True) is None
 
 
 @pytest.mark.parametrize(
