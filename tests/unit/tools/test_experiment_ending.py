@@ -97,11 +97,11 @@ def test_signals_wait_until_a_worker_is_prepared() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
         from tools.experiment import ending
         ending.GRACE_S = 60.0
-        print("not prepared yet", ending.Ending.asked)
+        print("not prepared yet", ending.EarlyEnd.asked)
         ending.prepare_worker()
         held = signal.pthread_sigmask(signal.SIG_BLOCK, [])
         ours = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-        print("prepared", ending.Ending.asked, held & ours)
+        print("prepared", ending.EarlyEnd.asked, held & ours)
     """
     done = python(textwrap.dedent(begin), standard_input=textwrap.dedent(unprepared))
     expected = ["not prepared yet False", "prepared True set()"]
