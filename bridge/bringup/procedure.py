@@ -29,7 +29,7 @@ from bridge.bringup.wiring import (
     wrong,
 )
 from bridge.errors import BridgeError, CommandRejectedError, StoppedForSafetyError
-from bridge.motion.kinematics import encoder_delta
+from bridge.motion.estimation.odometry import encoder_delta
 from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.messages.host import SetStreamRate
 from protocol.messages.values import Contact, Fault, Mode, fault_labels

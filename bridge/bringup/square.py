@@ -22,9 +22,8 @@ from bridge.bringup.umbmark import (
 )
 from bridge.errors import BridgeError, StoppedForSafetyError
 from bridge.motion.control.executor import LegExecutor
-from bridge.motion.estimation.odometry import advance_arc
+from bridge.motion.estimation.odometry import advance_arc, encoder_delta
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.kinematics import encoder_delta
 from bridge.motion.legs import Drive, Leg, LegResult, StopReason, Turn
 from bridge.motion.observation import Observation
 from protocol.messages.device import Encoders, Range

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.bringup.wiring import CheckResult, good, wrong
-from bridge.motion.kinematics import encoder_delta
+from bridge.motion.estimation.odometry import encoder_delta
 from bridge.motion.step_response import StepResponse
 
 if TYPE_CHECKING:

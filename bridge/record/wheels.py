@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bridge.motion.kinematics import encoder_delta
+from bridge.motion.estimation.odometry import encoder_delta
 from protocol.clock import DeviceUs, extend_us
 
 _GAP_S = 10.0

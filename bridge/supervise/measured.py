@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.kinematics import encoder_delta
+from bridge.motion.estimation.odometry import encoder_delta
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel

@@ -11,9 +11,8 @@ from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.control.point_to_point import PointToPointController
 from bridge.motion.control.rotary import RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
-from bridge.motion.estimation.odometry import advance_arc
+from bridge.motion.estimation.odometry import ENCODER_MODULUS, advance_arc, encoder_delta
 from bridge.motion.geometry import Pose2
-from bridge.motion.kinematics import ENCODER_MODULUS, encoder_delta
 from bridge.motion.robot_model import RobotModel
 
 MODEL = RobotModel()

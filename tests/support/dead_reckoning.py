@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.motion.estimation.odometry import advance_arc
-from bridge.motion.kinematics import encoder_delta
+from bridge.motion.estimation.odometry import advance_arc, encoder_delta
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2

@@ -27,10 +27,9 @@ from bridge.motion.estimation.disturbance import (
     SlipDetector,
 )
 from bridge.motion.estimation.ekf import BIAS, Covariance, Ekf
-from bridge.motion.estimation.odometry import sinc
+from bridge.motion.estimation.odometry import encoder_delta, sinc
 from bridge.motion.estimation.standstill import Standstill
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.kinematics import encoder_delta
 
 if TYPE_CHECKING:
     from bridge.motion.estimation.drift_model import DriftModel

@@ -1,4 +1,4 @@
-"""Dead reckoning: one encoder interval applied to a pose (paper eq. 5)."""
+"""Dead reckoning: encoder counts, and one encoder interval applied to a pose (paper eq. 5)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,19 @@ import math
 
 from bridge.motion.geometry import Pose2, wrap_angle
 
+ENCODER_MODULUS = 1 << 16
+_HALF = ENCODER_MODULUS >> 1
 _SERIES_BELOW_RAD = 1e-3
 """Half angle below which sin(x)/x is 1 - x²/6 with an error below x⁴/120 < 1e-14, rad."""
+
+
+def encoder_delta(previous: int, current: int) -> int:
+    """Return the counts from ``previous`` to ``current`` of a wrapping 16-bit counter.
+
+    The result is the shorter difference, in [-32768, 32767]. It is right while the wheel turns by
+    less than half the counter's range, 4.3 m with the default wheel.
+    """
+    return ((current - previous + _HALF) % ENCODER_MODULUS) - _HALF
 
 
 def sinc(x_rad: float) -> float:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 RECKONING = {
     "bridge.motion.estimation.estimator",
     "bridge.motion.estimation.standstill",
-    "bridge.motion.kinematics",
     "bridge.motion.estimation.odometry",
     "bridge.motion.estimation.relocalise",
     "bridge.motion.estimation.joint_covariance",

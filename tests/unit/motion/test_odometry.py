@@ -6,9 +6,8 @@ import math
 
 import pytest
 
-from bridge.motion.estimation.odometry import advance_arc, sinc
+from bridge.motion.estimation.odometry import advance_arc, encoder_delta, sinc
 from bridge.motion.geometry import Pose2
-from bridge.motion.kinematics import encoder_delta
 
 
 @pytest.mark.parametrize(
