@@ -1,4 +1,4 @@
-"""Reads room, robot and pose errors from a run's log, for the viewer and the report."""
+"""Reads room, robot, losses and pose errors from a run's log, for the viewer and the report."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 _T = TypeVar("_T", int, float)
 _MAX_WAITING = 500
 """Maximum number of estimates that wait for a true pose. Some logs have no true pose."""
+_SEQUENCES = 1 << 8
+"""Number of sequence numbers of a sender."""
+_HALF_SEQUENCES = _SEQUENCES // 2
 
 
 def plan_of(reader: LogReader) -> FloorPlan | None:
@@ -36,6 +39,38 @@ def robot_of(reader: LogReader) -> RobotModel:
         return parse_robot(reader.attachments[ROBOT_ATTACHMENT].decode(errors="replace"))
     except (KeyError, ConfigError):
         return RobotModel()
+
+
+class LossCounter:
+    """Counts gaps in one sender's sequence numbers.
+
+    A log sorts messages of one time by topic, so a number may come late. That is not a loss.
+    """
+
+    def __init__(self) -> None:
+        self._newest: int | None = None
+        self._first = 0
+        self._seen = 0
+        self.lost = 0
+        """Number of losses; it never decreases."""
+
+    def add(self, sequence: int) -> None:
+        """Add the number of a received message."""
+        if self._newest is None:
+            self._newest = self._first = sequence
+        else:
+            step = (sequence - self._newest + _HALF_SEQUENCES) % _SEQUENCES - _HALF_SEQUENCES
+            self._newest = max(self._newest, self._newest + step)
+        self._seen += 1
+
+    def update(self) -> int:
+        """Return the new losses since the last call."""
+        if self._newest is None:
+            return 0
+        missing = self._newest - self._first + 1 - self._seen
+        new = max(0, missing - self.lost)
+        self.lost += new
+        return new
 
 
 class PoseErrors(Generic[_T]):

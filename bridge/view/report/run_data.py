@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from bridge.evaluation.metrics import CoverageMeter
-from bridge.record.losses import LossCounter
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.run.mission import Phase
 from bridge.session.event_kinds import EventKind
 from bridge.view.report.run_track import load_track
-from bridge.view.run_reading import PoseErrors
+from bridge.view.run_reading import LossCounter, PoseErrors
 from protocol.messages.values import StopCause, fault_labels, label
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import RateClass

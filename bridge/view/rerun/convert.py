@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from bridge.record.losses import LossCounter
 from bridge.record.names import readable_name
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.record.wheels import WheelAngles
 from bridge.view.rerun import paths, planning, scene
 from bridge.view.rerun.columns import Document, RerunRecording, Series, States, TextLines
-from bridge.view.run_reading import PoseErrors, plan_of, robot_of
+from bridge.view.run_reading import LossCounter, PoseErrors, plan_of, robot_of
 from protocol.messages.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
