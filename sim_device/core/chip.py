@@ -23,7 +23,7 @@ PAYLOAD_MAX = 65_536
 """Maximum length of a payload or a reply, bytes."""
 ANSWER_MAX = 10
 """Maximum length of an answer to a request of the chip, bytes."""
-VERSION = 1
+VERSION = 2
 """Version of the message layout in ``board_virtual/chip.h``, which this package also defines."""
 _SYMBOL = "sweepctl_firmware"
 _ASK = ctypes.CFUNCTYPE(None, ctypes.c_uint32)

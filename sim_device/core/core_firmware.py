@@ -13,21 +13,25 @@ from sim_device.device.safety import StopLatch
 from sim_device.sensors.units import contact_bits, milli, range_steps
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sim_device.core.chip import Chip
     from sim_device.device.identity import Identity
     from sim_device.sensors.sensors import SensorSuite
 
 # Payloads, replies and answers, in the layout of ``chip.h``.
 BOOT = struct.Struct("<12sIBB?BH?x4I")
-POLL = struct.Struct("<Q2H?7h")
-RECEIVE = struct.Struct("<Q")
-_REPLY = struct.Struct("<2h??BBB??BHIIq")
+POLL = struct.Struct("<QI2B?xH2H?7h")
+RECEIVE = struct.Struct("<QI2B?xH")
+_REPLY = struct.Struct("<2h??BBB??B?HIIq")
 RANGES = struct.Struct("<3HI")
 POWER = struct.Struct("<4H")
+NO_LIMIT = 0xFFFF_FFFF
+"""A line that takes everything (``CHIP_NO_LIMIT``)."""
 DUTY_ONE = 10_000
 _PAGES, _PAGE_SIZE = 2, 1024
-_NO_CLOCK = 1
-"""``BOARD_TROUBLE_CLOCK`` in ``board.h``."""
+NO_CLOCK, REMOTE = 1, 4
+"""``BOARD_TROUBLE_CLOCK`` and ``BOARD_TROUBLE_REMOTE`` of ``board.h``."""
 _ROOM = PAYLOAD_MAX - RECEIVE.size
 STATES = (
     DeviceState.STOPPED,
@@ -58,6 +62,8 @@ class View(NamedTuple):
     keyed: bool
     """True if the program obeys signed commands only."""
     flash_busy: int
+    blocked: bool
+    """Whether frames wait until the bus takes them."""
     faults: int
     session_id: int
     waited_us: int
@@ -71,12 +77,44 @@ def view_of(reply: bytes) -> tuple[View, bytes]:
     return View._make(_REPLY.unpack_from(reply)), reply[_REPLY.size :]
 
 
+class LineState(NamedTuple):
+    """What the chip's own end of the line is like."""
+
+    room: int = NO_LIMIT
+    """How much it takes now: bytes, on a bus frames."""
+    send_errors: int = 0
+    receive_errors: int = 0
+    off: bool = False
+    """Whether the controller has left the bus."""
+    offs: int = 0
+    """Number of times that it has left the bus since the boot."""
+
+
 class CoreFirmware:
     """One run of the program on a chip, from a boot to the next reset."""
 
-    def __init__(self, chip: Chip, sensors: SensorSuite, identity: Identity, *, can: bool) -> None:
-        """Boot on ``chip`` with ``identity``, on a CAN bus or a UART."""
-        self._chip, self._sensors = chip, sensors
+    def __init__(  # noqa: PLR0913 - inputs of a boot
+        self,
+        chip: Chip,
+        sensors: SensorSuite,
+        identity: Identity,
+        *,
+        can: bool,
+        local: bool = True,
+        line: Callable[[], LineState] = LineState,
+    ) -> None:
+        """Boot.
+
+        Args:
+            chip: the virtual board.
+            sensors: the sensors.
+            identity: the identity that the device reports.
+            can: whether the host is on a CAN bus instead of a UART.
+            local: whether only a person beside the robot can use the UART.
+            line: returns the present state of the line.
+
+        """
+        self._chip, self._sensors, self._line = chip, sensors, line
         self._imu_samples = 0
         self._out = b""
         self.identity = identity
@@ -93,7 +131,7 @@ class CoreFirmware:
                     identity.reset_cause,
                     identity.node,
                     can,
-                    _NO_CLOCK if identity.crystal_failed else 0,
+                    (NO_CLOCK if identity.crystal_failed else 0) | (0 if local else REMOTE),
                     int(CAPABILITIES),
                     crash is not None,
                     *(
@@ -115,7 +153,7 @@ class CoreFirmware:
         counts = sensors.imu()
         samples = sensors.imu_samples()
         fresh, self._imu_samples = samples != self._imu_samples, samples
-        payload = POLL.pack(now_us, left, right, fresh, *counts)
+        payload = POLL.pack(now_us, *self._line(), left, right, fresh, *counts)
         view = self.view = self._take(self._chip.call(Operation.POLL, payload))
         return view.left / DUTY_ONE, view.right / DUTY_ONE
 
@@ -126,7 +164,7 @@ class CoreFirmware:
     def receive(self, data: bytes, now_us: int) -> None:
         """Handle bytes that arrived at ``now_us``, µs of uptime."""
         for at in range(0, max(1, len(data)), _ROOM):
-            payload = RECEIVE.pack(now_us) + data[at : at + _ROOM]
+            payload = RECEIVE.pack(now_us, *self._line()) + data[at : at + _ROOM]
             fed = self.view.fed
             view = self._take(self._chip.call(Operation.RECEIVE, payload))
             self.view = view._replace(fed=fed)
@@ -152,8 +190,8 @@ class CoreFirmware:
 
     @property
     def waits(self) -> bool:
-        """True if a key is set. Time then matters too: a command on CAN waits for its tag."""
-        return self.view.keyed
+        """Whether a command on CAN may wait for its tag, or frames for room on the bus."""
+        return self.view.keyed or self.view.blocked
 
     @property
     def drivers(self) -> bool:

@@ -9,7 +9,7 @@ from bridge.motion.robot_model import RobotModel
 from protocol.can.link import CanLink
 from protocol.uart.link import Link
 from sim_device.core.chip import LocalChip
-from sim_device.core.core_firmware import ChipFlash, CoreFirmware, answer
+from sim_device.core.core_firmware import ChipFlash, CoreFirmware, LineState, answer
 from sim_device.core.flash_image import record, set_up
 from sim_device.sensors.imu import ImuConfig
 from sim_device.sweeper import Sweeper
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
     from protocol.link import LinkBase
     from sim_device.core.chip import Chip
+    from sim_device.line.device_end import DeviceEnd
     from sim_device.noise import NoiseLevel
 
 CANNOT = MappingProxyType(
@@ -48,13 +49,14 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         node: int = 1,
         link: type[LinkBase] = Link,
         boot_id: int | None = None,
+        local: bool = True,
         key: bytes | None = None,
         make_chip: Callable[[Callable[[int], bytes]], Chip] = LocalChip,
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
         The chip's flash contains ``key`` and each difference from the robot that the core is built
-        for. ``make_chip`` creates a chip with another library or in another process. Its argument
+        for. Without ``local`` no key can be set over the link. ``make_chip`` creates a chip with another library or in another process. Its argument
         answers the chip's requests.
 
         Raises:
@@ -64,6 +66,9 @@ class CoreSweeper(Sweeper[CoreFirmware]):
 
         """
         model = model or RobotModel()
+        self._local = local
+        self._line: DeviceEnd | None = None
+        self._true_us = 0
         self.chip = make_chip(self._answer)
         flash = ChipFlash(self.chip)
         super().__init__(
@@ -86,12 +91,38 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         """Release the chip."""
         self.chip.close()
 
+    def attach_line(self, end: DeviceEnd) -> None:
+        """Let the chip see what its end of the line takes and counts."""
+        self._line = end
+
+    def step(self, data: bytes, now_us: int) -> bytes:
+        """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
+        while self._next_tick_us <= now_us:
+            self._period()
+        self._true_us = now_us
+        return super().step(data, now_us)
+
+    def _period(self) -> None:
+        self._true_us = self._next_tick_us
+        super()._period()
+
+    def _line_state(self) -> LineState:
+        end = self._line
+        return LineState() if end is None else LineState(*end.state(self._true_us))
+
     def _answer(self, what: int) -> bytes:
         return answer(self.sensors, what)
 
     def _new_firmware(self) -> CoreFirmware:
+        if self._line is not None:
+            self._line.boot()
         return CoreFirmware(
-            self.chip, self.sensors, self._identity, can=issubclass(self.link, CanLink)
+            self.chip,
+            self.sensors,
+            self._identity,
+            can=issubclass(self.link, CanLink),
+            local=self._local,
+            line=self._line_state,
         )
 
 

@@ -27,6 +27,17 @@ class DeviceEnd:
             self._offs = self._controller.offs
             self._controller.rejoin()
 
+    def state(self, now_us: int) -> tuple[int, int, int, bool, int]:
+        """Return what a chip sees: room, send and receive errors, bus-off now, bus-offs since boot.
+
+        The room is in bytes, on a bus in frames.
+        """
+        room, controller = self._up.space(now_us), self._controller
+        if controller is None:
+            return room, 0, 0, False, 0
+        errors = controller.send_errors, controller.receive_errors
+        return room, *errors, controller.is_off, controller.offs - self._offs & 0xFFFF
+
     def health(self) -> LineHealth:
         """Return the counters."""
         dropped, controller = self._up.dropped - self._dropped, self._controller

@@ -40,6 +40,11 @@ TRANSMIT_BYTES = 4096
 CAN_QUEUE = 64
 """Number of frames that can wait for the bus, in the controller's mailboxes and the driver's queue.
 """
+CONTROLLER_FRAMES = 7
+"""Number of frames that a chip has handed over and cannot reorder: three in mailboxes, and four in
+the board's driver (``stm32f429/can.c``)."""
+NO_LIMIT = 0xFFFF_FFFF
+"""Space of a line that takes everything."""
 _US = 1_000_000
 _CHUNK = 64
 """Maximum number of bytes after which the device reads its receive buffer: half a DMA ring."""
@@ -90,6 +95,10 @@ class Channel(ABC):
     def room(self) -> int:
         """Return the number of bytes that can be pushed now without loss."""
         return FIFO_BYTES
+
+    def space(self, now_us: int) -> int:  # noqa: ARG002 - a line that takes everything has no clock
+        """Return how much a chip at the near end can hand over now: bytes, on a bus frames."""
+        return NO_LIMIT
 
 
 class StraightChannel(Channel):
@@ -153,6 +162,11 @@ class Wire:
             data = data[:room]
         self._waiting += data
 
+    def left_by(self, now_us: int) -> int:
+        """Return how many of the waiting bytes have left by a time."""
+        sent = (now_us - self._began_us) * self._baud // (BITS_PER_BYTE * _US)
+        return min(len(self._waiting), max(0, sent - self._sent))
+
     def after_us(self, count: int) -> int:
         """Return the time at which ``count`` more bytes will have left, rounded up."""
         bits = (self._sent + count) * BITS_PER_BYTE * _US
@@ -162,8 +176,7 @@ class Wire:
         """Return the bytes that have left by now, at most ``limit``."""
         if not self._waiting:
             return b""
-        sent = (now_us - self._began_us) * self._baud // (BITS_PER_BYTE * _US)
-        count = min(len(self._waiting), max(0, sent - self._sent))
+        count = self.left_by(now_us)
         if limit is not None:
             count = min(count, max(0, limit))
         data = bytes(self._waiting[:count])
@@ -215,6 +228,10 @@ class UartUp(Channel):
         self._wire.clear()
         self._packet.clear()
         self._handed.clear()
+
+    def space(self, now_us: int) -> int:
+        """Return the number of bytes that the transmit buffer takes now."""
+        return self._wire.room + self._wire.left_by(now_us)
 
     def _next_packet_us(self) -> int | None:
         waiting = len(self._wire)
@@ -338,6 +355,11 @@ class CanChannel(Channel):
     def room(self) -> int:
         """Return the number of bytes of the frames that still fit."""
         return (CAN_QUEUE - len(self._queue)) * RECORD.size
+
+    def space(self, now_us: int) -> int:
+        """Return the number of frames that the controller takes now."""
+        self._run(now_us)
+        return max(0, CONTROLLER_FRAMES - len(self._queue))
 
     def clear(self) -> None:
         """Drop the bytes in flight."""

@@ -25,6 +25,7 @@ from protocol.uart.link import Link
 from sim_device.core.chip import Ask, LocalChip, Operation
 from sim_device.core.core_firmware import BOOT, POLL, POWER, RANGES, RECEIVE, STATES, View, view_of
 from sim_device.core.core_sweeper import CoreSweeper
+from sim_device.device.counters import LineHealth
 from sim_device.device.flash import Flash
 from sim_device.device.identity import CrashRecord, Identity
 from sim_device.device.virtual_firmware import Firmware
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 _DUTY_ONE = 10_000
+HEAD_VALUES = len(RECEIVE.unpack(bytes(RECEIVE.size)))
+"""Number of values before the counts in a poll."""
 _BORDER = frozenset({Operation.POLL, Operation.RECEIVE, Operation.BOOT})
 """Operations after which the firmware's state and output are compared."""
 
@@ -200,7 +203,7 @@ class RecordedSensors:
         self._now = {what for what, _ in call.answers}
         self._answers.update(call.answers)
         if call.operation == Operation.POLL:
-            _, left, right, fresh, *counts = POLL.unpack(call.payload)
+            left, right, fresh, *counts = POLL.unpack(call.payload)[HEAD_VALUES:]
             self._counts, self._imu = (left, right), ImuCounts(*counts)
             self._samples += fresh
 
@@ -262,6 +265,8 @@ class Replayed:
         self._duties = (0.0, 0.0)
         self._firmware: Firmware | None = None
         self._due_us = 0
+        self._head: tuple[int, ...] = RECEIVE.unpack(bytes(RECEIVE.size))
+        """Time and line of the last call."""
 
     def run(self) -> list[Output]:
         """Give it all calls; return its outputs."""
@@ -278,6 +283,12 @@ class Replayed:
                 outputs.append(self._do(call))
         return outputs
 
+    def _line_health(self) -> LineHealth:
+        _, _, send_errors, receive_errors, _, offs = self._head
+        return LineHealth(
+            can_send_errors=send_errors, can_receive_errors=receive_errors, can_bus_offs=offs
+        )
+
     def _do(self, call: Call) -> Output:
         if call.operation == Operation.BOOT:
             firmware = self._firmware = self._boot(call.payload)
@@ -285,12 +296,14 @@ class Replayed:
             assert self._firmware is not None
             firmware = self._firmware
         wrote = b""
+        if call.operation != Operation.BOOT:
+            self._head = RECEIVE.unpack_from(call.payload)
         if call.operation == Operation.POLL:
             now_us = POLL.unpack(call.payload)[0]
             self._duties = firmware.tick(now_us)
             self._due_us = firmware.next_us(now_us)
         elif call.operation == Operation.RECEIVE:
-            (now_us,) = RECEIVE.unpack_from(call.payload)
+            now_us, *_ = RECEIVE.unpack_from(call.payload)
             for piece in pieces(call.payload[RECEIVE.size :], can=self._recording.can):
                 firmware.receive(piece, now_us)
                 wrote += firmware.data_to_send()  # frames that wait leave by their rank
@@ -301,7 +314,7 @@ class Replayed:
         values = BOOT.unpack(payload)
         uid, boot_id, cause, node, can, troubles, _, crashed, *crash = values
         self._duties, self._due_us = (0.0, 0.0), 0
-        return Firmware(
+        firmware = Firmware(
             self._recording.model,
             _CoreIdentity(
                 node,
@@ -315,6 +328,8 @@ class Replayed:
             flash=self._flash,
             link=CanLink if can else Link,
         )
+        firmware.telemetry.counters.line_health = self._line_health
+        return firmware
 
     def _view(self, firmware: Firmware) -> View:
         left, right = self._duties
@@ -329,10 +344,11 @@ class Replayed:
             firmware.negotiated,
             firmware.waits,
             int(firmware.saving),
-            firmware.faults,
-            firmware.session_id,
-            0,
-            self._due_us,
+            blocked=False,
+            faults=firmware.faults,
+            session_id=firmware.session_id,
+            waited_us=0,
+            due_us=self._due_us,
         )
 
 
@@ -383,7 +399,7 @@ def _bound(name: str) -> float:
 
 
 _VIEW = {"left": "duty", "right": "duty"}
-_OWN = frozenset({"fed", "waited_us", "flash_busy"})
+_OWN = frozenset({"fed", "waited_us", "flash_busy", "blocked"})
 """What the virtual board reports of itself: the model has no main loop and another flash."""
 
 

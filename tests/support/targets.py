@@ -69,7 +69,6 @@ def core_sweeper(
 ) -> CoreSweeper:
     """Make a device with the C core where a test asks for one with the model in Python."""
     assert options.pop("catalogue", CATALOGUE) is CATALOGUE, "the core has the present catalogue"
-    options.pop("local", None)
     if _library:
         options["make_chip"] = partial(LocalChip, library=_library[0])
     return CoreSweeper(plan, model, **options)

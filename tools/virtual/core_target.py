@@ -117,6 +117,7 @@ def make(
         node=wanted.node,
         boot_id=wanted.boot_id,
         link=wanted.link,
+        local=wanted.local,
         key=wanted.key,
         make_chip=make_chip,
     )

@@ -10,7 +10,7 @@
 #define NOT_STANDARD 0xE0u /* in its fourth byte: extended, remote or error frame */
 #define RECEIVE_PIECE 128u /* half a DMA ring */
 #define BOOT_BYTES 40u
-#define POLL_BYTES 27u
+#define POLL_BYTES (CHIP_HEAD + 19u)
 #define SENT_MAX (CHIP_PAYLOAD_MAX - CHIP_REPLY_HEAD)
 /* Assumed cost on a 168 MHz Cortex-M4, for the load: of a control period and of a frame. */
 #define PERIOD_WORK_US 400u
@@ -39,6 +39,9 @@ struct chip {
     uint32_t imu_stamp_us;
     virtual_flash_t flash;
 
+    uint32_t line_room; /* what the line took at the begin of the call */
+    board_can_health_t can;
+    bool blocked;      /* a frame waits for the bus */
     size_t sent;       /* bytes in the reply */
     size_t waiting;    /* of them, not on the line yet */
     uint8_t answer[10]; /* to what was asked last */
@@ -118,12 +121,14 @@ static const board_identity_t *identity(void *context)
 static size_t uart_room(void *context)
 {
     const chip_t *const chip = context;
-    return SENT_MAX - chip->sent;
+    const size_t reply_room = SENT_MAX - chip->sent;
+    const size_t line_room = chip->sent < chip->line_room ? chip->line_room - chip->sent : 0u;
+    return line_room < reply_room ? line_room : reply_room;
 }
 
 static void append(chip_t *chip, const uint8_t *data, size_t length)
 {
-    if (length <= uart_room(chip)) {
+    if (length <= SENT_MAX - chip->sent) {
         memcpy(chip->reply + CHIP_REPLY_HEAD + chip->sent, data, length);
         chip->sent += length;
         chip->waiting += length;
@@ -149,7 +154,11 @@ static bool can_write(void *context, const sp_can_frame_t *frame)
     chip_t *const chip = context;
     uint8_t record[CAN_RECORD] = {0};
     const bool off = (chip->identity.troubles & BOARD_TROUBLE_CLOCK) != 0; /* see board.h */
-    if (off || uart_room(chip) < CAN_RECORD) {
+    if (off) {
+        return false;
+    }
+    if (chip->sent / CAN_RECORD >= chip->line_room || SENT_MAX - chip->sent < CAN_RECORD) {
+        chip->blocked = true;
         return false;
     }
     record[0] = (uint8_t)frame->id;
@@ -163,8 +172,8 @@ static bool can_write(void *context, const sp_can_frame_t *frame)
 
 static void can_health(void *context, board_can_health_t *out)
 {
-    (void)context;
-    memset(out, 0, sizeof *out);
+    const chip_t *const chip = context;
+    *out = chip->can;
 }
 
 static void motors(void *context, int16_t left, int16_t right)
@@ -435,9 +444,21 @@ static void boot(chip_t *chip, const uint8_t *p)
     chip->left = chip->right = 0;
     chip->drivers = chip->rebooted = false;
     chip->fed = 0;
+    chip->line_room = CHIP_NO_LIMIT;
+    memset(&chip->can, 0, sizeof chip->can);
     set_up_imu(chip);
     chip->running = true;
     chip->library->boot(chip->firmware, &chip->board);
+}
+
+static void take_head(chip_t *chip, const uint8_t *p)
+{
+    chip->now_us = u64_at(p);
+    chip->line_room = u32_at(p + 8);
+    chip->can.send_errors = p[12];
+    chip->can.receive_errors = p[13];
+    chip->can.off = p[14] != 0;
+    chip->can.offs = u16_at(p + 16);
 }
 
 static void take_readings(chip_t *chip, const uint8_t *p)
@@ -467,6 +488,9 @@ static void receive(chip_t *chip, const uint8_t *data, size_t length)
         }
         return;
     }
+    if (length == 0) { /* the bus has taken a frame, or time has passed */
+        poll(chip);
+    }
     for (size_t at = 0; at + CAN_RECORD <= length; at += CAN_RECORD) {
         sp_can_frame_t frame = {.id = u16_at(data + at) & 0x7FFu, .length = data[at + 4u] & 0x0Fu};
         const bool standard = (data[at + 3u] & NOT_STANDARD) == 0; /* as the filters let through */
@@ -478,7 +502,7 @@ static void receive(chip_t *chip, const uint8_t *data, size_t length)
     }
 }
 
-static uint32_t told(chip_t *chip)
+static uint32_t finish_reply(chip_t *chip)
 {
     firmware_view_t view;
     memset(&view, 0, sizeof view);
@@ -494,6 +518,7 @@ static uint32_t told(chip_t *chip)
     to = put(to, view.negotiated, 1);
     to = put(to, view.keyed, 1);
     to = put(to, chip->flash.job != FLASH_JOB_NONE, 1);
+    to = put(to, chip->blocked, 1);
     to = put(to, view.faults, 2);
     to = put(to, view.session_id, 4);
     to = put(to, chip->waited_us, 4);
@@ -506,6 +531,7 @@ uint32_t chip_call(chip_t *chip, uint32_t operation, uint32_t length)
     const uint8_t *const p = chip->payload;
     chip->sent = chip->waiting = 0;
     chip->fed = 0;
+    chip->blocked = false;
     chip->now_us += chip->waited_us;
     chip->waited_us = 0;
     if (operation == CHIP_RESET) {
@@ -520,14 +546,14 @@ uint32_t chip_call(chip_t *chip, uint32_t operation, uint32_t length)
     if (operation == CHIP_BOOT && length == BOOT_BYTES) {
         boot(chip, p);
     } else if (operation == CHIP_POLL && length == POLL_BYTES) {
-        chip->now_us = u64_at(p);
-        take_readings(chip, p + 8);
+        take_head(chip, p);
+        take_readings(chip, p + CHIP_HEAD);
         poll(chip);
         drain(chip);
-    } else if (operation == CHIP_RECEIVE && length >= 8u && length <= CHIP_PAYLOAD_MAX) {
-        chip->now_us = u64_at(p);
-        receive(chip, p + 8, length - 8u);
+    } else if (operation == CHIP_RECEIVE && length >= CHIP_HEAD && length <= CHIP_PAYLOAD_MAX) {
+        take_head(chip, p);
+        receive(chip, p + CHIP_HEAD, length - CHIP_HEAD);
         drain(chip);
     }
-    return told(chip);
+    return finish_reply(chip);
 }

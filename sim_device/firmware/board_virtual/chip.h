@@ -13,23 +13,30 @@
 
 #include "board_api.h"
 
-#define CHIP_VERSION 1u
+#define CHIP_VERSION 2u
 #define CHIP_PAYLOAD_MAX 65536u
 
 /* What the caller asks for. */
 enum {
     CHIP_BOOT = 1, /* uid 12 B, boot id u32, reset cause u8, node u8, CAN u8, troubles u8,
                       capabilities u16, crashed u8, 0 u8, pc, lr, cfsr, uptime_us u32 */
-    CHIP_POLL = 2, /* uptime_us u64, counts left, right u16, fresh u8, IMU 7 i16: one poll */
-    CHIP_RECEIVE = 3, /* uptime_us u64, bytes of the UART or frames of 16 B (struct can_frame) */
+    CHIP_POLL = 2, /* head, counts left, right u16, fresh u8, IMU 7 i16: one poll */
+    CHIP_RECEIVE = 3, /* head, bytes of the UART or frames of 16 B (struct can_frame) */
     CHIP_RESET = 4,   /* the program ends; what the flash was doing stays half done */
     CHIP_FLASH = 5    /* page u8, content: as if it had been written before */
 };
 
+/* Head of CHIP_POLL and CHIP_RECEIVE: uptime_us u64; how much the line takes now u32, in bytes on the
+ * UART and in frames on CAN; the CAN controller's send errors, receive errors, bus-off now u8, 0 u8,
+ * number of bus-offs u16. */
+#define CHIP_HEAD 18u
+#define CHIP_NO_LIMIT 0xFFFFFFFFu /* the line takes everything */
+
 /* What CHIP_BOOT, CHIP_POLL and CHIP_RECEIVE give: duties left, right i16; drivers, rebooted, fed,
- * state, stop cause, negotiated, keyed, flash busy u8; faults u16; session id u32; waited_us u32 (what the
- * program waited for in this call); uptime of the next period i64; then what it has sent. */
-#define CHIP_REPLY_HEAD 30u
+ * state, stop cause, negotiated, keyed, flash busy, frames wait for the bus u8; faults u16; session id
+ * u32; waited_us u32 (what the program waited for in this call); uptime of the next period i64; then
+ * what it has sent. */
+#define CHIP_REPLY_HEAD 31u
 
 /* What the chip asks for while the program runs; the answer is written to chip_answer(). */
 enum {

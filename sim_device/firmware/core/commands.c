@@ -122,7 +122,8 @@ static int set_key(firmware_t *firmware, const sp_frame_t *frame)
     }
     /* Only over a link that requires standing beside the robot. */
     if (firmware->line.can
-        || (board_identity(firmware->board)->troubles & BOARD_TROUBLE_FLASH) != 0) {
+        || (board_identity(firmware->board)->troubles
+               & (BOARD_TROUBLE_FLASH | BOARD_TROUBLE_REMOTE)) != 0) {
         return SP_NACK_REASON_UNSUPPORTED;
     }
     const uint32_t words[KEY_WORDS] = {set.key_0, set.key_1, set.key_2, set.key_3};

@@ -51,6 +51,8 @@ void board_reboot(board_t *board);
 #define BOARD_TROUBLE_CLOCK 1u
 /* Nothing can be saved. */
 #define BOARD_TROUBLE_FLASH 2u
+/* The UART leads to a network: its host need not stand beside the robot, so no key can be set. */
+#define BOARD_TROUBLE_REMOTE 4u
 
 /* Record that a fault handler keeps in memory across a reset. */
 typedef struct {

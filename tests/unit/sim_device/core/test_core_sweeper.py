@@ -8,22 +8,33 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from protocol.can.link import CanLink
-from protocol.messages.device import Imu, LogText, ParameterValue, Status
-from protocol.messages.host import GetParameter, Reboot, SaveParameters, SetParameter
+from protocol.messages.device import Ack, Imu, LogText, Nack, ParameterValue, Status
+from protocol.messages.host import (
+    GetParameter,
+    HostHello,
+    Reboot,
+    SaveParameters,
+    SetKey,
+    SetParameter,
+)
 from protocol.messages.values import (
     Fault,
     Mode,
+    NackReason,
     ParameterKind,
     RebootKind,
     ResetCause,
     StopCause,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from sim_device.core.core_sweeper import CoreSweeper
 from sim_device.device.modes import DeviceState
 from sim_device.device.parameters import from_raw
 from sim_device.faults.kinds import parse_fault
 from sim_device.faults.spec import FaultSpecError
+from sim_device.line.line import LineSettings
 from sim_device.rig import Rig
 from sim_device.sweeper import VirtualSweeper
 from support.rigs import OPEN_FLOOR, Drive
@@ -89,6 +100,56 @@ def test_the_robot_file_is_in_its_flash() -> None:
     assert host.ask(lambda i: GetParameter(i, MAX_SPEED)) is None
     value = host.last(ParameterValue)
     assert from_raw(ParameterKind.F32, value.value) == pytest.approx(0.25)
+
+
+# ---- its line ------------------------------------------------------------------------------
+
+
+def test_a_line_that_is_too_slow_loses_whole_frames_and_no_answer() -> None:
+    """The core sees the room in the transmit buffer, so the line never cuts a frame."""
+    rig = Rig(device(), LineSettings(baud=19_200), seed=1)
+    drive = Drive(rig)
+    drive.run(12.0)
+    assert rig.counts().device_overrun == 0
+    assert drive.session.link.statistics.damaged == 0
+    assert 500 < len(drive.heard) < 1_500, "of 2 500"
+    assert drive.round_trips_us(6.0, 12.0), "answers have a share of the buffer of their own"
+
+
+def test_frames_that_wait_for_the_bus_leave_by_their_rank() -> None:
+    """A slow bus: parameters, which rank last, let the streams pass."""
+    rig = Rig(device(link=CanLink), LineSettings(bitrate=125_000), seed=1)
+    host = WireHost(rig)
+    host.link = CanLink(Direction.HOST)
+    host.run(1.5)
+    for negotiated in (0, 1):
+        host.send(HostHello(CATALOGUE.hash, 7, host.hello.boot_id, negotiated, "frames"))
+        host.run(0.5)
+    asked_us = host.now_us
+    host.send(*(GetParameter(number, number) for number in range(6)))
+    host.run(0.5)
+    after = [(at_us - t_us, m) for at_us, t_us, m in host.heard if at_us > asked_us]
+    kinds = [type(message) for _, message in after]
+    values = [i for i, kind in enumerate(kinds) if kind is ParameterValue]
+    assert len(values) == 6
+    assert Imu in kinds[values[0] : values[-1]], "a sample overtakes the values that wait"
+    assert max(late_us for late_us, message in after if isinstance(message, Imu)) < 15_000
+
+
+@pytest.mark.parametrize("local", [True, False])
+def test_a_key_is_set_only_beside_the_robot(*, local: bool) -> None:
+    made = CoreSweeper(OPEN_FLOOR, noise="none", seed=1, local=local)
+    host = WireHost(made)
+    host.join()
+    assert host.clear() is None
+    host.send(SetKey(77, 1, 2, 3, 4))
+    host.run(0.6)
+    if local:
+        assert host.last(Ack).command_id == 77
+        assert made.firmware.view.keyed
+    else:
+        assert host.last(Nack).reason == NackReason.UNSUPPORTED
+        assert not made.firmware.view.keyed
 
 
 # ---- what may happen to it ---------------------------------------------------------------

@@ -20,6 +20,8 @@ from support.rigs import Drive, rig
 if TYPE_CHECKING:
     from sim_device.rig import Rig
 
+pytestmark = pytest.mark.usefixtures("target")
+
 SERIAL = LineSettings()
 BUS = LineSettings(bitrate=500_000)
 
