@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import Observation, VelocityCommand
 
+pytestmark = pytest.mark.usefixtures("target")
+
 START, PAUSE, RESUME, ABORT = PlannerAction
 
 
@@ -197,6 +199,7 @@ def test_another_mode_ends_the_plan() -> None:
     assert (speed(host) < REST_M_S, phase(host)) == (True, PlannerPhase.ABORTED)
 
 
+@pytest.mark.python_only("the core has the paper's planner only")
 def test_every_planner_of_the_registry_and_no_other() -> None:
     names = {p: p.name.lower().replace("_", "-") for p in OnboardPlanner}
     for number, name in names.items():
@@ -232,6 +235,7 @@ def test_requests_in_a_wrong_state_are_rejected() -> None:
     assert host.plan(START) is NackReason.OTHER_MODE, "one plan at a time"
 
 
+@pytest.mark.python_only("the core has the paper's planner only")
 def test_the_same_seed_drives_the_same_way() -> None:
     def end(seed: int) -> Pose2:
         host = WireHost(VirtualSweeper(load_room("case-1"), seed=seed, noise="typical"))
@@ -243,6 +247,7 @@ def test_the_same_seed_drives_the_same_way() -> None:
     assert end(3) != end(4)
 
 
+@pytest.mark.python_only("the core has the paper's planner only")
 def test_the_planner_receives_the_uncertain_floor(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Observation] = []
     step = PlanRunner.step

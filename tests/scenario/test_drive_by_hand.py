@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("target")]
 
 UP, UP_AGAIN, UP_RELEASED = b"\x1b[A", b"\x1b[1;1:2A", b"\x1b[1;1:3A"
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from bridge.motion.observation import Observation, VelocityCommand
 
+pytestmark = pytest.mark.usefixtures("target")
+
 PATIENCE_S = 60.0
 """Maximum time of a step, s; only a hang is longer."""
 

@@ -152,7 +152,8 @@ SCENARIOS = (
 
 @pytest.fixture(scope="module", name="together")
 def _together(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Together]:
-    with Together(SCENARIOS, tmp_path_factory.mktemp("connect")) as together:
+    chosen = {s.__name__: s for s in SCENARIOS}
+    with Together(chosen, tmp_path_factory.mktemp("connect")) as together:
         yield together
 
 

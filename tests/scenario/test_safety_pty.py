@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,6 +20,7 @@ from bridge.io.owner_client import ask
 from bridge.record.reader import LogReader
 from sim_device.ports.control import ask_control
 from support.root import ROOT
+from support.targets import TARGETS
 from support.two_processes import (
     PATIENCE_S,
     Command,
@@ -78,9 +80,9 @@ def run(cwd: Path, *arguments: str) -> Done:
         return command.end()
 
 
-def a_killed_host(tmp_path: Path) -> None:
+def a_killed_host(tmp_path: Path, target: str) -> None:
     log, world = tmp_path / "killed.mcap", tmp_path / "truth.mcap"
-    with Emulator(tmp_path, "--truth", world) as device:
+    with Emulator(tmp_path, "--target", target, "--truth", world) as device:
         with drive(device, tmp_path, "--out", log) as host:
             before_s = time.time()
             host.send(signal.SIGKILL)
@@ -107,9 +109,9 @@ def a_killed_host(tmp_path: Path) -> None:
     assert sum(1 for _ in reader.messages(["/device/imu"])) > 200, "the log is readable"
 
 
-def a_host_that_is_stopped_and_goes_on(tmp_path: Path) -> None:
+def a_host_that_is_stopped_and_goes_on(tmp_path: Path, target: str) -> None:
     world = tmp_path / "truth.mcap"
-    with Emulator(tmp_path, "--truth", world) as device:
+    with Emulator(tmp_path, "--target", target, "--truth", world) as device:
         with drive(device, tmp_path, "--json", "--out", tmp_path / "run.mcap") as host:
             before_s = time.time()
             host.send(signal.SIGSTOP)
@@ -125,10 +127,10 @@ def a_host_that_is_stopped_and_goes_on(tmp_path: Path) -> None:
     comes_to_rest(truth(world), before_s, frozen_s)
 
 
-def a_port_that_vanishes_and_comes_back(tmp_path: Path) -> None:
+def a_port_that_vanishes_and_comes_back(tmp_path: Path, target: str) -> None:
     link = tmp_path / "port"
     log = tmp_path / "run.mcap"
-    with Emulator(tmp_path, "--pty-link", link) as device:
+    with Emulator(tmp_path, "--target", target, "--pty-link", link) as device:
         assert device.port == str(link)
         host = drive(device, tmp_path, "--json", "--out", log)
         with host:
@@ -136,7 +138,9 @@ def a_port_that_vanishes_and_comes_back(tmp_path: Path) -> None:
             device.end()
             host.prints("link:")
             world = tmp_path / "second.mcap"
-            with Emulator(tmp_path, "--pty-link", link, "--truth", world) as second:
+            with Emulator(
+                tmp_path, "--target", target, "--pty-link", link, "--truth", world
+            ) as second:
                 ended = host.end()
                 time.sleep(0.3)
                 assert second.stop().status == 0
@@ -146,11 +150,13 @@ def a_port_that_vanishes_and_comes_back(tmp_path: Path) -> None:
     assert not LogReader(log).truncated
 
 
-def a_plug_that_is_pulled_and_put_back(tmp_path: Path) -> None:
+def a_plug_that_is_pulled_and_put_back(tmp_path: Path, target: str) -> None:
     """The device runs on meanwhile; the run asks, and continues after a person's confirmation."""
     world, control = tmp_path / "truth.mcap", tmp_path / "ctl"
     link = tmp_path / "port"
-    with Emulator(tmp_path, "--pty-link", link, "--truth", world, "--control", control) as device:
+    with Emulator(
+        tmp_path, "--target", target, "--pty-link", link, "--truth", world, "--control", control
+    ) as device:
         with drive(device, tmp_path, "--resume", "ask", "--out", tmp_path / "run.mcap") as host:
             before_s = time.time()
             assert ask_control(control, "start unplug:1.5")["ok"]
@@ -176,9 +182,9 @@ def a_plug_that_is_pulled_and_put_back(tmp_path: Path) -> None:
     assert last_motion_s([p for p in poses if p.at_s < moved_s]) > again_s, "it went on when asked"
 
 
-def a_line_that_stalls_and_then_delivers_what_is_old(tmp_path: Path) -> None:
+def a_line_that_stalls_and_then_delivers_what_is_old(tmp_path: Path, target: str) -> None:
     world, control = tmp_path / "truth.mcap", tmp_path / "ctl"
-    with Emulator(tmp_path, "--truth", world, "--control", control) as device:
+    with Emulator(tmp_path, "--target", target, "--truth", world, "--control", control) as device:
         with drive(device, tmp_path, "--json", "--out", tmp_path / "run.mcap") as host:
             before_s = time.time()
             assert ask_control(control, "start latency:3:ms=3000,way=down")["ok"]
@@ -206,9 +212,9 @@ with bridge.open(sys.argv[1]) as robot:
 """
 
 
-def an_event_loop_that_is_blocked(tmp_path: Path) -> None:
+def an_event_loop_that_is_blocked(tmp_path: Path, target: str) -> None:
     world = tmp_path / "truth.mcap"
-    with Emulator(tmp_path, "--truth", world) as device:
+    with Emulator(tmp_path, "--target", target, "--truth", world) as device:
         done = subprocess.run(
             [sys.executable, "-c", BLOCKED, device.port],
             capture_output=True,
@@ -222,9 +228,9 @@ def an_event_loop_that_is_blocked(tmp_path: Path) -> None:
     comes_to_rest(truth(world), blocked_s, blocked_s)
 
 
-def a_stop_from_another_shell(tmp_path: Path) -> None:
+def a_stop_from_another_shell(tmp_path: Path, target: str) -> None:
     world = tmp_path / "truth.mcap"
-    with Emulator(tmp_path, "--truth", world) as device:
+    with Emulator(tmp_path, "--target", target, "--truth", world) as device:
         with drive(device, tmp_path, "--json", "--out", tmp_path / "run.mcap") as host:
             asked_s = time.time()
             stopped = run(tmp_path, "stop", device.port)
@@ -259,9 +265,12 @@ SCENARIOS = (
 )
 
 
-@pytest.fixture(scope="module", name="together")
-def _together(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Together]:
-    with Together(SCENARIOS, tmp_path_factory.mktemp("safety")) as together:
+@pytest.fixture(scope="module", name="together", params=TARGETS)
+def _together(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Together]:
+    chosen = {s.__name__: partial(s, target=request.param) for s in SCENARIOS}
+    with Together(chosen, tmp_path_factory.mktemp("safety")) as together:
         yield together
 
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from bridge.session.records import Record
     from tools.virtual.run import VirtualRun
 
+pytestmark = pytest.mark.usefixtures("target")
+
 BAUD = 921_600
 BYTES = 16
 """Length of the shortest frame with its delimiters, bytes: no frame is faster on the line."""

@@ -21,7 +21,7 @@ from support.hold_up import Busy
 from support.processes import COMMAND, Done, environment
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping
     from types import TracebackType
 
 PATIENCE_S = 60.0
@@ -254,13 +254,13 @@ def _fairly(scenario: Callable[[Path], None], folder: Path) -> None:
 class Together:
     """Runs scenarios at the same time, because they mostly wait."""
 
-    def __init__(self, scenarios: Sequence[Callable[[Path], None]], folder: Path) -> None:
+    def __init__(self, scenarios: Mapping[str, Callable[[Path], None]], folder: Path) -> None:
         self._pool = ThreadPoolExecutor(len(scenarios))
         self._futures: dict[str, Future[None]] = {}
-        for scenario in scenarios:
-            own = folder / scenario.__name__
+        for name, scenario in scenarios.items():
+            own = folder / name
             own.mkdir()
-            self._futures[scenario.__name__] = self._pool.submit(_fairly, scenario, own)
+            self._futures[name] = self._pool.submit(_fairly, scenario, own)
 
     def result(self, name: str) -> None:
         """Wait for one scenario; raise its exception."""
