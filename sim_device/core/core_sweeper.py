@@ -56,8 +56,8 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         """Boot at time 0, at rest at the plan's start.
 
         The chip's flash contains ``key`` and each difference from the robot that the core is built
-        for. Without ``local`` no key can be set over the link. ``make_chip`` creates a chip with another library or in another process. Its argument
-        answers the chip's requests.
+        for. Without ``local`` no key can be set over the link. ``make_chip`` creates a chip with
+        another library or in another process. Its argument answers the chip's requests.
 
         Raises:
             FloorPlanError: the robot does not fit at its start.
