@@ -463,11 +463,11 @@ static void take_head(chip_t *chip, const uint8_t *p)
 
 static void take_readings(chip_t *chip, const uint8_t *p)
 {
-    int16_t counts[7];
     chip->encoders.left = u16_at(p);
     chip->encoders.right = u16_at(p + 2);
     chip->encoders.sampled_us = (uint32_t)chip->now_us;
     if (p[4] != 0) {
+        int16_t counts[7];
         for (unsigned i = 0; i < 7u; i++) {
             counts[i] = i16_at(p + 5 + 2u * i);
         }
