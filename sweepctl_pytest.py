@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
 
     from tools.virtual.settings import SweeperSettings
-    from tools.virtual.sweeper import SimulatedSweeper
+    from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 MARKER = "sweeper"
 LINKS = ("pty", "tcp", "slcan", "udpcan")
@@ -53,7 +53,7 @@ _OURS = (
     "protocol.uart.framing",
     "bridge.session.states",
     "sim_device.rig",
-    "tools.virtual.sweeper",
+    "tools.virtual.simulated_sweeper",
 )
 """One module of each of our packages, to distinguish it from a package of the same name."""
 
@@ -77,7 +77,7 @@ def sweeper(request: pytest.FixtureRequest) -> Iterator[SimulatedSweeper]:
     from sim_device.core.chip import FirmwareCrashError, FirmwareLibraryError
     from sim_device.faults.spec import FaultSpecError
     from sim_device.noise import UnknownNoiseLevelError
-    from tools.virtual.sweeper import SimulatedSweeper
+    from tools.virtual.simulated_sweeper import SimulatedSweeper
 
     try:
         made = SimulatedSweeper(settings)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from bridge.convert.map_shapes import outlines, roomiest, simplified
+from bridge.convert.mask_outlines import outlines, roomiest, simplified
 from bridge.errors import BridgeError
 from bridge.files import open_to_read
 from bridge.floor_plan.floor_plan import (

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from bridge.motion.estimation.displacement import DisplacementCheck
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
+from bridge.run.displaced_start import MeasuredWall
 from bridge.run.robot_state import RobotState
-from bridge.run.room_check import MeasuredWall
 from protocol.messages.values import Contact
 
 if TYPE_CHECKING:

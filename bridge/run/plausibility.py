@@ -10,16 +10,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.run.displaced_start import RoomCheck
 from bridge.run.ending import Ending
-from bridge.run.room_check import RoomCheck
 from bridge.run.spinning import SpinCheck
 from protocol.messages.values import StopCause
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
+    from bridge.run.displaced_start import RoomFit
     from bridge.run.localisation import Localisation
-    from bridge.run.room_check import RoomFit
     from bridge.supervise import RuleInputs
 
 PERIOD_NS = 60_000_000

@@ -11,7 +11,7 @@ import bridge
 
 if TYPE_CHECKING:
     from bridge.api.robot import Robot
-    from tools.virtual.sweeper import SimulatedSweeper
+    from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 
 def go_to(x_m: float, y_m: float, robot: SimulatedSweeper | Robot) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import pytest
 from dust_messages import Dust
 
 if TYPE_CHECKING:
-    from tools.virtual.sweeper import SimulatedSweeper
+    from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 FIRMWARE = Path(__file__).with_name("build") / "firmware.so"
 pytestmark = pytest.mark.sweeper(target="core", firmware=FIRMWARE, noise="none")

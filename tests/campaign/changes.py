@@ -272,7 +272,7 @@ def jobs_of(seeds: Iterable[int], changes: Iterable[Change] = CHANGES) -> list[J
 
 def kept_at(path: Path | None) -> Kept:
     """Results kept for the present checks."""
-    names = ("plausibility", "room_check", "spinning", "mission", "localisation")
+    names = ("plausibility", "displaced_start", "spinning", "mission", "localisation")
     sources = [ROOT / "bridge" / "run" / f"{name}.py" for name in names]
     sources.append(ROOT / "bridge" / "motion" / "estimation" / "displacement.py")
     return Kept(path, [*sources, Path(__file__)])

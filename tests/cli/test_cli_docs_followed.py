@@ -17,7 +17,7 @@ from support.emulated import Emulated
 from support.plugin_site import EXAMPLE, install_example, sweepctl_with
 from support.root import ROOT
 from tools.virtual.settings import SweeperSettings
-from tools.virtual.sweeper import SimulatedSweeper
+from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 if TYPE_CHECKING:
     from pathlib import Path

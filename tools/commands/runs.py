@@ -12,7 +12,7 @@ import click
 from tools.cli import options
 from tools.cli.console import err, inform, write_json, write_line
 from tools.cli.log_file import LogPath
-from tools.cli.parallel import in_order, parallel_options, pool_of
+from tools.cli.parallel_options import in_order, parallel_options, pool_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -16,7 +16,7 @@ from bridge.api.recording import Recording
 from bridge.api.robot import Robot
 from bridge.api.robot_parts import Latest, OwnPlanner
 from tools.cli.console import write_line
-from tools.virtual.sweeper import SimulatedSweeper
+from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,7 +54,7 @@ _CLASSES: tuple[tuple[type, str, str], ...] = (
     (
         SimulatedSweeper,
         "Virtual sweeper",
-        "`tools.virtual.sweeper.SimulatedSweeper`, and the [fixture](ci.md) `sweeper`.",
+        "`tools.virtual.simulated_sweeper.SimulatedSweeper`, and the [fixture](ci.md) `sweeper`.",
     ),
 )
 _ROLE = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`")

@@ -16,7 +16,7 @@ from protocol.messages.device import Imu, Range, Status
 from tools.cli.remedies import error_line
 from tools.dev.api_reference import PATH, documented, page
 from tools.virtual.settings import SweeperSettings
-from tools.virtual.sweeper import SimulatedSweeper
+from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 
 @pytest.mark.parametrize("name", ["imu", "encoders", "range", "power", "status", "planner"])

@@ -15,7 +15,7 @@ from bridge.motion.legs import Drive, GoTo, Leg, Rest, Turn
 from bridge.motion.robot_model import RobotModel
 from protocol.messages.values import StopCause
 from tools.virtual.settings import SweeperSettings
-from tools.virtual.sweeper import SimulatedSweeper
+from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 MODEL = RobotModel()
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from bridge.convert.map_import import import_map
-from bridge.convert.map_shapes import outlines, simplified
+from bridge.convert.mask_outlines import outlines, simplified
 from bridge.floor_plan.floor_plan import FloorPlanError, signed_area_m2
 from bridge.motion.geometry import Pose2
 

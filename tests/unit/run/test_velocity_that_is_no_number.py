@@ -11,7 +11,7 @@ from protocol.clock import HostNs
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from tools.virtual.settings import SweeperSettings
-from tools.virtual.sweeper import SimulatedSweeper
+from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 BAD = [(math.nan, 0.0), (0.0, math.nan)]
 

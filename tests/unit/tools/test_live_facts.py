@@ -20,7 +20,7 @@ from tools.live.map import legend, swept_picture
 from tools.live.tables import planner_table, status_line
 from tools.virtual.loop import HOST_BOOT_NS
 from tools.virtual.settings import SweeperSettings
-from tools.virtual.sweeper import SimulatedSweeper
+from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 MODEL = RobotModel()
 PAGE = "http://127.0.0.1:9090/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9876%2Fproxy"

@@ -9,7 +9,7 @@ import pytest
 from bridge.errors import OutputExistsError
 from bridge.record.reader import LogReader
 from tools.virtual.settings import SweeperSettings
-from tools.virtual.sweeper import SimulatedSweeper
+from tools.virtual.simulated_sweeper import SimulatedSweeper
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ import pytest
 
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.run.room_check import MeasuredWall, RoomCheck
+from bridge.run.displaced_start import MeasuredWall, RoomCheck
 
 WALLS = ((0.0, 0.0), (4.0, 0.0), (4.0, 2.5), (2.4, 2.5), (2.4, 3.4), (0.0, 3.4))
 CUPBOARD = ((1.0, 1.2), (1.9, 1.2), (1.9, 1.8), (1.0, 1.8))
