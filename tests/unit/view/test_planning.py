@@ -12,12 +12,13 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from bridge.view.rerun import paths, planning
+from bridge.view.rerun.columns import RerunRecording
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-class Sheet:
+class Sheet(RerunRecording):
     """A recording that keeps what it receives."""
 
     def __init__(self) -> None:
