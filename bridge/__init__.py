@@ -45,7 +45,7 @@ def open(  # noqa: A001, PLR0913 - bridge.open, like os.open; the options of a p
         node: Node of the device, 1 to 15; needed if a bus has several devices.
         baud: Baud rate of a serial port.
         dtr: Activate DTR. Off by default, because many boards reset on it.
-        rts: Activate RTS, off by default likewise.
+        rts: Activate RTS. Also off by default.
         bitrate: Bit rate of a CAN bus, bit/s; None: the adapter's default.
         lan: Allow a virtual bus that other machines on the network can reach.
         key: 16-byte key that signs motion commands if the device requires it.

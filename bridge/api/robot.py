@@ -138,7 +138,7 @@ class Robot:
             node: Node of the device, 1 to 15; needed if a bus has several devices.
             baud: Baud rate of a serial port.
             dtr: Activate DTR. Off by default, because many boards reset on it.
-            rts: Activate RTS, off by default likewise.
+            rts: Activate RTS. Also off by default.
             bitrate: Bit rate of a CAN bus, bit/s; None: the adapter's default.
             lan: Allow a virtual bus that other machines on the network can reach.
             key: 16-byte key that signs motion commands if the device requires it.
@@ -440,7 +440,7 @@ class Robot:
 
         Args:
             v_m_s: Forward speed, m/s; limited to the model's maximum.
-            yaw_rate_rad_s: Yaw rate, rad/s, counter-clockwise; limited likewise.
+            yaw_rate_rad_s: Yaw rate, rad/s, counter-clockwise; limited to the model's maximum.
 
         Raises:
             ArgumentError: a velocity is not a finite number. It is a ``ValueError`` too.

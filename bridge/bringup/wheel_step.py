@@ -112,7 +112,7 @@ def judge_step(step: WheelStep) -> CheckResult:
     )
     if abs(step.steady_m_s) < 0.1 * abs(target):
         return wrong(
-            name, f"the wheel does not follow: {figures}", "check motor and encoder as above"
+            name, f"the wheel does not follow: {figures}", "check the motor and the encoder"
         )
     if error < -1.5:  # noqa: PLR2004 - in reverse, and faster than the setpoint
         return wrong(name, f"the wheel runs away: {figures}", "reverse the motor or the encoder")

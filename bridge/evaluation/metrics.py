@@ -165,7 +165,7 @@ class CoverageMeter:
         return CoverageTrack(self)
 
     def share_at(self, report: CoverageReport, times_s: Sequence[float]) -> list[float]:
-        """The main figure at given times from the first pose, for curves."""
+        """Coverage, as defined for results, at given times from the first pose."""
         swept = np.sort(report.first_swept_s[self.regions.sweepable])
         counts = np.searchsorted(swept, np.asarray(times_s, dtype=np.float64), side="right")
         return [float(count) / max(len(swept), 1) for count in counts]
@@ -208,7 +208,7 @@ class CoverageTrack:
         self._follow(pose)
 
     def share(self) -> float:
-        """The main figure up to the newest pose, 0 to 1; cheap enough for a live picture."""
+        """Coverage up to the newest pose, 0 to 1; fast enough for a live picture."""
         self._close()
         sweepable = self._meter.regions.sweepable
         return _share(np.isfinite(self._times) & sweepable, sweepable)

@@ -36,7 +36,7 @@ COLUMNS = (
     RunColumn(
         "coverage",
         "REAL",
-        "the main figure: share of the sweepable floor that the mouth swept, 0 to 1",
+        "coverage: share of the sweepable floor that the mouth swept, 0 to 1",
         ("coverage", "mouth_sweepable"),
     ),
     RunColumn(

@@ -306,7 +306,7 @@ class Session:
 
         Args:
             v_m_s: Forward speed, m/s; limited to the range of the wire format.
-            yaw_rate_rad_s: Yaw rate, rad/s; limited likewise.
+            yaw_rate_rad_s: Yaw rate, rad/s; limited to the range of the wire format.
             ttl_ms: Time to live on the device, ms.
             now_ns: Host time.
 

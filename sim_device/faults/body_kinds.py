@@ -288,8 +288,8 @@ BODY_KINDS = (
     ),
     FaultKind(
         "carried",
-        "The robot is lifted, carried, and put down elsewhere after the duration, or on the way "
-        "there if the place is not free. The gyro does not feel the turn.",
+        "The robot is lifted, carried, and put down at another place after the duration, or on the "
+        "way there if the place is not free. The gyro does not measure the turn.",
         "carried@20:3:dx=0.6,dy=0.2,turn=90",
         _WHERE,
         _carried,
@@ -297,9 +297,9 @@ BODY_KINDS = (
     ),
     FaultKind(
         "displaced",
-        "The robot stands elsewhere at once, as after a shove that no sensor feels; at 0 s: as if "
-        "it was not put at the start of the room. If the place is not free, it stands on the way "
-        "there.",
+        "The robot is moved to another place without delay, as by a push that no sensor measures. "
+        "At 0 s: the robot does not start at the start of the room. If the place is not free, the "
+        "robot is put at the nearest free place on the line to its old place.",
         "displaced@0:dx=0.4,dy=0.1,turn=20",
         _WHERE,
         strike="displaced",

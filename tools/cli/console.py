@@ -167,7 +167,7 @@ def _share(coverage: dict[str, float | None], key: str, text: str) -> str | None
 
 
 def _passing(coverage: dict[str, float | None]) -> str | None:
-    """Return the share that is left out where it is the main figure: a mouth on the axle."""
+    """Return the share without turns towards walls; None if it equals the coverage."""
     share = coverage.get("mouth_passing")
     if share is None or share == coverage["mouth_sweepable"]:
         return None

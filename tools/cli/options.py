@@ -236,7 +236,7 @@ def target_options(f: Callable[..., object]) -> Callable[..., object]:
             type=click.Path(exists=True, dir_okay=False, path_type=Path),
             metavar="FILE",
             help="Firmware of your own: with --target core a shared library "
-            "(`make -C sim_device/firmware library`), which runs in a process of its own; with "
+            "(`make -C sim_device/firmware library`), which runs in a separate process; with "
             "--target qemu an ELF file.  [default: the C firmware of sweepctl]",
         ),
         click.option(

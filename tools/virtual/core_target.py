@@ -51,7 +51,7 @@ def device(
 
     Args:
         wanted: properties of the device.
-        firmware: shared library to run, in a process of its own; None: the C core of sweepctl, in
+        firmware: shared library to run, in a separate process; None: the C core of sweepctl, in
             this process.
         notify: prints a message.
         gdb: wait for a debugger before the first boot.
@@ -88,7 +88,7 @@ def make(
 
     Args:
         wanted: properties of the device.
-        firmware: shared library to run, in a process of its own; None: the C core of sweepctl, in
+        firmware: shared library to run, in a separate process; None: the C core of sweepctl, in
             this process.
         started: called with the id of the process that runs the firmware, before its first boot.
         debugged: the firmware may take any time.

@@ -157,7 +157,7 @@ def comparison_page(groups: Sequence[Group], by: str, what: str) -> str:
 
 
 def comparison_picture(groups: Sequence[Group]) -> bytes:
-    """Return the spread of the main figures as a PNG.
+    """Return the distribution of the coverage as a PNG.
 
     Raises:
         PlotMissingError: matplotlib is not installed.

@@ -7,7 +7,7 @@
 #include "mpu6050.h"
 
 #define CAN_RECORD 16u
-#define NOT_STANDARD 0xE0u /* in its fourth byte: extended, remote or error frame */
+#define NOT_STANDARD 0xE0u /* flags in the fourth byte: extended, remote or error frame */
 #define RECEIVE_PIECE 128u /* half a DMA ring */
 #define BOOT_BYTES 40u
 #define POLL_BYTES (CHIP_HEAD + 19u)
@@ -15,7 +15,7 @@
 /* Assumed cost on a 168 MHz Cortex-M4, for the load: of a control period and of a frame. */
 #define PERIOD_WORK_US 400u
 #define FRAME_WORK_US 25u
-#define WAIT_US 1000u /* of a program that feeds its watchdog again before its main loop goes on */
+#define WAIT_US 1000u /* step of time while the program waits in a loop of its own */
 
 struct chip {
     const firmware_library_t *library;
@@ -27,7 +27,7 @@ struct chip {
     board_crash_t crash;
     bool running;
     bool rebooted;
-    uint8_t fed; /* in this call */
+    uint8_t fed; /* feeds of the watchdog in this call */
     uint64_t now_us;
     uint32_t waited_us;
     uint32_t busy_us;
@@ -43,8 +43,8 @@ struct chip {
     board_can_health_t can;
     bool blocked;      /* a frame waits for the bus */
     size_t sent;       /* bytes in the reply */
-    size_t waiting;    /* of them, not on the line yet */
-    uint8_t answer[10]; /* to what was asked last */
+    size_t waiting;    /* number of these bytes that are not on the line yet */
+    uint8_t answer[10]; /* answer to the last request */
     uint8_t payload[CHIP_PAYLOAD_MAX];
     uint8_t reply[CHIP_PAYLOAD_MAX];
 };
@@ -98,7 +98,7 @@ static uint32_t busy_us(void *context)
 static void watchdog_feed(void *context)
 {
     chip_t *const chip = context;
-    if (chip->fed != 0) { /* it waits for something in a loop of its own: let time pass */
+    if (chip->fed != 0) { /* the program waits in its own loop: advance the time */
         chip->waited_us += WAIT_US;
     } else {
         chip->busy_us += PERIOD_WORK_US;

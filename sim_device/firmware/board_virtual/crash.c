@@ -1,9 +1,9 @@
-/* A crash of the program in a process of its own: its backtrace, frame by frame, on stderr.
+/* Prints the backtrace of a crash on stderr, frame by frame. For a program in its own process.
  *
  *     sweepctl-core: signal 11
  *     sweepctl-core: 0x1a2b FILE
  *
- * The address is that within the file, as addr2line takes it. The process then ends by the signal.
+ * The address is relative to the file, as addr2line expects it. The signal then ends the process.
  */
 #define _GNU_SOURCE
 #include "chip.h"
@@ -16,8 +16,8 @@
 #include <unistd.h>
 
 #define FRAMES_MAX 64
-#define HANDLERS_FRAMES 2 /* the handler, and what the system calls it by */
-#define STACK_BYTES 65536u /* of the handler: the program's own may be what overflowed */
+#define HANDLERS_FRAMES 2 /* frames of the handler, and of the system function that calls it */
+#define STACK_BYTES 65536u /* the handler's own stack, because the program's may have overflowed */
 #define TAG "sweepctl-core: "
 
 static const int numbers[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
@@ -56,7 +56,7 @@ static void on_signal(int number)
             continue;
         }
         if (known && found.dli_fbase == own.dli_fbase) {
-            break; /* whoever called the program */
+            break; /* the caller of the program */
         }
         write_text(TAG "0x");
         write_number((uint64_t)((uintptr_t)frames[i] - (uintptr_t)found.dli_fbase), 16);

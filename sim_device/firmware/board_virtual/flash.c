@@ -2,11 +2,11 @@
 
 #include <string.h>
 
-/* STM32F429 data sheet, flash programming, 32 bits at a time: a 16 KiB sector, a word; typical. */
+/* Typical times for a 16 KiB sector and for a word, programmed with 32 bits (STM32F429 data sheet). */
 #define ERASE_US 250000u
 #define WORD_US 16u
 #define WORD_BYTES 4u
-#define HALF_ERASED 0x5Au /* cells between both levels read anything */
+#define HALF_ERASED 0x5Au /* arbitrary value: partly erased cells may read as any value */
 
 void virtual_flash_new(virtual_flash_t *flash)
 {
@@ -38,7 +38,7 @@ void virtual_flash_write(virtual_flash_t *flash, unsigned page, size_t offset,
     flash->data = data;
 }
 
-/* Words that stand by now. As in flash, bits only fall. */
+/* Write the words that are complete by now. As in real flash, bits only change from 1 to 0. */
 static bool carry_on_writing(virtual_flash_t *flash, uint64_t spent_us)
 {
     const uint64_t bytes = spent_us / WORD_US * WORD_BYTES;

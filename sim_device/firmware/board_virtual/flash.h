@@ -1,5 +1,5 @@
-/* The virtual board's two pages of flash: erasing and writing take their time, and a supply that is
- * lost meanwhile leaves them half done. */
+/* The virtual board's two pages of flash. Erasing and writing take as long as on the chip. A loss of
+ * supply in this time leaves a page incomplete. */
 #ifndef VIRTUAL_FLASH_H
 #define VIRTUAL_FLASH_H
 
@@ -21,17 +21,17 @@ typedef struct {
     uint64_t began_us;
 } virtual_flash_t;
 
-/* As it leaves the factory: erased. */
+/* Set the state of a new chip: erased. */
 void virtual_flash_new(virtual_flash_t *flash);
 
 void virtual_flash_erase(virtual_flash_t *flash, unsigned page, uint64_t now_us);
 void virtual_flash_write(virtual_flash_t *flash, unsigned page, size_t offset,
     const uint8_t *data, size_t length, uint64_t now_us);
 
-/* Let the job under way go on until now; whether it still does. */
+/* Continue the operation in progress until now; return true if it is not complete. */
 bool virtual_flash_busy(virtual_flash_t *flash, uint64_t now_us);
 
-/* End the job where it is. */
+/* Abort the operation in progress at its present state. */
 void virtual_flash_lose_supply(virtual_flash_t *flash, uint64_t now_us);
 
 #endif

@@ -1,4 +1,4 @@
-/* An MPU6050 on the virtual board's bus, by its registers (InvenSense RM-MPU-6000A). */
+/* An MPU6050 on the virtual board's bus, with its registers (InvenSense RM-MPU-6000A). */
 #ifndef MPU6050_H
 #define MPU6050_H
 
@@ -20,14 +20,14 @@ typedef struct {
     uint8_t registers[MPU6050_REGISTERS];
 } mpu6050_t;
 
-/* Its supply is on: asleep, with the registers' reset values. */
+/* Set the state after power-on: asleep, with the reset values of the registers. */
 void mpu6050_power_on(mpu6050_t *imu);
 
-/* The bus: one register written, some read from one on. What there is not reads 0. */
+/* Write one register, or read some registers from one on. Missing registers read as 0. */
 void mpu6050_write(mpu6050_t *imu, uint8_t number, uint8_t value);
 void mpu6050_read(mpu6050_t *imu, uint8_t number, uint8_t *out, unsigned length);
 
-/* The sensor has converted: seven counts in the chip's order. Nothing happens while it sleeps. */
+/* Store a new sample: seven counts in the chip's order. It has no effect while the chip is asleep. */
 void mpu6050_convert(mpu6050_t *imu, const int16_t counts[7]);
 
 #endif

@@ -27,7 +27,7 @@
 #endif
 
 /* What board.h says of each function holds here as well. board_start() and board_idle() are not
- * here: whoever loads the library has the main loop. */
+ * here: the program that loads the library has the main loop. */
 typedef struct {
     uint32_t (*now_us)(void *context);
     uint32_t (*busy_us)(void *context);
