@@ -68,9 +68,10 @@ def command(  # noqa: PLR0913 - the options of a port
 ) -> int:
     """Diagnose a device's link, clock and sensors, and recommend what to do.
 
-    With a PORT, the command completes the handshake and listens. Nothing that it sends can move a
-    wheel, and a robot that another host has left moving stops. FILE is a log, an MCAP file of
-    another program (as far as possible), a `candump -l` log, or the raw bytes of a serial line.
+    With a PORT, the command completes the handshake and listens. It sends nothing that can move a
+    wheel. If another host left the robot moving, the handshake stops it. FILE is a log, an MCAP
+    file of another program (as far as possible), a `candump -l` log, or the raw bytes of a serial
+    line.
 
     Exit status: 0 no problem found; 1 a problem; 3 no device found; 4 incompatible device.
     """

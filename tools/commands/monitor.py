@@ -85,12 +85,12 @@ def command(  # noqa: PLR0913 - one parameter per option
     a CAN bus the frames of both sides are shown.
 
     With --handshake the command completes the handshake, and the device sends its sensor data: a
-    dashboard shows the state of an idle robot. Nothing that is sent can move a wheel, and a robot
-    that another host has left moving stops.
+    dashboard shows the state of an idle robot. The command sends nothing that can move a wheel. If
+    another host left the robot moving, the handshake stops it.
 
     If another sweepctl has the port open, its dashboard is shown; TYPE, --raw and --node are then
-    rejected. Without a terminal the state is a line, four times a second. With --json one object is
-    printed at the end.
+    rejected. Without a terminal the state is printed as one line, four times a second. With --json
+    one object is printed at the end.
     """
     from bridge.io.owner_client import has_owner
     from bridge.io.ports import link_of
