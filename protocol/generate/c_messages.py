@@ -31,7 +31,7 @@ _WIDTHS = {"u16": "u16", "i16": "u16", "u32": "u32"}
 
 
 def enums(catalogue: Catalogue) -> str:
-    """Return the names of values, once each, in the order of first use."""
+    """Return a C enum for each enumeration that a field uses, once each, sorted by name."""
     found: dict[str, type[IntEnum]] = {}
     for spec in catalogue:
         for field in spec.fields:
@@ -47,20 +47,24 @@ def _enum(name: str, enum: type[IntEnum]) -> str:
 
 
 def latch_rule(catalogue: Catalogue) -> str:
-    """C function for the cause that a stop leaves latched; empty without stop causes."""
+    """Return the C function for the stop cause that a device latches.
+
+    It is empty if no message of the catalogue has a stop cause.
+    """
     if not any(field.enum is StopCause for spec in catalogue for field in spec.fields):
         return ""
     gravest, unnamed = max(StopCause).name, latched_cause(StopCause.NONE, StopCause.NONE).name
     return lines(
         [
             comment(
-                "Cause that a device latches for a stop: the more severe of both. Ascending "
+                "Cause that a device latches for a stop: the more severe of the latched cause "
+                "(held) and the new one (cause). Ascending "
                 f"severity: {', '.join(c.name.lower() for c in by_severity())}."
             ),
             "static inline uint8_t sp_latched_cause(uint8_t held, uint8_t cause)",
             "{",
             f"    if (cause == SP_STOP_CAUSE_NONE || cause > SP_STOP_CAUSE_{gravest}) {{",
-            f"        cause = SP_STOP_CAUSE_{unnamed}; /* it has no name here */",
+            f"        cause = SP_STOP_CAUSE_{unnamed}; /* NONE, or unknown to this version */",
             "    }",
             "    return cause > held ? cause : held;",
             "}",
@@ -71,8 +75,8 @@ def latch_rule(catalogue: Catalogue) -> str:
 def to_all(catalogue: Catalogue) -> str:
     """Return the function that is true for messages that may have node 0."""
     return _one_of(
-        "/* Whether a message may be addressed to SP_NODE_ALL. A device passes over every other\n"
-        " * message for that node, as it does over those for another node. */\n",
+        "/* Whether a message may be addressed to SP_NODE_ALL. A device ignores every other\n"
+        " * message with that address, in the same way as messages for other nodes. */\n",
         "sp_to_all",
         [spec for spec in catalogue if spec.to_all],
     )
@@ -124,8 +128,9 @@ def streams(catalogue: Catalogue) -> str:
         out += [entry] if macro is None else [f"#if {macro}", entry, "#else", name, "#endif"]
     out.append(
         comment(
-            "The streams of a device by rising type, which is the order of sending. X(NAME, name) "
-            "stands for SP_TYPE_NAME, SP_NAME_HZ, sp_name_t and sp_name_encode()."
+            "The streams of a device by rising type, which is the order of sending. The macro "
+            "applies X(NAME, name) to each stream. NAME and name are the stream's name in capitals "
+            "and in small letters, for example for SP_TYPE_NAME and sp_name_encode()."
         )
     )
     used = [f"    SP_STREAM_{upper(spec)}(X)" for spec in wanted]

@@ -94,7 +94,9 @@ bool authentication_check(authentication_t *keys, const uint8_t *covered, size_t
     for (size_t i = 0; i < counter_length; i++) {
         counter |= (uint32_t)trailer[i] << (8u * i);
     }
-    if (counter_length == 2u) { /* the next count with this ending */
+    if (counter_length == 2u) {
+        /* A CAN trailer has only the low 16 bits of the counter. Take the lowest counter above the
+         * last accepted one that ends in them. */
         const uint32_t ahead = (counter - keys->counter) % SHORT;
         counter = keys->counter + (ahead != 0 ? ahead : SHORT);
     }

@@ -55,8 +55,9 @@ void control_apply(control_t *control, const parameters_t *parameters);
  * reason of a rejection. */
 int control_fire(control_t *control, event_t event, unsigned holding);
 
-/* Latch a stop and leave any driving mode. For events other than EVENT_STOP the table may change
- * nothing: a host that leaves after an orderly end does not turn it into a lost link. */
+/* Latch a stop and leave any driving mode. Only EVENT_STOP can replace the cause of a latched stop.
+ * For example, if a host ends its session and then disconnects, the cause stays `session_end` and
+ * does not become `link`. */
 void control_stop(control_t *control, uint8_t cause, event_t event);
 
 /* Release the latch if `cause` holds it and is no longer present. Return -1, or the reason of a

@@ -42,7 +42,7 @@ struct firmware {
     /* ---- session -------------------------------------------------------------------------------- */
     uint32_t session_id; /* 0: none */
     bool negotiated;
-    bool status_wanted; /* a stop from any sender is to be answered with the status */
+    bool status_wanted; /* a STOP_ALL came: send the status in the next period */
     int64_t heard_us; /* last valid frame of a host */
     bool strange_known;
     int64_t strange_us; /* last hello to a host with an unknown session */
@@ -65,7 +65,8 @@ struct firmware {
     bool imu_told;
     uint32_t imu_told_us; /* stamp of the newest sample that was sent */
 
-    /* Interrupts write to it at any time, so a boot drops only its content. */
+    /* Must be the last field. A boot zeroes all fields above. It only empties the inbox, because
+     * interrupts may write to the inbox at any time. */
     inbox_t inbox;
 };
 

@@ -25,7 +25,8 @@ static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, 
     board_uart_write(line->board, line->frame + skip, whole - skip);
 }
 
-/* The last entry leaves first. Insert before those of a higher rank, behind those of its own. */
+/* The last entry leaves first. A new frame leaves before frames with a larger rank value, and after
+ * frames with the same value. */
 static void queue_can(line_t *line, const sp_can_frame_t *frame, uint8_t rank)
 {
     uint8_t i = line->waiting_count;
@@ -41,8 +42,8 @@ static void queue_can(line_t *line, const sp_can_frame_t *frame, uint8_t rank)
 static void send_can(
     line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, size_t length, size_t kept)
 {
-    /* Maximum number of frames. A periodic message has one for each of its three stretches. Another
-     * message has its content, head and CRC (9 B), seven bytes to a frame. */
+    /* Maximum number of frames. A periodic message has at most three frames. All other messages are
+     * segmented: payload, header and CRC (9 B) in frames of seven bytes. */
     const size_t most = 3u + (length + 9u) / 7u;
     const bool room = line->waiting_count + most + kept <= LINE_CAN_WAITING;
     sp_can_message_t message;
@@ -145,7 +146,7 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
         const sp_event_t event = sp_can_receive(&line->can_receiver, &in, *arrived_us, frame);
         const sp_direction_t sender = sp_can_direction((uint8_t)(in.id >> 4));
         if (line->can_receiver.duplicates == duplicates && sender != SP_FROM_DEVICE) {
-            line->intact++; /* on a bus they are counted on arrival */
+            line->intact++; /* counts frames; on UART, line_receive() counts complete messages */
             if (sender == SP_UNKNOWN) {
                 if (held_tagged(&line->held, &line->authentication, &in, *arrived_us, frame)) {
                     stamps_set(&line->can_receiver, &line->held.stamps);

@@ -354,12 +354,12 @@ enum {
     SP_STOP_CAUSE_HARDWARE = 5
 };
 
-/* Cause that a device latches for a stop: the more severe of both. Ascending severity:
- * session_end, link, supervise, operator, hardware. */
+/* Cause that a device latches for a stop: the more severe of the latched cause (held) and
+ * the new one (cause). Ascending severity: session_end, link, supervise, operator, hardware. */
 static inline uint8_t sp_latched_cause(uint8_t held, uint8_t cause)
 {
     if (cause == SP_STOP_CAUSE_NONE || cause > SP_STOP_CAUSE_HARDWARE) {
-        cause = SP_STOP_CAUSE_OPERATOR; /* it has no name here */
+        cause = SP_STOP_CAUSE_OPERATOR; /* NONE, or unknown to this version */
     }
     return cause > held ? cause : held;
 }
@@ -1516,8 +1516,9 @@ static inline size_t sp_log_text_frame(
 #else
 #define SP_STREAM_PLANNER_STATE(X)
 #endif
-/* The streams of a device by rising type, which is the order of sending. X(NAME, name)
- * stands for SP_TYPE_NAME, SP_NAME_HZ, sp_name_t and sp_name_encode(). */
+/* The streams of a device by rising type, which is the order of sending. The macro applies
+ * X(NAME, name) to each stream. NAME and name are the stream's name in capitals and in small
+ * letters, for example for SP_TYPE_NAME and sp_name_encode(). */
 #define SP_DEVICE_STREAMS(X) \
     SP_STREAM_SYNC(X) \
     SP_STREAM_STATUS(X) \
@@ -1528,8 +1529,8 @@ static inline size_t sp_log_text_frame(
     SP_STREAM_LINK_COUNTERS(X) \
     SP_STREAM_PLANNER_STATE(X)
 
-/* Whether a message may be addressed to SP_NODE_ALL. A device passes over every other
- * message for that node, as it does over those for another node. */
+/* Whether a message may be addressed to SP_NODE_ALL. A device ignores every other
+ * message with that address, in the same way as messages for other nodes. */
 static inline bool sp_to_all(uint8_t type)
 {
     switch (type) {
