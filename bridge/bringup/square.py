@@ -85,7 +85,7 @@ class SquareResult(NamedTuple):
     correction: Correction
     """The refined correction, which ``model`` contains."""
     after: Benchmark
-    """Figures of the same runs with ``model``."""
+    """Figures of ``runs``, evaluated again with ``model``."""
     model: RobotModel
     verified: Benchmark | None = None
     """Figures of new runs, driven and evaluated with ``model``."""

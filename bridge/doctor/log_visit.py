@@ -1,4 +1,6 @@
-"""Examination of a recorded log: one of sweepctl, with raw bytes, or one of another program.
+"""Examination of a recorded log.
+
+The log was written by sweepctl and contains raw bytes, or it was written by another program.
 
 Raw bytes are examined like a live link. If a log contains only decoded messages, the robot and
 its sensors are examined; a finding says that link and clock are not. For an unknown topic, only
@@ -38,7 +40,8 @@ PAUSE_S = 1.0
 MIN_MESSAGES = 20
 """Smallest number of messages in a topic whose pauses are reported."""
 WINDOW_NS = 2_000_000_000
-"""Largest disorder of the messages in a file, ns: eight chunks of a sweepctl log."""
+"""Maximum time by which a message in a file may be out of order, ns. It is the duration of eight
+chunks of a sweepctl log."""
 FROZEN = 60
 """Smallest number of equal consecutive IMU samples that is reported."""
 _FAILURES = frozenset(

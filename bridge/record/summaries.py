@@ -17,7 +17,7 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "wire": ("lost", "crc_errors"),
 }
 _ADDED = {"coverage": ("mouth_passing",)}
-"""Keys of those tables that older logs lack."""
+"""Keys that a later version added to these tables. Older logs do not have them."""
 _LARGEST = 1e300
 """Maximum absolute number that is accepted. JSON integers have no limit, but floats have."""
 _BY_DIRECTION = ("frames", "bytes")
@@ -28,7 +28,7 @@ _SHOWN = {
 
 
 def read_summary(data: bytes) -> dict[str, Any] | None:
-    """Return the summary's object; None if it is not an object.
+    """Return the summary as a dict, or None if ``data`` is not a JSON object.
 
     Known keys with a value of the wrong type are removed. NaN and infinity become null.
     """

@@ -1,8 +1,8 @@
 """Decompression of chunks, with limits in all cases.
 
 A chunk contains the size of its content. More data, or a size above :data:`MAX_CHUNK_BYTES`, count
-as damage, because a few bytes may unpack to gigabytes. An opcode of 0 in the content ends the
-reading: no record has it, and zeros would be read as records of nine bytes.
+as damage, because a few bytes may unpack to gigabytes. Reading ends at opcode 0. No record has this
+opcode, and a run of zeros would be parsed as one empty record every nine bytes (opcode and length).
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ MAX_CHUNK_BYTES = 128 << 20
 """Maximum size of a chunk's content, bytes. Writers close chunks at 1 to 4 MiB; only a large single
 message makes a larger chunk."""
 MAX_DECLARED = 1 << 18
-"""Maximum number of schemas and channels in one chunk. Ids have 16 bits, so a chunk that declares
-every id twice has fewer."""
+"""Maximum number of schemas and channels in one chunk. Ids have 16 bits. Even a chunk that declares
+every schema id and every channel id twice does not exceed this number (4 times 65 536)."""
 MAX_SCHEMA_BYTES = 64 << 20
 """Maximum size of all schemas of one file, bytes, because all are kept in memory."""
 _PIECE_BYTES = 128 << 10

@@ -52,7 +52,8 @@ _NEEDED: dict[type[Message], int] = {
     ClearStop: 2,
     SetMode: 2,
 }
-"""Messages that driving requires, with the number of leading fields that it reads."""
+"""Messages that the host needs in order to drive, with the number of leading fields that it reads.
+"""
 _READ: dict[type[Message], int] = {**_NEEDED, Power: 1, LogText: 2}
 """Messages that the host reads, with the number of leading fields; all others are only recorded."""
 _KEPT: dict[type[Message], str] = {
@@ -67,7 +68,8 @@ _KEPT: dict[type[Message], str] = {
 PLUGGED: tuple[type[Message], ...] = tuple(
     spec.cls for spec in CATALOGUE if spec.type_id in MAKERS_TYPES
 )
-"""Messages of plug-ins: kept for the dashboard, the rules of plug-ins and other processes."""
+"""Messages of plug-ins. They are kept for the dashboard, for plug-in rules and for other processes.
+"""
 # Plain integers: arithmetic on an enumeration creates a new member each time.
 _LEFT, _RIGHT = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT)
 _CLIFF = int(Contact.CLIFF)
@@ -103,7 +105,7 @@ class RobotState:
     planner: PlannerState | None = None
     """State of the device's own planner."""
     counters: LinkCounters | None = None
-    """What the device has received and dropped."""
+    """Numbers of frames that the device has received and dropped."""
     plugged: dict[type[Message], Message] = field(default_factory=dict)
     """Newest message of each class of a plug-in."""
     times: SampleTimes = field(default_factory=SampleTimes)
@@ -132,14 +134,15 @@ class RobotState:
         return self.times.take(cls, device_us, now_s)
 
     def keep_plugged(self, message: Message, now_s: float) -> None:
-        """Store a message of a plug-in. Its stamp is not used: nothing of ours depends on it."""
+        """Store a message of a plug-in. Its stamp is not used, because no control depends on it."""
         self.plugged[type(message)] = message
         self.times.note(type(message), now_s)
 
     def stale(self, now_s: float, needs: Mapping[type[Message], float] = NEEDS) -> str | None:
         """Return the name of a stream in ``needs`` that is stale; None if there is none.
 
-        The prefix "fresh" means that messages arrive but their stamps are old or do not advance.
+        The caller prints "no <name> data". If messages arrive but their stamps are old or do not
+        advance, the name begins with "fresh": "no fresh imu data".
         """
         get = self.times.taken_s.get
         for cls, limit_s in needs.items():

@@ -11,8 +11,9 @@ if TYPE_CHECKING:
 class Inertial(NamedTuple):
     """The part of the truth that the inertial sensor needs, named as in ``Truth``.
 
-    All values are sums since power-on (angles and speeds among them), so differences over time are
-    means.
+    Each value is an integral since power-on: an angle is the integral of a rate, a speed that of an
+    acceleration. So the difference of two values, divided by the time between them, is the mean
+    rate or acceleration.
     """
 
     tick_ms: int
@@ -22,10 +23,11 @@ class Inertial(NamedTuple):
     left_rad: float
     right_rad: float
     pitch_rad: float
-    """Pitch angle, rad, nose up positive. The impulses already contain its share of the weight."""
+    """Pitch angle, rad, nose up positive. ``impulse_x_m_s`` already includes the component of
+    gravity that this pitch causes."""
     roll_rad: float
-    """Roll angle, rad, left side up positive. The impulses already contain its share of the weight.
-    """
+    """Roll angle, rad, left side up positive. ``impulse_y_m_s`` already includes the component of
+    gravity that this roll causes."""
     climb_m_s: float
     """Vertical speed of the axle's centre, m/s. Differences over time are mean accelerations."""
 
@@ -46,7 +48,8 @@ class EnergyBalance(NamedTuple):
     winding_j: float
     """Heat in the windings of both motors, J."""
     shaft_j: float
-    """Work of the motors, J: friction, the floor, and the kinetic energy at the end."""
+    """Mechanical work of the motors, J. Friction and the drag of the floor take it, except the
+    present kinetic energy."""
 
 
 class Truth(NamedTuple):
@@ -60,7 +63,7 @@ class Truth(NamedTuple):
     v_m_s: float
     """Forward speed over the floor, m/s."""
     v_lateral_m_s: float
-    """Lateral speed, m/s, positive to the left; not 0 only while the robot slides along a wall."""
+    """Lateral speed, m/s, positive to the left. It is 0 unless the robot slides along a wall."""
     yaw_rate_rad_s: float
     left_rad: float
     """Angle of the left wheel, rad, continuous; a slipping wheel counts too."""

@@ -55,14 +55,15 @@ class CoreSweeper(Sweeper[CoreFirmware]):
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
-        The chip's flash contains ``key`` and each difference from the robot that the core is built
-        for. Without ``local`` no key can be set over the link. ``make_chip`` creates a chip with
-        another library or in another process. Its argument answers the chip's requests.
+        The chip's flash contains ``key`` and every parameter of ``model`` that differs from the
+        default robot, for which the core is built. Without ``local`` no key can be set over the
+        link. ``make_chip`` creates a chip with another library or in another process. Its argument
+        answers the chip's requests.
 
         Raises:
             FloorPlanError: the robot does not fit at its start.
             UnknownNoiseLevelError: there is no such noise level.
-            FirmwareLibraryError: the library does not fit.
+            FirmwareLibraryError: the library does not load, or was built for another simulator.
 
         """
         model = model or RobotModel()
@@ -92,7 +93,7 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         self.chip.close()
 
     def attach_line(self, end: DeviceEnd) -> None:
-        """Let the chip see what its end of the line takes and counts."""
+        """Attach the device's end of the line. The chip reads its free space and its counters."""
         self._line = end
 
     def step(self, data: bytes, now_us: int) -> bytes:

@@ -25,7 +25,8 @@ class Sensors(Protocol):
     def imu_samples(self) -> int:
         """Return the number of fetched samples.
 
-        The chip has its own clock, and its bus may be stuck.
+        The number need not increase by one per period: the chip samples by its own clock, and its
+        bus may be stuck.
         """
 
     def encoders(self) -> tuple[int, int]:
@@ -80,7 +81,7 @@ class Sampler:
         self._around: Around | None = None
         self._contacts: tuple[bool, bool, bool] | None = None
         self.counts = (0, 0)
-        """Wheel counts of this period; their timers start at 0 with a boot."""
+        """Encoder counts in this period. The hardware counters start at 0 at a boot."""
         self.imu: ImuCounts
         """Registers of this period."""
         self.imu_nominal: ImuCounts

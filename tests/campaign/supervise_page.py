@@ -30,8 +30,8 @@ rules were tuned.
 """
 _TRUTH = """
 *True* alarms report a real error although no hazard was injected. The device's planner reported a
-lane length D that differs by more than 3 cm from the true distance. A wrong wall measurement had
-corrected the device's estimate within the lane. The rule exists to find this.
+lane length D that differs by more than 3 cm from the true distance. During the lane, a wrong wall
+measurement shifted the device's estimate. The rule exists to find this.
 """
 _HAZARDS = """
 ## Hazards
@@ -53,7 +53,8 @@ Alarms of all runs:
 
 - *Right*: the rule is meant for the hazard, and the hazard lasts or ended at most {grace:g} s
   before; or the alarm is true.
-- *Consequence*: another rule during the same hazard. A stuck wheel also slips, for example.
+- *Consequence*: the alarm of another rule during the same hazard. For example, a stuck wheel also
+  slips.
 - *False*: all other alarms.
 - *Precision*: share of the alarms that are not false.
 

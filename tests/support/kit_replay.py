@@ -1,9 +1,9 @@
-"""Records what a run gives to the C core's board, and gives it, open loop, to both firmwares.
+"""Record the inputs of the C core's board in a run, and replay them to both firmwares, open loop.
 
 A recording has everything that crosses the border between board and firmware: received bytes with
 their times, encoder counts, registers of the IMU, ranges, contacts, the ADC's readings, boots and
-resets. Neither firmware can change what it is given next, so a difference of the outputs is one of
-the firmwares and not of the robot's path.
+resets. The outputs do not affect later inputs. So if the outputs differ, the firmwares differ; a
+different path of the robot cannot be the cause.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ if TYPE_CHECKING:
 
 _DUTY_ONE = 10_000
 HEAD_VALUES = len(RECEIVE.unpack(bytes(RECEIVE.size)))
-"""Number of values before the counts in a poll."""
+"""Number of values at the beginning of a POLL payload that are those of RECEIVE. The encoder counts
+follow."""
 _BORDER = frozenset({Operation.POLL, Operation.RECEIVE, Operation.BOOT})
 """Operations after which the firmware's state and output are compared."""
 
@@ -67,7 +68,7 @@ fractions, the core's in single precision and the model's in double."""
 
 
 class Call(NamedTuple):
-    """A call of the board, with what it asked for meanwhile and what it returned."""
+    """A call of the chip: operation, payload, values that it requested meanwhile, and reply."""
 
     operation: int
     payload: bytes
@@ -136,7 +137,7 @@ def record_run(  # noqa: PLR0913 - properties of a run
     noise: str = "typical",
     faults: Sequence[str] = (),
 ) -> Recording:
-    """Record a clean of a room by the planner on the host."""
+    """Record a cleaning run in a room, with the planner on the host."""
     plan = load_room(room)
     recording, device = recorded(plan, can=can, seed=seed, noise=noise)
     run_virtual(

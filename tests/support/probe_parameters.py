@@ -1,4 +1,7 @@
-"""A device's parameters as a probe reads them, and their values."""
+"""Helpers for conformance checks: read and set a device's parameters through a ``Probe``.
+
+They also convert values to and from their 32 bits.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ def get(device: Probe, number: int) -> ParameterValue:
 
 
 def every(device: Probe) -> list[ParameterValue]:
-    """Read all parameters in order; end the check if the device has none."""
+    """Read all parameters in order. Skip the test if the device has none."""
     device.needs(GetParameter)
     first = device.refusal(lambda i: GetParameter(i, 0))
     without = first in {NackReason.UNKNOWN_COMMAND, NackReason.UNSUPPORTED}

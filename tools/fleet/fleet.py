@@ -1,4 +1,4 @@
-"""All robots of a fleet together: the stop for all, the end, and the result."""
+"""A fleet of robots: stops all of them, ends their processes, and reports the combined result."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from tools.fleet.member import OnLine, Target
 
 GRAVITY = (3, 5, 4, 2, 1, 0)
-"""Exit statuses from the most severe one to success. The fleet has the most severe of its
-robots."""
+"""Exit statuses from the most severe one to success. The fleet's exit status is the most severe
+status of its robots."""
 STOP_S = 30.0
-"""Maximum time for all confirmations of a stop, s: above that of each robot."""
+"""Maximum time to wait for each robot's stop, s. A robot's own limit is shorter."""
 
 
 class Fleet:

@@ -1,4 +1,7 @@
-"""The dashboard of a run in another process: the data of the run's owner, and its display."""
+"""Dashboard for a run that another process owns.
+
+The owner shares the data; the view displays them.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ class SharedPage:
         self._events, self._facts = events, facts
 
     def about(self) -> dict[str, Any]:
-        """Return the constant data, for JSON."""
+        """Return the data that is sent once, at the start, for JSON."""
         facts = self._facts
         return {
             "log": facts.log,

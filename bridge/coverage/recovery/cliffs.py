@@ -25,7 +25,8 @@ _INSIDE_M = 0.01
 _SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
 """Distance (m) and turn (rad) within which a new detection is of the same cliff."""
 _FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
-"""Limits ahead (m), and distance aside (m), of the marks that detected floor removes."""
+"""A mark is removed if a barrier detects floor within this interval ahead of the mark, and within
+this distance to its side, m."""
 _SLOW_M_S = 0.10
 """Speed near a cliff, m/s. To stop from 0.28 m/s takes 5 cm. The outer barriers detect a cliff only
 9 cm ahead of the wheels."""
@@ -42,7 +43,8 @@ class Cliffs:
         self.rims: list[tuple[float, float]] = []
         """Middle of the front rim at each pose, m."""
         self.marks: list[Pose2] = []
-        """Places of barriers that detected no floor, or are next to one, with their direction."""
+        """Places of the barriers that may have detected the cliff, each with the robot's heading.
+        """
 
     def __bool__(self) -> bool:
         """Return True if any cliff was detected."""

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
-"""Path cost per cell of a box's half girth. No place in the box has a higher cost."""
+"""Path cost per cell of (rows + columns) of a box, from which a search counts as complete. No path
+within the box costs more than this times (rows + columns)."""
 _COPYING, _MARKING, _TURNING, _SCANNING = 0.2, 0.3, 0.4, 0.3
 """Work per cell of a window, relative to one cell in the path search."""
 
@@ -62,17 +63,21 @@ class Chooser:
         self._buffers = Buffers()
         self._spent = 0.0
         self.enclosed = False
-        """True if the last search found no start cell, or no path to places where the robot was."""
+        """True if the last search found no start cell, or no path to visited places."""
         self.unreachable_at: Point | None = None
-        """Nearest place where the robot was that the search could not reach, m."""
+        """Nearest visited place that the search could not reach, m."""
         self.left_m2 = 0.0
-        """Reachable floor that is neither swept nor abandoned, m². It covers the area of the last
-        search."""
+        """Reachable floor that is neither swept nor abandoned, m². Only the area of the last search
+        is counted."""
         self.beside_walls_m2 = 0.0
-        """Further such floor that the mouth reaches only in a turn towards a wall, m²."""
+        """Floor, not included in ``left_m2``, that the mouth reaches only when the robot turns
+        towards a wall, m²."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
-        """Return the best choice from a pose at once; None: none is worthwhile."""
+        """Run the whole search without slices. Return the best choice, or None.
+
+        None means that no choice is worthwhile.
+        """
         search = self.search(memory, pose, grid_rad)
         while True:
             try:
@@ -129,7 +134,7 @@ class Chooser:
     ) -> Generator[None, None, tuple[int, tuple[Point, ...]] | None]:
         """Search in slices for the nearest point; return its index and the path to it.
 
-        None: no point is near. Points where the robot cannot be are skipped.
+        Returns None if no point is near. Points where the robot cannot be are skipped.
         """
         options = self._options
         self._spent = 0.0

@@ -22,8 +22,8 @@ it measures 0.12 m of the wall."""
 MAX_SPAN_M = 0.40
 MIN_HITS = 7
 MAX_CHI2 = 11.0
-"""Maximum mean squared residual of a flat wall, per degree of freedom, without the part that is
-noise of the sensor. If the sensor is noisier than assumed, the measurement gets less weight."""
+"""Maximum mean squared residual of a flat wall, per degree of freedom, after the estimated sensor
+noise is subtracted. If the sensor is noisier than assumed, the measurement gets less weight."""
 MAX_BOW_M = 0.003
 """Maximum bow of a flat wall, m: a column of 0.7 m diameter bows 5 mm over 0.12 m."""
 WANDER_BOW = 1.5 * 5.0 / math.sqrt(210.0)
@@ -101,7 +101,10 @@ class _Hit(NamedTuple):
 
 
 class SideMeasurement:
-    """Collects the hits of one infrared sensor and fits a line at the end of the wall."""
+    """Collects the hits of one infrared sensor.
+
+    When the wall ends or the line is long enough, it fits a line to them.
+    """
 
     def __init__(self, mount: RangerMount) -> None:
         """Collect the hits of a sensor at this mount."""
@@ -127,8 +130,8 @@ class SideMeasurement:
         """Use a reading; return the measurement that it completes, if any.
 
         Readings in a quick turn are skipped. A short turn does not end the line, because a noisy
-        infrared sensor makes the robot turn to and fro along a wall. At a corner the robot keeps
-        turning in one direction.
+        infrared sensor makes the robot turn to and fro along a wall. At a corner the robot turns
+        further in one direction. A turn above ``GAP_RAD`` between two hits ends the line.
 
         ``wander_m_sqrt_m`` is the standard deviation of lateral slip, m per square root of the path
         in metres.

@@ -1,4 +1,7 @@
-"""Ranges that the sensors measure for an object in contact with the hull, by its bearing."""
+"""Arcs of the hull at which the range sensors measure an object in contact.
+
+There are also arcs at which the object is too near to be measured.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ if TYPE_CHECKING:
 _STEPS = 1440
 """Number of bearings: one each quarter of a degree."""
 _BEAM_RAD = math.radians(1.0)
-"""Half the opening angle of a beam, rad: the spot of an infrared sensor on the hull."""
+"""Minimum half-angle of a sensor's cone, rad. An infrared beam has a cone of 0°, but its spot has a
+width."""
 
 
 class Arc(NamedTuple):
@@ -35,7 +39,7 @@ class HullView(NamedTuple):
 
 
 def hull_view(model: RobotModel) -> HullView:
-    """Return the ranges that the robot's sensors measure for objects that touch its hull."""
+    """Return the arcs of the hull where an object in contact is measured, or is too near for it."""
     measured, too_near = [False] * _STEPS, [False] * _STEPS
     for step in range(_STEPS):
         bearing = 2.0 * math.pi * step / _STEPS
