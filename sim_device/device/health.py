@@ -82,7 +82,7 @@ compared with the wheels."""
 DISAGREE_RAD_S = 0.2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
 NEAR_M = 0.10
-"""Maximum ultrasonic range to a wall that presses both bumper halves, m: 0.04 m and a margin."""
+"""Maximum ultrasonic range to a wall that presses both bumper switches, m: 0.04 m and a margin."""
 BLOWS = 2
 UNCHANGED_M = 0.02
 UNCHANGED_OVER_M = 0.4

@@ -15,7 +15,7 @@ _LEFT, _RIGHT, _CLIFF = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT), int
 
 
 def contact_bits(bumpers: Bumpers, *, cliff: bool) -> int:
-    """Return both bumper halves and the cliff sensor as :class:`Contact` bits."""
+    """Return both bumper switches and the cliff sensor as :class:`Contact` bits."""
     left, right = bumpers
     return (_LEFT if left else 0) | (_RIGHT if right else 0) | (_CLIFF if cliff else 0)
 

@@ -38,8 +38,9 @@ static inline uint32_t authentication_challenge(const authentication_t *keys)
     return keys->nonce[2];
 }
 
-/* Return whether the counter and tag behind the covered bytes are this session's and new; then
- * accept them. A UART frame has SP_TRAILER_SIZE bytes of them, a CAN frame SP_CAN_TRAILER_SIZE. */
+/* Return whether the tag is valid in this session and its counter is new. If so, the counter is now
+ * the last accepted one. `trailer` is the counter and the tag: SP_TRAILER_SIZE bytes in a UART
+ * frame, SP_CAN_TRAILER_SIZE bytes in a CAN frame. */
 bool authentication_check(authentication_t *keys, const uint8_t *covered, size_t length,
     const uint8_t *trailer, size_t trailer_length);
 

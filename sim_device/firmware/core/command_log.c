@@ -2,8 +2,8 @@
 
 #include <stddef.h>
 
-/* Half the range of ids. They wrap at 16 bits: an id less than this behind another is older (RFC
- * 1982). */
+/* Half the range of ids. Ids wrap at 16 bits, so an id is older than another one if it is less than
+ * this number behind it (RFC 1982). */
 #define HALF 0x8000u
 
 const reply_t *command_log_find(

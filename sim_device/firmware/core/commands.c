@@ -4,7 +4,7 @@
  * every period. */
 #define RATE_MAX 10000u
 /* Minimum rate of the sync message, tenths of a hertz: 4 Hz. A stamp on CAN can be extended for 0.5
- * s after a sync, and one may be lost. */
+ * s after a sync message, and one sync message may be lost. */
 #define SYNC_RATE_MIN 40u
 
 #define DONE (-1)
@@ -109,8 +109,8 @@ static int save_parameters(firmware_t *firmware)
     return DONE;
 }
 
-/* The key is saved beside the stored parameters, not the present ones. It is used once it is
- * stored. */
+/* Save the key together with the stored parameters, not with the present ones. The device uses the
+ * key when it is stored. */
 static int set_key(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_set_key_t set;
@@ -120,7 +120,7 @@ static int set_key(firmware_t *firmware, const sp_frame_t *frame)
     if (!idle(firmware)) {
         return SP_NACK_REASON_OTHER_MODE;
     }
-    /* Only over a link that requires standing beside the robot. */
+    /* A key is accepted only over a local link, whose user stands beside the robot. */
     if (firmware->line.can
         || (board_identity(firmware->board)->troubles
                & (BOARD_TROUBLE_FLASH | BOARD_TROUBLE_REMOTE)) != 0) {

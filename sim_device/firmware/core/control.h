@@ -26,7 +26,7 @@ typedef struct {
     latch_t latch;
     watchdog_t setpoints; /* 0.0001 m/s and 0.0002 rad/s, as on the wire */
     watchdog_t duties;    /* 0.0001, limited */
-    bool expired;         /* the setpoint ran out and no new one has come */
+    bool expired;         /* the setpoint has expired and no new one has come */
     wheels_t wheels;
     health_t health;
     reflexes_t reflexes;
@@ -37,8 +37,8 @@ typedef struct {
     model_t model;
     float battery_low_v;
     float battery_empty_v;
-    int64_t now_us; /* time of the period */
-    bool planned;   /* there is a plan, running or ended */
+    int64_t now_us; /* start of the control period */
+    bool planned;   /* there is a plan; it runs or has ended */
     onboard_t plan;
     log_t log;
 } control_t;

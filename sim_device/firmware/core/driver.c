@@ -4,15 +4,15 @@
 #include "sweepctl_protocol.h"
 
 #define STEP_MAX_S 0.1f      /* a longer gap (a pause) is not integrated */
-#define BRAKE_SHARE 0.75f    /* of the acceleration limit: the rest is for control */
-#define LAG_S 0.10f          /* from a command to the wheels' response */
+#define BRAKE_SHARE 0.75f    /* share of the acceleration limit; the rest is for control */
+#define LAG_S 0.10f          /* time from a command to the wheels' response */
 #define CREEP_M_S 0.025f     /* a contact at this speed is no collision */
 #define LOOKAHEAD_M 0.25f    /* lane keeping aims at the heading line this far ahead */
 #define TURN_RATE_SHARE 0.75f /* share of the yaw rate limit; the rest is for control */
-#define MIN_TURN_RAD_S 0.10f /* below it wheels of this size stick */
+#define MIN_TURN_RAD_S 0.10f /* below this rate wheels of this size stick */
 #define HEADING_TOLERANCE_RAD 0.004f
 #define POINT_TOLERANCE_M 0.006f
-#define LOWPASS 0.6f /* of the velocity smoothing, per step */
+#define LOWPASS 0.6f /* factor of the velocity smoothing, per step */
 #define REST_M_S 0.01f
 #define REST_RAD_S 0.03f
 #define SETTLE_S 0.6f /* maximum time from a leg's stop to its end, at rest or not */

@@ -70,7 +70,7 @@ static void continue_save(firmware_t *firmware)
     }
 }
 
-/* `stopped`: a stop from any sender is to be answered. */
+/* `stopped`: a STOP_ALL came, so the status is sent in this period. */
 static void send_telemetry(firmware_t *firmware, bool stopped)
 {
     for (unsigned i = 0; i < STREAMS; i++) {

@@ -1,6 +1,6 @@
 /* Keeps the parameters in two pages of flash, safe against a loss of supply at any moment. A save
- * erases the unused page and writes the new record there, its check last. Until the check is
- * written, the next boot reads the other page. */
+ * erases the unused page and writes the new record there. The CRC of the record is written last.
+ * Without it, the next boot reads the other page. */
 #ifndef FLASH_STORE_H
 #define FLASH_STORE_H
 
@@ -29,7 +29,7 @@ typedef struct {
     uint8_t record[4u * FLASH_RECORD_WORDS];
 } flash_store_t;
 
-/* Read each parameter from the newest complete record and, behind them, the key. */
+/* Read each parameter, and then the key, from the newest complete record. */
 void flash_store_load(board_t *board, stored_t stored[FLASH_VALUES]);
 
 /* Start to save; flash_store_step() continues the save. */

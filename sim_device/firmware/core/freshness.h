@@ -1,7 +1,7 @@
 /* Extra delay of a frame beyond the session's fastest frame. Host and device clocks are not
- * synchronised. A frame's delay (arrival minus host stamp) minus the smallest of the session is its
- * extra delay. The smallest ages by the drift that two crystals may have; otherwise a long session
- * would end up rejecting everything. */
+ * synchronised. A frame's delay is its arrival minus its host stamp. Its extra delay is this delay
+ * minus the smallest delay of the session. The smallest delay grows with time by the drift that two
+ * crystals may have. Otherwise a long session would finally reject every frame. */
 #ifndef FRESHNESS_H
 #define FRESHNESS_H
 

@@ -27,13 +27,13 @@
 #define REPEAT_TICKS 50u
 #define QUIET_TICKS 20u
 #define LEARN_TICKS 200u
-/* Maximum number of initial repeats of a chip with noise, which nearly all have. On such a chip
- * repeats for half a second mean no new reading. A chip without noise is compared with the wheels.
- */
+/* Maximum number of equal readings in a row at first, for a chip with noise. Nearly all chips have
+ * noise. If such a chip repeats its reading for half a second, it has no new reading. For a chip
+ * without noise, the firmware compares the readings with the wheels. */
 #define LIVELY_TICKS 3u
 #define DISAGREE_RAD_S 0.2f
 #define GYRO_RAD_S (PI_F / 180.0f / BOARD_IMU_PER_DEG_S)
-/* Maximum ultrasonic range to a wall that touches both bumper halves: 0.04 m and a margin. */
+/* Maximum ultrasonic range to a wall that touches both bumper switches: 0.04 m and a margin. */
 #define NEAR_MM 100u
 #define BLOWS 2u
 #define UNCHANGED_MM 20

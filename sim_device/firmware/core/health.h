@@ -43,7 +43,7 @@ typedef struct {
 
     board_imu_t imu; /* of the previous period */
     bool imu_known;
-    uint16_t ticks; /* these four stop at a bound above all their limits */
+    uint16_t ticks; /* these four counters saturate above all their limits */
     uint16_t repeats;
     uint16_t rest_ticks;
     uint16_t jolt_ticks;

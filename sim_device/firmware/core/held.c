@@ -48,7 +48,7 @@ bool held_swap(held_t *held, uint32_t came_us, sp_frame_t *frame)
     const bool before = held->waiting;
     const sp_frame_t in = *frame;
     if (in.length > HELD_PAYLOAD) {
-        return true; /* no guarded message is so long: it counts as untagged */
+        return true; /* no message that needs a tag is so long */
     }
     if (before) {
         hand_over(held, frame);

@@ -51,18 +51,19 @@ typedef struct {
     uint8_t payload[2][HELD_PAYLOAD];
 } held_t;
 
-/* Note what the tag of the message that this frame belongs to covers. */
+/* Add this frame to the bytes that the tag of its message covers. */
 void held_note(held_t *held, const sp_can_receiver_t *receiver, const sp_can_frame_t *in);
 
 /* Hold a complete message and its notes. Return true if another message was held: it has no tag and
  * is now in `frame`. */
 bool held_swap(held_t *held, uint32_t came_us, sp_frame_t *frame);
 
-/* Return whether this is the tag of the held message; then the message is in `frame`, marked. */
+/* Return whether this is the tag of the held message. If so, the message is in `frame`, marked as
+ * authenticated. */
 bool held_tagged(held_t *held, authentication_t *keys, const sp_can_frame_t *in, uint32_t now_us,
     sp_frame_t *frame);
 
-/* Return whether the tag did not come in time; then the message is in `frame`, without a tag. */
+/* Return whether the time for the tag is over. If so, the message is in `frame`, not marked. */
 bool held_late(held_t *held, uint32_t now_us, sp_frame_t *frame, uint32_t *came_us);
 
 #endif

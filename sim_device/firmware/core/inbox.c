@@ -1,8 +1,9 @@
 #include "inbox.h"
 
-/* The writer publishes its place after it has written the content; the reader does so after it has
- * read it. The compiler moves no access to the data across these calls, and neither does a
- * processor with more than one core. On a Cortex-M they are a load or store and a DMB. */
+/* The writer publishes its place after it has written the content. The reader publishes its place
+ * after it has read the content. The compiler moves no access to the data across these calls, and
+ * neither does a processor with more than one core. On a Cortex-M they are a load or store and a
+ * DMB. */
 static uint16_t published(const uint16_t *place)
 {
     return __atomic_load_n(place, __ATOMIC_ACQUIRE);

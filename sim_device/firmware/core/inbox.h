@@ -1,6 +1,6 @@
-/* Queue from the interrupts to the main loop: one writer and one reader each, no lock. It holds
- * bytes of the UART, with the arrival time of each zero because a zero may end a frame, and CAN
- * frames with theirs. */
+/* Queues from the interrupts to the main loop: one writer and one reader each, no lock. One holds
+ * UART bytes, with the arrival time of each zero, because a zero may end a frame. One holds CAN
+ * frames with their arrival times. */
 #ifndef INBOX_H
 #define INBOX_H
 

@@ -100,7 +100,7 @@ void line_pump(line_t *line)
     while (line->waiting_count != 0) {
         sp_can_frame_t *const next = &line->waiting[line->waiting_count - 1u].frame;
         if (next->id >> 4 == SP_TYPE_SYNC) {
-            /* Known only now, because frames leave in another order than they were made. */
+            /* The count is known only now, because frames do not leave in the order of creation. */
             const uint32_t count = line->can_gone + 1u;
             for (unsigned i = 0; i < 4u; i++) {
                 next->data[4u + i] = (uint8_t)(count >> (8u * i));

@@ -25,7 +25,7 @@ typedef struct {
     bool can;
     uint8_t frame[SP_FRAME_MAX]; /* in preparation */
     uint32_t intact;             /* complete frames, from a host or of unknown type */
-    uint32_t refused;            /* of those and of others: useless to this device */
+    uint32_t refused;            /* intact frames that the device rejected */
     uint32_t dropped;            /* outgoing messages without room */
 
     sp_sender_t sender;
@@ -74,11 +74,11 @@ uint32_t line_sent(const line_t *line);
  * if there is none. Its payload is valid until the next call. */
 bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us);
 
-/* Begin a new host with this frame: its clock differs. */
+/* Take the clock of a new host from the stamp of this frame, its first one. */
 void line_new_host(line_t *line, const sp_frame_t *frame, uint32_t arrived_us);
 
-/* Limit a message's payload to the bytes that the host knows. On a bus no frames beyond them are
- * sent. */
+/* Limit a message's payload to the bytes that the host knows. On a bus the host sends no frames for
+ * the other bytes. */
 void line_limit(line_t *line, uint8_t type, uint8_t length);
 
 /* Remove the limits of the last host. */

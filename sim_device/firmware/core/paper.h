@@ -46,8 +46,8 @@ typedef struct {
     float line_m; /* intended line of the last lane, along the stepping direction from the first */
     float heading_rad;
     uint16_t lanes;
-    uint8_t blocked_steps; /* in a row */
-    leg_result_t lane;     /* the last one */
+    uint8_t blocked_steps; /* number in a row */
+    leg_result_t lane;     /* result of the last lane */
     bool first_lane;
 
     uint8_t turns;               /* T */

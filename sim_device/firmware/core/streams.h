@@ -5,8 +5,8 @@
 
 #include "firmware_state.h"
 
-/* Fill in the message; false: there is nothing to send. `sampled_us` is now, to be replaced by the
- * time at which older content was sampled. */
+/* Fill in the message; false: there is nothing to send. `sampled_us` is the present time at the
+ * call. If the content was sampled earlier, the function replaces it by that time. */
 #define STREAM(NAME, name) \
     bool stream_##name(firmware_t *firmware, sp_##name##_t *message, uint32_t *sampled_us);
 SP_DEVICE_STREAMS(STREAM)
