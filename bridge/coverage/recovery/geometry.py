@@ -151,13 +151,13 @@ class PlannerGeometry:
     """Minimum yaw rate at which wall following is in a corner (0.5): nine tenths of the corner's
     rate."""
     same_place_m: float
-    """Distance within which two blocks, or a block and the beginning of a wall, are at one place
-    (0.15): the robot's place is uncertain, too."""
+    """Distance within which two blocks, or a block and the beginning of a wall, count as one place
+    (0.15). It allows for the uncertainty of the robot's position."""
     worth_m2: float
     """New floor that makes a search for a passage worth its 5 s (0.03)."""
     min_wall_cells: int
-    """Occupied cells that make following worthwhile, 24 cm of wall (12): a chair leg leads round
-    itself."""
+    """Minimum number of occupied cells at an obstacle that is worth following (12): 24 cm of wall.
+    A chair leg is shorter, and following it leads back to the same place."""
 
     @classmethod
     def from_model(cls, model: RobotModel, options: RecoveryOptions) -> PlannerGeometry:

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _JUMP_M = 0.008
-"""Motion of the estimate in addition to the driven path that means a pose correction, m. A control
-step drives 6 mm at top speed."""
+"""Minimum motion of the estimate, in addition to the driven path, that counts as a pose correction,
+m. The robot drives 6 mm in a control step at top speed."""
 _REPORTED_RAD = math.radians(0.3)
 """Heading standard deviation from which its reduction by a wall is reported, rad."""
 _REPORTED_SHARE = 0.5
-"""Maximum remaining share of the standard deviation in such a report."""
+"""Maximum ratio of the standard deviation after to that before, for such a report."""
 _MOUNT_AHEAD_M = 0.03
 """Length of the floor ahead of a side infrared sensor that counts as beside the lane, m."""
 _ROUNDING_M = 1e-9

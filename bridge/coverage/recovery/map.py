@@ -65,7 +65,8 @@ _ABEAM_RAD = math.radians(60.0)
 _BESIDE = 0.9
 """Share of the radius beyond which an obstacle at the side is the followed wall, in a corner."""
 _BESIDE_STRAIGHT = 0.6
-"""Share of the radius beyond which it is the followed wall, along a straight wall."""
+"""Share of the radius beyond which an obstacle at the side is the followed wall, along a straight
+wall."""
 _LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 
 

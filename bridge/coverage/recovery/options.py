@@ -45,9 +45,9 @@ class RecoveryOptions:
     min_rate: float = 3.0 / 14.0
     """Minimum sweep rate for a choice, relative to a full lane at cruise speed."""
     ahead_patience: float = 4.0
-    """Growth of the acceptance of small pieces, per width of the mouth that it is ahead of the
-    axle. The minimum sweep rate is divided by one plus this value. A mouth ahead of the axle leaves
-    a piece in each corner, and each piece needs a short lane."""
+    """Increase of the acceptance of small pieces, for each width of the mouth by which the mouth is
+    ahead of the axle. The minimum sweep rate is divided by one plus this value. A mouth ahead of
+    the axle leaves a piece in each corner, and each piece needs a short lane."""
     near_rate: float = 3.0 / 7.0
     """Sweep rate at which a choice is taken without a wider search, relative to a full lane."""
     hole_rate: float = 1.0 / 70.0
@@ -94,8 +94,9 @@ class RecoveryOptions:
     max_backs: int = 5
     """Maximum number of times that the robot backs off from one cliff."""
     cliff_clear_m: float = 0.05
-    """Additional path back once there is floor ahead, m. Between two sensors a cliff may be as near
-    as the outer sensors look ahead, 9 cm. The path keeps the wheels off it."""
+    """Additional reverse path after the sensor detects floor, m. Between two of its barriers, a
+    cliff may be as near as 9 cm, the distance at which the outer barriers detect it. This path
+    keeps the wheels off the cliff."""
 
     # -- perimeter pass --------------------------------------------------------------------------
     perimeter_stuck_m: float = 0.02
@@ -128,7 +129,7 @@ class RecoveryOptions:
     """Missing length from which a path segment counts as blocked, m."""
     passage_m: float = 0.4
     """Minimum path along an obstacle that blocked the robot twice, for the paper's robot, m. It
-    leads round the edge of a door and through."""
+    leads round the edge of a door and through the door."""
 
     # -- heading fix -----------------------------------------------------------------------------
     fix_uncertain_rad: float = math.radians(0.8)

@@ -50,8 +50,8 @@ class StuckPolicy:
         """Number of blocks in a row at ``_blocked_at``."""
         self._blocked_at: Pose2 | None = None
         self._passages: list[tuple[Pose2, bool, int]] = []
-        """Places where the robot sought a passage, each with the side and the number of new cells
-        then."""
+        """Places where the robot sought a passage, each with the side and with the number of new
+        cells at that time."""
         self._left_path_at: Pose2 | None = None
         """Place where the robot left the present transit to seek a passage."""
 
@@ -71,8 +71,8 @@ class StuckPolicy:
 
         Args:
             pose: the robot's pose.
-            enclosed: the search found no start cell, or no path to places where the robot was.
-            unreachable_at: nearest place where the robot was that the search could not reach, m.
+            enclosed: the search found no start cell, or no path to visited places.
+            unreachable_at: nearest visited place that the search could not reach, m.
 
         """
         stuck = self._fruitless >= self._options.max_fruitless or enclosed
