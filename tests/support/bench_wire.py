@@ -1,6 +1,6 @@
 """A wire between a bring-up session and an emulated device, in virtual time.
 
-And a scripted person.
+The module also has a scripted person, who does what the session requests.
 """
 
 from __future__ import annotations

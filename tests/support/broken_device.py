@@ -48,8 +48,9 @@ FIRST_ID = 0xB000
 class Sound:
     """Between device and port; changes only the ids of commands.
 
-    A device executes no command whose id is far behind the newest. Our own commands stand between
-    the host's, so the device sees all of them numbered in one sequence, and the host its own ids.
+    A device executes no command whose id is far behind the newest. Our own commands are sent
+    between those of the host. So the device sees one sequence of ids for all commands, and the host
+    sees only the ids that it gave.
     """
 
     plan = load_room("empty")
@@ -61,7 +62,7 @@ class Sound:
         self._up, self._down = UartParser(), UartParser()
         self._newest_id = FIRST_ID
         self._ids: dict[int, int] = {}
-        """Ids that the device sees, by the host's ids, of this session."""
+        """Ids that the device sees in this session, by the ids that the host gave."""
         self._own_ids: set[int] = set()
 
     def step(self, data: bytes, now_us: int) -> bytes:

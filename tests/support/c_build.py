@@ -46,7 +46,8 @@ class Compiler:
 
 ZIG = Compiler(
     (sys.executable, "-m", "ziglang", "cc"),
-    # No AddressSanitizer; its report of undefined behaviour takes 20 s to build, a trap nothing.
+    # No AddressSanitizer. Undefined behaviour ends the program by a trap, because the code that
+    # reports it takes 20 s to build.
     ("-fsanitize=undefined", "-fsanitize-trap=undefined"),
 )
 """Clang from the `ziglang` wheel: available on every machine."""

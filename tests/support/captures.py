@@ -36,7 +36,7 @@ class Packet(NamedTuple):
     direction: int = 0
     """Direction: 1: to the host, 2: from the host, 0: unknown. Only pcapng stores it."""
     cut: int = 0
-    """Number of bytes at its end that the capture has dropped."""
+    """Number of bytes that the capture dropped at the end of the packet."""
 
 
 def write_pcap(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
@@ -111,7 +111,7 @@ class Seen(NamedTuple):
         return values[0] if values else None
 
     def number(self, name: str) -> int:
-        """Return the same as an integer, decimal or hexadecimal."""
+        """Return the value of ``sweepctl.<name>`` as an integer; it may be hexadecimal."""
         value = self.get(name)
         assert value is not None, f"{name} is not shown: {self.lines}"
         return int(value, 0)

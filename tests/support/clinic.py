@@ -1,7 +1,7 @@
 """Test cases for the doctor: a virtual sweeper with one fault, and the bytes on its line.
 
-There are two kinds of visit, both in virtual time. ``listen``: a host that agrees, asks the time
-and records, but moves nothing. ``drive``: a whole run with a planner, recorded.
+There are two kinds of visit, both in virtual time. ``listen``: a host completes the handshake,
+requests the time and records, but moves nothing. ``drive``: a whole run with a planner is recorded.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Visit:
     stalls: tuple[tuple[float, float], ...] = ()
     """Intervals in which the host reads nothing: start and duration, s."""
     catalogue: Catalogue | None = None
-    """Declarations of the device; None: ours."""
+    """Message declarations of the device; None: those of this version."""
     room: str = "case-1"
     noise: str = "typical"
 

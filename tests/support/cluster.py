@@ -39,7 +39,7 @@ class Cluster:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._process.communicate()  # the end of its input ends it
+        self._process.communicate()  # the process ends when its input ends
 
 
 def main() -> None:

@@ -48,7 +48,7 @@ class DeadReckoning:
         if self._started:
             self._turned += (gyro_z_rad_s - self.gyro_bias_rad_s) * dt
             return
-        # The newest samples may belong to a start, which the counts show a little later.
+        # In the newest samples the robot may already move; the counts show it a little later.
         self._held.append((gyro_z_rad_s, dt))
         if len(self._held) > _HELD:
             self._bias_sum += self._held.pop(0)[0]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check_that_connect_accepts(program: Path, folder: Path) -> None:
-    """Start ``program`` and connect to it for 2 s: they must agree, and no frame be damaged."""
+    """Connect to ``program`` for 2 s: the handshake must succeed, without a damaged frame."""
     with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as device:
         try:
             assert device.stdout is not None

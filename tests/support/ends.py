@@ -53,7 +53,10 @@ OPEN_FLOOR = room((10.0, 10.0, 0.0))
 
 
 class Valve(Wire):
-    """A wire that can be cut (everything is lost) or held (everything comes later, at once)."""
+    """A wire that can be cut or held.
+
+    While it is cut, all bytes are lost. Held bytes arrive together when the hold ends.
+    """
 
     def __init__(self, inner: Wire) -> None:
         super().__init__(inner)
@@ -62,7 +65,7 @@ class Valve(Wire):
         self._kept: list[Piece] = []
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Return what may pass, and what was held before."""
+        """Return the pieces that may pass, and those that were held before."""
         pieces = self._inside.arrived(now_us)
         if self.cut:
             pieces = []
@@ -73,7 +76,7 @@ class Valve(Wire):
         return [Piece(now_us, data) for _, data in kept]
 
     def next_us(self) -> int | None:
-        """Return the next arrival; held bytes have none, because a call releases them."""
+        """Return the time of the next arrival; held bytes have none: a call releases them."""
         return self._inside.next_us()
 
 

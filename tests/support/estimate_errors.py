@@ -51,7 +51,7 @@ class Reported(NamedTuple):
 
     @property
     def yaw_nees(self) -> float:
-        """The same of the yaw alone; its mean is 1."""
+        """Normalised squared error of the yaw alone; its mean is 1."""
         return float(self.error[2] ** 2 / self.covariance[2, 2])
 
 

@@ -1,8 +1,8 @@
 """Scheduling of real-time tests: first several at a time, then alone if there was no verdict.
 
-Beside other tests a program may be delayed until its test fails. Such a failure is deferred: the
-test runs again alone in the next phase, and that run is the verdict. There, a test that fails while
-the machine is busy runs again at once. A wrong program fails again.
+Other tests may delay a program so long that its test fails. Such a failure is no verdict: the test
+runs again alone in the next phase, and that run is the verdict. In that phase, a test that fails
+while the machine is busy runs again at once. A wrong program fails again.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Fairly:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Producer) -> object | None:
-        """For ``--dist=loadscope``."""
+        """Return our scheduler for ``--dist=loadscope``."""
         return Units(config, log) if config.getoption("dist") == "loadscope" else None
 
     def pytest_collection_modifyitems(

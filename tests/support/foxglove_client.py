@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 PATIENCE_S = 30.0
-"""For what takes a second; only a hang is longer."""
+"""Maximum time of a step that takes a second, s; only a hang is longer."""
 _DATA, _TIME = 1, 2
 
 
@@ -76,7 +76,7 @@ class FoxgloveClient:
                 self.closed = True
 
     def newer(self, than_ns: int) -> int:
-        """Number of messages from this log time on; asked for always the same time."""
+        """Number of messages from this log time on. Every call must give the same time."""
         taken = self._newest["taken"]
         self._newest["newer"] += sum(m.log_ns >= than_ns for m in self.messages[taken:])
         self._newest["taken"] = len(self.messages)

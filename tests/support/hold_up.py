@@ -6,11 +6,12 @@ import time
 from pathlib import Path
 
 PRESSURE = Path("/proc/pressure/cpu")
-"""Path of the kernel's statistics of the time in which a task waited for a core (its document on
-PSI)."""
+"""Path of the kernel's pressure stall information (PSI): the time in which a task waited for a
+core."""
 BUSY = 0.3
-"""Share of a test's time with a waiting task above which a failure is no verdict. The real-time
-tests on two idle cores stay below it, except while many programs start at once."""
+"""Maximum share of a test's time in which a task waited for a core. Above it, a failure is no
+verdict. The real-time tests on two idle cores stay below it, except while many programs start at
+once."""
 
 
 def waited_ns() -> int:
@@ -40,7 +41,7 @@ class Busy:
 
     @property
     def share(self) -> float:
-        """Return the share of the time since then in which a task waited for a core.
+        """Return the share of the time since the start in which a task waited for a core.
 
         0 if unknown.
         """

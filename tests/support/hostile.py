@@ -56,7 +56,7 @@ class Wire:
 
 
 class Pipe(Wire):
-    """The innermost wire: keeps order, loses nothing, takes ``latency_us``."""
+    """The innermost wire: keeps order, loses nothing, delays bytes by ``latency_us``."""
 
     def __init__(self, latency_us: int = 0) -> None:
         super().__init__()

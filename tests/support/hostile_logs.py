@@ -74,7 +74,7 @@ def file_of(records: Iterable[bytes]) -> bytes:
 
 
 def zeros(size: int, *, sized: bool) -> bytes:
-    """Return ``size`` zeros as one zstd frame, of a hundred-thousandth of their size."""
+    """Return ``size`` zeros as one zstd frame that is 100 000 times smaller."""
     work = zstandard.ZstdCompressor(level=1, write_content_size=sized)
     out = io.BytesIO()
     with work.stream_writer(out, size=size if sized else -1, closefd=False) as stream:
@@ -84,7 +84,7 @@ def zeros(size: int, *, sized: bool) -> bytes:
 
 
 def lz4_zeros(size: int) -> bytes:
-    """Return the same as one lz4 frame, of a 255th."""
+    """Return ``size`` zeros as one lz4 frame that is 255 times smaller."""
     work = lz4.frame.LZ4FrameCompressor()
     out = work.begin() + b"".join(work.compress(bytes(MIB)) for _ in range(size // MIB))
     return bytes(out + work.flush())

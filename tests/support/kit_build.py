@@ -94,7 +94,7 @@ LIBRARY = [KIT / "board_library" / name for name in ("board.c", "library.c")]
 
 @functools.cache
 def library(*sources: Path, sanitized: bool = False, optimised: bool = False) -> Path:
-    """The core and ``sources`` as a shared library, once for all tests of a run."""
+    """Build the core and ``sources`` as a shared library, once for all tests of a run."""
     directory = Path(tempfile.mkdtemp(prefix="library-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
     flags = ("-O2" if optimised else "-O0", "-g", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -105,7 +105,7 @@ def library(*sources: Path, sanitized: bool = False, optimised: bool = False) ->
 
 @functools.cache
 def the_kit() -> Kit:
-    """Return the core with the compiler's sanitizers, once for all tests of a run."""
+    """Build the core with the compiler's sanitizers, once for all tests of a run."""
     directory = Path(tempfile.mkdtemp(prefix="kit-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
     sources = [KIT / "board_host" / name for name in ("script.c", "script_main.c")]

@@ -51,7 +51,7 @@ class KitRobot:
 
     @property
     def now_us(self) -> int:
-        """True time, and the firmware's."""
+        """True time, which is also the time of the firmware's clock."""
         return self._ticks * PERIOD_US
 
     def inform(self, *messages: Message) -> None:
@@ -77,7 +77,7 @@ class KitRobot:
         self._ticks += 1
 
     def _sense(self) -> None:
-        """Set the board's readings, those of slow sensors as often as they are read."""
+        """Set the board's readings. Slow sensors change only when the firmware reads them."""
         sensors, before = self._sensors, self._readings
         pressed = sensors.bumpers()
         contacts = (

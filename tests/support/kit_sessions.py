@@ -61,8 +61,8 @@ class Writer:
         self._printed: list[bytes] = []
         self.counter = 0
         self.reboots = 0
-        """Number of reboots since the last ``Boot`` in the script, by a command or a lost supply.
-        """
+        """Number of reboots by a command or a loss of supply, since the last ``Boot`` in the
+        script."""
 
     @property
     def boot_id(self) -> int:
@@ -82,7 +82,7 @@ class Writer:
     def inform(
         self, *messages: Message, after_us: int = 1000, age_us: int = 0, node: int = 1
     ) -> None:
-        """Send messages together, with the stamp of ``age_us`` ago."""
+        """Send messages together, with stamps that are ``age_us`` old."""
         for message in messages:
             self._link.send(message, self.now_us + after_us + HOST_AHEAD_US - age_us, node=node)
         data = self._link.data_to_send()
@@ -95,7 +95,7 @@ class Writer:
         self.acts.append(Step(after_us, data))
 
     def replay(self, back: int) -> None:
-        """Repeat the ``back``-th last sending."""
+        """Send older bytes again: those of the last sending (0), of the one before (1), ..."""
         if self._printed:
             self.raw(self._printed[-1 - back % len(self._printed)])
 

@@ -34,7 +34,7 @@ COMMANDS = {
 }
 DRAWING = {"report", "picture", "rerun"}
 """Commands that read like ``diff`` and take seconds to draw. They get all files of the groups in
-``DRAWN``; of each other group only the first of several files."""
+``DRAWN``, but only the first file of every other group."""
 DRAWN = {"contents", "impostors"}
 
 

@@ -2,9 +2,10 @@
 
     PYTHONPATH=tests python -m support.phases test|check|nightly [pytest's options]
 
-First the tests in virtual time, on all cores; then those marked ``realtime``, a few at a time;
-then, one by one, those marked ``alone`` and those without a verdict beside others. Each phase runs
-even if an earlier one failed. `make check` has only the first.
+There are three phases. The first runs the tests in virtual time, on all cores. The second runs the
+tests marked ``realtime``, a few at a time. The third runs, one by one, the tests marked ``alone``
+and those that had no verdict in the second phase. Each phase runs even if an earlier one failed.
+`make check` has only the first phase.
 """
 
 from __future__ import annotations
@@ -40,11 +41,14 @@ class Phase(NamedTuple):
     marks: str
     options: tuple[str, ...]
     files: Callable[[], list[str]] = list
-    """Files with its tests; none: all files."""
+    """Files with the tests of the run; empty: all files."""
 
 
 def realtime_files() -> list[str]:
-    """Return the files with real-time tests: loading all other files takes each worker seconds."""
+    """Return the files with real-time tests.
+
+    Only these are loaded, because each worker would take seconds to load all files.
+    """
     return [
         str(path)
         for path in sorted(Path("tests").rglob("test_*.py"))

@@ -1,7 +1,7 @@
 """A minimal host for checks: it sends what a check requests, and keeps everything it receives.
 
 It knows a device only by the bytes on its port, so the same checks apply to the emulator, a
-firmware in another emulator, and a robot on the desk.
+firmware in another emulator, and a real robot.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Probe(WireProbe):
         )
 
     def greet(self) -> Hello:
-        """Open a session and return the device's answer; nothing is agreed yet."""
+        """Open a session and return the device's answer; no schema is negotiated yet."""
         self.session_id = secrets.randbelow(0xFFFF_FFFE) + 1
         mark = len(self.heard)
         for _ in range(5):
@@ -84,7 +84,7 @@ class Probe(WireProbe):
         raise AssertionError("the device does not answer a hello")
 
     def handshake(self, *, quick_status: bool = True) -> Hello:
-        """Open a session and agree, as a host does; streams flow from then on."""
+        """Open a session and complete the handshake, as a host does; then the device streams."""
         hello = self.greet()
         self._compare(hello)
         mark = len(self.heard)
@@ -132,7 +132,7 @@ class Probe(WireProbe):
         return CATALOGUE.by_class[kind].type_id not in self.link.disabled
 
     def needs(self, what: Capability | type[Message] | bool, name: str = "") -> None:  # noqa: FBT001 - what is needed
-        """End the check as not applicable if the device lacks something."""
+        """Skip the test as not applicable if the device lacks something."""
         if isinstance(what, Capability):
             assert self.hello is not None
             present, name = bool(self.hello.capabilities & what), f"no {what.name} in its hello"

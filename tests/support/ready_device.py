@@ -1,4 +1,4 @@
-"""A device, and a session that has agreed with it and sends commands."""
+"""A device, and a session that has completed the handshake with it and sends commands."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def f32(value: float) -> int:
 
 
 class ReadyDevice:
-    """A session that has agreed with a device; it sends commands and waits for the answers."""
+    """A session after the handshake with a device; it sends commands and waits for the answers."""
 
     def __init__(self, seed: int = 1) -> None:
         self.host = session_end()

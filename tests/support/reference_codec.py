@@ -91,7 +91,7 @@ class RefFrame:
 
 @dataclass(frozen=True)
 class RefDamage:
-    """A stretch between delimiters that is no frame: ``cobs``, ``length`` or ``crc``."""
+    """Bytes between two delimiters that are no frame; the reason is cobs, length or crc."""
 
     offset: int
     length: int

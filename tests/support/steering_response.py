@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 BEARING_BAND_RAD = math.radians(1.0)
 WALL_BAND_M = 0.002
-"""Tolerance beside a wall, m: an infrared's noise, and a step and a half of the wire."""
+"""Tolerance of the gap to a wall, m: the noise of an infrared sensor, or 1.5 of its wire steps."""
 _NEAR_M = 0.10
 """Minimum distance at which a bearing is evaluated, m: on the last centimetres it means nothing."""
 _WIRE_M = 0.00125
@@ -129,7 +129,7 @@ def wall_step(  # noqa: PLR0913 - a robot, a step, and the following
 def column_stand_off_m(
     model: RobotModel, radius_m: float, tuning: FollowTuning = FOLLOW_TUNING, gap_m: float = 0.05
 ) -> float:
-    """Return the mean excess gap around a round column over the last 5 of 15 s, m."""
+    """Return the mean increase of the gap around a round pillar in the last 5 of 15 s, m."""
     centre = -(radius_m + gap_m + model.radius_m)
     offs = [
         math.hypot(body.pose.x_m, body.pose.y_m + centre) + centre

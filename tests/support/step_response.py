@@ -133,7 +133,7 @@ def gain_table(
 def smoothing_series(
     model: RobotModel, *, lowpass: float = 0.6, stop_s: float = 2.0, seconds: float = 4.0
 ) -> SmoothingSeries:
-    """Fig. 12: off at cruise speed, stopped dead by an obstacle, off again and stopped."""
+    """Return Fig. 12: twice, the command steps to cruise speed and an obstacle sets it to 0."""
     smoother = VelocitySmoother(model.max_accel_m_s2, lowpass)
     series = SmoothingSeries([], [], [])
     for i in range(round(seconds / STEP_S)):

@@ -69,7 +69,7 @@ def reference_frames(draw: st.DrawFn) -> bytes:
 
 @st.composite
 def damaged(draw: st.DrawFn, frame: bytes) -> bytes:
-    """Damage ``frame`` in one way: a bit, a stretch, an end, or additional bytes."""
+    """Damage ``frame`` in one way: invert a bit, or replace, remove or insert bytes."""
     at = draw(st.integers(0, len(frame) - 1))
     match draw(st.sampled_from(["flip", "noise", "cut tail", "cut head", "insert", "drop"])):
         case "flip":

@@ -40,7 +40,7 @@ class Device:
     def go(
         self, steps: int, speed_m: float = 0.0, *, rate: float = 0.0, lead_m: float = 0.0
     ) -> None:
-        """Run a number of control steps; a planner state, equal or not, follows every tenth."""
+        """Run a number of control steps. Every tenth brings a planner state, changed or not."""
         for index in range(steps):
             if index % PERIOD == 0:
                 self.state = PlannerState(*tuple(self.state))

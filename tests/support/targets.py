@@ -1,8 +1,9 @@
 """The firmware of the virtual devices in a test: the model in Python, or the C core.
 
-A test that uses the fixture ``target`` runs with each of both. Devices come from the usual places
-(``support.ends.sweeper``, ``support.rigs.rig``, ``run_virtual``), which make them of the target.
-``--core-library FILE`` replaces the C core by another library, in the process of the tests.
+A test that uses the fixture ``target`` runs once with each firmware. The usual functions
+(``support.ends.sweeper``, ``support.rigs.rig``, ``run_virtual``) then make devices with that
+firmware. ``--core-library FILE`` replaces the C core by another library, in the process of the
+tests.
 """
 
 from __future__ import annotations
@@ -45,14 +46,14 @@ def configure(config: pytest.Config) -> None:
 
 
 def parametrize(metafunc: pytest.Metafunc) -> None:
-    """Run a test with each target that it is for."""
+    """Run a test with each target, or only with the model in Python if its mark demands it."""
     if "target" in metafunc.fixturenames:
         alone = metafunc.definition.get_closest_marker(PYTHON_ONLY) is not None
         metafunc.parametrize("target", TARGETS[:1] if alone else TARGETS, indirect=True)
 
 
 def choose(target: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let every device of the test be one of this target."""
+    """Make every device of the test with this firmware."""
     if target == "core":
         for module in list(sys.modules.values()):
             if getattr(module, "VirtualSweeper", None) is VirtualSweeper and module is not _THIS:

@@ -24,7 +24,7 @@ KITTY_REPLY, XTERM_REPLY = b"\x1b[?0u\x1b[?62;c", b"\x1b[?64;1;2c"
 class OnTerminal:
     """``sweepctl`` with its three streams on a pty of 120 × 40.
 
-    ``kitty``: it reports key releases.
+    With ``kitty``, the terminal reports key releases.
     """
 
     def __init__(

@@ -29,8 +29,8 @@ PATIENCE_S = 60.0
 
 
 TURN_S = 0.05
-"""Gap between the emulator's poses that shows a pause, s: its own turns leave at most 20 ms and a
-control period."""
+"""Minimum gap between the emulator's poses that shows a pause, s. Without a pause, the gap is at
+most 20 ms plus a control period."""
 
 
 class Command:

@@ -1,4 +1,4 @@
-"""A host made of frames alone: no session, no estimate, nothing of ``bridge``."""
+"""A host that only sends and receives frames, without a session, an estimate or ``bridge``."""
 
 from __future__ import annotations
 

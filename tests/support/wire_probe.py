@@ -1,7 +1,7 @@
 """The wire of a probe: it sends what a check requests, and keeps everything it receives.
 
 It knows a device only by the bytes on its port, so the same checks apply to the emulator, a
-firmware in another emulator, and a robot on the desk.
+firmware in another emulator, and a real robot.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class WireProbe:
         self._sent_us = 0
         self._turned_us = self._heard_us = now_us()
         self.held_up_us = 0
-        """Longest pause of this check during which one end may not have run, µs."""
+        """Longest time in this check in which one end may not have run, µs."""
 
     # ---- the wire -------------------------------------------------------------------------
 
@@ -92,7 +92,7 @@ class WireProbe:
         return self.link.medium is Medium.CAN
 
     def write(self, data: bytes) -> None:
-        """Write all data, however little the port takes at once."""
+        """Write all data, even if the port accepts only a few bytes at once."""
         end_s = time.monotonic() + PATIENCE_S
         while data:
             data = data[self.port.write(data) :]
