@@ -54,7 +54,7 @@ _WALKER_M_S = 3.0
 """Maximum speed of a walker whose place is set again, m/s. A faster walker jumps to the new place.
 """
 _PLACES = 50
-"""Places that are tried between a place that is not free and the robot's own."""
+"""Number of places that are tried from a place that is not free to the robot's present place."""
 _CHASSIS, _MOTOR = Chassis(), MotorParameters()
 _new = tuple.__new__
 

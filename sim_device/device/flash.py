@@ -1,6 +1,6 @@
 """Two pages of flash that hold the parameters, safe against a loss of supply at any moment.
 
-A save erases the unused page, writes the new image there and writes its check last. Until the last
+A save erases the unused page and writes the new image there, with its checksum last. Until the last
 byte is written, the next boot reads the other page. The two banks of an STM32F429 let the program
 run meanwhile (RM0090, section 3: read while write).
 """

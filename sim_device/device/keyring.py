@@ -21,7 +21,7 @@ class Keyring:
     """Use of the key in the flash during one boot."""
 
     def __init__(self, flash: Flash, link: LinkBase, boot_id: int, *, local: bool) -> None:
-        """Use the link; ``local``: reaching it requires standing beside the robot."""
+        """Use the link. With ``local``, only a person beside the robot can reach it."""
         self._flash, self._link, self._boot_id = flash, link, boot_id
         self.may_set = local and link.medium is Medium.UART
         self._session_id = 0

@@ -17,7 +17,7 @@ MAX_TIME_TO_LIVE_US = 250_000
 HOST_SILENCE_US = 1_000_000
 DRIFT_ALLOWANCE_PPM = 250
 """Maximum drift between host and device, ppm; two crystals of ±100 ppm differ by 200. The smallest
-delay ages by this much."""
+delay of a session grows at this rate."""
 BRINGUP_DUTY_MAX = 0.5
 """Maximum duty in bring-up mode: half of full scale, enough to see a wheel of a lifted robot turn.
 """

@@ -116,7 +116,7 @@ class Firmware:
         self.negotiated = False
         self.session_id = 0
         self._status_wanted = False
-        """True: a stop from any sender must be answered with the status."""
+        """True: a stop for all nodes came; the status is sent in the next period."""
         self.link = link(Direction.DEVICE, codec=Codec(catalogue))
         self._flash = flash or Flash()
         self.parameters = ParameterStore(parameters.table(model, identity.node), self._flash.load())

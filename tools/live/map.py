@@ -109,7 +109,7 @@ _INK = {
 def legend(plan: FloorPlan | None, width: int) -> list[Text]:
     """Return the legend of the map in lines of at most ``width`` characters.
 
-    Of the room it lists only what the room has.
+    It lists only the kinds of objects that the room contains.
     """
     shown = [("swept", _SWEPT), ("path", _PATH)]
     if plan is not None:
