@@ -56,7 +56,7 @@ class StateSnapshot(NamedTuple):
     plugged: Mapping[type[Message], Message] = MappingProxyType({})
     """Newest message of each class of a plug-in."""
     counters: LinkCounters | None = None
-    """What the device has received and dropped."""
+    """Numbers of frames that the device has received and dropped."""
 
     def newest(self, kind: type[M]) -> M | None:
         """Return the newest message of a plug-in's class; None before the first."""

@@ -84,7 +84,7 @@ class StreamMessages:
         )
 
     def link_counters(self, _now_us: int) -> Message:
-        """Return what was received and dropped."""
+        """Return the numbers of frames that were received and dropped."""
         statistics, health = self._statistics, self._counters.line_health()
         return device.LinkCounters(
             statistics.frames_in & 0xFFFF,
