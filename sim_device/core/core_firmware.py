@@ -27,7 +27,7 @@ _REPLY = struct.Struct("<2h??BBB??B?HIIq")
 RANGES = struct.Struct("<3HI")
 POWER = struct.Struct("<4H")
 NO_LIMIT = 0xFFFF_FFFF
-"""A line that takes everything (``CHIP_NO_LIMIT``)."""
+"""Free space of a line without a limit (``CHIP_NO_LIMIT``)."""
 DUTY_ONE = 10_000
 _PAGES, _PAGE_SIZE = 2, 1024
 NO_CLOCK, REMOTE = 1, 4
@@ -73,15 +73,15 @@ class View(NamedTuple):
 
 
 def view_of(reply: bytes) -> tuple[View, bytes]:
-    """Return what a reply says of the chip, and the bytes that it has sent."""
+    """Return the chip's state from a reply, and the bytes that the chip has sent."""
     return View._make(_REPLY.unpack_from(reply)), reply[_REPLY.size :]
 
 
 class LineState(NamedTuple):
-    """What the chip's own end of the line is like."""
+    """State of the chip's end of the line."""
 
     room: int = NO_LIMIT
-    """How much it takes now: bytes, on a bus frames."""
+    """Free space of the line: bytes, or frames on a bus."""
     send_errors: int = 0
     receive_errors: int = 0
     off: bool = False

@@ -65,7 +65,7 @@ class LineDamage:
         """Remaining noise of a burst that has begun."""
         self._before = b""
         self.harmed = 0
-        """Number of bytes (frames on a bus) lost, changed or added so far."""
+        """Number of bytes (on a bus: frames) that were lost, changed or added so far."""
 
     def turn(self, knobs: WireKnobs) -> None:
         """Apply new settings."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _EVENTS_KEPT = 1000
 _ALL: Mapping[str, str] = MappingProxyType({})
 MAX_FAULTS = 1000
-"""Maximum number of waiting and active faults: it bounds a runaway script."""
+"""Maximum number of waiting and active faults. It limits the effect of a runaway script."""
 
 
 @dataclass(frozen=True, slots=True)
