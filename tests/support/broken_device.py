@@ -467,7 +467,7 @@ class HidesCrash(Crashed):
         return [] if crash else [frame]
 
 
-STATES = ("edge", "pressed", "crashed")
+STATES = ("atcliff", "pressed", "crashed")
 """Sound devices in a state that a check needs."""
 DEFECTS = {
     kind.__name__.lower(): kind
