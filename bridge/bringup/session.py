@@ -434,7 +434,7 @@ class BringupSession:
     # ---- its end --------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Stop where anything was enabled, and give the wire back.
+        """Stop the robot if it may have moved, and close the port.
 
         Raises:
             DeviceLostError: the device has not confirmed the stop.

@@ -92,6 +92,13 @@ class _Client:
         self.socket.close()
 
 
+def client_url(host: str, port: int) -> str:
+    """Return the name by which a client on this machine opens a socket that listens on ``host``."""
+    if host in {"", "0.0.0.0", "::"}:  # noqa: S104 - a text; the user chose it
+        host = LOOPBACK
+    return f"socket://{f'[{host}]' if ':' in host else host}:{port}"
+
+
 class TcpServerPort(DevicePort):
     """A listening socket. Its first client is the host; any other client may only stop the robot.
 
@@ -141,9 +148,7 @@ class TcpServerPort(DevicePort):
         listener.setblocking(False)  # noqa: FBT003 - positional in C
         self._listener = listener
         self._port = listener.getsockname()[1]
-        wild = self._host in {"", "0.0.0.0", "::"}  # noqa: S104 - the user's choice
-        host = LOOPBACK if wild else self._host
-        self.path = f"socket://{f'[{host}]' if ':' in host else host}:{self._port}"
+        self.path = client_url(self._host, self._port)
 
     def unplug(self) -> None:
         """Stop listening and close the connections."""

@@ -74,7 +74,7 @@ class _Hit:
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _first_hit(  # noqa: PLR0913, PLR0917 - as below
+def _first_hit(  # noqa: PLR0913, PLR0917 - scalars for C
     hit: _Hit,
     edges: FloatGrid,
     walker: Floats,
@@ -117,7 +117,7 @@ def _first_hit(  # noqa: PLR0913, PLR0917 - as below
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _cast(  # noqa: PLR0913, PLR0917 - as below
+def _cast(  # noqa: PLR0913, PLR0917 - scalars for C
     hit: _Hit,
     edges: FloatGrid,
     walker: Floats,

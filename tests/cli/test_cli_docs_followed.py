@@ -114,5 +114,5 @@ def test_the_page_about_python(folder: Path) -> None:
             exec(program, {"bridge": bridge})  # noqa: S102 - the page's own program
             assert (folder / "drive.mcap").stat().st_size > 10_000
             (folder / "drive.mcap").unlink()
-    exec(virtual[0], {"sweeper": SimulatedSweeper(SweeperSettings())})  # noqa: S102 - as above
+    exec(virtual[0], {"sweeper": SimulatedSweeper(SweeperSettings())})  # noqa: S102 - the page's own
     assert (folder / "drive.mcap").stat().st_size > 10_000

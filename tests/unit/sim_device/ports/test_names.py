@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sim_device.ports import PortUnavailableError, PtyPort, TcpServerPort
-from sim_device.ports.tcp import is_loopback
+from sim_device.ports.tcp import client_url, is_loopback
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,10 +84,22 @@ def test_a_socket_with_a_given_listening_address() -> None:
         port.plug()
         assert port.path == f"socket://127.0.0.1:{number}"
         socket.create_connection(("127.0.0.1", number)).close()
-    with TcpServerPort("0.0.0.0") as port:  # noqa: S104 - for the moment of this test
-        assert port.path.startswith("socket://127.0.0.1:")
     with pytest.raises(PortUnavailableError, match=r"cannot listen on 203\.0\.113\.9"):
         TcpServerPort("203.0.113.9")
+
+
+@pytest.mark.parametrize(
+    ("host", "url"),
+    [
+        ("0.0.0.0", "socket://127.0.0.1:5"),  # noqa: S104 - a text
+        ("::", "socket://127.0.0.1:5"),
+        ("", "socket://127.0.0.1:5"),
+        ("::1", "socket://[::1]:5"),
+        ("192.0.2.7", "socket://192.0.2.7:5"),
+    ],
+)
+def test_a_client_on_this_machine_reaches_a_socket_of_all_addresses(host: str, url: str) -> None:
+    assert client_url(host, 5) == url
 
 
 @pytest.mark.parametrize(
