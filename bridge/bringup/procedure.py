@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from statistics import fmean
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
+from bridge.bringup.first_power import FirstPower
 from bridge.bringup.gyro import MIN_SAMPLES, biases
 from bridge.bringup.wheel_step import WheelStep, judge_step, wheel_steps
 from bridge.bringup.wiring import (
@@ -26,10 +27,10 @@ from bridge.bringup.wiring import (
     judge_rest,
     left_out,
     strongest,
+    turned,
     wrong,
 )
 from bridge.errors import BridgeError, CommandRejectedError, StoppedForSafetyError
-from bridge.motion.estimation.odometry import encoder_delta
 from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.messages.host import SetStreamRate
 from protocol.messages.values import Contact, Fault, Mode, fault_labels
@@ -41,8 +42,10 @@ if TYPE_CHECKING:
     from bridge.bringup.session import BringupSession
     from bridge.motion.robot_model import RobotModel
 
-STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
+STEPS = ("first-power", "supply", "rest", "motors", "axes", "sensors", "control")
 """The checks in their order; each depends on the one before."""
+USUAL_STEPS = STEPS[1:]
+"""The checks of a robot whose motors have run before."""
 REST_S = 2.0
 """Duration of a measurement at standstill, s."""
 REST_TRIES = 5
@@ -90,7 +93,7 @@ class BringUp:
         self.findings: list[CheckResult] = []
         self.steps: tuple[WheelStep, ...] = ()
 
-    def run(self, wanted: tuple[str, ...] = STEPS) -> list[CheckResult]:
+    def run(self, wanted: tuple[str, ...] = USUAL_STEPS) -> list[CheckResult]:
         """Run the requested checks in their order.
 
         Raises:
@@ -101,6 +104,7 @@ class BringUp:
 
         """
         looks: dict[str, Callable[[], Iterator[CheckResult]]] = {
+            "first-power": self._first_power,
             "supply": self._supply,
             "rest": self._rest,
             "motors": self._motors,
@@ -112,6 +116,8 @@ class BringUp:
             if name in wanted:
                 for finding in looks[name]():
                     self._note(finding)
+                if name == "first-power" and not all(f.ok for f in self.findings):
+                    break  # no other step supplies power to a robot with a known fault
         return self.findings
 
     @property
@@ -122,6 +128,12 @@ class BringUp:
     def _note(self, finding: CheckResult) -> None:
         self.findings.append(finding)
         self._person.report(finding)
+
+    def _first_power(self) -> Iterator[CheckResult]:
+        checklist = FirstPower(
+            self._session, self._person, self._model, clear_stop=self._clear_stop
+        )
+        yield from checklist.results()
 
     # ---- checks without help --------------------------------------------------------------
 
@@ -173,7 +185,7 @@ class BringUp:
         session.duties(0.0, 0.0)
         session.run(0.5)
         session.unwatch(readings)
-        left, right = _turned(before, [m for _, m in readings if isinstance(m, Encoders)])
+        left, right = turned(before, readings)
         answer = self._person.choose("Which wheel turned, and in which direction?", _TURNED)
         wheel = {"l": LEFT, "r": RIGHT}.get(answer[0], "none")
         return Kick(output, wheel, answer.endswith("f"), left, right)
@@ -381,21 +393,6 @@ class BringUp:
             (t_s, m.left, m.right) for t_s, m in kept if isinstance(m, Encoders) and t_s <= end_s
         ]
         return wheel_steps(samples, step_s, STEP_M_S, self._model.metres_per_count)
-
-
-class _Signed(NamedTuple):
-    left: int
-    right: int
-
-
-def _turned(before: Encoders, readings: list[Encoders]) -> _Signed:
-    left = right = 0
-    last = before
-    for reading in readings:
-        left += encoder_delta(last.left, reading.left)
-        right += encoder_delta(last.right, reading.right)
-        last = reading
-    return _Signed(left, right)
 
 
 def _sample(message: Imu) -> ImuSample:

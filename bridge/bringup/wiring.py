@@ -8,11 +8,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.motion.estimation.odometry import encoder_delta
+from protocol.messages.device import Encoders
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from protocol.schema.message import Message
 
 GRAVITY_M_S2 = 9.80665
 GRAVITY_OFF_M_S2 = 1.0
@@ -27,6 +33,9 @@ LOGIC_V = (4.6, 5.4)
 """Normal range of the logic supply, V."""
 IDLE_A = 0.2
 """Largest normal motor current at zero duty, A."""
+FREE_A = 1.0
+"""Largest normal current of a motor whose wheel turns freely, A: half of what an L298N carries
+continuously (data sheet L298, absolute maximum ratings, DC operation: 2 A a channel)."""
 _AXES = ("x", "y", "z")
 LEFT, RIGHT = "left", "right"
 
@@ -89,7 +98,7 @@ def judge_kicks(kicks: Sequence[Kick]) -> list[CheckResult]:
     for kick in kicks:
         found += _judge_motor(kick)
         if kick.turned != "none":
-            found += _judge_encoder(kick)
+            found += judge_encoder(kick)
     swapped = [f.swapped for f in found if f.swapped]
     if len(swapped) > 1:  # both sides give the same finding: report it once
         found = [f for f in found if not f.swapped]
@@ -127,12 +136,12 @@ def _judge_motor(kick: Kick) -> list[CheckResult]:
     return found or [good(step, f"turns the {kick.turned} wheel forwards")]
 
 
-def _judge_encoder(kick: Kick) -> list[CheckResult]:
+def judge_encoder(kick: Kick) -> list[CheckResult]:
+    """Check the encoder of the wheel that turned: side, sign, and whether it counts."""
     wheel = kick.turned
     step = f"encoder {wheel}"
     counts = {LEFT: kick.left_counts, RIGHT: kick.right_counts}
-    other = RIGHT if wheel == LEFT else LEFT
-    own, others = counts[wheel], counts[other]
+    own, others = counts[wheel], counts[_other(wheel)]
     found = []
     if abs(own) < MIN_COUNTS and abs(others) < MIN_COUNTS:
         advice = "check the plug and the supply of the encoder"
@@ -145,6 +154,88 @@ def _judge_encoder(kick: Kick) -> list[CheckResult]:
         advice = f"swap channels A and B of the {wheel} wheel's encoder"
         found.append(wrong(step, text, advice))
     return found or [good(step, f"counts {own:+d}")]
+
+
+# ---- first power ------------------------------------------------------------------------
+
+
+class Counts(NamedTuple):
+    """Encoder counts of both wheels during a time."""
+
+    left: int
+    right: int
+
+
+def turned(before: Encoders, kept: Sequence[tuple[float, Message]]) -> Counts:
+    """Return the counts from ``before`` to the last encoder reading in ``kept``.
+
+    Args:
+        before: encoder reading before ``kept``.
+        kept: messages with their device times, s; messages of other types are ignored.
+
+    """
+    left = right = 0
+    last = before
+    for _, reading in kept:
+        if isinstance(reading, Encoders):
+            left += encoder_delta(last.left, reading.left)
+            right += encoder_delta(last.right, reading.right)
+            last = reading
+    return Counts(left, right)
+
+
+def last_change_s(kept: Sequence[tuple[float, Message]]) -> float:
+    """Return the time from the first encoder reading to the last change of a count, s.
+
+    0 if the counts are constant.
+    """
+    readings = [(t_s, (m.left, m.right)) for t_s, m in kept if isinstance(m, Encoders)]
+    changes = [now[0] for before, now in pairwise(readings) if before[1] != now[1]]
+    return changes[-1] - readings[0][0] if changes else 0.0
+
+
+def judge_stage(
+    step: str, output: str, both: tuple[Counts, Counts], current_a: float, *, must_turn: bool
+) -> CheckResult:
+    """Evaluate one output at one duty, driven forwards and then backwards.
+
+    Args:
+        step: name of the check.
+        output: the driven output: ``left`` or ``right``.
+        both: counts while it was driven forwards, and while it was driven backwards.
+        current_a: largest current of a motor, A.
+        must_turn: whether the duty is high enough to turn any wheel; a low one may not overcome
+            the friction of the gear.
+
+    """
+    if current_a > FREE_A:
+        advice = "SWITCH THE SUPPLY OFF; look for a short circuit or a blocked wheel"
+        return wrong(step, f"a motor takes {current_a:.2f} A", advice)
+    own, others = ([getattr(counts, side) for counts in both] for side in (output, _other(output)))
+    if max(map(abs, others)) >= MIN_COUNTS and max(map(abs, others)) > 2 * max(map(abs, own)):
+        return _swapped("motor", step)
+    figures = f"{own[0]:+d} and {own[1]:+d} counts, at most {current_a:.2f} A"
+    if max(map(abs, own)) >= MIN_COUNTS:
+        return _judge_directions(step, output, own, figures)
+    if not must_turn:
+        return good(step, f"does not turn yet, at most {current_a:.2f} A")
+    advice = "check the motor driver's enable input and supply, the motor's plug, and the gear"
+    return wrong(step, f"does not turn ({figures})", advice)
+
+
+def _judge_directions(step: str, output: str, own: Sequence[int], figures: str) -> CheckResult:
+    forwards, backwards = own
+    if backwards < 0 < forwards:
+        return good(step, f"turns forwards and backwards ({figures})")
+    if forwards < 0 < backwards:
+        advice = f"reverse the plug of the {output} wheel's motor"
+        return wrong(step, f"turns backwards ({figures})", advice)
+    advice = "check both direction inputs of the motor driver"
+    return wrong(step, f"turns in one direction only ({figures})", advice)
+
+
+def _other(side: str) -> str:
+    return RIGHT if side == LEFT else LEFT
 
 
 # ---- at rest ----------------------------------------------------------------------------

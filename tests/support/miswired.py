@@ -19,6 +19,8 @@ _TILT = 0.4
 _SOON_MS = 600
 """Time that the person needs after a request, ms."""
 _HELD_MS = 2000
+_HAND_COUNTS = 2
+"""Counts of a wheel turned by hand between two samples."""
 _LSB_G, _LSB_DEG = 16384, 131.0
 
 
@@ -30,6 +32,7 @@ class Stand:
         self.wrong = frozenset(wrong)
         self.device.plant.faults.lifted = True  # the cliff sensor is covered: it detects paper
         self._hand: tuple[str, int] = ("", 0)
+        self._by_hand = {"left": 0, "right": 0}
         plant, sensors = self.device.plant, self.device.sensors
         self._set_duty = plant.set_duty
         self._encoders, self._imu = sensors.encoders, sensors.imu
@@ -83,7 +86,13 @@ class Stand:
         self._set_duty(left, right)
 
     def _count(self) -> tuple[int, int]:
-        left, right = self._encoders()
+        for side, turned in self._by_hand.items():
+            if self._asked("by hand", side.upper()):
+                self._by_hand[side] = turned + _HAND_COUNTS
+        left, right = (
+            (count + by_hand) & 0xFFFF
+            for count, by_hand in zip(self._encoders(), self._by_hand.values(), strict=True)
+        )
         if "left encoder inverted" in self.wrong:
             left = -left & 0xFFFF
         if "right encoder inverted" in self.wrong:

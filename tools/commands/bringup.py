@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bridge.bringup.wheel_step import WheelStep
     from tools.bringup.session import BringupLog
 
-_STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
+_STEPS = ("first-power", "supply", "rest", "motors", "axes", "sensors", "control")
 
 
 @click.command("bringup", epilog="Example:  sweepctl bringup /dev/ttyUSB0 --step motors")
@@ -28,7 +28,7 @@ _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
     "steps",
     multiple=True,
     type=click.Choice(_STEPS),
-    help="Run only this step; may be repeated.  [default: all]",
+    help="Run only this step; may be repeated.  [default: all but first-power]",
 )
 @click.option(
     "--plot",
@@ -52,18 +52,19 @@ def command(  # noqa: PLR0913 - one parameter per option
     """Check the wiring of the robot on PORT step by step, WHEELS OFF THE FLOOR.
 
     \b
-    supply   supply voltages and currents
-    rest     inertial sensor and encoders at standstill
-    motors   which output turns which wheel, and in which direction; encoder signs and sides
-    axes     axes of the inertial sensor; you turn the robot by hand
-    sensors  each range sensor, bumper switch and cliff sensor
-    control  step response of the wheel controller
+    first-power  checklist for motors that never ran: staged duties, up to the first failure
+    supply       supply voltages and currents
+    rest         inertial sensor and encoders at standstill
+    motors       which output turns which wheel, which way; encoder signs and sides
+    axes         axes of the inertial sensor; you turn the robot by hand
+    sensors      each range sensor, bumper switch and cliff sensor
+    control      step response of the wheel controller
 
     The command asks you before it turns a wheel.
 
     Exit status: 0 everything is correct; 1 something is wired wrongly.
     """  # noqa: D301 - click keeps the lines of a block behind \b
-    from bridge.bringup.procedure import BringUp
+    from bridge.bringup.procedure import USUAL_STEPS, BringUp
     from bridge.bringup.wheel_step import as_text
     from bridge.config import load_robot
     from tools.bringup.session import Terminal, bringup_session
@@ -73,7 +74,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         _check_plot(plot)
     with bringup_session(port, log, model, text) as session:
         bench = BringUp(session, Terminal(session), model, clear_stop=clear_stop)
-        bench.run(steps or _STEPS)
+        bench.run(steps or USUAL_STEPS)
     if bench.steps:
         inform_lines(as_text(bench.steps))
         if plot is not None:
