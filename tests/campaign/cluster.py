@@ -48,6 +48,10 @@ class Campaign(NamedTuple):
     """Time from the first result to the end of the command, s."""
     parquet_bytes: int
     json_bytes: int
+    command_s: float
+    """Processor time of the command after the first result, s."""
+    scheduler_s: float
+    """Processor time of the scheduler after the first result, s."""
 
     @property
     def runs_per_s(self) -> float:
@@ -81,11 +85,13 @@ def campaign(
         )
         wait_for(process, out, 1)
         first_s = time.perf_counter() - begun_s
+        before = processor_s(process.pid), processor_s(cluster.scheduler)
         if kill:
             wait_for(process, out, expected // 2)
             os.kill(cluster.workers[0], signal.SIGKILL)
         wait_for(process, out, expected)
         rest_s = time.perf_counter() - begun_s - first_s
+        after = processor_s(process.pid), processor_s(cluster.scheduler)
         process.wait()
     table = pq.read_table(out / FOLDER, columns=["key"])
     return Campaign(
@@ -96,7 +102,15 @@ def campaign(
         rest_s,
         sum(path.stat().st_size for path in (out / FOLDER).iterdir()),
         (out / LINES).stat().st_size,
+        after[0] - before[0],
+        after[1] - before[1],
     )
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time that a process has used, s (Linux, proc_pid_stat(5))."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def wait_for(process: subprocess.Popen[bytes], out: Path, count: int) -> None:
@@ -128,8 +142,13 @@ def main() -> int:
             rate = found.runs_per_s
             print(f"{label}: first result after {found.first_s:.1f} s, then {rate:.2f} runs/s")
         print(f"2 workers are {two.runs_per_s / one.runs_per_s:.2f} times as fast as 1")
-        tiny = campaign(folder / "tiny", 2, SCALING_SEEDS, TINY_S)
+        tiny = campaign(folder / "tiny", 2, 2 * SCALING_SEEDS, TINY_S)
         print(f"runs of {TINY_S:g} simulated second, 2 workers: {tiny.runs_per_s:.1f} runs/s")
+        rest = tiny.rows - 1
+        print(
+            f"processor time of a result: {1e3 * tiny.command_s / rest:.1f} ms in the command,"
+            f" {1e3 * tiny.scheduler_s / rest:.1f} ms in the scheduler"
+        )
         print(
             f"a result: {large.json_bytes / large.rows:.0f} bytes as JSON,"
             f" {large.parquet_bytes / large.rows:.0f} bytes in Parquet"

@@ -27,6 +27,8 @@ class Cluster:
         )
         assert self._process.stdout is not None
         self.address, *pids = self._process.stdout.readline().split()
+        self.scheduler = self._process.pid
+        """Process id of the scheduler."""
         self.workers = [int(pid) for pid in pids]
         """Process ids of the first workers."""
 
