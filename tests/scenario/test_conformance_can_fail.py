@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 from sim_device.ports import ask_control
-from support.broken_device import DEFECTS, STATES
+from support.broken_device import DEFECTS, KEY, STATES, Keyed
 from support.root import ROOT
 
 if TYPE_CHECKING:
@@ -56,12 +56,19 @@ FOUND_BY = {
     "ackssaveearly": {"test_a_save_is_acknowledged_once_it_stands"},
     "impreciseclock": {"test_its_clock_is_a_crystals_or_it_reports_that_it_is_not"},
     "hidescrash": {"test_a_crash_comes_with_its_record"},
+    "obeysunsignedcommands": {"test_an_unsigned_command_is_rejected"},
+    "obeysunsignedsetpoints": {"test_an_unsigned_setpoint_moves_nothing"},
+    "ignorestags": {"test_a_command_with_another_key_is_not_obeyed"},
+    "obeysreplays": {"test_a_replayed_command_is_not_obeyed"},
+    "obeysearliersessions": {"test_a_command_of_an_earlier_session_is_not_obeyed"},
+    "weakensunsignedstop": {"test_a_stop_needs_no_tag"},
 }
 """Checks that must find each defect."""
 IN_STATE = {
     "atcliff": "test_at_a_cliff_it_does_not_go_ahead",
     "pressed": "test_with_a_bumper_pressed_it_creeps",
     "crashed": "test_a_crash_comes_with_its_record",
+    "keyed": "test_a_signed_command_is_obeyed",
 }
 """Check that needs the state of each sound device."""
 SOUND = (
@@ -107,6 +114,9 @@ def conformance(folder: Path, *arguments: str) -> Outcome:
 def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future[Outcome]]]:
     """Run some defects at a time, because they mostly wait."""
     names = ["sound", *FOUND_BY, *IN_STATE]
+    key_file = tmp_path_factory.mktemp("key") / "robot.key"
+    key_file.touch(mode=0o600)
+    key_file.write_text(KEY.hex(), encoding="ascii")
     with (
         subprocess.Popen(
             [sys.executable, "-m", "support.broken_device", *names],
@@ -127,6 +137,8 @@ def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future
             if name in IN_STATE:
                 checks.append(IN_STATE[name])
             arguments = [f"--port={port}", "-k", " or ".join(checks)]
+            if issubclass(DEFECTS[name], Keyed):
+                arguments.append(f"--key-file={key_file}")
             if name != "sound":
                 arguments.append("--allow-motion")
             else:

@@ -21,11 +21,14 @@ from typing import TYPE_CHECKING
 from cobs import cobs
 
 from bridge.motion.geometry import Pose2
+from protocol.authentication import Authenticator
 from protocol.messages.device import Ack, DescribeReply, Hello, LogText, Nack, Status
 from protocol.messages.host import (
     ClearStop,
     HostHello,
     SaveParameters,
+    SetMode,
+    SetStreamRate,
     Stop,
     StopAll,
     TimeRequest,
@@ -43,6 +46,8 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 FIRST_ID = 0xB000
+KEY = bytes(range(0x20, 0x30))
+"""Key of the devices that have one."""
 
 
 class Sound:
@@ -467,7 +472,130 @@ class HidesCrash(Crashed):
         return [] if crash else [frame]
 
 
-STATES = ("atcliff", "pressed", "crashed")
+class Keyed(Sound):
+    """A sound device with a key. Its bytes are not changed, so that their tags stay valid."""
+
+    authenticator: type[Authenticator] = Authenticator
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.device.flash.key = KEY
+        self.device.firmware.keyring.take()
+        self.device.firmware.link.key = self.authenticator(KEY)
+
+    def to_device(self, data: bytes) -> bytes:
+        return data
+
+    def to_host(self, data: bytes) -> bytes:
+        return data
+
+
+class ObeysUnsignedCommands(Keyed):
+    """Obeys commands without a tag."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        keyring = self.device.firmware.keyring
+        refuses, command_types = keyring.refuses, {SetMode, SetStreamRate}
+        kinds = {CATALOGUE.by_class[kind].type_id for kind in command_types}
+        keyring.refuses = lambda frame: frame.type_id not in kinds and refuses(frame)  # type: ignore[method-assign]  # the defect
+
+
+class ObeysUnsignedSetpoints(Keyed):
+    """Obeys setpoints without a tag."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        keyring = self.device.firmware.keyring
+        refuses, setpoint = keyring.refuses, CATALOGUE.by_class[VelocitySetpoint].type_id
+        keyring.refuses = lambda frame: frame.type_id != setpoint and refuses(frame)  # type: ignore[method-assign]  # the defect
+
+
+class AnyTag(Authenticator):
+    """Accepts every tag with a new counter."""
+
+    _highest = -1
+
+    def begin(self, boot_id: int, session_id: int, challenge: int) -> None:
+        super().begin(boot_id, session_id, challenge)
+        self._highest = challenge
+
+    def check(self, covered: bytes, trailer: bytes) -> bool:
+        counter = int.from_bytes(trailer[:4], "little")
+        new = 0 < (counter - self._highest) % 2**32 < 2**31
+        self._highest = counter if new else self._highest
+        return new or super().check(covered, trailer)
+
+
+class Remembering(Authenticator):
+    """Accepts every signed frame that it has accepted before, in this session or an earlier one."""
+
+    def __init__(self, key: bytes) -> None:
+        super().__init__(key)
+        self._accepted: set[tuple[bytes, bytes]] = set()
+        self._earlier: set[tuple[bytes, bytes]] = set()
+
+    def end(self) -> None:
+        super().end()
+        self._earlier |= self._accepted
+        self._accepted.clear()
+
+    def begin(self, boot_id: int, session_id: int, challenge: int) -> None:
+        self._earlier |= self._accepted
+        self._accepted.clear()
+        super().begin(boot_id, session_id, challenge)
+
+    def check(self, covered: bytes, trailer: bytes) -> bool:
+        frame = (covered, trailer)
+        if super().check(covered, trailer):
+            self._accepted.add(frame)
+            return True
+        return frame in self.again()
+
+    def again(self) -> set[tuple[bytes, bytes]]:
+        """Return the frames that are accepted although they are not new."""
+        return self._accepted
+
+
+class RememberingSessions(Remembering):
+    """Accepts frames of earlier sessions again."""
+
+    def again(self) -> set[tuple[bytes, bytes]]:
+        return self._earlier
+
+
+class IgnoresTags(Keyed):
+    """Compares the counter of a signed frame, but not its tag."""
+
+    authenticator = AnyTag
+
+
+class ObeysReplays(Keyed):
+    """Obeys a signed frame again within its session."""
+
+    authenticator = Remembering
+
+
+class ObeysEarlierSessions(Keyed):
+    """Obeys signed frames of earlier sessions."""
+
+    authenticator = RememberingSessions
+
+
+class WeakensUnsignedStop(Keyed):
+    """Treats an unsigned stop as the end of the session, which any host may clear."""
+
+    def to_device(self, data: bytes) -> bytes:
+        frames = [f for f in self._down.feed(data) if isinstance(f, Frame)]
+        return b"".join(_bytes(self._weakened(f)) for f in frames)
+
+    def _weakened(self, frame: Frame) -> Frame:
+        if frame.flags or frame.type_id != CATALOGUE.by_class[Stop].type_id:
+            return frame
+        return self.saying(frame, self.message(frame), cause=StopCause.SESSION_END)
+
+
+STATES = ("atcliff", "pressed", "crashed", "keyed")
 """Sound devices in a state that a check needs."""
 DEFECTS = {
     kind.__name__.lower(): kind
@@ -498,6 +626,13 @@ DEFECTS = {
         AcksSaveEarly,
         ImpreciseClock,
         HidesCrash,
+        Keyed,
+        ObeysUnsignedCommands,
+        ObeysUnsignedSetpoints,
+        IgnoresTags,
+        ObeysReplays,
+        ObeysEarlierSessions,
+        WeakensUnsignedStop,
     )
 }
 

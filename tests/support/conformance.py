@@ -11,6 +11,7 @@ import queue
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from concurrent.futures import Future
 from pathlib import Path
@@ -26,6 +27,7 @@ from protocol.schema.catalogue import CATALOGUE
 from support.conformance_report import Report, describe_device, kind_of
 from support.hold_up import Busy
 from support.probe import Probe, now_us
+from tools.cli.keyfile import KeyFileError, read_key
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -35,9 +37,21 @@ if TYPE_CHECKING:
 FOLDER = Path(__file__).resolve().parents[1] / "conformance"
 ROOT = FOLDER.parents[1]
 FLOOR = FOLDER / "floor.json"
-LANES = {"pty": 4, "slcan": 2, "core-pty": 4, "core-slcan": 2}
-"""Number of emulated devices for each kind of device: the model in Python or the C core, and the
-kind of link."""
+LANES = {
+    "pty": 4,
+    "slcan": 2,
+    "core-pty": 4,
+    "core-slcan": 2,
+    "keyed-pty": 1,
+    "keyed-slcan": 1,
+    "keyed-core-pty": 1,
+    "keyed-core-slcan": 1,
+}
+"""Number of emulated devices for each kind of device: with or without a key, the model in Python or
+the C core, and the kind of link."""
+KEYED = "keyed-"
+KEY = bytes(range(0x10, 0x20))
+"""Key of the emulated devices that have one."""
 LISTEN_S = 3.5
 """Time to listen for a device, s: three of its own hellos, after the end of its session."""
 HELD_UP_US = 500_000
@@ -59,6 +73,9 @@ def add_options(parser: pytest.Parser) -> None:
         "a device path, socket://HOST:PORT, or can:INTERFACE:CHANNEL",
     )
     group.addoption("--node", type=int, metavar="N", help="the device's node, of several")
+    group.addoption(
+        "--key-file", type=Path, metavar="FILE", help="the device's key; the probe signs with it"
+    )
     group.addoption("--baud", type=int, default=DEFAULT_BAUD, help="of a serial port")
     group.addoption("--bitrate", type=int, metavar="N", help="of a CAN bus")
     group.addoption(
@@ -84,6 +101,10 @@ def is_slow(item: pytest.Function) -> bool:
     return item.get_closest_marker("slow") is not None
 
 
+def is_keyed(item: pytest.Function) -> bool:
+    return item.get_closest_marker("keyed") is not None
+
+
 def in_suite(path: Path) -> bool:
     return FOLDER in path.parents
 
@@ -94,12 +115,15 @@ def in_suite(path: Path) -> bool:
 class Emulated:
     """``sweepctl emulate`` in a separate process."""
 
-    def __init__(self, kind: str, seed: int) -> None:
-        target, link = ("core", kind.removeprefix("core-")) if "-" in kind else ("python", kind)
+    def __init__(self, kind: str, seed: int, key_file: Path) -> None:
+        device = kind.removeprefix(KEYED)
+        target = "core" if "-" in device else "python"
+        key = ("--key-file", str(key_file)) if kind.startswith(KEYED) else ()
         self._process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "tools.sweepctl", "emulate", str(FLOOR)),
-                *("--target", target, "--link", link, "--seed", str(seed)),
+                *("--target", target, "--link", device.removeprefix("core-")),
+                *("--seed", str(seed), *key),
             ],
             cwd=ROOT,
             stdin=subprocess.DEVNULL,
@@ -120,15 +144,15 @@ class Emulated:
         assert self._process.returncode == 0, err
 
 
-def open_probe(name: str, config: pytest.Config) -> Probe:
-    """Open a port with these options.
+def open_probe(name: str, config: pytest.Config, key: bytes | None) -> Probe:
+    """Open a port with these options; sign with ``key`` if it is given.
 
     Raises:
         PortError: it cannot be opened.
 
     """
     port = open_port(name, baud=config.getoption("--baud"), bitrate=config.getoption("--bitrate"))
-    return Probe(port, node=config.getoption("--node"))
+    return Probe(port, node=config.getoption("--node"), key=key)
 
 
 def identify(probe: Probe) -> HelloMessage | str:
@@ -164,33 +188,58 @@ def run_check(item: pytest.Function, probe: Probe) -> None:
     item.obj(device=probe, **own)
 
 
-def run_fairly(item: pytest.Function, probe: Probe) -> None:
-    """Run one check on an emulated device; repeat it if the machine delayed it.
+class Lane:
+    """One emulated device at a time, which runs one check after the other."""
 
-    Device and host are processes that share cores with the rest of the tests. If one of them is
-    delayed for most of a second, the device rightly ends the session, and the failed check means
-    nothing. A wrong device fails again.
-    """
-    for left in range(TRIES - 1, -1, -1):
-        busy = Busy()
-        try:
-            run_check(item, probe)
-        except AssertionError:
-            if not left or (probe.held_up_us < HELD_UP_US and not busy.excuses):
-                raise
-        else:
-            return
+    def __init__(self, kind: str, seed: int, config: pytest.Config, key_file: Path) -> None:
+        self._made = kind, seed, key_file
+        self._config = config
+        self._key = KEY if kind.startswith(KEYED) else None
+        self._emulated = Emulated(*self._made)
+        self._probe: Probe | None = None
+
+    def run_fairly(self, item: pytest.Function) -> None:
+        """Run one check; if the machine delayed it, repeat it on a new device.
+
+        Device and host are processes that share cores with the rest of the tests. If one of them
+        is delayed for most of a second, the device rightly ends the session. The check then fails
+        without a fault of the device, and may leave a parameter changed. A wrong device fails
+        again.
+        """
+        for left in range(TRIES - 1, -1, -1):
+            if self._probe is None:
+                self._probe = open_probe(self._emulated.port(), self._config, self._key)
+            busy = Busy()
+            try:
+                run_check(item, self._probe)
+            except AssertionError:
+                if not left or (self._probe.held_up_us < HELD_UP_US and not busy.excuses):
+                    raise
+                self.close()
+                self._emulated = Emulated(*self._made)
+            else:
+                return
+
+    def close(self) -> None:
+        """Close the port and end the device."""
+        if self._probe is not None:
+            self._probe.port.close()
+            self._probe = None
+        self._emulated.end()
 
 
 class Lanes:
     """Emulated devices, and the checks that wait for one."""
 
     def __init__(self, items: list[pytest.Function], config: pytest.Config) -> None:
-        self._config = config
         self._futures: dict[str, Future[None]] = {}
-        self._emulated: list[Emulated] = []
+        self._lanes: list[Lane] = []
         self._threads: list[threading.Thread] = []
         self._end = threading.Event()
+        self._folder = tempfile.TemporaryDirectory()
+        key_file = Path(self._folder.name) / "robot.key"
+        key_file.touch(mode=0o600)
+        key_file.write_text(KEY.hex(), encoding="ascii")
         for link, lanes in LANES.items():
             waiting: queue.SimpleQueue[pytest.Function] = queue.SimpleQueue()
             mine = [i for i in items if i.callspec.params["device"] == link]
@@ -199,14 +248,13 @@ class Lanes:
                 self._futures[item.nodeid] = Future()
                 waiting.put(item)
             for seed in range(min(lanes, len(mine))):
-                emulated = Emulated(link, seed)
-                self._emulated.append(emulated)
-                thread = threading.Thread(target=self._work, args=(emulated, waiting))
+                lane = Lane(link, seed, config, key_file)
+                self._lanes.append(lane)
+                thread = threading.Thread(target=self._work, args=(lane, waiting))
                 thread.start()
                 self._threads.append(thread)
 
-    def _work(self, emulated: Emulated, waiting: queue.SimpleQueue[pytest.Function]) -> None:
-        probe: Probe | None = None
+    def _work(self, lane: Lane, waiting: queue.SimpleQueue[pytest.Function]) -> None:
         while not self._end.is_set():
             try:
                 item = waiting.get_nowait()
@@ -214,14 +262,11 @@ class Lanes:
                 break
             future = self._futures[item.nodeid]
             try:
-                probe = probe or open_probe(emulated.port(), self._config)
-                run_fairly(item, probe)
+                lane.run_fairly(item)
             except BaseException as error:  # noqa: BLE001 - belongs to the check's own thread
                 future.set_exception(error)
             else:
                 future.set_result(None)
-        if probe is not None:
-            probe.port.close()
 
     def result(self, item: pytest.Function) -> None:
         """Wait for a check; raise its exception."""
@@ -231,8 +276,9 @@ class Lanes:
         self._end.set()
         for thread in self._threads:
             thread.join()
-        for emulated in self._emulated:
-            emulated.end()
+        for lane in self._lanes:
+            lane.close()
+        self._folder.cleanup()
 
 
 # ---- the plugin -------------------------------------------------------------------------
@@ -244,6 +290,7 @@ class ConformancePlugin:
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
         self._port = port_of(config)
+        self._key: bytes | None = None
         self._probe: Probe | None = None
         self._lanes: Lanes | None = None
         self.report = Report()
@@ -275,6 +322,10 @@ class ConformancePlugin:
                 left_out.append(item)
                 if self._port is not None:
                     self.report.note(item, "not_applicable", f"only over {min(kinds)}")
+            elif not self._fits_key(item):
+                left_out.append(item)
+                if self._port is not None:
+                    self.report.note(item, "not_applicable", "only with a key: --key-file")
             elif self._port is None and kind_of_item(item) == "can" and is_slow(item):
                 left_out.append(item)  # seconds of waiting that do not depend on the link
             elif still and item.get_closest_marker("motion"):
@@ -283,12 +334,22 @@ class ConformancePlugin:
         items[:] = [i for i in items if i not in left_out]
         config.hook.pytest_deselected(items=left_out)
 
+    def _fits_key(self, item: pytest.Function) -> bool:
+        """Return whether a check suits the device.
+
+        An emulated device with a key runs only the checks that need one.
+        """
+        if self._port is not None:
+            return self._key is not None or not is_keyed(item)
+        return is_keyed(item) is str(item.callspec.params["device"]).startswith(KEYED)
+
     def pytest_sessionstart(self) -> None:
         if self._port is None or self._config.getoption("--collect-only"):
             return
         try:
-            self._probe = open_probe(self._port, self._config)
-        except PortError as error:
+            self._key = read_key(self._config.getoption("--key-file"))
+            self._probe = open_probe(self._port, self._config, self._key)
+        except (KeyFileError, PortError) as error:
             raise pytest.UsageError(str(error)) from None
         hello = identify(self._probe)
         if isinstance(hello, str):
@@ -400,5 +461,6 @@ class ConformancePlugin:
 def configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "motion: turns the wheels")
     config.addinivalue_line("markers", "slow: waits for seconds; begun first")
+    config.addinivalue_line("markers", "keyed: needs a device with a key")
     config.addinivalue_line("markers", "link(kind): only over this kind of link, uart or can")
     config.pluginmanager.register(ConformancePlugin(config), "device-conformance")

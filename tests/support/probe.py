@@ -70,6 +70,8 @@ class Probe(WireProbe):
     def greet(self) -> Hello:
         """Open a session and return the device's answer; no schema is negotiated yet."""
         self.session_id = secrets.randbelow(0xFFFF_FFFE) + 1
+        if self.link.key is not None:
+            self.link.key.end()
         mark = len(self.heard)
         for _ in range(5):
             self.send_hello()
@@ -79,9 +81,16 @@ class Probe(WireProbe):
             assert isinstance(found.message, Hello)
             self.node, self.hello = found.frame.node, found.message
             if found.message.session_id == self.session_id:
+                self._await_challenge(found.message)
                 return found.message
             mark = len(self.heard)
         raise AssertionError("the device does not answer a hello")
+
+    def _await_challenge(self, hello: Hello) -> None:
+        """Wait until commands can be signed, if the device has a key and the probe has one too."""
+        key = self.link.key
+        if key is not None and hello.capabilities & Capability.AUTHENTICATION:
+            assert self.until(lambda: key.begun, TRY_S, alive=False), "no challenge after the hello"
 
     def handshake(self, *, quick_status: bool = True) -> Hello:
         """Open a session and complete the handshake, as a host does; then the device streams."""

@@ -11,8 +11,10 @@ import time
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from bridge.io.ports import link_of
+from protocol.authentication import Authenticator
 from protocol.can.frames import RECORD
 from protocol.link import NODE_ALL, LinkEvent, Medium, Received
+from protocol.messages.device import Challenge, Hello
 from protocol.messages.host import TimeRequest
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.io.ports import BytePort
-    from protocol.messages.device import Hello
     from protocol.schema.message import Message
     from protocol.uart.framing import Frame
 
@@ -66,9 +67,14 @@ def since(earlier_us: int, later_us: int) -> int:
 class WireProbe:
     """One port with one device behind it."""
 
-    def __init__(self, port: BytePort, *, node: int | None = None) -> None:
+    def __init__(
+        self, port: BytePort, *, node: int | None = None, key: bytes | None = None
+    ) -> None:
         self.port = port
         self.link = link_of(port.name)(Direction.HOST, codec=Codec())
+        self.link.key = None if key is None else Authenticator(key)
+        self.nonce = (0, 0, 0)
+        """Boot id, session id and challenge, on which the tags of this session depend."""
         self.node = node
         """Node of the device; None: any that answers."""
         self.session_id = 0
@@ -136,8 +142,18 @@ class WireProbe:
             if isinstance(event, Received):
                 if self.node in {None, event.frame.node}:
                     self.heard.append(Heard(at_us, event.message, event.frame))
+                    self._take_challenge(event.message)
             else:
                 self.events.append(event)
+
+    def _take_challenge(self, message: Message) -> None:
+        """Sign in this session from its challenge on, which follows the device's hello."""
+        if isinstance(message, Hello) and message.session_id == self.session_id:
+            self.nonce = (message.boot_id, message.session_id, 0)
+        elif isinstance(message, Challenge) and self.nonce[1] == self.session_id:
+            self.nonce = (*self.nonce[:2], message.counter)
+            if self.link.key is not None:
+                self.link.key.begin(*self.nonce)
 
     def _pause(self, since_us: int) -> None:
         self.held_up_us = max(self.held_up_us, now_us() - since_us)
