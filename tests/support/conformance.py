@@ -38,10 +38,10 @@ FOLDER = Path(__file__).resolve().parents[1] / "conformance"
 ROOT = FOLDER.parents[1]
 FLOOR = FOLDER / "floor.json"
 LANES = {
-    "pty": 4,
-    "slcan": 2,
-    "core-pty": 4,
-    "core-slcan": 2,
+    "pty": 3,
+    "slcan": 1,
+    "core-pty": 3,
+    "core-slcan": 1,
     "keyed-pty": 1,
     "keyed-slcan": 1,
     "keyed-core-pty": 1,
