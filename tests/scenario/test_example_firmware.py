@@ -25,19 +25,18 @@ EXAMPLE = ROOT / "examples" / "firmware"
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """The folder in a tree of its own, with sweepctl's sources where they are expected."""
-    copy = tmp_path / "examples" / "firmware"
+    """A copy of the folder, anywhere."""
+    copy = tmp_path / "my firmware"
     shutil.copytree(EXAMPLE, copy, ignore=shutil.ignore_patterns("build", "__pycache__"))
-    (tmp_path / "sim_device").symlink_to(ROOT / "sim_device")
     package = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     messages = package["entry-points"]["sweepctl.messages"]
     install(copy, package["name"], {"messages": messages})
     return copy
 
 
-def make(project: Path, *arguments: str) -> str:
+def run_make(project: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     path = f"{project}:{ROOT}"
-    done = subprocess.run(
+    return subprocess.run(
         ["make", f"PYTHON={sys.executable}", f"CMAKE={locked('cmake')}", *arguments],  # noqa: S607
         cwd=project,
         env=environment(PYTHONPATH=path),
@@ -46,9 +45,15 @@ def make(project: Path, *arguments: str) -> str:
         timeout=110,
         check=False,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def test_it_builds_and_its_tests_pass(project: Path) -> None:
-    assert "3 passed" in make(project, "test")
+    done = run_make(project, "test")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "3 passed" in done.stdout
+
+
+def test_missing_sources_are_named(project: Path, tmp_path: Path) -> None:
+    done = run_make(project, f"FIRMWARE={tmp_path / 'nowhere'}")
+    assert done.returncode != 0
+    assert f"No sweepctl in {tmp_path / 'nowhere'}" in " ".join(done.stderr.split())
