@@ -81,3 +81,10 @@ def test_local_processes_or_a_cluster(logs: Path) -> None:
     words = ("--jobs", "2", "--scheduler", "tcp://127.0.0.1:1")
     done = sweepctl("runs", "index", logs, *words)
     assert (done.status, "--jobs is for local processes" in done.line) == (2, True)
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1", "http://127.0.0.1:1", ""])
+def test_a_wrong_scheduler_address_is_a_usage_error(logs: Path, address: str) -> None:
+    done = sweepctl("runs", "index", logs, "--scheduler", address)
+    assert (done.status, done.line.endswith("use tcp://HOST:PORT")) == (2, True)
+    assert repr(address) in done.line

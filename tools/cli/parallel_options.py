@@ -43,6 +43,7 @@ def pool_of(count: int, jobs: int | None, scheduler: str | None) -> Iterator[Poo
         click.UsageError: both options were given.
         ClusterMissingError: distributed or pyarrow is not installed.
         ClusterError: the scheduler cannot be reached.
+        SchedulerAddressError: the text is not an address.
 
     """
     from tools.cli.pools import ClusterPool, LocalPool
@@ -50,7 +51,10 @@ def pool_of(count: int, jobs: int | None, scheduler: str | None) -> Iterator[Poo
     if scheduler is not None and jobs is not None:
         raise click.UsageError("--jobs is for local processes: leave it out with --scheduler")
     workers = max(1, min(jobs or os.cpu_count() or 1, count))
-    with ClusterPool(scheduler) if scheduler else LocalPool(workers, _ignore_signals) as pool:
+    pool: Pool = (
+        LocalPool(workers, _ignore_signals) if scheduler is None else ClusterPool(scheduler)
+    )
+    with pool:
         for note in pool.notes:
             inform(note)
         yield pool

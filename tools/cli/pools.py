@@ -14,7 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
-from bridge.errors import BridgeError
+from bridge.errors import ArgumentError, BridgeError
 from tools.cli.signals import signals_blocked
 
 if TYPE_CHECKING:
@@ -51,6 +51,13 @@ class ClusterError(BridgeError):
     """The scheduler cannot be reached."""
 
     exit_status = 3
+
+
+class SchedulerAddressError(ArgumentError):
+    """The text is not an address of a scheduler."""
+
+    def __init__(self, address: str) -> None:
+        super().__init__(f"--scheduler {address[:80]!r} is not an address: use tcp://HOST:PORT")
 
 
 class Pool(Protocol):
@@ -149,6 +156,7 @@ class ClusterPool:
         Raises:
             ClusterMissingError: distributed or pyarrow is not installed.
             ClusterError: the scheduler cannot be reached.
+            SchedulerAddressError: the text is not an address.
 
         """
         self._client = _connected(address)
@@ -232,10 +240,11 @@ def _connected(address: str) -> Any:  # noqa: ANN401 - distributed is optional
     Raises:
         ClusterMissingError: distributed or pyarrow is not installed.
         ClusterError: the scheduler cannot be reached.
+        SchedulerAddressError: the text is not an address.
 
     """
     if not _ADDRESS.fullmatch(address):
-        raise ClusterError(f"{address[:80]!r} is no scheduler address: use tcp://HOST:PORT")
+        raise SchedulerAddressError(address)
     if not all(map(importlib.util.find_spec, ("distributed", "pyarrow"))):
         raise ClusterMissingError
     import distributed

@@ -69,6 +69,7 @@ def run_all(
     Raises:
         ClusterMissingError: distributed or pyarrow is not installed.
         ClusterError: the scheduler cannot be reached.
+        SchedulerAddressError: the text is not an address.
 
     """
     missing = store.missing(trials)
