@@ -48,7 +48,7 @@ help: ## list the targets
 
 check: lint types imports fast ## lint, types, import rules, fast tests: two minutes
 
-test: lint types imports unit ## lint, types, import rules, tests: seven minutes
+test: lint types imports unit ## lint, types, import rules, tests: 8 to 20 minutes
 
 nightly: covered statistics campaign mutants ## what `test` leaves out: hours
 
