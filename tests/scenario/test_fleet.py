@@ -97,6 +97,16 @@ def test_one_stop_for_four_robots_of_which_two_are_gone(tmp_path: Path) -> None:
         assert not LogReader(tmp_path / "logs" / f"{name}.mcap").truncated
 
 
+def test_a_stop_that_every_robot_confirms_is_reported(tmp_path: Path) -> None:
+    with Emulator(tmp_path) as first, Emulator(tmp_path, "--seed", "1") as second:
+        ports = (first.port, second.port)
+        with OnTerminal("fleet", *ports, "--plan", "paper", "--out", "logs", cwd=tmp_path) as fleet:
+            wait_for(fleet, lambda seen: sum("ready, driving" in line for line in seen) == 2)
+            fleet.press(b"s")
+            assert fleet.end() == 5
+            fleet.shows("every robot has confirmed the stop")
+
+
 def wait_for_plan(fleet: Command, port: str) -> None:
     """Wait until the planner of a robot has decided something."""
     line = re.compile(rf"^{re.escape(port)}: +[\d.]+  planner: ", re.MULTILINE)

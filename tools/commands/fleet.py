@@ -204,6 +204,8 @@ def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) 
         if ended is None or (board is None and one_line(ended.reason) == member.last_error):
             continue
         inform(f"{member.target.label}: {ended.outcome} - {ended.reason}")
+    if fleet.stop_requested and not fleet.unconfirmed:
+        inform("every robot has confirmed the stop")
     for label in fleet.unconfirmed:
         print_error(f"{label}: the stop is NOT CONFIRMED; switch the robot off")
     return fleet.exit_status

@@ -196,6 +196,8 @@ def _state(member: ShownMember) -> Text:
     if ended is not None:
         style = {"complete": "green", "stopped": "yellow"}.get(ended.outcome, "red")
         return Text(one_line(f"{ended.outcome}: {ended.reason}"), style)
+    if member.stopped is not None and member.stopped.confirmed:
+        return Text("stopped", "yellow")
     if status is None:
         return Text("starting", "dim")
     faults = status.get("faults") or []
