@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from support.processes import Done
 
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("target")]
 
 
 def bringup(monkeypatch: pytest.MonkeyPatch, answers: str, *arguments: str | Path) -> Done:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bridge.bringup.wiring import CheckResult
     from sim_device.sensors.imu import ImuCounts
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("target")]
 
 ALL_STEPS = (
     "battery",
@@ -277,6 +277,7 @@ def test_the_wire_is_released_even_if_the_stop_fails(monkeypatch: pytest.MonkeyP
     assert wire.closed
 
 
+@pytest.mark.python_only("stops the device from inside")
 def test_a_device_that_stops_by_itself_ends_the_procedure() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     session, _ = bringup_session(device)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from bridge.bringup.wiring import CheckResult
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("target")]
 
 BEFORE_POWER = (
     "pull-downs",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from support.processes import Done
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("target")]
 
 BIAS_DEG_S = 2.0
 BIAS = pytest.approx(math.radians(BIAS_DEG_S), abs=1e-5)
@@ -55,7 +55,7 @@ def test_the_gyros_bias_goes_to_file_and_device(
     assert "nothing was written" in declined.err
     assert "gyro_bias: 0 -> 0.0349" in declined.err
     assert file.read_text() == 'name = "bert" # mine\n'
-    assert served.device.firmware.parameters.value("gyro_bias") == 0.0
+    assert served.parameter("gyro_bias") == 0.0
 
     done = calibrate(monkeypatch, "", *gyro, "--yes", "--json")
     assert done.status == 0
@@ -65,11 +65,8 @@ def test_the_gyros_bias_goes_to_file_and_device(
     assert model.name == "bert"
     assert model.gyro_bias_rad_s == BIAS
     assert "# mine" in file.read_text()
-    device = served.device
-    device.reset(ResetCause.SOFTWARE)  # the flash keeps it
-    assert device.firmware.parameters.value("gyro_bias") == pytest.approx(
-        math.radians(2.0), abs=1e-5
-    )
+    assert sweepctl("reboot", served.port).status == 0  # the flash keeps it
+    assert served.parameter("gyro_bias") == pytest.approx(math.radians(2.0), abs=1e-5)
 
 
 def test_a_range_sensor_against_a_tape(
@@ -130,8 +127,8 @@ def test_a_refuted_result_is_never_written(
     file = tmp_path / "robot.toml"
     asked = ("odometry", served.port, "--robot", file, "--verify", "--yes", "--json")
     done = calibrate(monkeypatch, "", *asked)
-    served.device.reset(ResetCause.SOFTWARE)  # saved values are in effect from now on
-    device = served.device.firmware.parameters.value("wheel_base")
+    assert sweepctl("reboot", served.port).status == 0  # saved values are in effect from now on
+    device = served.parameter("wheel_base")
     assert done.json["odometry"]["refuted"] == refuted
     if refuted is None:
         assert done.status == 0
@@ -152,4 +149,4 @@ def test_a_file_that_cannot_be_written_changes_nothing(
     done = calibrate(monkeypatch, "y\n", "gyro", served.port, "--seconds", "2", "--robot", file)
     assert done.status == 2
     assert "cannot write" in done.err
-    assert served.device.firmware.parameters.value("gyro_bias") == 0.0
+    assert served.parameter("gyro_bias") == 0.0

@@ -20,7 +20,7 @@ from support.bench_wire import Scripted, bringup_session
 if TYPE_CHECKING:
     from bridge.bringup.person import Person
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("target")]
 
 PLAN = parse_floorplan('{"walls": [[0,0],[8,0],[8,8],[0,8]], "start": [4,4,0.3]}')
 MODEL = RobotModel()

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
     from support.processes import Done
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("target")]
 
 DEFAULTS = RobotModel()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def served() -> Iterator[Served]:
     with Served() as served:
         yield served
@@ -55,7 +55,7 @@ def test_list_get_set_save(port: str, served: Served) -> None:
 
     assert param("set", port, "cruise_speed", "0.15", "battery_low", "13").status == 0
     assert param("get", port, "cruise_speed", "battery_low").out == "0.15\n13\n"
-    assert served.device.firmware.parameters.value("cruise_speed") == pytest.approx(0.15)
+    assert served.parameter("cruise_speed") == pytest.approx(0.15)
     found = param("get", port, "cruise_speed", "--json").json["parameters"][0]
     assert (found["changed"], found["stored"]) == (True, False)
     saved = param("save", port)
@@ -70,13 +70,12 @@ def test_list_get_set_save(port: str, served: Served) -> None:
 
 
 def test_a_rejection_reports_its_reason(port: str, served: Served) -> None:
-    before = served.device.firmware.parameters.value("max_speed")
+    before = served.parameter("max_speed")
     too_fast = param("set", port, "max_yaw_rate", "1.5", "max_speed", "50")
     assert too_fast.status == 2
     assert too_fast.line == "sweepctl: max_speed: 50 is not in 0.01 to 2 m/s"
-    parameters = served.device.firmware.parameters
-    assert parameters.value("max_speed") == before
-    assert parameters.value("max_yaw_rate") == DEFAULTS.max_yaw_rate_rad_s, "all or nothing"
+    assert served.parameter("max_speed") == before
+    assert served.parameter("max_yaw_rate") == DEFAULTS.max_yaw_rate_rad_s, "all or nothing"
     assert "read-only" in param("set", port, "node", "3").line
     unknown = param("get", port, "wheel_bas")
     assert unknown.status == 2
@@ -132,7 +131,7 @@ def test_a_value_that_a_reboot_would_undo_reports_what_it_needs(port: str) -> No
 
 
 def test_reset_returns_to_the_devices_own_defaults(port: str, served: Served) -> None:
-    value = served.device.firmware.parameters.value
+    value = served.parameter
     assert param("set", port, "cruise_speed", "0.15", "battery_low", "13").status == 0
     done = param("reset", port, "cruise_speed")
     assert (done.status, done.err.splitlines()[0]) == (0, "cruise_speed: 0.15 -> 0.2 m/s")

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 
-def test_a_rebooted_device_reconnects(tmp_path: Path) -> None:
-    with Emulator(tmp_path) as device:
+def test_a_rebooted_device_reconnects(tmp_path: Path, target: str) -> None:
+    with Emulator(tmp_path, "--target", target) as device:
         first = sweepctl("reboot", device.port, "--json")
         again = sweepctl("reboot", device.port, "--json")
     assert (first.status, again.status) == (0, 0), first.err + again.err
@@ -27,8 +27,10 @@ def test_a_rebooted_device_reconnects(tmp_path: Path) -> None:
     assert boots[0] != boots[1]
 
 
-def test_an_owner_is_asked_and_rejects_while_the_robot_may_move(tmp_path: Path) -> None:
-    with Emulator(tmp_path) as device:
+def test_an_owner_is_asked_and_rejects_while_the_robot_may_move(
+    tmp_path: Path, target: str
+) -> None:
+    with Emulator(tmp_path, "--target", target) as device:
         with Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner:
             owner.prints("host and device are compatible")
             done = sweepctl("reboot", device.port, "--json")
@@ -47,9 +49,9 @@ def test_an_owner_is_asked_and_rejects_while_the_robot_may_move(tmp_path: Path) 
             assert owner.end().status == 0
 
 
-def test_a_monitor_beside_an_owner_is_a_picture_on_a_terminal(tmp_path: Path) -> None:
+def test_a_monitor_beside_an_owner_is_a_picture_on_a_terminal(tmp_path: Path, target: str) -> None:
     with (
-        Emulator(tmp_path) as device,
+        Emulator(tmp_path, "--target", target) as device,
         Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner,
     ):
         owner.prints("host and device are compatible")

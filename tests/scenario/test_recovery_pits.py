@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
     from tools.virtual.run import VirtualRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("target")]
 
 MODEL = RobotModel()
 PITS = {

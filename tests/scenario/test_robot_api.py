@@ -39,7 +39,7 @@ from support.waiting import PATIENCE_S, until
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("target")]
 
 
 @pytest.fixture
@@ -209,7 +209,7 @@ def test_parameters_by_name(emulated: Emulated) -> None:
         assert speed in listed
         assert (speed.unit, speed.changed) == ("m/s", False)
         assert robot.set_parameter("max_speed", 0.25).value == 0.25
-        assert emulated.device.firmware.parameters.value("max_speed") == 0.25
+        assert robot.get_parameter("max_speed").value == 0.25
         assert robot.get_parameter(speed.number).changed
         robot.save_parameters()
         assert robot.get_parameter("max_speed").stored

@@ -26,7 +26,7 @@ from support.ends import Collector, Ends, HostEnd
 if TYPE_CHECKING:
     from bridge.supervise import Reaction
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("target")]
 
 SMALL = parse_floorplan('{"walls": [[0,0],[1.6,0],[1.6,1.2],[0,1.2]], "start": [0.3,0.3,0]}')
 
@@ -82,12 +82,12 @@ def test_ctrl_c_ends_it() -> None:
 
 def test_a_latched_stop_needs_a_person() -> None:
     ends, host, _ = started()
-    ends.device.firmware.stop(StopCause.OPERATOR)
+    ends.stop_by_another()
     assert ends.run(3.0, lambda: host.mission.done)
     assert ending(host).exit_status == 5
     assert ending(host).remedy is Remedy.CLEAR_STOP
     ends, host, _ = started(clear_stop=True)
-    ends.device.firmware.stop(StopCause.OPERATOR)
+    ends.stop_by_another()
     assert ends.run(8.0, lambda: ends.moving)
 
 
@@ -114,6 +114,7 @@ def test_a_loss_without_a_decision_ends_the_run_at_the_reconnection() -> None:
     assert not ends.moving
 
 
+@pytest.mark.python_only("aborts the plan from inside")
 def test_a_plan_that_is_aborted_by_others_ends_the_run() -> None:
     ends, host, _ = moving()
     ends.device.firmware.control.fire(Event.ABORT)
@@ -122,6 +123,7 @@ def test_a_plan_that_is_aborted_by_others_ends_the_run() -> None:
     assert ending(host).exit_status == 5
 
 
+@pytest.mark.python_only("removes the planner from inside")
 def test_a_planner_that_the_device_lacks_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim_device.device.control.planner_name", lambda _number: None)
     ends, host, _ = started()
@@ -203,32 +205,29 @@ def test_pausing_holds_the_devices_plan_until_a_person_looked() -> None:
 def test_driving_slowly_sets_the_devices_top_speed_and_gives_it_back() -> None:
     ends, host, _ = moving()
     alarm = alarmed(host, "SLOW")
-    parameters = ends.device.firmware.parameters
-    before = parameters.value("max_speed")
+    before = ends.parameter("max_speed")
     ends.run(0.5)
     alarm.factor = 0.5
-    assert ends.run(1.0, lambda: parameters.value("max_speed") < before)
-    assert parameters.value("max_speed") == pytest.approx(
-        0.5 * host.model.cruise_speed_m_s, rel=1e-6
-    )
+    assert ends.run(1.0, lambda: ends.parameter("max_speed") < before)
+    assert ends.parameter("max_speed") == pytest.approx(0.5 * host.model.cruise_speed_m_s, rel=1e-6)
     alarm.factor = 1.0
-    assert ends.run(1.0, lambda: parameters.value("max_speed") == before)
+    assert ends.run(1.0, lambda: ends.parameter("max_speed") == before)
     alarm.factor = 0.5
-    assert ends.run(1.0, lambda: parameters.value("max_speed") < before)
+    assert ends.run(1.0, lambda: ends.parameter("max_speed") < before)
     host.end(Ending("stopped", "enough", 0), ends.host_ns)
     assert ends.run(1.0, lambda: host.mission.done)
     ends.run(0.1)
-    assert parameters.value("max_speed") == before, "the end gives it back too"
+    assert ends.parameter("max_speed") == before, "the end gives it back too"
 
 
 def slowed() -> tuple[Ends, Host, Collector]:
     """Return a run at half its speed."""
     ends, host, sink = moving()
     alarm = alarmed(host, "SLOW")
-    before = ends.device.firmware.parameters.value("max_speed")
+    before = ends.parameter("max_speed")
     ends.run(0.5)
     alarm.factor = 0.5
-    assert ends.run(1.0, lambda: ends.device.firmware.parameters.value("max_speed") < before)
+    assert ends.run(1.0, lambda: ends.parameter("max_speed") < before)
     ends.run(0.1)
     return ends, host, sink
 
@@ -236,38 +235,43 @@ def slowed() -> tuple[Ends, Host, Collector]:
 def test_full_speed_returns_only_after_the_device_reported_standstill() -> None:
     """The report is lost repeatedly. Until it arrives, the top speed stays low."""
     ends, host, _ = slowed()
-    parameters = ends.device.firmware.parameters
-    slow = parameters.value("max_speed")
+    slow = ends.parameter("max_speed")
     ends.to_host.cut = True
     host.end(Ending("stopped", "enough", 0), ends.host_ns)
     assert ends.run(0.5, lambda: ends.device.firmware.latch.cause is StopCause.SESSION_END)
     ends.run(0.3)
-    assert parameters.value("max_speed") == slow
+    assert ends.parameter("max_speed") == slow
     assert not host.mission.done
     ends.to_host.cut = False
     assert ends.run(0.5, lambda: host.mission.done)
     assert host.mission.stop_confirmed
-    assert parameters.value("max_speed") > slow
+    assert ends.parameter("max_speed") > slow
     assert ending(host).reason == "enough"
 
 
-@pytest.mark.parametrize("how", ["refused", "lost"])
-def test_a_top_speed_that_could_not_be_restored_is_reported(
-    how: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ends, host, sink = slowed()
-    host.end(Ending("stopped", "enough", 0), ends.host_ns)
-    if how == "refused":
-        parameters = ends.device.firmware.parameters
-        monkeypatch.setattr(parameters, "set", lambda *_: NackReason.BAD_VALUE)
-    else:
-        assert ends.run(0.5, lambda: ends.device.firmware.latch.cause is StopCause.SESSION_END)
-        ends.to_device.cut = True
+def check_reported_as_slow(ends: Ends, host: Host, sink: Collector) -> None:
     assert ends.run(1.2, lambda: host.mission.done)
     assert host.mission.stop_confirmed
     assert ending(host).reason == "enough"
     assert [e.kind for e in reported(sink)][-1] == "slow_left"
     assert "until a reboot" in reported(sink)[-1].text
+
+
+@pytest.mark.python_only("rejects the parameter from inside")
+def test_a_top_speed_whose_return_is_rejected_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends, host, sink = slowed()
+    host.end(Ending("stopped", "enough", 0), ends.host_ns)
+    parameters = ends.device.firmware.parameters
+    monkeypatch.setattr(parameters, "set", lambda *_: NackReason.BAD_VALUE)
+    check_reported_as_slow(ends, host, sink)
+
+
+def test_a_top_speed_whose_return_is_lost_is_reported() -> None:
+    ends, host, sink = slowed()
+    host.end(Ending("stopped", "enough", 0), ends.host_ns)
+    assert ends.run(0.5, lambda: ends.device.firmware.latch.cause is StopCause.SESSION_END)
+    ends.to_device.cut = True
+    check_reported_as_slow(ends, host, sink)
 
 
 def test_a_device_that_cannot_be_slowed_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -283,6 +287,7 @@ def test_a_device_that_cannot_be_slowed_is_stopped(monkeypatch: pytest.MonkeyPat
     assert ends.device.firmware.latch.cause is StopCause.SUPERVISE
 
 
+@pytest.mark.python_only("aborts the plan from inside")
 def test_a_device_that_does_not_pause_is_stopped() -> None:
     ends, host, _ = moving()
     ends.device.firmware.control.fire(Event.ABORT)  # there is no plan to pause any more

@@ -41,7 +41,7 @@ class RigWire:
 
     @property
     def link(self) -> type[LinkBase]:
-        return type(self.device.firmware.link)
+        return self.device.link
 
     def now(self) -> HostNs:
         return HostNs(self.now_us * 1000 + BOOT_NS)

@@ -13,11 +13,13 @@ from bridge.motion.robot_model import RobotModel
 from bridge.run.host import Host
 from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
+from bridge.session.parameters import Parameter
 from bridge.session.session import Session
 from protocol.authentication import CAN_AUTH_TYPE
 from protocol.clock import HostNs
 from protocol.link import LinkBase, Received, Rejected
-from protocol.messages.host import VelocitySetpoint
+from protocol.messages.device import ParameterValue
+from protocol.messages.host import StopAll, VelocitySetpoint
 from protocol.messages.values import ResetCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
@@ -238,6 +240,9 @@ class Ends:
         self.host_first_us = host_first_us
         self.booted_us = -device_first_us
         self._tap: LinkBase = type(host.session.link)(Direction.DEVICE)
+        self._device_tap: LinkBase = type(host.session.link)(Direction.HOST)
+        self._device_bytes: list[bytes] = []
+        self._parameters: dict[str, float] = {}
         if device_first_us:
             device.step(b"", 0)
             device.skip_to(device_first_us)
@@ -289,7 +294,9 @@ class Ends:
         soonest = min(m for m in moments if m is not None)
         self.now_us = min(end_us, max(self.now_us + 100, soonest))
         arrived = b"".join(self.to_device.pull(self.now_us))
-        self.to_host.push(self.device.step(arrived, self.device_us), self.now_us)
+        from_device = self.device.step(arrived, self.device_us)
+        self._device_bytes.append(from_device)
+        self.to_host.push(from_device, self.now_us)
         data = self.to_host.pull(self.now_us)
         if self.host_alive:
             out = self.host.turn(data, self.host_ns)
@@ -318,6 +325,21 @@ class Ends:
             self.latched_us = None
         elif self.latched_us is None:
             self.latched_us = self.now_us
+
+    def parameter(self, name: str) -> float:
+        """Return a parameter's newest value that the device has sent, even if it was lost."""
+        for event in self._device_tap.receive(b"".join(self._device_bytes), 0):
+            if isinstance(event, Received) and isinstance(event.message, ParameterValue):
+                sent = event.message
+                self._parameters[sent.name.partition(" ")[0]] = Parameter.from_message(sent).value
+        self._device_bytes.clear()
+        return self._parameters[name]
+
+    def stop_by_another(self) -> None:
+        """Stop the device as a sender without a session does."""
+        link = type(self.host.session.link)(Direction.HOST)
+        link.send(StopAll(), 0, node=0)
+        self.device.step(link.data_to_send(), self.device_us)
 
     def setpoints_us(self) -> int:
         """Return when the host last wrote a setpoint with motion; -1: never."""

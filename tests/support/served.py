@@ -1,4 +1,4 @@
-"""A virtual sweeper served on a pty by a thread of this process, so that tests can inspect it."""
+"""A virtual sweeper served on a pty by a thread of this process, which tests can inspect."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 from bridge.floor_plan.floor_plan import parse_floorplan
 from sim_device.ports import PtyPort, Stopper, serve
 from sim_device.sweeper import VirtualSweeper
+from support.cli import sweepctl
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -27,6 +28,12 @@ class Served:
             target=serve, args=(self.device, self._pty, self._stopper), daemon=True
         )
         self._thread.start()
+
+    def parameter(self, name: str) -> float:
+        """Return a parameter's present value, as ``sweepctl param`` reads it."""
+        done = sweepctl("param", "get", self.port, name, "--json")
+        value: float = done.json["parameters"][0]["value"]
+        return value
 
     def __enter__(self) -> Self:
         return self
