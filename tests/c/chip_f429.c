@@ -93,6 +93,7 @@ static void chip_begins(uint16_t flash_kib)
     memset((void *)0x40000000u, 0, 0x30000);
     *(volatile uint16_t *)0x1FFF7A22u = flash_kib;
     RCC->cr = RCC_CR_HSERDY | RCC_CR_PLLRDY;
+    RCC->pllcfgr = 0x24003010u; /* reset value */
 }
 
 /* ---- start ---------------------------------------------------------------------------------- */
@@ -106,6 +107,7 @@ static void no_crystal_no_bus(void)
     CHECK(!board_identity(NULL)->can);
     CHECK(board_identity(NULL)->troubles == BOARD_TROUBLE_CLOCK);
     CHECK((RCC->pllcfgr & (RCC_PLLCFGR_SRC_HSE | 0x3Fu)) == 16u);
+    CHECK(RCC->pllcfgr >> 28 == 2u);
     CHECK(CAN1->btr == 0 && LINK_UART->brr != 0);
 }
 
@@ -131,18 +133,21 @@ static void parameters_lie_in_the_second_bank(void)
     FLASH->optcr = FLASH_OPTCR_DB1M;
     CHECK(flash_can_save());
     CHECK(board_flash_page(NULL, 0) == (const uint8_t *)0x08080000u);
+    FLASH->acr = FLASH_ACR_DCEN;
     board_flash_erase(NULL, 1);
+    CHECK((FLASH->acr & FLASH_ACR_DCEN) == 0);
     CHECK(board_flash_busy(NULL) && (FLASH->cr & FLASH_CR_SNB(31)) == FLASH_CR_SNB(17));
     FLASH->sr = FLASH_SR_EOP;
     flash_handler();
-    CHECK(!board_flash_busy(NULL));
+    CHECK(!board_flash_busy(NULL) && FLASH->acr == FLASH_ACR_DCEN);
     static const uint8_t words[12] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
     board_flash_write(NULL, 0, 8, words, sizeof words);
     for (unsigned i = 0; i < 3; i++) {
-        CHECK(board_flash_busy(NULL));
+        CHECK(board_flash_busy(NULL) && FLASH->acr == 0);
         FLASH->sr = FLASH_SR_EOP;
         flash_handler();
     }
+    CHECK(FLASH->acr == FLASH_ACR_DCEN);
     CHECK(!board_flash_busy(NULL) && memcmp((void *)0x08080008u, words, sizeof words) == 0);
 }
 
@@ -177,7 +182,7 @@ static bool started(void)
 static uint8_t asked_for(void)
 {
     CHECK(started());
-    I2C1->cr1 &= ~I2C_CR1_STOP; /* the stop before has been sent */
+    I2C1->cr1 &= ~I2C_CR1_STOP; /* the last stop has been sent */
     event(I2C_SR1_SB);
     CHECK(I2C1->dr == 0x68u << 1);
     event(I2C_SR1_ADDR);
@@ -200,6 +205,7 @@ static void answers(const uint8_t *bytes, size_t length)
 static void millisecond(void)
 {
     clock_us += 1000;
+    I2C1->cr1 &= ~I2C_CR1_STOP; /* the last stop has been sent: it takes 5 us */
     imu_millisecond();
 }
 
@@ -227,6 +233,9 @@ static void the_sensor_is_set_up(void)
     CHECK(asked_for() == 0x75);
     answers(ours, 2);
     for (unsigned i = 0; i < 7; i++) {
+        CHECK((I2C1->cr1 & I2C_CR1_STOP) != 0);
+        imu_millisecond();
+        CHECK(!started()); /* the stop is not yet sent */
         millisecond();
         (void)asked_for();
         event(I2C_SR1_BTF);

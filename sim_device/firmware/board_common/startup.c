@@ -10,6 +10,7 @@
 extern uint32_t ld_data_start[], ld_data_end[], ld_data_load[];
 extern uint32_t ld_bss_start[], ld_bss_end[];
 extern uint32_t ld_stack_bottom[];
+extern uint32_t ld_vectors[];
 
 #define STACK_MARK 0xA5A5A5A5u
 #define STACK_ABOVE 64u /* bytes that this function itself may still use */
@@ -23,6 +24,8 @@ static void fill(uintptr_t from, uintptr_t end, uint32_t value) {
 
 void reset_handler(void) {
     SCB_CPACR |= SCB_CPACR_FPU_FULL; /* before the first function that may use it */
+    /* The chip's serial bootloader may have started the program: its own vectors are then in use. */
+    SCB->vtor = (uint32_t)(uintptr_t)ld_vectors;
     barrier();
     const uint32_t *from = ld_data_load;
     for (uintptr_t at = (uintptr_t)ld_data_start; at < (uintptr_t)ld_data_end; at += sizeof *from) {

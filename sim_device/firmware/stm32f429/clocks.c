@@ -14,8 +14,9 @@ static bool wait_until(const volatile uint32_t *at, uint32_t mask, uint32_t valu
 }
 
 /* 168 MHz: (crystal / M = 1 MHz) x 336 / 2; buses at 42 and 84 MHz. If the external clock fails,
- * the PLL runs from the internal 16 MHz, accurate to 1 %: enough for a UART, not for CAN (its two
- * sides may differ by 0.5 % at most: 32.7.7 with a jump of one quantum of 14). */
+ * the PLL runs from the internal 16 MHz, accurate to 1 %: enough for a UART, not for CAN
+ * (each side may be wrong by 0.36 % at most: a jump of one quantum of 14 corrects ten bits, 32.7.7).
+ */
 bool clocks_start(void) {
     RCC->ahb1enr |= RCC_AHB1_CRC | RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
     for (unsigned port = PORT_A; port <= PORT_G; port++) {
@@ -32,7 +33,8 @@ bool clocks_start(void) {
     RCC->cr |= RCC_CR_HSEON;
     const bool crystal = wait_until(&RCC->cr, RCC_CR_HSERDY, RCC_CR_HSERDY);
     const uint32_t divider = crystal ? BOARD_HSE_MHZ : 16u;
-    RCC->pllcfgr = divider | 336u << 6 | 7u << 24 | /* P is 00: by two */
+    RCC->pllcfgr = (RCC->pllcfgr & 0xF0000000u) | /* 6.3.2: reserved bits keep their reset value */
+                   divider | 336u << 6 | 7u << 24 | /* P is 00: by two */
                    (crystal ? RCC_PLLCFGR_SRC_HSE : 0u);
     RCC->cr |= RCC_CR_PLLON;
     /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. */

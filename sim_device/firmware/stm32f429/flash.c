@@ -31,12 +31,16 @@ const uint8_t *board_flash_page(board_t *board, unsigned page) {
     return (const uint8_t *)(uintptr_t)address_of(page);
 }
 
-static void unlock(void) {
+/* The data cache is off while the second bank is written. ES0206 (errata of the F42x), "Data cache
+ * might be corrupted during Flash memory read-while-write operation": the program reads its
+ * constants from the first bank meanwhile. */
+static void begin(void) {
     if ((FLASH->cr & FLASH_CR_LOCK) != 0) {
         FLASH->keyr = FLASH_KEY_1;
         FLASH->keyr = FLASH_KEY_2;
     }
     FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;
+    FLASH->acr &= ~FLASH_ACR_DCEN;
     nvic_enable(IRQ_FLASH, LEVEL_FLASH);
 }
 
@@ -44,7 +48,7 @@ void board_flash_erase(board_t *board, unsigned page) {
     if (!flash_can_save()) {
         return;
     }
-    unlock();
+    begin();
     busy = true;
     words_left = 0;
     FLASH->cr = FLASH_CR_SER | FLASH_CR_SNB(FIRST_CODE + page) | FLASH_CR_PSIZE_32 |
@@ -69,7 +73,7 @@ void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8
     if (!flash_can_save() || length < 4u) {
         return;
     }
-    unlock();
+    begin();
     busy = true;
     next = data;
     to_address = address_of(page) + (uint32_t)offset;
@@ -78,7 +82,8 @@ void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8
     write_word();
 }
 
-/* One word after the other; the data cache may hold the old content (3.5.2). */
+/* One word after the other. At the end the data cache is cleared, because it may contain the old
+ * content (3.5.2: this needs DCEN = 0), and switched on again. */
 void flash_handler(void) {
     const uint32_t flags = FLASH->sr;
     FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;
@@ -87,7 +92,6 @@ void flash_handler(void) {
         return;
     }
     FLASH->cr = FLASH_CR_LOCK;
-    FLASH->acr &= ~FLASH_ACR_DCEN;
     FLASH->acr |= FLASH_ACR_DCRST;
     FLASH->acr &= ~FLASH_ACR_DCRST;
     FLASH->acr |= FLASH_ACR_DCEN;

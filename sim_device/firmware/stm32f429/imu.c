@@ -190,8 +190,9 @@ void imu_millisecond(void) {
         I2C1->cr2 &= ~(I2C_CR2_ITERREN | I2C_CR2_ITEVTEN);
         given_up = true;
         began_us = now_us;
-    } else if (phase != REST || (given_up && now_us - began_us < RETRY_US)) {
-        /* in progress, or the bus is idle */
+    } else if (phase != REST || (I2C1->cr1 & I2C_CR1_STOP) != 0 ||
+               (given_up && now_us - began_us < RETRY_US)) {
+        /* In progress, or the bus is idle. 27.6.1: no write to CR1 before the last STOP was sent. */
     } else if (!identified || setting < SETTINGS) {
         given_up = false;
         begin(now_us, WRITING);
