@@ -6,8 +6,6 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pygments.lexers.special import TextLexer
-from sphinx.highlighting import lexers
 from sphinx.util.logging import getLogger
 
 if TYPE_CHECKING:
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
 project = "sweepctl"
 author = "the sweepctl authors"
 project_copyright = "the sweepctl authors, MIT license"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinxcontrib.mermaid"]
 source_suffix = {".md": "markdown"}
 root_doc = "index"
 exclude_patterns = ["_build"]
@@ -28,8 +26,8 @@ html_copy_source = False
 # Every reference must lead somewhere; with -W one that does not is an error.
 nitpicky = True
 
-# Diagrams are drawn by the forges; here their source is shown, which is readable too.
-lexers["mermaid"] = TextLexer()
+# The forges draw the same blocks; in the site the reader's browser draws them.
+myst_fence_as_directive = ["mermaid"]
 
 _MORE = re.compile(r"^% more.*$", re.MULTILINE)
 _BESIDE = re.compile(r"\[([^\]]+)\]\((\.\./[^)#]+\.md)(?:#[^)]*)?\)")

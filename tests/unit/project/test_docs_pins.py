@@ -1,0 +1,45 @@
+"""docs/images/pins-*.png: every pin of the firmware's boards, each once."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from tools.dev.pin_pictures import BOARDS, FIRMWARE, FIXED, ORDER, connectors, draw, wires
+
+PINS = re.compile(r"\bP[A-G]\d+\b")
+
+
+@pytest.mark.parametrize("board", BOARDS.values())
+def test_every_pin_of_the_headers_is_drawn_once(board: str) -> None:
+    connected = wires(board)
+    config = (FIRMWARE / board / "board_config.h").read_text("utf-8")
+    in_config = {f"P{port}{pin}" for port, pin in re.findall(r"PORT_([A-G]), (\d+)", config)}
+    pins = [wire.pin for wire in connected]
+    assert len(pins) == len(set(pins))
+    assert set(pins) == in_config | {wire.pin for wire in FIXED}
+    assert [part for part in ORDER if part in {wire.part for wire in connected}] == list(ORDER)
+
+
+def test_the_fixed_pins_are_those_of_the_shared_header() -> None:
+    header = (FIRMWARE / "stm32f429" / "f429.h").read_text("utf-8")
+    comment = header.partition("*/")[0]
+    assert {wire.pin for wire in FIXED} == set(PINS.findall(comment))
+
+
+def test_the_nucleo_has_a_connector_for_each_pin_but_those_of_its_serial_link() -> None:
+    board = "board_nucleo_f429zi"
+    names = connectors(board)
+    link = {wire.pin for wire in wires(board) if wire.part == "serial link"}
+    assert {wire.pin for wire in wires(board)} - set(names) == link
+    assert len(set(names.values())) == len(names)
+
+
+def test_a_picture_names_each_signal() -> None:
+    connected = wires("board_f429")
+    (axes,) = draw("a board", connected, {}).axes
+    texts = [text.get_text() for text in axes.texts]
+    for wire in connected:
+        assert wire.signal in texts
+        assert wire.pin in texts
