@@ -40,7 +40,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv check test nightly demo lint types imports fast unit statistics coverage covered bench firmware qemu campaign docs fmt lock clean soak mutants
+.PHONY: help venv check test nightly demo lint types imports fast unit statistics coverage covered bench firmware qemu campaign generated docs fmt lock clean soak mutants
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' \
@@ -131,6 +131,14 @@ soak: venv ## 500 runs with random faults, a simulated day, ten minutes of a ful
 
 mutants: venv ## change the safety code in every small way and see a test fail: an hour or more
 	@PYTHONPATH=tests nice $(BIN)/python -m mutation.run
+
+GENERATORS = api_reference command_help file_reference firmware_tables json_schemas run_columns
+generated: venv ## every generated file of the repository: codec, specification, tables, reference pages
+	@$(BIN)/python -m tools.sweepctl generate c --out sim_device/firmware/protocol --force
+	@$(BIN)/python -m tools.sweepctl generate md --out docs/protocol --force
+	@for name in $(GENERATORS); do $(BIN)/python -m tools.dev.$$name || exit; done
+	@$(BIN)/python -m tools.dev.pin_pictures --out docs/images
+	@PYTHONPATH=tests $(BIN)/python -m support.tools
 
 docs: venv ## the documentation as a site in build/docs; a broken link is an error
 	@$(BIN)/python -m tools.dev.command_help
