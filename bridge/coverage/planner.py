@@ -1,4 +1,4 @@
-"""The interface of coverage planners: legs out, results in, and events with reasons."""
+"""The interface of coverage planners. A planner returns legs, receives results and emits events."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ class Finish:
 
 @dataclass(frozen=True, slots=True)
 class PlannerEvent:
-    """A decision. ``kind`` is a fixed code of the planner, ``reason`` a sentence for people."""
+    """A decision.
+
+    ``kind`` is a fixed code of the planner, ``reason`` is a sentence for the user.
+    """
 
     kind: str
     reason: str
@@ -43,21 +46,21 @@ class PlannerState:
 
     state: str = "idle"
     turn_count: int = 0
-    """T."""
+    """Turn count T."""
     lane_distance_m: float = 0.0
-    """D."""
+    """Length D of the last lane, m."""
     previous_lane_distance_m: float = 0.0
-    """Prev-D."""
+    """Prev-D, the length of the lane before, m."""
     length_m: float = 0.0
-    """Length = W·T of the last case 3."""
+    """Length = W·T of the last case 3, m."""
     case: int = 0
-    """Case 1, 2 or 3 of the last lane; 0: none of them."""
+    """Case of the last lane: 1, 2 or 3; 0: no case."""
     target: tuple[float, float] | None = None
-    """Point that the robot drives to, m; None: no point."""
+    """Point to which the robot drives, m; None: no point."""
 
 
 class Planner(Protocol):
-    """Decides the next leg at the end of each leg, from observations only."""
+    """Chooses the next leg at the end of each leg, from observations only."""
 
     @property
     def state(self) -> PlannerState:
@@ -69,7 +72,7 @@ class Planner(Protocol):
         ...
 
     def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
-        """Return the leg that follows after ``result``."""
+        """Return the next leg. ``result`` is the result of the last leg."""
         ...
 
     def drain_events(self) -> list[PlannerEvent]:
@@ -79,7 +82,7 @@ class Planner(Protocol):
 
 @runtime_checkable
 class ObservingPlanner(Protocol):
-    """A planner that gets every observation, not only those at the ends of legs."""
+    """A planner that receives every observation, not only the observations at the ends of legs."""
 
     @property
     def speed_limit_m_s(self) -> float:
@@ -92,19 +95,19 @@ class ObservingPlanner(Protocol):
 
 
 class PlannerError(TypeError):
-    """An invalid planner or leg; the text names the error."""
+    """The planner or one of its legs is invalid. The text names the error."""
 
 
 ORIGINS: dict[type, str] = {}
-"""Origin of each planner class from outside the project, for messages."""
+"""Source of each planner class that is not part of the project, for error messages."""
 
 
 def check_planner(planner: object) -> None:
     """Check that an object has the methods and attributes of a planner.
 
     Raises:
-        PlannerError: it lacks a method or an attribute, or has only one of ``observe`` and
-            ``speed_limit_m_s``.
+        PlannerError: the object lacks a method or an attribute, or has only one of ``observe`` and
+        ``speed_limit_m_s``.
 
     """
     kind = type(planner).__name__
@@ -130,7 +133,7 @@ def check_leg(planner: object, leg: object) -> None:
     """Check that a planner returned a leg with finite fields of the right types.
 
     Raises:
-        PlannerError: the leg is invalid; the text names planner, leg and field.
+        PlannerError: the leg is invalid. The text names planner, leg and field.
 
     """
     name = type(planner).__name__
@@ -159,7 +162,7 @@ def _is_of(value: object, wanted: object) -> bool:
                 return False
             try:
                 return math.isfinite(float(value))
-            except OverflowError:  # an integer beyond every float
+            except OverflowError:  # an integer that is too large for a float
                 return False
 
 
@@ -169,30 +172,31 @@ _WANTED: dict[object, str] = {
     "float": "a finite number",
     "float | None": "a finite number or None",
 }
-"""Expected value by the annotation of a field, which is a text."""
+"""Text for the expected value of a field, by the field's annotation (a string)."""
 _METHODS = ("start", "next", "drain_events")
 """Methods that a :class:`Planner` must have, besides ``state``."""
 
 
 class Step(NamedTuple):
-    """Result of a leg that a script receives."""
+    """End of a leg, as a script receives it."""
 
     result: LegResult
     obs: Observation
 
 
 Script = Generator[Leg, Step, str]
-"""A plan as a coroutine: yields legs, is sent how they ended, returns why it finished."""
+"""A plan as a coroutine. It yields legs, receives the end of each leg, and returns the reason for
+its end."""
 
 
 class PlannerReports:
-    """Reports of a planner: its state, its decisions and the figures of its end."""
+    """Reports of a planner: its state, its decisions and the values of its last event."""
 
     def __init__(self) -> None:
         """Begin with the state ``idle`` and no decision."""
         self.state = PlannerState()
         self.end_figures: dict[str, Scalar] = {}
-        """Figures of the event ``finish``, in addition to its reason."""
+        """Values that the event ``finish`` contains in addition to its reason."""
         self._events: list[PlannerEvent] = []
 
     def change(self, **fields: Any) -> None:  # noqa: ANN401 - the fields of PlannerState
@@ -214,17 +218,20 @@ class PlannerReports:
 
 
 class ScriptedPlanner(ABC):
-    """A planner written as a coroutine, so that an algorithm reads like its pseudo-code."""
+    """A planner that is written as a coroutine.
+
+    Its code can follow the pseudo-code of an algorithm.
+    """
 
     def __init__(self, model: RobotModel) -> None:
-        """Plan for a robot; nothing begins before ``start``."""
+        """Create a planner for a robot. The plan begins when ``start`` is called."""
         self.model = model
         self.record = PlannerReports()
         self._script: Script | None = None
 
     @abstractmethod
     def script(self, obs: Observation) -> Script:
-        """Plan from the pose in ``obs``."""
+        """Return the plan from the pose in ``obs``."""
 
     @property
     def state(self) -> PlannerState:
@@ -238,7 +245,7 @@ class ScriptedPlanner(ABC):
         return self._resume(self._script, None)
 
     def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
-        """Return the leg after ``result``; ``Finish`` if the plan was never started."""
+        """Return the leg after ``result``. Return ``Finish`` if the plan was never started."""
         if self._script is None:
             return Finish("not started")
         return self._resume(self._script, Step(result, obs))

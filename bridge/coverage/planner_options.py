@@ -16,7 +16,7 @@ _BOOLEANS = {"true": True, "false": False}
 
 @dataclass(frozen=True, slots=True)
 class NoOptions:
-    """Options of a planner without any."""
+    """Options of a planner that has no options."""
 
 
 class PlannerOptionError(ValueError):
@@ -24,19 +24,19 @@ class PlannerOptionError(ValueError):
 
 
 def option_names(kind: type[Any]) -> list[str]:
-    """Return the names of the options that a text can set: numbers, words, yes or no."""
+    """Return the names of the options that a text can set: numbers, words, and yes or no."""
     return [field.name for field in fields(kind) if _expected(_hint(kind, field.name))]
 
 
 def parse_options(kind: type[Options], texts: Iterable[str]) -> Options:
-    """Return options with the named values, and defaults for the others.
+    """Return options with the given values, and defaults for all other options.
 
     Args:
         kind: a dataclass whose fields all have defaults.
         texts: ``name=value`` each; lengths in m, times in s, angles in rad.
 
     Raises:
-        PlannerOptionError: an unknown option or an invalid value, which the text names.
+        PlannerOptionError: an option is unknown or a value is invalid. The text names it.
 
     """
     names, values = option_names(kind), {}
@@ -60,7 +60,7 @@ def _hint(kind: type[Any], name: str) -> Any:  # noqa: ANN401 - any form of a ty
 
 
 def _expected(hint: Any) -> str:  # noqa: ANN401 - as above
-    """Describe the valid values; empty if no text can express them."""
+    """Describe the valid values. Return an empty text if no text can set the option."""
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(get_args(hint))
     return {

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 256 * 1024
 """Maximum size of a chunk's content, bytes."""
 CHUNK_NS = 250_000_000
-"""Maximum time span of a chunk, ns. A kill may lose 0.5 s: this span, and the recorder's idle time
-of the same length."""
+"""Maximum time span of a chunk, ns. A killed process loses at most the last 0.5 s of records: the
+open chunk, which the recorder writes 0.2 s after its last record."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _FIXED = _MESSAGE.size - RECORD_HEAD
@@ -38,18 +38,18 @@ class OpenChunk:
         """Create an empty chunk without rows."""
         self._zstd = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         self._parts: list[tuple[int, bytes]] = []
-        """Place and bytes of all content that is not a row."""
+        """Offset and bytes of all content except rows."""
         self._entries: list[array[int]] = []
-        """Log time and place of each single message, by channel."""
+        """Log time and offset of each single message, by channel."""
         self._rows: list[Rows] = []
         self.size = 0
-        """Size of the content so far with the reserved rows, bytes: the place of the next
-        message."""
+        """Size of the content with the reserved rows, bytes. The next message starts at this
+        offset."""
         self.earliest_ns = self.deadline_ns = 0
         """Range of log times of this chunk's messages, ns."""
 
     def declare(self, record: bytes) -> None:
-        """Add a record other than a message."""
+        """Add a record that is not a message."""
         self._parts.append((self.size, record))
         self.size += len(record)
 
@@ -82,7 +82,7 @@ class OpenChunk:
         self.size = place + RECORD_HEAD + size
 
     def close(self) -> Chunk | None:
-        """Return the packed chunk and start a new one; None: no message."""
+        """Return the packed chunk and start a new one. Return None if there is no message."""
         if not any(self._entries) and not any(rows.ints for rows in self._rows):
             return None
         indexes: dict[int, list[bytes]] = {}
@@ -120,6 +120,6 @@ class OpenChunk:
 
 
 def _in_order(entries: bytes) -> bytes:
-    """Sort the index of a channel with several forms by time, then by place."""
+    """Sort the index of a channel with several forms by time, then by offset."""
     rows = np.frombuffer(entries, dtype=np.int64).reshape(-1, 2)
     return rows[np.lexsort((rows[:, 1], rows[:, 0]))].tobytes()

@@ -1,7 +1,7 @@
 """MCAP file that closes chunks by log time and by size.
 
-:class:`Rows` packs messages of a fixed form that occur together, with their headers, at once for
-each chunk, which is faster than single messages.
+:class:`Rows` stores messages of a fixed form and packs all of them when a chunk closes. This is
+faster than packing each message when it arrives.
 """
 
 from __future__ import annotations
@@ -32,10 +32,13 @@ class LogOpener(Protocol):
 
 
 class ChunkTap(Protocol):
-    """Receives the records of a log as they are written, in the writer's thread; never waits."""
+    """Receives the records of a log when they are written.
+
+    The methods run in the writer's thread and must not block.
+    """
 
     def begin(self) -> None:
-        """A file begins: ids of schemas and channels count from 1 again."""
+        """Start a new file. Ids of schemas and channels count from 1 again."""
 
     def take(self, declarations: bytes, chunk: bytes, messages: int) -> None:
         """Take a chunk.
@@ -64,7 +67,7 @@ class ChunkedFile:
         opener: LogOpener = open_log_file,
         tap: ChunkTap | None = None,
     ) -> None:
-        """Create the file; ``tap`` also gets its chunks.
+        """Create the file. ``tap`` receives a copy of its chunks.
 
         Raises:
             LogExistsError: the file exists, and ``force`` is False.
@@ -172,7 +175,7 @@ class ChunkedFile:
         """Close the open chunk and write it.
 
         Raises:
-            LogWriteError: it could not be written, now or earlier.
+            LogWriteError: this write or an earlier write failed.
 
         """
         if self.out.failure is not None:
@@ -190,7 +193,7 @@ class ChunkedFile:
         """Close the last chunk, write the summary and close the file. It may be called again.
 
         Raises:
-            LogWriteError: the end could not be written; the chunks before it are complete.
+            LogWriteError: the end could not be written. The chunks before the end are complete.
 
         """
         if self.closed:
@@ -202,7 +205,7 @@ class ChunkedFile:
             if not failed_before:
                 self.flush()
         except LogWriteError:
-            # The space of the discarded chunk may be enough for the summary.
+            # The failed chunk is discarded. Its disk space may be enough for the summary.
             out.failure = None
             out.end()
             raise

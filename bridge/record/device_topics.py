@@ -1,4 +1,4 @@
-"""Topics of a device message: the own topic and those of its ROS counterparts."""
+"""Topics of a device message: its own topic, and the topics of equivalent ROS messages."""
 
 from __future__ import annotations
 
@@ -18,35 +18,36 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 _LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(1, 8)
-"""Columns of a row after its place; the message's own fields follow."""
+"""Columns of a row after its offset. The message's own fields start at ``_RAW``."""
 
 
 class _Age(NamedTuple):
-    """A field with the age of a sample at the message's stamp."""
+    """A field that contains the age of a sample when the message was stamped."""
 
     place: int
-    """Index in the record."""
+    """Index of the field in the record."""
     step_ns: int
-    """Nanoseconds of one step."""
+    """Resolution of the field, ns."""
     none: int | None
-    """Value without an age."""
+    """Raw value that means that no age is known."""
 
 
 class _Form(NamedTuple):
-    """Messages with the same set of present values."""
+    """Rows for messages in which the same values are present."""
 
     rows: Rows
     ros_values: Callable[[DeviceMessage], tuple[float, ...]] | None
     ages: tuple[_Age, ...]
-    """Ages of ROS topics; each has a column with its sampling time after the record's own."""
+    """Ages for ROS topics. Each age adds a column with the sampling time after the record's
+    columns."""
 
 
 class DeviceTopics:
     """Writes the messages of one type.
 
-    A value may be absent: a sentinel, a field that an older device lacks, or the bound without a
-    clock mapping. The set of present values is the form of a message. There are few forms, and each
-    has its own rows.
+    A value may be absent: a sentinel, a field that an older device does not have, or the clock's
+    error bound without a clock mapping. The form of a message is the set of its present values.
+    There are few forms, and each form has its own rows.
     """
 
     def __init__(
@@ -58,9 +59,9 @@ class DeviceTopics:
         *,
         has_si: bool = True,
     ) -> None:
-        """Declare the device's own channel; ROS channels follow with the first message.
+        """Declare the device's own channel. ROS channels are declared at the first message.
 
-        Without ``has_si`` the value of the raw numbers is not known yet; see :meth:`rescale`.
+        Without ``has_si`` the scale of the raw values is not known yet; see :meth:`rescale`.
         """
         self._file, self._chunk = file, file.chunk
         self._spec = spec
@@ -76,7 +77,7 @@ class DeviceTopics:
         self._forms: dict[tuple[bool, ...], _Form] = {}
 
     def rescale(self, spec: MessageSpec) -> None:
-        """Use the scales of this declaration from now on."""
+        """Use the scales in ``spec`` from now on."""
         self._spec, self._encoder = spec, DeviceEncoder(spec)
         self._whole, self._forms = None, {}
 
@@ -102,7 +103,7 @@ class DeviceTopics:
             form = self._whole or self._form(None)
         rows, ros_values, ages = form
         chunk = self._chunk
-        # Inlined begin_row, because 40 % of all records pass here.
+        # begin_row is inlined here, because 40 % of all records pass here.
         if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
             self._file.next_chunk(log_ns)
         rows.ints.append(chunk.size)
@@ -124,7 +125,7 @@ class DeviceTopics:
         return self._forms.get(shown) or self._form(shown)
 
     def _form(self, shown: tuple[bool, ...] | None) -> _Form:
-        """Create the form with these values present, publish time first; None: all present."""
+        """Create the form with these values, publish time first, present; None: all present."""
         encoder, layout, ros = self._encoder, self._layout, self._ros
         present = [i for i in range(len(layout.fields)) if shown is None or shown[1 + i]]
         published = shown is None or shown[0]
@@ -133,7 +134,8 @@ class DeviceTopics:
         messages = [
             RowMessage(self._channel, head, layout.parts(present), [sources[i] for i in present])
         ]
-        # In a layout the message's own fields start at the third place, as in the wire format.
+        # In the layout and in the wire format, the message's own fields start at the third
+        # position.
         if shown is not None and ros is not None and not all(shown[4 : 4 + ros.needs]):
             ros = None
         if not encoder.has_si:

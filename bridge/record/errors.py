@@ -28,12 +28,12 @@ class LogWriteError(LogError):
 
     @classmethod
     def of(cls, path: Path, error: OSError) -> Self:
-        """Create the error from a system error, with its remedy if known."""
+        """Create the error from a system error. The text names a remedy if one is known."""
         return cls(path, cause(path, error))
 
 
 class LogGoneError(LogWriteError):
-    """The log's file was deleted or replaced during the recording, so there is no log."""
+    """The log's file was deleted or replaced during the recording, so the log is lost."""
 
 
 class LogReadError(LogError):

@@ -25,8 +25,8 @@ def part_name(first: Path, number: int) -> Path:
 def parts_of(path: Path) -> list[Path]:
     """Return the files of the run that starts with ``path``, in order.
 
-    A file that is not a run's first one is returned alone. The list ends before a file with a
-    matching name that belongs to another run.
+    If ``path`` is not the first file of a run, the list has only this file. A file whose name
+    matches but which belongs to another run ends the list.
 
     Raises:
         LogReadError: the file is missing, cannot be read, or is not an MCAP file.
@@ -39,7 +39,7 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def part_after(first: Path, number: int) -> Path | None:
-    """Return the file that continues a run after its n-th file; None if there is none yet.
+    """Return the file that continues a run after its n-th file, or None if no such file exists.
 
     Raises:
         LogReadError: the first file is missing, cannot be read, or is not an MCAP file.
@@ -49,7 +49,7 @@ def part_after(first: Path, number: int) -> Path | None:
 
 
 def stray_part(first: Path) -> Path | None:
-    """Return an existing file whose name a later part of this run would need; None: none."""
+    """Return an existing file that has the name of a later part of this run; None: no such file."""
     pattern = f"{glob.escape(first.stem)}-[0-9][0-9][0-9][0-9]{glob.escape(first.suffix)}"
     return min(first.parent.glob(pattern), default=None)
 
@@ -68,7 +68,7 @@ def _part_after(first: Path, run: dict[str, str], number: int) -> Path | None:
 
 
 def _run(path: Path) -> dict[str, str]:
-    """Return the run's metadata, which precede all messages."""
+    """Return the run's metadata, which are stored before all messages."""
     with opened(path) as data:
         for found in records(data):
             if isinstance(found, DamagedBytes) or found.opcode in {Opcode.CHUNK, Opcode.DATA_END}:

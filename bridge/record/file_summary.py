@@ -62,7 +62,7 @@ class FileSummary:
 
 
 def read_file_summary(data: Bytes, begin: int, end: int) -> FileSummary:
-    """Read the summary of the file between the offsets; damage shortens it."""
+    """Read the summary of the file between two offsets. Damage ends the summary early."""
     summary = FileSummary()
     footer = end - len(MAGIC) - FOOTER.size
     if footer <= begin or data[end - len(MAGIC) : end] != MAGIC:
@@ -85,7 +85,7 @@ def read_file_summary(data: Bytes, begin: int, end: int) -> FileSummary:
 def is_summary_of(data: Bytes, begin: int, end: int) -> bool:
     """Return True if the footer before ``end`` belongs to the file at ``begin``.
 
-    It reads the footer and the record before the summary only, in constant time.
+    The function reads only the footer and the record before the summary, in constant time.
     """
     footer = end - len(MAGIC) - FOOTER.size
     if footer <= begin:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 _NANOSECONDS = 1e9
 _MIN_COUNT, _MIN_SPAN_NS = 3, 1_000_000_000
-"""Minimum number of messages and minimum time span for a rate; for a short log half its
-duration."""
+"""Minimum number of messages and minimum time span for a rate. In a short log, half of the log's
+duration is enough."""
 _RAW = {"/raw/uart/rx": "received_bytes", "/raw/uart/tx": "sent_bytes"}
 
 
@@ -48,25 +48,25 @@ class RunDescription:
     path: Path
     file_bytes: int
     whole: bool
-    """False: the end is missing, and the part before it was read."""
+    """False: the end of the log is missing, and the statistics are of the part that exists."""
     problems: list[str]
-    """Damage that was skipped."""
+    """Damage that was skipped, one line each."""
     metadata: dict[str, str]
     """Metadata of the run: version, port, planner, seed and others."""
     attachments: dict[str, int]
     """Size of each attachment, bytes."""
     summary: dict[str, Any] | None
-    """Summary of the run; None: the run has no end."""
+    """Summary of the run; None: the log ends before the summary."""
     start_ns: int = 0
     """Unix time of the first message, ns; 0: no message."""
     end_ns: int = 0
     topics: list[TopicDescription] = field(default_factory=list)
     wire: dict[str, Any] = field(default_factory=dict)
-    """Link statistics of the summary, or those counted in the log."""
+    """Link statistics from the summary; without a summary, counted from the messages."""
     parts: list[Path] = field(default_factory=list)
-    """Files of the run if there are several."""
+    """Files of the run, if it has several."""
     format: str = "mcap"
-    """``candump`` or ``raw`` for a capture; its topics are the decoded ones."""
+    """``mcap``, or ``candump`` or ``raw`` for a capture, whose topics are the decoded messages."""
 
     @property
     def duration_s(self) -> float:
@@ -164,7 +164,7 @@ def describe(path: Path) -> RunDescription:
 
 
 def _raw_name(message: LogMessage) -> str | None:
-    """Return the statistic that a raw message belongs to; None for other topics."""
+    """Return the name of the statistic that a raw message counts for; None for other topics."""
     topic = message.channel.topic
     if topic != RAW_CAN:
         return _RAW.get(topic)
@@ -184,7 +184,7 @@ def _payload(message: LogMessage) -> int:
 def _counted_wire(
     topics: dict[str, TopicDescription], wire_bytes: dict[str, int]
 ) -> dict[str, Any]:
-    """Count link statistics from the messages; losses and errors are unknown, so None."""
+    """Count link statistics from the messages. Losses and errors are unknown (None)."""
     device = [t.count for name, t in topics.items() if name.startswith("/device/")]
     return {
         "frames": sum(device) if device else None,

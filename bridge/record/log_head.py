@@ -1,7 +1,7 @@
 """Metadata and small attachments of a log, without its messages.
 
-A complete file is read through the index at its end, in constant time. An incomplete one has no
-index, so its records are read one by one.
+In a complete file, the index at the end gives their offsets, so reading takes constant time. An
+incomplete file has no index, so its records are read one by one.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from bridge.record.scan import Bytes
 
 _MAX_ATTACHMENT_BYTES = 4 << 20
-"""Size of the largest attachment that is read, bytes. A run's summary and robot file have some
-kilobytes, and a room file at most a few hundred."""
+"""Maximum size of an attachment that is read, bytes. A run's summary and robot file have some
+kilobytes, and a room file has at most a few hundred kilobytes."""
 _INDEXES = {
     int(Opcode.ATTACHMENT_INDEX): int(Opcode.ATTACHMENT),
     int(Opcode.METADATA_INDEX): int(Opcode.METADATA),
 }
-"""Kind of the record that an index record points to."""
+"""Kind of the record to which an index record points."""
 _PLACE = struct.Struct("<QQ")
 _NAME_AT = 20
-"""Offset of the name in an attachment: two times and the length of the name are before it."""
+"""Offset of the name in an attachment, bytes. Two times and the length of the name precede it."""
 
 
 @dataclass(slots=True)
@@ -58,7 +58,7 @@ class LogHead:
 
     @property
     def summary(self) -> dict[str, Any] | None:
-        """Summary of the run; None: the run has no end."""
+        """Summary of the run; None: the log ends before the summary."""
         data = self.attachments.get(SUMMARY_ATTACHMENT)
         return None if data is None else read_summary(data)
 
@@ -94,7 +94,8 @@ def _indexed(data: Bytes) -> list[Found] | None:
         if opcode == 0 or position > footer:
             return None
         if opcode in _INDEXES:
-            # Both index records begin with the offset and the length of the whole record.
+            # Both kinds of index records begin with the offset and the length of the record they
+            # point to.
             offset, whole = _PLACE.unpack_from(data, start)
             if offset + whole > size or data[offset] != _INDEXES[opcode]:
                 return None
@@ -112,7 +113,7 @@ def _scanned(data: Bytes, head: LogHead) -> Iterator[Found]:
 
 
 def _is_catalogue(data: Bytes, start: int) -> bool:
-    """Return whether an attachment is the catalogue, by far the largest of a log."""
+    """Return True if an attachment is the catalogue, which is by far the largest attachment."""
     name = start + _NAME_AT
     return data[name : name + len(CATALOGUE_ATTACHMENT)] == CATALOGUE_ATTACHMENT.encode()
 

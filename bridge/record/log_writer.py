@@ -57,13 +57,13 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 _LOGGED = Head(1, 1)
-"""Log and publish time are both the integer after a row's place."""
+"""Header of a host message: log time and publish time are the integer after the row's offset."""
 _PLANAR = (proto_stamp(1), real(0), real(1), *half_angle(2))
-"""A pose with x, y and yaw from a row's first floats."""
+"""Sources of a pose: x, y and yaw are the first floats of a row."""
 
 
 class RunWriter:
-    """Writes a run while it happens. After a kill all but the last chunk is readable.
+    """Writes a run while it happens. If the process is killed, all but the last chunk is readable.
 
     Not thread-safe. After a failed write, :meth:`write` raises :class:`LogWriteError` for every
     record.
@@ -78,7 +78,9 @@ class RunWriter:
         opener: LogOpener = open_log_file,
         tap: ChunkTap | None = None,
     ) -> None:
-        """Create the file and write its attachments and metadata; ``tap`` also gets its chunks.
+        """Create the file and write its attachments and metadata.
+
+        ``tap`` receives a copy of its chunks.
 
         Raises:
             LogExistsError: the file exists, and ``force`` is False.
@@ -133,7 +135,7 @@ class RunWriter:
         """Write one record to its topics.
 
         Raises:
-            LogWriteError: the file cannot be written, now or since an earlier record.
+            LogWriteError: this write or an earlier write failed.
 
         """
         if self._file.out.failure is not None:
@@ -163,10 +165,10 @@ class RunWriter:
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
         """Attach the summary and complete the file. It may be called again.
 
-        After a failed write it does what is still possible, without another error.
+        After a failed write it completes what is still possible and does not raise another error.
 
         Raises:
-            LogWriteError: the end could not be written; the content before it is readable.
+            LogWriteError: the end could not be written. The content before the end is readable.
 
         """
         if self._file.closed:
@@ -219,9 +221,9 @@ class RunWriter:
         self._add_flat("/raw/can", schemas.RAW_CAN, record.log_ns, data)
 
     def _device_message(self, record: DeviceMessage) -> None:
-        """Handle the first message of a type; later ones go directly to its topics.
+        """Handle the first message of a type. Later messages go directly to the type's topics.
 
-        The scale of the IMU is the exception: each message of it passes here.
+        Messages with the scale of the IMU are an exception: all of them pass here.
         """
         cls = type(record.message)
         if cls is ImuInfo:
@@ -241,7 +243,7 @@ class RunWriter:
         return DeviceTopics(self._file, spec, ros, self._ros_topic, has_si=known)
 
     def _note_imu(self, info: ImuInfo) -> None:
-        """Give the SI values of IMU samples by the scale that the device states."""
+        """Compute the SI values of IMU samples with the scale that the device reports."""
         scale = ImuScale.of(info)
         if scale is None or scale == self._imu_scale:
             return

@@ -1,4 +1,4 @@
-"""Copy of an MCAP file: chunks are copied, the summary is new."""
+"""Writer of a copy of an MCAP file: chunks are copied unchanged, but the summary is new."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LAST_ID = (1 << 16) - 1
 
 
 class Places:
-    """Offsets of a chunk's messages, by channel."""
+    """Log times and offsets of a chunk's messages, by channel."""
 
     def __init__(self) -> None:
         self.by_channel: dict[int, list[int]] = {}
@@ -42,10 +42,10 @@ class Places:
 
 
 class McapCopy:
-    """Writes whole records, and a summary of them at the end.
+    """Writes whole records, and at the end a summary of them.
 
-    It assigns its own ids to schemas and channels. Equal declarations get one id: the original one
-    if it is free.
+    The copy has its own ids of schemas and channels. Equal declarations get one id. This is the id
+    in the source file if it is free.
     """
 
     def __init__(self, path: Path, *, force: bool = False) -> None:
@@ -98,7 +98,7 @@ class McapCopy:
         """Declare a schema; return its id in this file.
 
         Raises:
-            ValueError: no free id, or the schemas are too large.
+            ValueError: no id is free, or the schemas are too large.
 
         """
         key = _key(schema)
@@ -118,7 +118,7 @@ class McapCopy:
         """Declare a channel with a schema of this file; return its id in this file.
 
         Raises:
-            ValueError: no free id.
+            ValueError: no id is free.
 
         """
         topic, encoding, notes = channel.topic, channel.message_encoding, channel.metadata
@@ -140,7 +140,7 @@ class McapCopy:
     # ---- content
 
     def record(self, opcode: int, content: bytes) -> None:
-        """Write another record unchanged."""
+        """Write a record that needs no special handling, unchanged."""
         self._flush_loose()
         self._out.add_record(HEAD.pack(opcode, len(content)) + content)
 
@@ -152,7 +152,7 @@ class McapCopy:
         self._chunk(compression, packed, content, places)
 
     def message(self, content: bytes, channel_id: int, log_ns: int) -> None:
-        """Write a message from outside a chunk into a chunk."""
+        """Write a message into a chunk. In the source file, the message was outside a chunk."""
         self._loose_places.add(channel_id, log_ns, len(self._loose))
         self._loose += HEAD.pack(Opcode.MESSAGE, len(content)) + content
         if len(self._loose) >= _LOOSE_BYTES:
@@ -162,7 +162,7 @@ class McapCopy:
         """Write the summary and the end.
 
         Raises:
-            LogWriteError: it could not be written.
+            LogWriteError: the summary could not be written.
 
         """
         self._flush_loose()
@@ -200,13 +200,13 @@ class McapCopy:
 
 
 def _key(record: Schema | Channel) -> bytes:
-    """Return the identity of a declaration: its bytes without the id."""
+    """Return the bytes of a declaration without its id. Equal bytes mean equal declarations."""
     data = bytes_of(record)
     return data[: HEAD.size] + data[HEAD.size + 2 :]
 
 
 def _free(used: dict[int, Any], wanted: int) -> int:
-    """Return a free id, ``wanted`` if possible. 0 is not an id.
+    """Return a free id: ``wanted`` if it is free. The id 0 is not allowed.
 
     Raises:
         ValueError: all ids are used.

@@ -1,8 +1,8 @@
 """Writer of an MCAP file: whole records, and the summary at the end.
 
-The records are the mcap library's. Its writer is not used, for two reasons. It takes 10.9 µs per
-message, this one 1.8 µs (measured). It closes chunks by size only, so that a kill loses up to a
-mebibyte.
+The classes of the records come from the mcap library. The library's writer is not used, for two
+reasons. It takes 10.9 µs per message; this writer takes 1.8 µs (measured). It closes chunks by size
+only, so a killed process may lose up to one mebibyte.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from typing import IO
 
 MAGIC = b"\x89MCAP0\r\n"
-"""First and last bytes of an MCAP file."""
+"""First and last bytes of an MCAP file (its magic number)."""
 ZSTD_LEVEL = 1
-"""Compression level. Level 3 saves 20 % of the size for 20 % more time."""
+"""Compression level of zstd. Level 3 saves 20 % of the size and takes 20 % more time."""
 _INDEX = struct.Struct("<BQHI")
 
 
@@ -84,7 +84,10 @@ def _chunk_head(chunk: Chunk) -> bytes:
 
 
 class _Packed:
-    """Compressed records for the end of the file. One hour has 14 400 chunks to index."""
+    """Compressed records for the end of the file.
+
+    One hour of recording has 14 400 chunks to index.
+    """
 
     _BLOCK_BYTES = 128 * 1024
 
@@ -119,9 +122,9 @@ class McapFile:
     def __init__(self, path: Path, file: IO[bytes]) -> None:
         self.path = path
         self.offset = 0
-        """Number of bytes written, all in whole records."""
+        """Number of bytes written. These are always whole records."""
         self.crc = 0
-        """CRC of these bytes."""
+        """CRC of the written bytes."""
         self.failure: LogWriteError | None = None
         self.schemas: dict[int, Schema] = {}
         """Schemas by id, for the summary."""
@@ -140,10 +143,10 @@ class McapFile:
         return self._chunks.count
 
     def write(self, data: bytes) -> None:
-        """Append whole records; on failure truncate the file to the records before them.
+        """Append whole records. On failure, truncate the file to the records before them.
 
         Raises:
-            LogWriteError: they could not be written, or an earlier write failed.
+            LogWriteError: the records could not be written, or an earlier write failed.
 
         """
         if self.failure is not None:
@@ -161,10 +164,10 @@ class McapFile:
         self.crc = zlib.crc32(data, self.crc)
 
     def add_record(self, record: bytes) -> None:
-        """Append a record other than a chunk; attachments and metadata are indexed.
+        """Append a record that is not a chunk. Attachments and metadata are indexed.
 
         Raises:
-            LogWriteError: it could not be written.
+            LogWriteError: the record could not be written.
 
         """
         offset = self.offset
@@ -179,7 +182,7 @@ class McapFile:
         """Append a chunk and the index of its messages.
 
         Raises:
-            LogWriteError: it could not be written.
+            LogWriteError: the chunk could not be written.
 
         """
         head = _chunk_head(chunk)
@@ -212,10 +215,10 @@ class McapFile:
             self._span_ns = min(first, chunk.first_ns), max(last, chunk.last_ns)
 
     def end(self, data_crc: int = 0) -> None:
-        """Write the summary and the footer; ``data_crc`` 0: no CRC of the data.
+        """Write the summary and the footer. With ``data_crc`` 0, the data have no CRC.
 
         Raises:
-            LogWriteError: they could not be written.
+            LogWriteError: the summary or the footer could not be written.
 
         """
         data_end = bytes_of(DataEnd(data_crc))
@@ -237,7 +240,7 @@ class McapFile:
                 offsets += bytes_of(SummaryOffset(int(opcode), begin, length))
         offsets_start = start + len(summary)
         body = bytes(summary + offsets)
-        # The CRC covers the summary and the footer up to the CRC itself.
+        # The CRC covers the summary, and the footer up to the field of the CRC.
         footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
         crc = zlib.crc32(footer_head, zlib.crc32(body))
         self.write(data_end + body + bytes_of(Footer(start, offsets_start, crc)) + MAGIC)

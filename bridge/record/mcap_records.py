@@ -1,4 +1,4 @@
-"""Records of an MCAP file, for code that handles single records."""
+"""Parsing of single records of an MCAP file."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Declared:
         """Size of all schemas, bytes."""
 
     def preload(self, summary: Declared) -> None:
-        """Use a summary's declarations until the data declare them."""
+        """Use the declarations of a summary for ids that the data have not declared yet."""
         self.schemas, self.schema_bytes = summary.schemas.copy(), summary.schema_bytes
         self.channels = summary.channels.copy()
         self._preloaded = set(self.channels)

@@ -11,20 +11,20 @@ if TYPE_CHECKING:
 METADATA = "sweepctl"
 """Name of the metadata of the run."""
 DEVICE_METADATA = "device"
-"""Name of the metadata of each session's device: boot id, uid, firmware."""
+"""Name of the metadata record with the device of a session: boot id, uid, firmware."""
 ROBOT_ATTACHMENT, ROOM_ATTACHMENT = "robot.toml", "room.json"
 VIRTUAL_PORT, EMULATED_PORT = "virtual", "emulated"
-"""Ports in the metadata of logs in virtual time, and of an emulator's truth log."""
+"""Port names in metadata: of a log in virtual time, and of the truth log of an emulator."""
 CATALOGUE_ATTACHMENT, SUMMARY_ATTACHMENT = "catalogue.json", "summary.json"
 
 
 def readable_name(name: str) -> str:
-    """Return a file name as valid text; bytes that are not UTF-8 are replaced."""
+    """Return a file name as valid text. Bytes that are not UTF-8 are replaced."""
     return os.fsencode(name).decode("utf-8", "replace")
 
 
 def is_utf8(path: Path) -> bool:
-    """Return True if the path is UTF-8, which some libraries require."""
+    """Return True if the path is UTF-8. Some libraries cannot open other paths."""
     try:
         str(path).encode()
     except UnicodeEncodeError:

@@ -24,11 +24,11 @@ class RecordOptions:
     """Options of a recording."""
 
     fsync: bool = False
-    """Sync every chunk to the disk. A power loss then loses 0.5 s at most."""
+    """Sync every chunk to the disk. A power loss then loses at most 0.5 s."""
     rotate_bytes: int | None = None
     rotate_s: float | None = None
     stop_on_error: bool = True
-    """End the run when its log cannot be written; otherwise continue without a log."""
+    """End the run if its log cannot be written. If False, the run continues without a log."""
 
 
 def open_log(
@@ -39,7 +39,7 @@ def open_log(
     force: bool = False,
     tap: ChunkTap | None = None,
 ) -> RunWriter | RotatingWriter:
-    """Create a run's log; ``tap`` also gets the chunks of every file.
+    """Create a run's log. ``tap`` receives a copy of the chunks of every file.
 
     Raises:
         OutputExistsError: the file exists, and ``force`` is False.

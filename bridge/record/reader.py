@@ -1,7 +1,7 @@
-"""Reader of logs: own ones, those of other programs, and incomplete ones.
+"""Reader of logs: sweepctl's logs, logs of other programs, and incomplete logs.
 
-It reads a file from start to end. A file without a summary, because its writer was killed, is read
-like any other up to its last whole chunk.
+It reads a file from start to end. If the writer was killed, the file has no summary. Such a file is
+read like any other file, up to its last whole chunk.
 """
 
 from __future__ import annotations
@@ -50,25 +50,25 @@ _MESSAGE = struct.Struct("<HIQQ")
 _log_ns = attrgetter("log_ns")
 
 _LARGE_BYTES = 16 << 20
-"""Size of a chunk's content above which its messages are created one by one, bytes. All together
-need up to nine times the content's memory."""
+"""Size of a chunk's content above which its messages are created one by one, bytes. All messages of
+a chunk together need up to nine times the memory of its content."""
 _MAX_HELD_BYTES = 64 << 20
-"""Maximum size of an attachment that is read, bytes. Own attachments have a few kilobytes."""
+"""Maximum size of an attachment that is read, bytes. Sweepctl's attachments have some kilobytes."""
 _HEAD_BYTES = 4096
-"""Number of bytes that are read from a larger attachment, for its name."""
+"""Number of bytes that are read from a larger attachment, to get its name."""
 _MAX_DECODED_BYTES = 32 << 20
-"""Maximum size of a message that is decoded, bytes. A decoded message needs up to fifty times the
-memory."""
+"""Maximum size of a message that is decoded, bytes. A decoded message needs up to fifty times as
+much memory."""
 
 
 MISREAD = (
     *(ValueError, AttributeError, TypeError, KeyError, IndexError),
     *(ArithmeticError, RecursionError),
 )
-"""Exceptions that access to a decoded message may raise. Another program's topic with the same name
-may have other fields, types or values."""
+"""Exceptions that access to a decoded message may raise. In a log of another program, a topic with
+a known name may have other fields, types or values."""
 LATEST_NS = (1 << 63) - 1
-"""Last Unix time that date libraries and viewers support, ns: in the year 2262."""
+"""Maximum Unix time that date libraries and viewers support, ns: in the year 2262."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,9 @@ class LogChannel:
 
     @cached_property
     def decode(self) -> Callable[[bytes], Any] | None:
-        """Decoder to a protobuf message or a ROS object; None: unknown encoding.
+        """Function that decodes to a protobuf message or a ROS object; None: unknown encoding.
 
-        It is created for the first message, because a file may declare 65 535 channels.
+        It is created at the first message, because a file may declare 65 535 channels.
         """
         for factory in (ProtobufDecoderFactory(), RosDecoderFactory()):
             # The library prints errors to stderr.
@@ -111,10 +111,10 @@ class LogMessage(NamedTuple):
 
     @property
     def decoded(self) -> Any:  # noqa: ANN401 - the type depends on the file's schema
-        """The message decoded with the file's schema: attributes by field name.
+        """The decoded message, with an attribute for each field of the file's schema.
 
         Raises:
-            ValueError: no usable schema, a message that is too large, or damaged data.
+            ValueError: the schema is not usable, the message is too large, or its data are damaged.
 
         """
         decode = self.channel.decode
@@ -129,10 +129,10 @@ class LogMessage(NamedTuple):
 
 
 class LogReader:
-    """One MCAP file, or a run of several files that starts with it.
+    """One MCAP file, or a run of several files that starts with this file.
 
-    Each call reads the file again; only small data are kept. ``truncated`` is known after the
-    constructor, ``problems`` is complete after all messages were read.
+    Each call of ``messages`` reads the file again; only small data stay in memory. ``truncated`` is
+    valid after the constructor. ``problems`` is complete after all messages were read.
     """
 
     def __init__(self, path: Path, *, alone: bool = False) -> None:
@@ -140,7 +140,7 @@ class LogReader:
 
         Args:
             path: Path of the file.
-            alone: Read only this file of a run with several files.
+            alone: Read only this file, even if the run has several files.
 
         Raises:
             LogReadError: the file is missing, cannot be read, or is not an MCAP file.
@@ -155,13 +155,14 @@ class LogReader:
         """Size of each attachment, bytes."""
         self.metadata: dict[str, dict[str, str]] = {}
         self.truncated = False
-        """The end of a file is missing: its writer was killed, or the disk was full."""
+        """True if the end of a file is missing: its writer was killed, or the disk was full."""
         self.problems: list[str] = []
         """Damage that was skipped, one line each."""
         self.bytes = 0
         self._head_problems: list[str] = []
         self._declared: list[Declared] = []
-        """Declarations in each file's summary, used if those in the data are damaged."""
+        """Declarations in the summary of each file, used if the declarations in the data are
+        damaged."""
         for part in self.parts:
             self._declared.append(Declared())
             self.truncated |= not self._read_head(part, self._declared[-1])
@@ -235,12 +236,12 @@ class LogReader:
 
     @property
     def summary(self) -> dict[str, Any] | None:
-        """Summary of the run; None: the run has no end."""
+        """Summary of the run; None: the log ends before the summary."""
         data = self.attachments.get(SUMMARY_ATTACHMENT)
         return None if data is None else read_summary(data)
 
     def messages(self, topics: Container[str] | None = None) -> Iterator[LogMessage]:
-        """Yield the messages of ``topics`` (None: all), chunk by chunk, sorted by log time in each.
+        """Yield the messages of ``topics`` (None: all), sorted by log time within each chunk.
 
         Damaged chunks are skipped and listed in ``problems``.
         """
@@ -258,7 +259,7 @@ class LogReader:
                 except DAMAGE as error:
                     self.problems.append(f"skipped a damaged chunk: {_why(error)}")
                     continue
-                # A writer may group a chunk's messages by topic, as ours does.
+                # A writer may group a chunk's messages by topic. Sweepctl's writer does so.
                 if len(content) > _LARGE_BYTES:
                     yield from self._of_large(content, state)
                     continue
@@ -272,7 +273,7 @@ class LogReader:
                 yield from self._one(opcode, record, state)
 
     def _of_large(self, content: bytes, state: _Channels) -> Iterator[LogMessage]:
-        """Yield a large chunk's messages one by one; only times and offsets are in memory."""
+        """Yield a large chunk's messages one by one. Only times and offsets are in memory."""
         times, places = array("Q"), array("Q")
         try:
             for opcode, start, stop in content_records(content):
@@ -292,7 +293,7 @@ class LogReader:
             yield LogMessage(state.wanted[channel_id], log_ns, publish_ns, sequence, data)
 
     def _one(self, opcode: int, record: bytes, state: _Channels) -> Iterator[LogMessage]:
-        """Read a record outside a chunk."""
+        """Read a record that is not in a chunk."""
         try:
             if opcode == Opcode.MESSAGE:
                 channel_id, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(record)
@@ -360,7 +361,7 @@ class _Channels:
         self._declared = Declared()
 
     def preload(self, declared: Declared) -> None:
-        """Use a summary's declarations until the data declare them."""
+        """Use the declarations of a summary for ids that the data have not declared yet."""
         self._declared.preload(declared)
         for channel in self._declared.channels.values():
             self._choose(channel)
@@ -382,7 +383,7 @@ class _Channels:
 
 
 def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
-    """Yield the messages of a chunk's content; declarations go to ``state``."""
+    """Yield the messages of a chunk's content. Declarations are added to ``state``."""
     wanted, unpack = state.wanted, _MESSAGE.unpack_from
     for opcode, start, stop in content_records(content):
         if opcode == Opcode.MESSAGE:

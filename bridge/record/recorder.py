@@ -20,24 +20,24 @@ QUEUE_LIMIT = 50_000
 """Maximum number of queued records: 5 s of a full 3 Mbaud link, about 20 MB."""
 
 _PERIOD_S = 0.02
-"""Interval of the thread's wake-ups, s. A wake-up per record would delay the control loop."""
+"""Interval of the thread's wake-ups, s. A wake-up for each record would delay the control loop."""
 _BATCH = 32
-"""Number of records written before a pause."""
+"""Number of records that are written before a pause."""
 _PAUSE_S = 0.0001
-"""Pause between batches, s. It releases the interpreter lock, so that the control loop waits for it
-for 0.3 ms at most instead of the interpreter's 5 ms."""
+"""Pause between batches, s. It releases the interpreter lock. The control loop then waits at most
+0.3 ms for the lock; without pauses it may wait for the interpreter's 5 ms."""
 _IDLE_S = 0.2
 """Time without records after which an open chunk is written, s."""
 _CATCH_UP = QUEUE_LIMIT // 4
-"""Queue length above which the pauses are skipped."""
+"""Queue length above which there are no pauses."""
 
 
 class ThreadedRecorder:
-    """A bounded queue in front of a writer: :meth:`write` never blocks and never fails.
+    """A bounded queue before a writer. :meth:`write` never blocks and never fails.
 
-    If the queue is full, a record is counted in ``dropped``, and an event reports the loss when the
-    queue has space again. The first error of the file is kept in ``error``; later records are
-    counted in ``dropped`` too.
+    If the queue is full, new records are discarded and counted in ``dropped``. When the queue has
+    space again, an event reports the loss. The first error of the file is stored in ``error``. All
+    records after the error are counted in ``dropped`` too.
     """
 
     def __init__(self, writer: LogWriter, *, limit: int = QUEUE_LIMIT) -> None:
@@ -64,7 +64,7 @@ class ThreadedRecorder:
         return self._error
 
     def write(self, record: Record) -> None:
-        """Queue one record; callable from any thread."""
+        """Add one record to the queue. This method may be called from any thread."""
         if self._error is not None or self._queue.qsize() >= self._limit:
             with self._drop_lock:
                 self._dropped += 1
@@ -154,9 +154,9 @@ class ThreadedRecorder:
 
 
 class DirectRecorder:
-    """Writes a run's records at once, in the caller's thread.
+    """Writes a run's records immediately, in the caller's thread.
 
-    For virtual time, in which records come faster than a queue is emptied.
+    It is used in virtual time, where records arrive faster than a thread can write them.
     """
 
     def __init__(self, writer: LogWriter) -> None:
@@ -167,7 +167,7 @@ class DirectRecorder:
         """Error of the file; None: no error."""
 
     def write(self, record: Record) -> None:
-        """Write one record; an error is stored in ``error``, not raised."""
+        """Write one record. An error is stored in ``error``, not raised."""
         try:
             self._writer.write(record)
         except LogWriteError as error:  # the writer raises it again for each record
@@ -175,7 +175,7 @@ class DirectRecorder:
             self.dropped += 1
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Close the file; an error is stored in ``error``, not raised."""
+        """Close the file. An error is stored in ``error``, not raised."""
         try:
             self._writer.close(summary)
         except LogWriteError as error:

@@ -14,7 +14,7 @@ _MESSAGE_INDEX = cython.declare(cython.int, 7)
 _FRONT = cython.declare(cython.int, 9)
 """Size of opcode and length, bytes."""
 _LEAST = cython.declare(cython.int, 11)
-"""Size up to a message's channel, bytes."""
+"""Size of a record from its opcode to a message's channel, bytes."""
 _MESSAGE_FIXED = cython.declare(cython.int, 22)
 """Size of a message's content before its data, bytes."""
 _INDEX_HEAD = cython.declare(cython.int, 15)
@@ -34,13 +34,13 @@ def _number(data: ConstBytes, at: cython.longlong, size: cython.int) -> cython.l
 
 
 def find_records(content: ConstBytes, starts: Longs, lengths: Longs, channels: Longs) -> int:
-    """Find the records of a chunk's content; return their number, negative if one is truncated.
+    """Find the records of a chunk's content. Return their number; negative: the last is truncated.
 
     Args:
         content: The decompressed chunk.
-        starts: Filled with each record's offset; as long as there may be records.
-        lengths: Filled with the sizes of their contents, which include a message's head.
-        channels: Filled with each message's channel; for other records with -opcode.
+        starts: Filled with each record's offset. Its length is the maximum number of records.
+        lengths: Filled with the size of each record's content. It includes a message's header.
+        channels: Filled with each message's channel. For other records: the negative opcode.
 
     """
     with cython.nogil:
@@ -63,7 +63,7 @@ def _find_records(
             return -count - 1
         length = _number(content, position + 1, 8)
         if content[position] == 0 or length < 0 or length > end - position - _FRONT:
-            return -count - 1  # zeros would be records of nine bytes
+            return -count - 1  # zeros would be parsed as empty records of nine bytes each
         starts[count], lengths[count] = position, length
         if content[position] == _MESSAGE:
             if length < _MESSAGE_FIXED:
@@ -87,18 +87,18 @@ def split_messages(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     out: Bytes,
     fits: Bytes,
 ) -> int:
-    """Extract the values of the messages of one shape; return their number.
+    """Extract the values of all messages with one shape; return the number of these messages.
 
     Args:
         data: Bytes with the messages.
         starts: Offset of each record.
         head: Size of a record before its message, bytes.
-        shape: A message of the shape.
-        mask: Bits that must be equal.
+        shape: A message of this shape.
+        mask: Bits that must be equal to those in ``shape``.
         values: For each value: its offset in the record, its size, and the offset of its first
             occurrence in ``out``. The values of all fitting messages are contiguous.
         out: Filled with the values.
-        fits: Filled with whether each message has the shape.
+        fits: Filled with 1 for each message of the shape, else 0.
 
     """
     with cython.nogil:

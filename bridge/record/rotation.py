@@ -1,4 +1,4 @@
-"""A run in several files, each readable without the others."""
+"""A run in several files. Each file is readable without the others."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _NS = 1_000_000_000
 _STATE = (IdentityRecord, RoomRecord, ClockRecord, CoverageRecord, PlannerRecord)
-"""Records of a state; the newest of each type starts the next file."""
+"""Types of records that describe a state. The newest record of each type starts the next file."""
 _EVERY = 64
 """Number of records between two checks of the file's size."""
 
@@ -36,9 +36,9 @@ _EVERY = 64
 class RotatingWriter:
     """Writes a run to ``NAME.mcap``, ``NAME-0002.mcap`` and so on.
 
-    It starts a new file when the current one reaches its maximum size or age, before the next
-    record, so that no record is lost or duplicated. Each file repeats attachments, metadata,
-    schemas and the newest state; the last file has the run's summary.
+    It starts a new file when the current file reaches its maximum size or age. The change happens
+    between two records, so no record is lost or duplicated. Each file repeats attachments,
+    metadata, schemas and the newest state. The last file has the run's summary.
     """
 
     def __init__(
@@ -54,8 +54,8 @@ class RotatingWriter:
 
         Args:
             path: Path of the first file.
-            info: Header data of every file; the part's number is added.
-            make: Creates a file.
+            info: Header data of every file. The part's number is added.
+            make: Function that creates a file.
             rotate_bytes: Size at which a new file starts, bytes; None: unlimited.
             rotate_s: Log time after which a new file starts, s; None: unlimited.
 
@@ -69,7 +69,7 @@ class RotatingWriter:
         self._first, self._info, self._make = path, info, make
         self._bytes, self._span_ns = rotate_bytes, round(rotate_s * _NS) if rotate_s else None
         self._state: dict[type, Record] = {}
-        """The newest record of each state, by its type; of ``imu_info``, by the message's type."""
+        """The newest record of each state, by its type; for ``imu_info``, by the message's type."""
         self._count = 0
         self._begun_ns = info.opened_unix_ns
         self._writer = self._begin()
@@ -88,7 +88,7 @@ class RotatingWriter:
         if isinstance(record, _STATE):
             self._state[type(record)] = record
         elif isinstance(record, DeviceMessage) and isinstance(record.message, ImuInfo):
-            self._state[ImuInfo] = record  # without it the next file has no SI values of the IMU
+            self._state[ImuInfo] = record  # needed for the IMU's SI values in the next file
         self._writer.write(record)
 
     def flush(self) -> None:

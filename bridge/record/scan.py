@@ -1,9 +1,9 @@
-"""Iteration over the records of an MCAP file, past any damage.
+"""Iteration over the records of an MCAP file. Damaged bytes are skipped and reported.
 
-A record must fit the file, its fields must fit the record, and the bytes after it must look like a
-record or be damage that starts at its end. Otherwise the next valid record is searched, and the
-bytes between are reported as damage. So a flipped bit in a length costs one record, not the rest of
-the file.
+A record is valid if it fits the file and its fields fit the record. The bytes after it must look
+like a record, or be damage that starts exactly at its end. If the record is not valid, the next
+valid record is searched, and the bytes between are reported as damage. So a flipped bit in a length
+field costs one record, not the rest of the file.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Bytes = bytes | mmap
 _INDEX_HEAD = struct.Struct("<BQHI")
 _INDEX_FIXED = 6
 _WINDOW = 1 << 14
-"""Number of bytes in which message indexes are skipped at once; most chunks have fewer."""
+"""Number of bytes in which message indexes are skipped in one call. Most chunks have fewer."""
 _LONGEST = 1 << 40
 """Maximum plausible length of a record, bytes."""
 _FIRST_PRIVATE = 0x80
@@ -50,9 +50,9 @@ _IN_SUMMARY = frozenset(
 )
 """Records that may follow the end of the data."""
 _TWICE = frozenset({int(Opcode.CHUNK), int(Opcode.ATTACHMENT)})
-"""Records that contain their length twice: in the head and before their data."""
+"""Records that contain their size twice: in the record's head and before their data."""
 _CANDIDATE = re.compile(rb"(?=[\x02-\x0f].{5}\x00\x00\x00)", re.DOTALL)
-"""An opcode of the specification and a length below 2⁴⁰."""
+"""Pattern of an opcode of the specification, with a length below 2⁴⁰ bytes."""
 
 
 class Found(NamedTuple):
@@ -94,22 +94,22 @@ def opened(path: Path) -> Iterator[Bytes]:
 class RecordSearch:
     """Search for the next record, with a cache of the last result.
 
-    The result is valid for every start up to the record found. Without the cache, a file in which
-    every record starts a search would be read to its end each time.
+    The result is valid for every start offset up to the found record. Without the cache, each
+    damaged record would start a search that reads up to the end of the file.
     """
 
     def __init__(self, data: Bytes) -> None:
         """Search in ``data``."""
         self._data = data
         self._answers: dict[bool, tuple[int, int | None]] = {False: (0, -1), True: (0, -1)}
-        """Start and result of the last search, by whether only sized records count."""
+        """Start and result of the last search, by ``only_sized``."""
 
     def after(self, position: int, *, only_sized: bool = False) -> int | None:
-        """Return the first valid offset after ``position``; None: none.
+        """Return the first valid offset after ``position``; None: no valid record.
 
         Args:
             position: Offset after which to search.
-            only_sized: Only chunks and attachments, which never occur inside a chunk.
+            only_sized: Search only chunks and attachments, which never occur inside a chunk.
 
         """
         begin = position + 1
@@ -120,9 +120,9 @@ class RecordSearch:
         return found
 
     def reached(self, start: int, end: int) -> int | None:
-        """Return the first chunk or attachment in the range, if one of them ends after ``end``.
+        """Return the first chunk or attachment in a range if one in the range ends after ``end``.
 
-        In this case a record from ``start`` to ``end`` has lost bytes and overlaps the next ones.
+        Then the record from ``start`` to ``end`` has lost bytes and overlaps the next records.
         """
         first = place = self.after(start, only_sized=True)
         while place is not None and place < end:
@@ -140,16 +140,16 @@ def records(
     indexes: bool = True,
     search: RecordSearch | None = None,
 ) -> Iterator[Found | DamagedBytes]:
-    """Yield every record from ``position`` to the end of the file, with its summary.
+    """Yield every record from ``position`` to the end of the file, including its summary.
 
-    The iteration ends at the footer, or at the start of another file that was appended.
+    The iteration ends at the footer, or at the start of another file that follows in ``data``.
 
     Args:
         data: Content of the file.
         position: Offset of the first record.
-        indexes: Yield message indexes too, which are 90 % of all records.
-        search: Shared by callers that read the same bytes in parts, so that no range is searched
-            twice.
+        indexes: Also yield message indexes, which are 90 % of all records.
+        search: Search that several calls share if they read parts of the same bytes. No range is
+        then searched twice.
 
     """
     size = len(data)
@@ -160,8 +160,8 @@ def records(
         found, following = _fits(data, position), None
         if found is None or not _may_begin(data, found.end):
             following = search.after(position)
-            # The bytes after it are damaged, or its length is, which then usually overlaps whole
-            # records.
+            # Either the bytes after the record are damaged, or the record's length is wrong. A
+            # record with a wrong length usually overlaps whole records.
             if found is not None and following is not None and following < found.end:
                 is_sure = inner_end(data, found.opcode, found.start) == found.end
                 if not is_sure or begins_file(data, following):
@@ -184,7 +184,7 @@ def records(
 def _past_indexes(data: Bytes, position: int) -> int:
     """Return the offset of the first record that is not a message index."""
     while True:
-        # A copy, because an array on the map would prevent its closing.
+        # Make a copy. A numpy array on the memory map would prevent closing the map.
         position += skip_indexes(np.frombuffer(data[position : position + _WINDOW], np.uint8))
         following = _past_index(data, position)  # an index beyond the window
         if following == position:
@@ -203,7 +203,7 @@ def _past_index(data: Bytes, position: int) -> int:
 
 
 def begins_file(data: Bytes, position: int) -> bool:
-    """Return True if a file starts here: magic bytes and a header that its two texts fill."""
+    """Return True if a file starts here: magic bytes, and a header that its two texts fill."""
     start = position + len(MAGIC)
     if data[position:start] != MAGIC or start + HEAD.size > len(data):
         return False
@@ -214,7 +214,7 @@ def begins_file(data: Bytes, position: int) -> bool:
 
 
 def next_file(data: Bytes, position: int, end: int) -> int | None:
-    """Return the offset of the next file between ``position`` and ``end``; None: none."""
+    """Return the offset of the next file between ``position`` and ``end``; None: no file."""
     while (position := data.find(MAGIC, position, end)) >= 0:
         if begins_file(data, position):
             return position
@@ -223,9 +223,10 @@ def next_file(data: Bytes, position: int, end: int) -> int | None:
 
 
 def first_end(data: Bytes) -> tuple[int, bool]:
-    """Return the end of the first of several joined files, and whether its footer exists.
+    """Return the end of the first file in ``data``, and True if its footer exists.
 
-    In most files the last footer is the first file's, so no search is needed.
+    ``data`` may be several joined files. Usually it is one file whose footer is at the end of the
+    data, so no search is needed.
     """
     size = len(data)
     footer = size - len(MAGIC) - HEAD.size - _FOOTER_BYTES
@@ -244,12 +245,12 @@ def first_end(data: Bytes) -> tuple[int, bool]:
 
 
 def _next(data: Bytes, position: int, kinds: Collection[int]) -> int | None:
-    """Return the next offset of a record of these kinds or of a file; None: none."""
+    """Return the next offset of a record of these kinds or of a file; None: not found."""
     end = len(data)
     for match in _CANDIDATE.finditer(data, position):
         found = _fits(data, match.start())
-        # To exclude chance: a known kind that another record follows (not the file's end), or two
-        # equal sizes of 64 bits.
+        # Random bytes may look like a record. So require a known kind that another record follows
+        # (not the file's end), or two equal sizes of 64 bits.
         if found is None or found.opcode not in kinds:
             continue
         is_sure = found.opcode in _TWICE and inner_end(data, found.opcode, found.start) == found.end
@@ -273,7 +274,7 @@ def _is_followed(data: Bytes, position: int) -> bool:
 
 
 def _at(data: Bytes, position: int) -> Found | None:
-    """Return the record at an offset if another one may follow it."""
+    """Return the record at an offset, if its end is a possible start of another record."""
     found = _fits(data, position)
     return found if found is not None and _may_begin(data, found.end) else None
 
@@ -320,9 +321,9 @@ def has_shape(data: Bytes, opcode: int, start: int, end: int) -> bool:
 
 
 def inner_end(data: Bytes, opcode: int, start: int) -> int | None:
-    """Return the end of a record by its own fields; ``start`` is the start of its content.
+    """Return the end of a record, computed from its own fields. Its content begins at ``start``.
 
-    None: its kind has no such fields, or they exceed the file.
+    None: this kind of record has no such fields, or they exceed the file.
     """
     size = len(data)
     match opcode:
@@ -343,11 +344,11 @@ def inner_end(data: Bytes, opcode: int, start: int) -> int | None:
     return end if start < end <= size else None
 
 
-# ---- content of each record kind: newer writers may append fields but never remove any
+# ---- fields of each record kind: newer writers may append fields but never remove fields
 
 
 def _after(data: Bytes, position: int, size_bytes: int = 4) -> int:
-    """Return the offset after a text or list, which starts with its size."""
+    """Return the offset after a text or a list. It starts with its size in bytes."""
     size = int.from_bytes(data[position : position + size_bytes], "little")
     return position + size_bytes + size
 
@@ -398,12 +399,12 @@ def _header(data: Bytes, start: int, end: int) -> bool:
 
 
 def _footer(data: Bytes, start: int, end: int) -> bool:
-    """Return True if only the last bytes of the file follow, possibly truncated."""
+    """Return True if only the last bytes of the file follow. These bytes may be truncated."""
     return end - start >= _FOOTER_BYTES and MAGIC.startswith(data[end : end + len(MAGIC)])
 
 
 def _data_end(data: Bytes, start: int, end: int) -> bool:
-    """Return True if a summary record follows, not an index with a damaged opcode."""
+    """Return True if a summary record follows. Otherwise it is an index with a damaged opcode."""
     if end - start < _DATA_END_BYTES:
         return False
     return end >= len(data) or data[end] in _IN_SUMMARY or data[end] >= _FIRST_PRIVATE

@@ -28,7 +28,7 @@ class LogWriter(Sink, Protocol):
 
 
 class NullSink:
-    """Sink that discards all records; also the writer of a run without a log."""
+    """Sink that discards all records. It is also the writer of a run without a log."""
 
     def write(self, record: Record) -> None:
         """Discard the record."""

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 RESERVE_BYTES = 128 * 1024
-"""Disk space reserved for schemas, channels and the run's summary, bytes, with margin."""
+"""Disk space reserved for schemas, channels and the run's summary, bytes. It includes a margin."""
 RESERVE_PER_WRITE = 640
-"""Disk space reserved per write for the summary's index, bytes: 30 channels, uncompressed."""
+"""Disk space reserved per write for the index in the summary, bytes: 30 channels, uncompressed."""
 _STEP_BYTES = 64 * 1024
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
@@ -32,10 +32,10 @@ REPLACED = "another file took its name during the recording"
 
 
 class LogFile(FileIO):
-    """File of a log. An unnamed file reserves disk space for the log's end.
+    """File of a log. A second, unnamed file reserves disk space for the end of the log.
 
-    On a full disk the failed write releases the reserved space. The end then fits, and the log is
-    complete.
+    If the disk is full, the failed write releases the reserved space. The end of the log then fits
+    on the disk, and the log is complete.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class LogFile(FileIO):
         sync: Callable[[int], None] | None = None,
         ballast: Callable[[Path], BinaryIO | None] | None = None,
     ) -> None:
-        """Open the file; ``sync`` is called after each write.
+        """Open the file. ``sync`` is called after each write.
 
         Raises:
             OSError: the file cannot be opened, or the disk has no space for its end.
@@ -69,10 +69,10 @@ class LogFile(FileIO):
             raise
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Write; on failure release the space reserved for the end.
+        """Write data. On failure, release the space that is reserved for the end.
 
         Raises:
-            OSError: the write or the reservation failed, or the file has lost its name.
+            OSError: the write or the reservation failed, or the file was deleted or renamed.
 
         """
         try:
@@ -89,17 +89,17 @@ class LogFile(FileIO):
         return written
 
     def _check_name(self) -> None:
-        """Check that the file still has its name, because a deleted file is lost.
+        """Check that the file still has its name. Data in a deleted file would be lost.
 
         Raises:
-            FileNotFoundError: it was deleted, or another file has its name.
+            FileNotFoundError: the file was deleted, or another file has its name.
 
         """
         try:
             named = self._path.stat()
         except (FileNotFoundError, NotADirectoryError):
             raise FileNotFoundError(errno.ENOENT, GONE) from None
-        except OSError:  # a folder without permission proves nothing
+        except OSError:  # without permission for the folder the check is not possible
             return
         own = os.fstat(self.fileno())
         if (named.st_dev, named.st_ino) != (own.st_dev, own.st_ino):
@@ -114,7 +114,7 @@ class LogFile(FileIO):
         if self._ballast is None:
             return
         while self._held < self._needed:
-            # Random bytes, because compressing file systems would reserve nothing for zeros.
+            # Write random bytes, because compressing file systems would reserve no space for zeros.
             self._ballast.write(os.urandom(_STEP_BYTES))
             self._held += _STEP_BYTES
 
@@ -126,7 +126,7 @@ class LogFile(FileIO):
 
 
 def hold_room(folder: Path) -> BinaryIO | None:
-    """Create an unnamed file; None if the folder does not support it, for example in /dev.
+    """Create an unnamed file. Return None if the folder does not support it, for example in /dev.
 
     Raises:
         OSError: the disk is full.

@@ -17,9 +17,9 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "wire": ("lost", "crc_errors"),
 }
 _ADDED = {"coverage": ("mouth_passing",)}
-"""Keys that a later version added to these tables. Older logs do not have them."""
+"""Keys that a later version added, by table. Older logs do not have these keys."""
 _LARGEST = 1e300
-"""Maximum absolute number that is accepted. JSON integers have no limit, but floats have."""
+"""Maximum absolute value of a number that is accepted. JSON integers have no limit; floats have."""
 _BY_DIRECTION = ("frames", "bytes")
 _SHOWN = {
     *("room", "planner", "outcome", "reason", "seed", "duration_s", "path_m", "turns"),
@@ -42,7 +42,7 @@ def read_summary(data: bytes) -> dict[str, Any] | None:
 
 
 def is_run(summary: dict[str, Any]) -> bool:
-    """Return True if the summary is of a run; those of bring-up commands lack some keys."""
+    """Return True for the summary of a run. Summaries of bring-up commands do not have all keys."""
     if not summary.keys() >= _SHOWN:
         return False
     if not all(summary.get(name, {}).keys() >= {*keys} for name, keys in _TABLES.items()):

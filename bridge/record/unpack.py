@@ -1,8 +1,9 @@
-"""Decompression of chunks, with limits in all cases.
+"""Decompression of chunks. All sizes are limited.
 
-A chunk contains the size of its content. More data, or a size above :data:`MAX_CHUNK_BYTES`, count
-as damage, because a few bytes may unpack to gigabytes. Reading ends at opcode 0. No record has this
-opcode, and a run of zeros would be parsed as one empty record every nine bytes (opcode and length).
+A chunk record contains the size of its content. Content that is larger, or a size above
+:data:`MAX_CHUNK_BYTES`, counts as damage, because a few bytes may unpack to gigabytes. Reading ends
+at opcode 0. No record has this opcode. Without this rule a run of zeros would be parsed as empty
+records of nine bytes each.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ if TYPE_CHECKING:
 HEAD = struct.Struct("<BQ")
 """Opcode and length of a record."""
 CHUNK_HEAD = struct.Struct("<QQQI")
-"""First and last log time, size and CRC of a chunk's content; the compression's name follows."""
+"""First and last log time, size and CRC of a chunk's content. The compression's name follows."""
 _TEXT, _SIZE = struct.Struct("<I"), struct.Struct("<Q")
 
 MAX_CHUNK_BYTES = 128 << 20
-"""Maximum size of a chunk's content, bytes. Writers close chunks at 1 to 4 MiB; only a large single
-message makes a larger chunk."""
+"""Maximum size of a chunk's content, bytes. Writers close chunks at 1 to 4 MiB. A chunk is larger
+only if it has a large single message."""
 MAX_DECLARED = 1 << 18
 """Maximum number of schemas and channels in one chunk. Ids have 16 bits. Even a chunk that declares
 every schema id and every channel id twice does not exceed this number (4 times 65 536)."""
 MAX_SCHEMA_BYTES = 64 << 20
-"""Maximum size of all schemas of one file, bytes, because all are kept in memory."""
+"""Maximum size of all schemas of one file, bytes. All schemas are kept in memory."""
 _PIECE_BYTES = 128 << 10
-"""Number of bytes of a truncated chunk that are unpacked at once: one zstd block."""
+"""Number of bytes of a truncated chunk that are unpacked in one step: one zstd block."""
 
 DAMAGE = (
     *(McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, IndexError, TypeError),
@@ -52,7 +53,7 @@ class ChunkParts(NamedTuple):
     size: int
     """Declared size of the content, bytes."""
     crc: int
-    """CRC of the content; 0: none."""
+    """CRC of the content; 0: no CRC."""
     compression: bytes
     packed: memoryview
 
@@ -95,7 +96,7 @@ def check(content: bytes, crc: int) -> None:
     """Compare a chunk's content with its CRC.
 
     Raises:
-        ValueError: they differ.
+        ValueError: the CRCs differ.
 
     """
     if crc and zlib.crc32(content) != crc:
@@ -113,11 +114,11 @@ def unpacked(compression: bytes, packed: memoryview, limit: int) -> bytes:
         stated = zstandard.frame_content_size(packed)
         if stated > limit:
             raise ValueError(f"the chunk unpacks to {stated} bytes but declares {limit}")
-        if not limit:  # 0 means unlimited to the library
+        if not limit:  # for the library, 0 means unlimited
             if unpacked_start(compression, packed, 1):
                 raise ValueError("the chunk is not empty but declares 0 bytes")
             return b""
-        # If the frame has no size, this raises an error at the limit.
+        # If the compressed data do not state their size, the library raises an error at the limit.
         content: bytes = zstandard.decompress(packed, max_output_size=limit)
         return content
     if compression == b"lz4":
@@ -161,8 +162,8 @@ def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and end of every record of a chunk's content.
 
     Raises:
-        ValueError: invalid bytes, or a record that exceeds the content.
-        struct.error: a truncated head.
+        ValueError: the bytes are invalid, or a record exceeds the content.
+        struct.error: the head of a record is truncated.
 
     """
     position, size, declared = 0, len(content), 0
@@ -180,6 +181,6 @@ def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def attachment_is_damaged(record: bytes) -> bool:
-    """Return True if the attachment's CRC is wrong; 0: no CRC."""
+    """Return True if the attachment has a wrong CRC. A CRC of 0 means that there is no CRC."""
     stored = int.from_bytes(record[-4:], "little")
     return stored != 0 and stored != zlib.crc32(memoryview(record)[:-4])

@@ -1,7 +1,8 @@
 """Conversion of raw bytes in logs of protocol version 1 to version 2.
 
-Version 2 has another version nibble, other types and additional fields. On CAN its short stamp is
-before the payload instead of after it. Sweepctl 0.1 wrote logs of version 1.
+Version 2 has another version nibble, other message types and additional fields. On CAN, version 2
+has its short time stamp before the payload, and version 1 after the payload. Sweepctl 0.1 wrote
+logs of version 1.
 """
 
 from __future__ import annotations
@@ -45,11 +46,11 @@ _TYPES = {
 """Type in version 2 for each changed type of version 1."""
 _HOST_HELLO = CATALOGUE.by_class[HostHello].type_id
 _HELLO_BOOT = 8
-"""Offset of the boot id that version 2 has added to the host's hello."""
+"""Offset of the boot id in the host's hello, bytes. Only version 2 has this field."""
 _NO_BOOT = bytes(4)
 _REPLIES = {CATALOGUE.by_class[kind].type_id for kind in (Ack, Nack)}
 _COMMAND_TYPE = 2
-"""Offset of the command's type in a reply."""
+"""Offset of the command's type in a reply, bytes."""
 _FLAGS = 0x0F
 _PART_SIZES = {
     part.can_type: sum(f.wire.size for f in spec.fields if f.can_part == number)
@@ -57,7 +58,7 @@ _PART_SIZES = {
     if is_native(spec) and not spec.full_stamp
     for number, part in enumerate(spec.can_parts)
 }
-"""Bytes of each CAN frame with a short stamp, by the type in its identifier."""
+"""Size of each CAN frame with a short stamp, bytes, by the type in the frame's identifier."""
 
 
 def is_version_1(reader: LogReader) -> bool:
@@ -66,7 +67,7 @@ def is_version_1(reader: LogReader) -> bool:
 
 
 class Version1:
-    """Converts the records of one log, in their order."""
+    """Converts the records of one log. The records must be passed in order."""
 
     def __init__(self) -> None:
         """Start without unfinished frames."""
@@ -78,7 +79,8 @@ class Version1:
     def rewrite(self, record: WireRecord) -> WireRecord:
         """Return the record with the bytes of version 2.
 
-        Bytes of an unfinished frame are held back until its end. Damaged bytes do not change.
+        The bytes of an unfinished frame are returned when its end arrives. Damaged bytes do not
+        change.
         """
         if record.is_can:
             return record._replace(data=self._can(record.data))
@@ -97,14 +99,14 @@ class Version1:
             payload, stamp = frame.data[: -T16.size], frame.data[-T16.size :]
             return to_record(frame._replace(data=stamp + payload.ljust(size, b"\0")))
         if frame.can_type in CATALOGUE.by_type and is_native(CATALOGUE.by_type[frame.can_type]):
-            return to_record(frame)  # both versions start with the full stamp
+            return to_record(frame)  # both versions have the full stamp at the start
         return b"".join(
             to_record(frame._replace(data=segment))
             for segment in self._segments(frame.can_id, frame.data)
         )
 
     def _segments(self, can_id: int, data: bytes) -> list[bytes]:
-        """Return the segments of a transfer once it is complete."""
+        """Return the segments of a transfer when it is complete, else an empty list."""
         tail = data[-1]
         if tail & START:
             self._transfers[can_id] = []

@@ -1,4 +1,4 @@
-"""Wheel angles and speeds from the device's wrapping counts."""
+"""Wheel angles and speeds from the device's encoder counts, which wrap around."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bridge.motion.estimation.odometry import encoder_delta
 from protocol.clock import DeviceUs, extend_us
 
 _GAP_S = 10.0
-"""Maximum time between two messages, s. At full speed half the count range passes in 14 s; after a
+"""Maximum time between two messages, s. At full speed, half the count range passes in 14 s. After a
 longer gap the count is ambiguous."""
 
 

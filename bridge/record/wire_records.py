@@ -23,12 +23,12 @@ class WireRecord(NamedTuple):
     log_ns: int
     outgoing: bool
     data: bytes
-    """Bytes; for a CAN bus records of 16 bytes."""
+    """Recorded bytes. For a CAN bus, each frame is a record of 16 bytes."""
     is_can: bool
 
 
 def wire_record(message: LogMessage) -> WireRecord | None:
-    """Return the bytes in a message of a raw topic; None if it is another program's or damaged."""
+    """Return the bytes in a message of a raw topic. Return None for other messages."""
     topic = message.channel.topic
     try:
         raw = message.decoded

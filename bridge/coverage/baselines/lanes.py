@@ -1,4 +1,7 @@
-"""Common parts of the lane planners: lanes, side steps and backing off, as parts of a script."""
+"""Common parts of the lane planners: lanes, side steps and backing off.
+
+Each is part of a script.
+"""
 
 from __future__ import annotations
 
@@ -18,67 +21,66 @@ Side = Literal["left", "right"]
 End = Literal["last_partial_lane", "blocked_step", "never"]
 
 Part = Generator[Leg, Step, LegResult]
-"""Part of a script. Its value is the result of its main leg."""
+"""Part of a script. It returns the result of its main leg."""
 
 
 @dataclass(frozen=True, slots=True)
 class LaneOptions:
-    """Options of the lane planners that the paper leaves open; lengths in metres."""
+    """Options of the lane planners. The paper does not define their values. Lengths are in m."""
 
     side: Side = "left"
-    """Side of the first lane on which the second lane lies."""
+    """Side of the first lane on which the second lane is."""
     end: End = "last_partial_lane"
-    """Condition that ends the plan after a side step that is blocked before W. ``blocked_step``
-    ends the plan at once. ``last_partial_lane`` sweeps one more lane there; the plan ends if the
-    side step at the other end of that lane is blocked too. ``never`` continues until
-    ``max_lanes``."""
+    """Rule that ends the plan. A side step counts as blocked if it ends before W. ``blocked_step``
+    ends the plan at the first blocked side step. ``last_partial_lane`` sweeps one more lane after a
+    blocked side step. The plan ends if the side step at the other end of that lane is blocked too.
+    ``never`` continues until ``max_lanes``."""
     stop_range_m: float = 0.046
-    """Ultrasonic range that counts as a wall, m. The gap at the rim is then 6 mm, because the
-    sensor is mounted 4 cm inside the front."""
+    """Ultrasonic range that counts as a wall, m. The gap between rim and wall is then 6 mm, because
+    the sensor is mounted 4 cm behind the front rim."""
     step_stop_range_m: float = 0.054
-    """The same at the end of a side step, m. The next lane runs along that wall, so the gap must
-    allow for a heading error of 1 cm in 1.7 m."""
+    """Ultrasonic range that ends a side step, m. The next lane runs along that wall. So the gap
+    must allow for a heading error of 1 cm in 1.7 m."""
     back_off_m: float = 0.015
-    """Distance to back off after a contact, so that the following turn does not graze the obstacle,
-    m."""
+    """Distance to back off after a contact, m. The next turn then does not graze the obstacle."""
     cliff_back_off_m: float = 0.05
     short_step_m: float = 0.015
-    """Maximum missing length at which a side step still counts as complete, m."""
+    """Maximum missing length with which a side step still counts as complete, m."""
     step_from: Literal["lane_line", "here"] = "lane_line"
-    """Start of the paper's "move distance W": the intended line of the last lane, or the robot's
-    present place. With ``lane_line``, lanes stay W apart after a contact or slip."""
+    """Start point of the paper's "move distance W": the planned line of the last lane, or the
+    robot's present position. With ``lane_line``, lanes stay W apart after a contact or slip."""
     rest_s: float = 0.6
-    """Rest at the end of each lane, s; 0: no rest. Its second half measures the gyro bias. A bias
-    error of 0.01 °/s would turn the map by 2° in a run of case 1."""
+    """Duration of the standstill at the end of each lane, s; 0: no standstill. Its second half
+    measures the gyro bias. A bias error of 0.01 °/s would turn the map by 2° in a run of case 1."""
     min_step_m: float = 0.02
-    """Minimum length of a side step, m, even if the last lane ended closer to the next line."""
+    """Minimum length of a side step, m, even if the last lane ended nearer to the next line."""
     both_ends_widths: float = 1.0
-    """Minimum length of a lane with two distinct ends, in W. On a shorter lane, blocked steps at
-    both ends count as one. Only for ``last_partial_lane``."""
+    """Minimum length of a lane whose ends count as two places, in units of W. On a shorter lane,
+    blocked side steps at both ends count once. Used by ``last_partial_lane`` only."""
     max_blocked: int = 3
-    """Maximum number of blocked side steps in a row, for lanes of any length. One more ends the
-    plan of ``last_partial_lane``."""
+    """Maximum number of blocked side steps in a row, on lanes of any length. One more blocked step
+    ends the plan. Used by ``last_partial_lane`` only."""
     max_lanes: int = 2000
     """Maximum number of lanes in a run."""
 
 
 class LaneSweep:
-    """Parallel lanes along the start heading, each offset by W from the last."""
+    """Parallel lanes along the start heading. Each lane is W beside the previous lane."""
 
     def __init__(self, model: RobotModel, options: LaneOptions, start: Pose2) -> None:
-        """Begin at ``start``. The lanes proceed to ``options.side``."""
+        """Begin at ``start``. Each new lane is on the side ``options.side`` of the last one."""
         self._model, self._options = model, options
         self._origin = start
         turn = math.pi / 2 if options.side == "left" else -math.pi / 2
         self._step_heading = wrap_angle(start.theta_rad + turn)
         self.line_m = 0.0
-        """Offset of the last lane's line from the first, m."""
+        """Lateral distance of the last lane's line from the first lane, m."""
         self.blocked_steps = 0
         """Number of blocked side steps in a row."""
         self._lanes = 0
 
     def offset_m(self, pose: Pose2) -> float:
-        """Return the offset of a pose from the first lane, along the stepping direction, m."""
+        """Return the distance of a pose from the first lane, along the stepping direction, m."""
         return (pose.x_m - self._origin.x_m) * math.cos(self._step_heading) + (
             pose.y_m - self._origin.y_m
         ) * math.sin(self._step_heading)
@@ -96,9 +98,9 @@ class LaneSweep:
         return lane
 
     def side_step(self, pose: Pose2, distance_m: float) -> Part:
-        """Turn across the lanes and drive to the line ``distance_m`` farther, or back if negative.
+        """Turn across the lanes and drive to the line at ``distance_m`` from the last lane.
 
-        The path depends on the robot's place ``pose`` and on the line of the last lane.
+        A negative distance drives back. The path starts at the robot's pose ``pose``.
         """
         options = self._options
         if options.step_from == "here":
@@ -143,7 +145,10 @@ class LaneSweep:
         return result.reason.blocked and lacking > self._options.short_step_m
 
     def stuck(self, lane: LegResult, *, blocked: bool) -> str | None:
-        """Return the reason if the sweep ends after a lane and a side step, else None."""
+        """Return the reason if the sweep ends after a lane and a side step.
+
+        Otherwise return None.
+        """
         options = self._options
         if self._lanes >= options.max_lanes:
             return f"{self._lanes} lanes driven, the limit"

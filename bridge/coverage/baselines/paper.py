@@ -1,8 +1,8 @@
 """The paper's algorithm without changes: U-shaped lanes and one memory slot (section 3.2).
 
-This is the reference for comparisons. Do not repair it: it must fail where the paper's algorithm
-fails. Each choice that the paper leaves open is an option. The defaults reproduce the paper's
-tables.
+This planner is the reference for comparisons. Do not improve it: it must fail where the paper's
+algorithm fails. The paper does not define every detail. Each such detail is an option. The defaults
+reproduce the paper's tables.
 """
 
 from __future__ import annotations
@@ -26,40 +26,42 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PaperOptions(LaneOptions):
-    """Options for the choices that the paper leaves open."""
+    """Options for details that the paper does not define."""
 
     equal_tolerance_m: float = 0.02
-    """Maximum difference of D and Prev-D in case 1, m. Real lanes are never exactly equal."""
+    """Maximum difference of D and Prev-D in case 1, m. Real lanes never have exactly equal
+    lengths."""
     count_turns: Literal["whole_step", "every_turn", "on_equal"] = "whole_step"
-    """Condition under which T grows. Pseudo-code 1 counts after "turn, move distance W, turn". That
-    may mean every turn (``every_turn``), or only a complete step of W (``whole_step``). Only with
-    ``whole_step`` is W·T a length. Pseudo-code 2 counts in case 1 only (``on_equal``), which gives
-    one lane too few after case 2."""
+    """Condition under which the turn count T grows. Pseudo-code 1 counts after "turn, move distance
+    W, turn". This may mean every turn (``every_turn``) or a complete step of W (``whole_step``).
+    W·T is a length only with ``whole_step``. Pseudo-code 2 counts in case 1 only (``on_equal``).
+    This counts one lane too few after case 2."""
     between: Literal["count", "keep", "reset"] = "count"
-    """Effect on T if tolerance < |D - Prev-D| ≤ Φ, with ``count_turns="on_equal"``. The paper
-    leaves it open. ``count`` treats it as case 1."""
+    """Effect on T if tolerance < |D - Prev-D| ≤ Φ, with ``count_turns="on_equal"``. The paper does
+    not define this. ``count`` treats it as case 1."""
     clear_after_recovery: bool = True
-    """True: set T to 0 after the recovery of case 3. Otherwise a second case 3 without a case 2 in
+    """True: set T to 0 after the recovery of case 3. If False, a second case 3 without a case 2
     between counts the same lanes again."""
     recovery_lanes: Literal["unobserved", "observed"] = "unobserved"
-    """``observed``: D, Prev-D and T also follow the lanes inside the occluded region. There is only
-    one memory slot. So a second obstacle in that region overwrites the values of the first one."""
+    """``observed``: D, Prev-D and T also follow the lanes inside the occluded region. The algorithm
+    has only one memory slot, so a second obstacle in that region overwrites the first one's
+    values."""
     return_by: Literal["leave_point", "nearest"] = "leave_point"
-    """Place at which the sweep continues after recovery: the place of case 3, or the end of the
-    last lane in the occluded region."""
+    """Place at which the sweep continues after recovery. ``leave_point``: the place of case 3.
+    ``nearest``: the end of the last lane in the occluded region."""
 
 
 class PaperPlanner(ScriptedPlanner):
-    """Sweeps by the paper's cases 1 to 3.
+    """Sweeps with the paper's cases 1 to 3. D and Prev-D are the lengths of the last two lanes.
 
-    Case 1, D = Prev-D: count the turn. Case 2, D + Φ < Prev-D: an obstacle; restart the count. Case
-    3, D - Φ > Prev-D: the obstacle is passed, and the occluded region has Length = W·T. The robot
-    drives back by Length against the stepping direction. It sweeps up to the lane that it left, and
-    continues.
+    Case 1, D = Prev-D: increase the turn count T. Case 2, D + Φ < Prev-D: an obstacle has shortened
+    the lane; restart the count. Case 3, D - Φ > Prev-D: the robot has passed the obstacle, and the
+    occluded region has Length = W·T. The robot drives back by Length against the stepping
+    direction. It sweeps the region up to the lane where it left, and continues.
     """
 
     def __init__(self, model: RobotModel, options: PaperOptions | None = None) -> None:
-        """Create the planner; the plan begins with ``start``."""
+        """Create the planner. The plan begins when ``start`` is called."""
         super().__init__(model)
         self.options = options or PaperOptions()
         self._sweep = LaneSweep(model, self.options, Pose2(0.0, 0.0, 0.0))
@@ -94,7 +96,7 @@ class PaperPlanner(ScriptedPlanner):
     # -- the three cases -------------------------------------------------------------------
 
     def _compare(self, lane: LegResult) -> int:
-        """Record D, compare it with Prev-D and count T. Return the case, or 0 for none."""
+        """Record D, compare it with Prev-D and update T. Return the case; 0: no case applies."""
         options, state = self.options, self.record.state
         distance = lane.distance_m
         previous = distance if self._first_lane else state.previous_lane_distance_m
@@ -138,7 +140,7 @@ class PaperPlanner(ScriptedPlanner):
     # -- recovery of the occluded region ---------------------------------------------------
 
     def _recover(self, heading: float, lane: LegResult) -> Generator[Leg, Step]:
-        """Drive back by Length, sweep the strip up to the lane that was left, and return."""
+        """Drive back by Length, sweep the strip up to the lane where the robot left, and return."""
         leave = lane.pose
         length = self.record.state.length_m
         width = self.model.cleaning_width_m
@@ -171,7 +173,7 @@ class PaperPlanner(ScriptedPlanner):
         pose: Pose2,
         until_m: float,
     ) -> Generator[Leg, Step, Pose2]:
-        """Lanes from the pose on until the side step reaches ``until_m`` or is blocked twice."""
+        """Sweep lanes from the pose until the side step reaches ``until_m`` or is blocked twice."""
         width = self.model.cleaning_width_m
         self._sweep.blocked_steps = 0
         while self._sweep.offset_m(pose) < until_m:
@@ -198,7 +200,7 @@ class PaperPlanner(ScriptedPlanner):
         return pose
 
     def _return_to(self, leave: Pose2, pose: Pose2) -> Generator[Leg, Step]:
-        """Drive back to the place of case 3 until an obstacle blocks the robot."""
+        """Drive back to the place of case 3, or until an obstacle blocks the robot."""
         if leave.distance_m(pose) < self.options.short_step_m:
             return
         self.record.change(state="recovery-return", target=(leave.x_m, leave.y_m))

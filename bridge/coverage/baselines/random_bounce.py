@@ -1,4 +1,4 @@
-"""Random bounce: drive to an obstacle, turn by a random angle, drive on."""
+"""Random bounce: drive to an obstacle, turn by a random angle, and repeat."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ class RandomOptions:
 
 
 class RandomPlanner(ScriptedPlanner):
-    """Random baseline. The paper mentions it in its comparison but gives no values for it."""
+    """Random planner, a baseline.
+
+    The paper compares with such a planner but gives no values for it.
+    """
 
     def __init__(
         self,
@@ -45,7 +48,7 @@ class RandomPlanner(ScriptedPlanner):
         rng: RandomSource,
         options: RandomOptions | None = None,
     ) -> None:
-        """Create the planner; ``rng`` gives all random numbers."""
+        """Create the planner. ``rng`` is the source of all random numbers."""
         super().__init__(model)
         self.options = options or RandomOptions()
         self._rng = rng

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class UShapePlanner(ScriptedPlanner):
-    """Drives to a wall, steps aside by W and drives back, until a step is blocked."""
+    """Drives to a wall, steps aside by W and drives back. It ends when a side step is blocked."""
 
     def __init__(self, model: RobotModel, options: LaneOptions | None = None) -> None:
-        """Create the planner; the plan begins with ``start``."""
+        """Create the planner. The plan begins when ``start`` is called."""
         super().__init__(model)
         self.options = options or LaneOptions()
 

@@ -1,9 +1,9 @@
-"""Cliffs: places where the cliff sensor detected no floor, and the resulting restrictions.
+"""Cliffs: places where the cliff sensor detected no floor, and the resulting limits.
 
-The sensor has three light barriers under the front rim but reports one bit. So the robot knows
-neither which barrier detected the cliff nor the direction of the edge. No range sensor detects a
-cliff, so the robot does not follow it. Lanes lead up to a cliff, slowly if it is known. Perimeter
-passes and transits avoid it.
+The sensor has three light barriers under the front rim but reports only one bit. So the planner
+does not know which barrier detected the cliff, or the direction of the edge. No range sensor
+detects a cliff, so the robot does not follow the edge. Lanes may lead to a cliff; near a known
+cliff the robot drives slowly. Perimeter passes and transits avoid cliffs.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.geometry import PlannerGeometry
 
 SPAN_RAD = math.radians(55.0)
-"""Angle between the heading and the outer barriers, rad."""
+"""Angle between the heading and each outer barrier, rad."""
 _INSIDE_M = 0.01
 """Distance from the rim to the barriers, m."""
 _SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
-"""Distance (m) and turn (rad) within which a new detection is of the same cliff."""
+"""Distance (m) and turn (rad) within which a new detection counts as the same cliff."""
 _FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
-"""A mark is removed if a barrier detects floor within this interval ahead of the mark, and within
-this distance to its side, m."""
+"""Limits ahead of a mark, and distance to its side, m. The mark is removed if a barrier detects
+floor within them."""
 _SLOW_M_S = 0.10
-"""Speed near a cliff, m/s. To stop from 0.28 m/s takes 5 cm. The outer barriers detect a cliff only
-9 cm ahead of the wheels."""
+"""Maximum speed near a cliff, m/s. Stopping from 0.28 m/s takes 5 cm. The outer barriers detect a
+cliff only 9 cm before the wheels reach it."""
 
 
 class Cliffs:
-    """Poses at which the floor ahead was missing, and the barriers that may have detected it."""
+    """Poses at which there was no floor ahead, and the positions of the barriers at these poses."""
 
     def __init__(self, geometry: PlannerGeometry) -> None:
         """Begin without a cliff."""
@@ -41,19 +41,20 @@ class Cliffs:
         self._near_m = geometry.cliff_slow_m
         self.poses: list[Pose2] = []
         self.rims: list[tuple[float, float]] = []
-        """Middle of the front rim at each pose, m."""
+        """Position of the middle of the front rim at each pose, m."""
         self.marks: list[Pose2] = []
-        """Places of the barriers that may have detected the cliff, each with the robot's heading.
-        """
+        """Positions of the barriers that may have detected the cliff, each with the robot's
+        heading."""
 
     def __bool__(self) -> bool:
         """Return True if any cliff was detected."""
         return bool(self.poses)
 
     def add(self, pose: Pose2, floor: Callable[[float, float], bool]) -> None:
-        """Add a pose, unless an almost equal one is stored.
+        """Add a pose, unless an almost equal pose is stored.
 
-        ``floor`` returns True for a point beside the driven path, where there must be floor.
+        ``floor`` returns True for a point next to the driven path. There must be floor at that
+        point.
         """
         for known in self.poses:
             turned = math.remainder(known.theta_rad - pose.theta_rad, math.tau)
@@ -66,7 +67,7 @@ class Cliffs:
         self.marks += [Pose2(x, y, pose.theta_rad) for x, y in missing]
 
     def see_floor(self, pose: Pose2) -> None:
-        """Remove the marks at a pose at which all barriers detect floor."""
+        """Remove the marks that are disproved because all barriers detect floor at a pose."""
         if not self.marks or not self.beside(pose.x_m, pose.y_m, self._near_m):
             return
         spots = self._spots(pose)
@@ -81,7 +82,7 @@ class Cliffs:
         self.marks = [mark for mark in self.marks if mark.distance_m(pose) > radius_m]
 
     def beside(self, x_m: float, y_m: float, radius_m: float) -> bool:
-        """Return True if the rim was within ``radius_m`` of a point when floor was missing."""
+        """Return True if a point is within ``radius_m`` of a rim position with missing floor."""
         limit = radius_m * radius_m
         return any((x - x_m) ** 2 + (y - y_m) ** 2 < limit for x, y in self.rims)
 
@@ -98,7 +99,7 @@ class Cliffs:
 
 
 def _beyond(mark: Pose2, x_m: float, y_m: float) -> bool:
-    """Return True if a point is a little farther than a mark, in the mark's direction."""
+    """Return True if a point is just beyond a mark, in the direction of the mark's heading."""
     c, s = math.cos(mark.theta_rad), math.sin(mark.theta_rad)
     dx, dy = x_m - mark.x_m, y_m - mark.y_m
     min_m, max_m = _FLOOR_M

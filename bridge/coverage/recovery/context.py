@@ -41,11 +41,11 @@ class RecoveryContext:
     lookout: Lookout
     stuck: StuckPolicy
     recovering: OccludedRegion | None = None
-    """Occluded region that the present lane revisits; None: no revisit."""
+    """Occluded region that the present lane revisits; None: the lane revisits no region."""
     lane_m: float = 0.0
     """Length of the last lane, m."""
     searches: int = 0
-    """Number of searches begun."""
+    """Number of searches that were started."""
 
     @classmethod
     def begin(
@@ -86,7 +86,7 @@ class RecoveryContext:
         return self.lookout.obs.pose
 
     def enter(self, phase: str, target: tuple[float, float] | None = None) -> None:
-        """Report the phase of the plan, and the point that the robot drives to, m."""
+        """Report the phase of the plan, and the point to which the robot drives, m."""
         if self.recovering is not None and phase in {"transit", "lane"}:
             phase = f"recovery-{phase}"
         state = self.record.state

@@ -1,4 +1,4 @@
-"""Messages of a log in blocks: the bytes of many chunks, with each topic's offsets."""
+"""Messages of a log in blocks. A block has the bytes of many chunks and the offsets of messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MESSAGE_HEAD = 31
 """Size of a record before its message data, bytes."""
 _MESSAGE_FIXED = MESSAGE_HEAD - _FRONT
 SEQUENCE, LOG_NS, PUBLISH_NS = (11, 4), (15, 8), (23, 8)
-"""Offset and size of the fields in a record's head."""
+"""Offset and size of three fields in a message record, bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +46,10 @@ class Block:
 def blocks(
     path: Path, declared: Declared, problems: list[str], block_bytes: int = BLOCK_BYTES
 ) -> Iterator[Block]:
-    """Read a log from start to end; damage is skipped and listed.
+    """Read a log from start to end. Damage is skipped and listed in ``problems``.
 
     Raises:
-        LogReadError: it is missing, cannot be read, or is not an MCAP file.
+        LogReadError: the file is missing, cannot be read, or is not an MCAP file.
 
     """
     with opened(path) as data:

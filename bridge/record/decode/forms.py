@@ -1,9 +1,9 @@
-"""Decoding of messages to columns: many messages of one shape at once.
+"""Decoding of messages to columns: many messages with an equal structure at once.
 
 Most messages of a topic differ in their values only; tags, text lengths and list lengths are equal.
-The first message becomes a :class:`Template`, and all messages with equal structure bytes are
-decoded as one array. Messages without a common shape are decoded one by one by the library of
-their encoding.
+These equal bytes are the structure. Messages with an equal structure have one shape and are decoded
+as one array, with the first message as the :class:`Template`. Messages without a common shape are
+decoded one by one with the library for their encoding.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 MAX_COLUMNS = 4096
-"""Maximum number of columns of a topic. A foreign schema may nest messages into millions."""
+"""Maximum number of columns of a topic. Nested messages in an unknown schema may have millions."""
 MAX_FIELDS = 4 * MAX_COLUMNS
-"""Maximum number of fields that are visited for a topic's columns. Messages without fields create
-no column but nest too."""
+"""Maximum number of fields that are visited for a topic's columns. A nested message without fields
+creates no column, so :data:`MAX_COLUMNS` does not limit the work."""
 STRUCTURE, VARINT, VALUE = 0xFF, 0x80, 0x00
-"""Mask of a byte: all bits must be equal, only the continuation bit, or none."""
+"""Masks of the bits in a byte that belong to the structure: all, only the continuation bit,
+none."""
 
 
 class Column(NamedTuple):
@@ -54,11 +55,11 @@ class Leaf(NamedTuple):
 
 
 class Template:
-    """Shape of one message. All bytes are structure until values are marked."""
+    """Shape of one message. All bytes belong to the structure until values are marked."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
-        """The message that the template is made from."""
+        """The message from which the template is made."""
         self.head = np.frombuffer(data, np.uint8)
         self.mask = np.full(len(data), STRUCTURE, np.uint8)
         self.leaves: dict[str, Leaf] = {}
@@ -76,7 +77,7 @@ class Form(ABC):
 
     @abstractmethod
     def template(self, data: bytes) -> Template | None:
-        """Return a template of a message; None if other messages cannot share its shape."""
+        """Return a template of a message; None if other messages cannot have its shape."""
 
     @abstractmethod
     def row(self, data: bytes) -> Mapping[str, Any]:
@@ -89,14 +90,14 @@ class Form(ABC):
 
 
 class Opaque(Form):
-    """Messages of an unknown encoding: their bytes, or their text."""
+    """Messages of an unknown encoding. The only column is the bytes, or the text."""
 
     def __init__(self, encoding: str) -> None:
         is_text = encoding.lower() in {"json", "text", "utf-8"}
         self.columns = (Column("json" if is_text else "data", "json" if is_text else "bytes"),)
 
     def template(self, data: bytes) -> Template | None:
-        """Return a template that has values only."""
+        """Return a template in which all bytes are values."""
         (column,) = self.columns
         template = Template(data)
         template.mark(0, len(data))
@@ -104,7 +105,7 @@ class Opaque(Form):
         return template
 
     def row(self, data: bytes) -> Mapping[str, Any]:
-        """Return the bytes, or the text if they are text."""
+        """Return the bytes, or the text if the encoding is a text."""
         (column,) = self.columns
         value = data if column.type == "bytes" else data.decode("utf-8", "replace")
         return {column.name: value}
@@ -120,7 +121,7 @@ class Budget:
         """Count one field.
 
         Raises:
-            ValueError: there are too many.
+            ValueError: the schema has too many fields.
 
         """
         self._left -= 1
@@ -129,10 +130,12 @@ class Budget:
 
 
 def few(columns: Iterable[_T]) -> tuple[_T, ...]:
-    """Return all columns if there are not too many. Nested messages multiply them.
+    """Return all columns, or raise an error if there are too many.
+
+    Nested messages multiply columns.
 
     Raises:
-        ValueError: there are too many.
+        ValueError: there are more than :data:`MAX_COLUMNS` columns.
 
     """
     found = tuple(islice(columns, MAX_COLUMNS + 1))
@@ -142,7 +145,7 @@ def few(columns: Iterable[_T]) -> tuple[_T, ...]:
 
 
 def varints(rows: NDArray[np.uint8]) -> NDArray[np.uint64]:
-    """Decode protobuf varints, one per row, all of one length."""
+    """Decode protobuf varints of equal length, one per row."""
     values = np.zeros(len(rows), np.uint64)
     for i in range(rows.shape[1]):
         values |= (rows[:, i] & np.uint8(0x7F)).astype(np.uint64) << np.uint64(7 * i)
@@ -150,7 +153,7 @@ def varints(rows: NDArray[np.uint8]) -> NDArray[np.uint64]:
 
 
 def unzigzag(values: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Decode protobuf's ``sint`` values."""
+    """Decode protobuf's ``sint`` values, which use zigzag encoding."""
     half = (values >> np.uint64(1)).astype(np.int64)
     signed: NDArray[np.int64] = half ^ -(values & np.uint64(1)).astype(np.int64)
     return signed

@@ -1,4 +1,4 @@
-"""Protobuf messages as columns, by the descriptor in the file."""
+"""Decoding of protobuf messages to columns, with the descriptor in the file."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ProtobufForm(Form):
         """Parse the descriptors.
 
         Raises:
-            ValueError: they do not describe the type.
+            ValueError: the descriptors do not describe the type.
 
         """
         pool = DescriptorPool()
@@ -69,7 +69,7 @@ class ProtobufForm(Form):
         self.columns = tuple(self._by_path.values())
 
     def template(self, data: bytes) -> Template | None:
-        """Return a template; None for a repeated field or a damaged message."""
+        """Return a template; None if a field is repeated or the message is damaged."""
         template = Template(data)
         present: set[tuple[int, ...]] = {()}
         try:
@@ -77,7 +77,7 @@ class ProtobufForm(Form):
         except IndexError:
             return None
         for path, column in self._by_path.items():
-            # An omitted field of a present message has its default.
+            # An omitted field has its default value if the message that contains it is present.
             if column.default is not None and path[:-1] in present:
                 template.leaves.setdefault(column.name, Leaf(column, 0, 0, "same", column.default))
         return template if whole else None
@@ -90,7 +90,7 @@ class ProtobufForm(Form):
         path: tuple[int, ...],
         present: set[tuple[int, ...]],
     ) -> bool:
-        """Mark the values of a nested message; return False if it has no fixed shape."""
+        """Mark the values of a nested message; return False if its structure is not fixed."""
         position, end = span
         while position < end:
             key, position = _varint(template.data, position)
@@ -146,7 +146,7 @@ def _columns(
                 yield from _columns(field.message_type, here, f"{name}.", budget)
             continue
         kind = _TYPES[field.type][0]
-        # Absent values are null if the schema distinguishes them from the default, as ours does.
+        # An absent value becomes null if the schema can express absence. Sweepctl's schemas can.
         default = None if field.has_presence or field.is_repeated else field.default_value
         yield here, Column(name, kind, field.is_repeated, default)
 
@@ -155,7 +155,7 @@ def _content(data: bytes, position: int, wire: int) -> tuple[int, int]:
     """Return the start and the end of a field's value.
 
     Raises:
-        IndexError: an unknown wire type, or a value beyond the end.
+        IndexError: the wire type is unknown, or the value exceeds the data.
 
     """
     match wire:
@@ -175,7 +175,7 @@ def _varint(data: bytes, position: int) -> tuple[int, int]:
     """Return a varint's value and the offset after it.
 
     Raises:
-        IndexError: it has more than 64 bits, or is beyond the end.
+        IndexError: the varint has more than 64 bits or exceeds the data.
 
     """
     value = shift = 0

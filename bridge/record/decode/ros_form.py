@@ -1,4 +1,4 @@
-"""ROS 2 messages in CDR as columns, by the definition in the file."""
+"""Decoding of ROS 2 messages in CDR to columns, with the definition in the file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _Field(NamedTuple):
     name: str
     type: str
     array: int | None
-    """Length of a fixed array; 0: sequence, None: single value."""
+    """Length of a fixed array; 0: sequence; None: single value."""
 
 
 class RosForm(Form):
@@ -55,7 +55,7 @@ class RosForm(Form):
         """Parse the definition.
 
         Raises:
-            ValueError: a used type is missing, the text is invalid, or it has too many fields.
+            ValueError: a used type is missing, the text is invalid, or there are too many fields.
 
         """
         self._types = _definitions(definition)
@@ -84,7 +84,7 @@ class RosForm(Form):
                 yield from self._columns(field.type, f"{name}.", depth + 1)
 
     def template(self, data: bytes) -> Template | None:
-        """Return a template; None for lists of messages or a damaged message."""
+        """Return a template; None if the message has a list of messages or is damaged."""
         if not self._fixed or data[:2] != _LITTLE_ENDIAN:
             return None
         template = Template(data)
@@ -145,12 +145,12 @@ def _number(data: bytes, position: int) -> tuple[int, int]:
 
 
 def _aligned(position: int, size: int) -> int:
-    """Align an offset; alignment counts after the 4-byte header."""
+    """Align an offset. CDR counts the alignment from the end of the 4-byte header."""
     return position + -(position - _HEAD) % size
 
 
 def _definitions(text: str) -> dict[str, list[_Field]]:
-    """Return the fields by type name; the message's own type has an empty name."""
+    """Return the fields by type name. The name of the message's own type is empty."""
     parts = re.split(r"^=+\s*\nMSG: *(\S+) *\n", text, flags=re.MULTILINE)
     found = {"": _fields(parts[0], "")}
     for name, body in zip(parts[1::2], parts[2::2], strict=True):

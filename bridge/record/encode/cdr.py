@@ -1,7 +1,8 @@
 """Encoder of ROS 2 messages with a fixed layout in CDR: one ``struct.pack`` per message.
 
-Plain CDR, little-endian: each value is aligned to its size, counted after the 4-byte header. A
-string is encoded as its length, including the final zero byte, then its bytes.
+The encoding is plain CDR, little-endian: each value is aligned to its size, counted from the end of
+the 4-byte header. A string is encoded as its length, which includes a final zero byte, then its
+bytes.
 """
 
 from __future__ import annotations

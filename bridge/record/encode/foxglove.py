@@ -1,8 +1,8 @@
 """Encoder of poses, transforms and log lines in Foxglove's protobuf types.
 
-A pose has a fixed length, so it is one ``struct.pack``. Zero values are written, although protobuf
-may omit them, and the two integers of a time stamp have five bytes each, which protobuf's
-variable-length integers allow. Google's library takes 1 µs per pose.
+A pose has a fixed length, so one ``struct.pack`` encodes it. Protobuf may omit zero values, but
+this encoder writes them. The two integers of a time stamp always have five bytes each; protobuf's
+variable-length integers permit this padding. Google's library takes 1 µs per pose.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _STAMP = struct.Struct("<BIBBIB")
 STAMP_CODE = f"{_STAMP.size}s"
 
 
-@lru_cache(maxsize=8)  # truth, pose and transform share a time
+@lru_cache(maxsize=8)  # the true pose, the estimated pose and the transform have equal times
 def timestamp(time_ns: int) -> bytes:
     """Encode Unix nanoseconds as a ``google.protobuf.Timestamp`` of exactly twelve bytes."""
     s, n = divmod(time_ns, _NANOSECONDS)

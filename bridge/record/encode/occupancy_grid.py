@@ -19,11 +19,11 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 _RESOLUTION_M = 0.02
 _MARGIN_CELLS = 2
 _MAX_CELLS = 1_000_000
-"""Maximum number of cells. A large hall gets larger cells instead of a message of megabytes."""
+"""Maximum number of cells. In a large hall the cells are larger, so that a message stays small."""
 
 
 def rasterise(plan: FloorPlan, log_ns: int) -> CoverageRecord:
-    """Return the grid: free floor 0, obstacles and the walls' edge 100, outside unknown (-1)."""
+    """Return the grid: free floor 0, obstacles and cells at walls 100, outside unknown (-1)."""
     x_min, y_min, x_max, y_max = plan.bounds()
     width_m, height_m = x_max - x_min, y_max - y_min
     resolution_m = max(_RESOLUTION_M, math.sqrt(width_m * height_m / _MAX_CELLS))
@@ -56,7 +56,10 @@ def _inside(
 
 
 def _rim(floor: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the cells next to the floor, in eight directions. The margin keeps them inside."""
+    """Return the cells next to the floor, in eight directions.
+
+    They lie inside the grid's margin.
+    """
     grown = floor.copy()
     for axis in (0, 1):
         grown |= np.roll(grown, 1, axis) | np.roll(grown, -1, axis)

@@ -16,8 +16,8 @@ class Packer:
     """Packs values between constant bytes, little-endian."""
 
     def __init__(self, parts: Iterable[Part]) -> None:
-        # Adjacent constants are joined. The argument list then has constants at even and values at
-        # odd indices.
+        # Join adjacent constants. Constants are then the arguments with even indices, and values
+        # are the arguments with odd indices.
         codes: list[str] = []
         constants = [b""]
         for part in parts:
@@ -28,7 +28,7 @@ class Packer:
                 constants.append(b"")
         layout = f"<{len(constants[0])}s"
         self.template: list[Any] = [constants[0]]
-        """Arguments of ``form``; values go to the odd indices."""
+        """Arguments of ``form.pack``. Values are at the odd indices."""
         for code, constant in zip(codes, constants[1:], strict=True):
             layout += f"{code}{len(constant)}s"
             self.template += (0, constant)

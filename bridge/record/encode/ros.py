@@ -1,7 +1,8 @@
 """Encoder of device messages and maps as ROS 2 messages, for other tools.
 
 The field lists are the definitions of ``sensor_msgs``, ``nav_msgs``, ``geometry_msgs``,
-``std_msgs`` and ``builtin_interfaces``, in the concatenated form that MCAP calls ``ros2msg``.
+``std_msgs`` and ``builtin_interfaces``. They have the concatenated form that MCAP calls
+``ros2msg``.
 """
 
 from __future__ import annotations
@@ -84,13 +85,13 @@ def schema_text(name: str) -> str:
 
 
 class RosTopic(NamedTuple):
-    """A topic for a device message; the first two values are the time stamp."""
+    """A ROS topic for a device message. The first two values are the time stamp."""
 
     name: str
     type_name: str
     layout: CdrLayout
     age: int | None = None
-    """Index of the field with the sample's age at the message's stamp; None: no age."""
+    """Index of the field with the sample's age when the message was stamped; None: no age."""
 
 
 class RosMessages(NamedTuple):
@@ -102,7 +103,8 @@ class RosMessages(NamedTuple):
     raw: tuple[int, ...] = ()
     """Index and gain of each field, if all values are scaled fields."""
     values: Callable[[DeviceMessage], tuple[float, ...]] | None = None
-    """Otherwise: returns the values of all topics in order, without time stamps."""
+    """Function that returns the values of all topics in order, without time stamps. Used if some
+    values are not scaled fields."""
 
 
 _NO_COVARIANCE = [("d", 0.0)] * 9
@@ -119,7 +121,7 @@ _IMU = CdrLayout(
     *_NO_COVARIANCE,
 )
 _IMU_VALUES = (4, 5, 6, 0, 1, 2)
-"""Rates, then accelerations, by their register index."""
+"""Indices of the fields: rates, then accelerations."""
 _JOINT_STATE = CdrLayout(
     "2I",
     ("text", BODY_FRAME),
@@ -154,7 +156,7 @@ def _ranger(name: str, mount: RangerMount, radiation: int, age: int | None = Non
 
 
 class RosTranslator:
-    """Converts device messages to ROS 2; the messages of a robot must come in order."""
+    """Converts device messages to ROS 2. The messages of a robot must be passed in order."""
 
     def __init__(self, model: RobotModel) -> None:
         self._rad_per_count = 2.0 * math.pi / model.counts_per_turn
@@ -201,7 +203,7 @@ class RosTranslator:
 
     @staticmethod
     def _range(record: DeviceMessage) -> tuple[float, ...]:
-        """Return the ranges; no echo is +infinity (REP 117)."""
+        """Return the ranges. A missing echo is +infinity (REP 117)."""
         message = cast("Range", record.message)
         ranges = (message.ultrasonic_m, message.infrared_left_m, message.infrared_right_m)
         return tuple(math.inf if m is None else m for m in ranges)
@@ -240,11 +242,11 @@ _GRID_HEAD = CdrLayout(
 def parse_occupancy_grid(log_ns: int, data: bytes) -> CoverageRecord:
     """Parse ``nav_msgs/OccupancyGrid`` without a copy of its cells.
 
-    The library's decoder creates a Python integer per cell, which takes a hundred times as long.
-    The orientation of the origin is ignored.
+    The library's decoder creates a Python integer per cell and takes a hundred times as long. The
+    orientation of the origin is ignored.
 
     Raises:
-        ValueError: it is not a grid in little-endian CDR, or is truncated.
+        ValueError: the data are not a grid in little-endian CDR, or are truncated.
 
     """
     if not data.startswith(LITTLE_ENDIAN):

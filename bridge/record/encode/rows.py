@@ -1,7 +1,7 @@
-"""Messages of fixed length that occur together, stored as numbers and packed per chunk.
+"""Rows of numbers: messages of fixed length that occur together, packed when their chunk closes.
 
-Adding a message only appends its numbers to an array. When the chunk closes, a compiled kernel
-writes the records with their headers into their reserved places.
+A new message only appends its numbers to an array. When the chunk closes, a compiled kernel writes
+all records, with their headers, into the space that is reserved for them.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 OP_MESSAGE = 0x05
 """MCAP's opcode of a message."""
 RECORD_HEAD = 9
-"""Size of opcode and length, bytes; the length does not include it."""
+"""Size of opcode and length, bytes. The length field does not count these bytes."""
 _HEAD = struct.Struct("<BQH")
 _FIXED = 22
 """Size of a message record before its data, bytes."""
 
 
 class Source(NamedTuple):
-    """Source of a value."""
+    """Source of a value: a column of the row, and the conversion to the value."""
 
     kind: int
     """Kind of the source, from ``rows_kernel``."""
@@ -71,7 +71,7 @@ def half_angle(column: int) -> tuple[Source, Source]:
 
 
 class Head(NamedTuple):
-    """Columns of a message's header: log time, publish time, and sequence if it has one."""
+    """Columns of a message's header: log time, publish time, and sequence number if present."""
 
     log: int
     publish: int
@@ -79,7 +79,7 @@ class Head(NamedTuple):
 
 
 class RowMessage(NamedTuple):
-    """One message of a row."""
+    """One of the messages that a row contains."""
 
     channel_id: int
     head: Head
@@ -103,7 +103,7 @@ class Rows:
     def __init__(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> None:
         """Declare a row's number of integers and floats, and its messages.
 
-        The first integer is the row's place in the chunk.
+        The first integer of a row is the row's offset in the chunk.
         """
         self._columns = ints, floats
         self.ints = array("q")
@@ -158,7 +158,8 @@ class Rows:
             self._places,
             index,
         )
-        # An array with a view cannot be cleared.
+        # A numpy array that shares the memory of an ``array`` prevents clearing it. So create new
+        # ones.
         self.ints, self.floats = array("q"), array("d")
         return Packed(index, first_ns, last_ns)
 

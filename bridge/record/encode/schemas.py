@@ -1,7 +1,7 @@
-"""Own protobuf messages: one for every message of the catalogue, and the host's messages.
+"""Sweepctl's protobuf messages: one for each message of the catalogue, and the host's messages.
 
-A field's number follows from its position, and fields are only appended, so a number keeps its
-meaning in every version of a message.
+A field's number is computed from its position. New fields are only appended. So a number has the
+same meaning in every version of a message.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 _T_US, _NODE, _BOUND = 1, 2, 3
 _FIRST_FIELD = 4
-"""First field number: field i of the message has 4 + 2i, its value in SI units 5 + 2i."""
+"""First field number. Field i of the message has number 4 + 2i, and its value in SI units 5 +
+2i."""
 
 
 def _raw_kind(field: Field) -> FieldKind:
@@ -42,14 +43,14 @@ def _raw_kind(field: Field) -> FieldKind:
 
 
 class DeviceEncoder:
-    """Encoder of ``/device/<name>``: raw values by name, each with its value in SI units.
+    """Encoder of ``/device/<name>``: each raw value, and the value in SI units.
 
-    A value is absent if the device does not know the field or sends its sentinel; ``bound_ns`` is
-    absent without a clock mapping.
+    A value is absent if the device does not have the field or sends its sentinel. ``bound_ns`` (the
+    clock's error bound) is absent without a clock mapping.
     """
 
     def __init__(self, spec: MessageSpec, *, has_si: bool = True) -> None:
-        """Without ``has_si`` all values in SI units are absent."""
+        """Create an encoder. Without ``has_si`` all values in SI units are absent."""
         self.has_si = has_si
         raw = [
             FlatField(f.name, _raw_kind(f), _FIRST_FIELD + 2 * i) for i, f in enumerate(spec.fields)
@@ -68,7 +69,7 @@ class DeviceEncoder:
                 ),
             ],
         )
-        # Plain gains for values that are always present: half the time of the general form.
+        # Values that are always present only need a gain and an offset. This halves the time.
         self._gains = [(i, f.si_gain, f.si_offset) for i, f in scaled]
         self._sentinels = {i: f.none for i, f in scaled if f.none is not None}
 
@@ -77,7 +78,7 @@ class DeviceEncoder:
         return self.layout.encode(self.values(record))
 
     def values(self, record: DeviceMessage) -> list[Any]:
-        """Return a value per field of the layout; None: absent."""
+        """Return a value per field of the layout. None: the field is absent."""
         _, _, bound_ns, node, _, t_us, _, message = record
         raw: tuple[Any, ...] = message  # type: ignore[assignment]  # messages are tuples
         if not self.has_si:
@@ -109,12 +110,12 @@ class DeviceEncoder:
 
 
 def device_encoders(catalogue: Catalogue = CATALOGUE) -> dict[str, DeviceEncoder]:
-    """Return an encoder for every message of a catalogue, by name."""
+    """Return an encoder for every message of a catalogue, by message name."""
     return {spec.name: DeviceEncoder(spec) for spec in catalogue}
 
 
 def catalogue_json(catalogue: Catalogue = CATALOGUE) -> str:
-    """Return all declarations as JSON: enough to decode the raw bytes."""
+    """Return all declarations as JSON. A reader can decode the raw bytes with this text alone."""
     return json.dumps(
         {
             "protocol_version": PROTOCOL_VERSION,
@@ -163,7 +164,7 @@ RAW_BYTES = _flat("RawBytes", data=FieldKind.BYTES)
 RAW_CAN = _flat(
     "RawCan", outgoing=FieldKind.FIXED32, can_id=FieldKind.FIXED32, data=FieldKind.BYTES
 )
-"""``/raw/can``: one frame; the top bits of the id are SocketCAN's flags."""
+"""``/raw/can``: one CAN frame. The top bits of the id are SocketCAN's flags."""
 
 POSE_ESTIMATE = _flat(
     "PoseEstimate",
@@ -190,7 +191,7 @@ COMMAND = _flat(
     target_v_m_s=FieldKind.DOUBLE,
     target_yaw_rate_rad_s=FieldKind.DOUBLE,
 )
-"""``/cmd``: the setpoint sent, and the target before smoothing."""
+"""``/cmd``: the setpoint that was sent, and the target before smoothing."""
 
 PLANNER_STATE = _flat(
     "PlanState",
@@ -204,7 +205,7 @@ PLANNER_STATE = _flat(
     planner=FieldKind.STRING,
     state=FieldKind.STRING,
 )
-"""``/planner``: T, D, Prev-D and Length of the paper. Without a target, ``target_*`` are absent."""
+"""``/planner``: T, D, Prev-D and Length of the paper. ``target_*`` are absent without a target."""
 
 EVENT = _flat(
     "Event",
@@ -214,7 +215,7 @@ EVENT = _flat(
     text=FieldKind.STRING,
     data_json=FieldKind.STRING,
 )
-"""``/events``."""
+"""``/events``: kind, text and data of an event."""
 
 CLOCK_SYNC = _flat(
     "ClockSync",

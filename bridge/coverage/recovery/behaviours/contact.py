@@ -23,7 +23,8 @@ Part = Generator[Leg, Step, LegResult]
 def drive(context: RecoveryContext, leg: Drive) -> Part:
     """Drive a leg, add every obstacle to the map, and back off from a contact.
 
-    A lane also ends beside a wall with an unswept perimeter. The robot then follows that wall.
+    A wall with an unswept perimeter beside a lane also ends the lane. The robot then follows that
+    wall.
     """
     lookout, is_lane = context.lookout, leg.purpose == "lane"
     lookout.on_lane, lookout.beside = is_lane, 0
@@ -43,7 +44,7 @@ def drive(context: RecoveryContext, leg: Drive) -> Part:
 
 
 def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Leg, Step, bool]:
-    """Follow the obstacle that ended a drive early, unless the floor in front of it is swept.
+    """Follow the obstacle that ended a drive early. If the floor before it is swept, do nothing.
 
     Returns:
         True if the perimeter was followed. A cliff is never followed, because no sensor measures

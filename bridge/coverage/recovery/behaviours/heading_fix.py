@@ -1,4 +1,4 @@
-"""The heading fix: a drive along a known straight wall when the heading is uncertain."""
+"""Heading fix: a drive along a known straight wall if the heading is uncertain."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
     from bridge.motion.legs import Leg
 
 _READ_S = 0.15
-"""Rest after the drive, s. The last reading arrives in this time."""
+"""Standstill after the drive, s. The last infrared reading arrives in this time."""
 
 
 class HeadingFix:
-    """Decides when to fix the heading, and where."""
+    """Decides when and where to fix the heading."""
 
     def __init__(self) -> None:
-        """Allow the first fix at once."""
+        """Allow the first fix immediately."""
         self.due_s = -math.inf
-        """Time before which no fix is tried, s."""
+        """Earliest time of the next fix, s."""
         self._failed = 0
         """Number of fixes in a row without effect."""
 
     def take(self, context: RecoveryContext) -> Generator[Leg, Step, bool]:
-        """Fix an uncertain heading at a known wall nearby. Return True if it was attempted."""
+        """Fix an uncertain heading at a known wall nearby. Return True if a fix was attempted."""
         obs, starts = context.obs, context.wall_segments.starts()
         apart_s = context.options.heading_fix_apart_s
         if (
@@ -63,7 +63,7 @@ class HeadingFix:
         left_rad = context.obs.heading_sigma_rad
         helped = left_rad < context.options.fix_helped * obs.heading_sigma_rad
         self._failed = 0 if helped else self._failed + 1
-        if begun_rad is not None:  # a blocked transit is no failure of the wall
+        if begun_rad is not None:  # a blocked transit does not mean that the wall is unsuitable
             useful = left_rad < max(
                 context.options.fix_helped * begun_rad, context.options.fix_enough_rad
             )
@@ -74,11 +74,11 @@ class HeadingFix:
     def drive_along(
         self, context: RecoveryContext, start: Start, path: tuple[Point, ...]
     ) -> Generator[Leg, Step, float | None]:
-        """Drive straight along a wall. The infrared does not steer, because it is noisy.
+        """Drive straight along a wall. The noisy infrared measures the heading but does not steer.
 
         Returns:
-            Heading standard deviation at the beginning of the drive, rad. None: there was no drive,
-            because the transit was blocked or already fixed the heading.
+            Heading standard deviation at the beginning of the drive, rad. None: the robot did not
+            drive along the wall, because the transit was blocked or already fixed the heading.
 
         """
         choice = Choice("heading-fix", path, start.heading_rad, HEADING_RUN_M)

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from bridge.motion.legs import Leg, LegResult
 
 _RIM_M = 0.01
-"""Distance from the rim at which an obstacle in the ultrasonic range is added to the map, m."""
+"""Distance from the rim at which an obstacle that the ultrasonic sensor detects is mapped, m."""
 
 
 def react(
     context: RecoveryContext, result: LegResult, heading_rad: float, *, abeam: int = 0
 ) -> Generator[Leg, Step]:
-    """Add the obstacle that stopped a leg to the map, and back off along the leg's heading, rad.
+    """Add the obstacle that stopped a leg to the map, and back off against the leg's heading.
 
-    ``abeam`` is the side of a wall that is followed in contact: left (1) or right (-1).
+    ``abeam`` is the side of a wall that the robot follows in contact: left (1) or right (-1).
     """
     if result.reason is StopReason.RANGE:
         point = result.pose.transform(context.model.radius_m + _RIM_M, 0.0)
@@ -50,7 +50,7 @@ def react(
 
 
 def _leave_cliff(context: RecoveryContext, heading_rad: float) -> Generator[Leg, Step]:
-    """Back off until there is floor ahead, and then a little more."""
+    """Back off until the sensor detects floor ahead, then a few centimetres more."""
     back_m = context.options.cliff_back_off_m
     back = Drive(heading_rad, -back_m, speed_m_s=context.options.back_off_m_s, purpose="back-off")
     for _ in range(context.options.max_backs):

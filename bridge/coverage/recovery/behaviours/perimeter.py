@@ -22,7 +22,7 @@ QUARTER = 0.5 * math.pi
 
 
 def _touches_only(result: LegResult, side: int) -> bool:
-    """Return True if only the switch on one side is pressed."""
+    """Return True if the bumper switch on one side is pressed and the other switch is not."""
     left, right = result.bumper_left, result.bumper_right
     return (left and not right) if side > 0 else (right and not left)
 
@@ -30,7 +30,7 @@ def _touches_only(result: LegResult, side: int) -> bool:
 def turn(
     context: RecoveryContext, heading_rad: float, min_rad: float | None = None
 ) -> Generator[Leg, Step]:
-    """Turn in place to a heading, rad, if it is at least ``min_rad`` away."""
+    """Turn in place to a heading, rad, if the turn is at least ``min_rad``."""
     if min_rad is None:
         min_rad = context.options.min_turn_rad
     if abs(wrap_angle(heading_rad - context.pose.theta_rad)) > min_rad:
@@ -44,9 +44,9 @@ def follow_perimeter(
 
     Args:
         context: the plan's context.
-        left: whether the wall is on the left.
-        touching: whether the robot touches the wall already.
-        min_m: path before the pass can close, m; None: the value in the options.
+        left: True if the wall is on the left.
+        touching: True if the robot already touches the wall.
+        min_m: minimum path before the pass can end as complete, m; None: the value in the options.
 
     """
     wall, options = context.lookout.wall, context.options
@@ -84,7 +84,7 @@ def follow_perimeter(
             break
         # Turn until the contact is beside the robot. A contact on the other side is an inner
         # corner.
-        ended_s = begun_s + result.duration_s  # the robot may have rested since
+        ended_s = begun_s + result.duration_s  # the robot may have stood still since then
         is_ahead = again or ended_s - wall.brisk_s < options.brisk_stop_s
         if abeam:
             away = FELT_RAD

@@ -39,7 +39,7 @@ def approach_wall(context: RecoveryContext) -> Generator[Leg, Step]:
 
 
 def sweep_lane(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
-    """Drive to a lane and sweep it. Return True if the robot reached its beginning."""
+    """Drive to a lane and sweep it. Return True if the robot reached the lane's beginning."""
     if not (yield from transit(context, choice)):
         return False
     yield from turn(context, choice.heading_rad, context.options.bend_rad)
@@ -59,7 +59,7 @@ def sweep_lane(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step,
 
 
 def sweep_perimeter(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
-    """Drive to a wall and follow it. Return True if the robot reached it."""
+    """Drive to a wall and follow it. Return True if the robot reached the wall."""
     if not (yield from transit(context, choice)):
         return False
     wall_rad, pose = choice.heading_rad - QUARTER, context.pose
@@ -73,13 +73,13 @@ def sweep_perimeter(context: RecoveryContext, choice: Choice) -> Generator[Leg, 
 
 
 def choose(context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
-    """Search for the lane or perimeter with the largest area per time; None: none is worthwhile."""
+    """Search for the lane or perimeter with the largest area per time; None: none is worth it."""
     search = context.chooser.search(context.map, context.pose, context.lookout.grid_rad)
     return (yield from context.in_slices(search))
 
 
 def _record_lane(context: RecoveryContext, result: LegResult, planned_m: float) -> None:
-    """Update the paper's variables, and record the region that an obstacle occluded."""
+    """Update the paper's variables, and record the region that an obstacle has occluded."""
     context.lane_m = max(result.distance_m, 0.0)
     context.record.change(
         previous_lane_distance_m=context.record.state.lane_distance_m,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.motion.legs import Leg, LegResult
 
 _NO_LEG_M = 0.01
-"""Length of a path segment that is too short to drive, m."""
+"""Maximum length of a path segment that is too short to drive, m."""
 _CONTACT = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 
 
@@ -32,13 +32,13 @@ def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
 
 
 def end_speed(options: RecoveryOptions, choice: Choice, k: int, heading_rad: float) -> float:
-    """Return the speed at the end of segment ``k`` of a choice's path, m/s."""
+    """Return the speed at the end of segment ``k`` of the path to a choice, m/s."""
     if k + 1 < len(choice.path):
         (x, y), (x1, y1) = choice.path[k : k + 2]
         bend = math.atan2(y1 - y, x1 - x) - heading_rad
     elif choice.kind == "lane":
         bend = choice.heading_rad - heading_rad
-    else:  # the direction along the wall is decided at the wall
+    else:  # the robot chooses the direction when it is at the wall
         return options.corner_m_s
     return options.bend_m_s if abs(wrap_angle(bend)) < options.slight_rad else options.corner_m_s
 
@@ -47,7 +47,7 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
     """Drive to the start of a choice.
 
     Returns:
-        True if the robot arrived. A blocked robot follows the obstacle or seeks a passage.
+        True if the robot arrived. If it is blocked, it follows the obstacle or seeks a passage.
 
     """
     context.enter("transit", choice.path[-1])
