@@ -1,4 +1,4 @@
-"""Planners by name: those of the project, those of plug-ins, and ``module:callable``."""
+"""Planners by name: the project's planners, plug-ins, and ``module:callable``."""
 
 from __future__ import annotations
 
@@ -59,11 +59,14 @@ class UnknownPlannerError(ValueError):
 
 
 class PlannerMakingError(PlannerError):
-    """A planner from outside the project that cannot be imported or created; the text names it."""
+    """A planner that is not part of the project cannot be imported or created.
+
+    The text names it.
+    """
 
 
 def planner_names() -> list[str]:
-    """Return the names of the project's planners, then those of plug-ins; import none."""
+    """Return the names of the project's planners, then of plug-ins. No planner is imported."""
     return [
         *PLANNERS,
         *(name for name in sweepctl_plugins.found("planners") if name not in PLANNERS),
@@ -86,14 +89,14 @@ def make_planner(
     Args:
         name: one of :func:`planner_names`, or ``module:callable``.
         model: the robot.
-        rng: source of random numbers; of the project's planners only ``random`` uses it.
-        options: ``name=value`` each.
+        rng: source of random numbers. Of the project's planners, only ``random`` uses it.
+        options: options in the form ``name=value``.
 
     Raises:
         UnknownPlannerError: no planner has this name.
         PlannerOptionError: the planner has no such option, or the value is invalid.
-        PlannerError: a plug-in or ``module:callable`` cannot be loaded or raises, or its result
-            lacks a method; the text names it.
+        PlannerError: a plug-in or ``module:callable`` cannot be loaded or raises an exception, or
+        its result lacks a method. The text names the planner.
 
     """
     if name in _FACTORIES:
@@ -115,7 +118,7 @@ def make_planner(
 
 
 def _outside(name: str) -> tuple[str, Factory]:
-    """Return the description and the factory of a planner from outside the project."""
+    """Return the description and the factory of a planner that is not part of the project."""
     plugin = sweepctl_plugins.found("planners").get(name)
     clash = sweepctl_plugins.clashes("planners").get(name)
     if clash is not None:

@@ -1,8 +1,9 @@
-"""Rests between legs that measure the gyro bias.
+"""Standstills between legs in which the gyro bias is measured.
 
-The bias follows the chip's temperature, which rises for minutes after power-up. A standstill of one
-second measures the bias. It removes an error of 0.01 °/s, which would turn the heading by 0.6° per
-minute. The standard deviation of the bias in the filter decides when a rest is due.
+The bias follows the temperature of the gyro chip, which rises for minutes after power-up. A
+standstill of one second measures the bias. This removes an error of 0.01 °/s, which would turn the
+heading by 0.6° per minute. A standstill is due when the filter's standard deviation of the bias is
+too large.
 """
 
 from __future__ import annotations
@@ -14,17 +15,17 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
 _UNCERTAIN_RAD_S = math.radians(0.012)
-"""Bias standard deviation from which a rest is due, rad/s: 0.7° of heading per minute."""
+"""Bias standard deviation from which a standstill is due, rad/s: 0.7° of heading per minute."""
 _SURE_RAD_S = math.radians(0.005)
-"""Bias standard deviation at which a rest ends, rad/s."""
+"""Bias standard deviation at which a standstill ends, rad/s."""
 _MAX_S = 2.5
-"""Maximum duration of a rest, s."""
+"""Maximum duration of a standstill, s."""
 _APART_S = 20.0
-"""Minimum time between two rests, s."""
+"""Minimum time between two standstills, s."""
 
 
 class GyroRest:
-    """Decides when to rest, and for how long."""
+    """Decides when the robot stands still to measure the bias, and for how long."""
 
     __slots__ = ("_begun_s", "_ended_s")
 
@@ -34,11 +35,14 @@ class GyroRest:
 
     @property
     def held(self) -> bool:
-        """True during a rest."""
+        """True during a standstill."""
         return self._begun_s is not None
 
     def holds(self, obs: Observation) -> bool:
-        """Return True if the robot must stand still in this step; called only between legs."""
+        """Return True if the robot must stand still in this control step.
+
+        Call it only between legs.
+        """
         if self._begun_s is None:
             due = (
                 obs.gyro_bias_sigma_rad_s > _UNCERTAIN_RAD_S

@@ -1,4 +1,4 @@
-"""Combines a planner and the leg executor into one step per observation."""
+"""Runs a planner and the leg executor together, with one step per observation."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _MAX_DECISIONS = 16
-"""Maximum number of legs in a row that end in the step in which they begin. More legs mean an
-endless loop."""
+"""Maximum number of legs in a row that end in the control step in which they begin. More such legs
+mean an endless loop."""
 
 
 class PlanRunner:
     """Runs a plan to its end: one call of ``step`` per observation.
 
-    Before the first leg, while paused and after the end the robot brakes to rest within the
-    acceleration limits. Only ``step`` begins legs.
+    Before the first leg, during a pause and after the end, the robot brakes to standstill within
+    the acceleration limits. Only ``step`` begins legs.
     """
 
     def __init__(
@@ -42,10 +42,10 @@ class PlanRunner:
         model: RobotModel,
         tuning: MotionTuning | None = None,
     ) -> None:
-        """Run a planner that has not started.
+        """Create a runner for a planner that has not started.
 
         Raises:
-            PlannerError: the planner lacks a method. Nothing has moved.
+            PlannerError: the planner lacks a method. The robot has not moved.
 
         """
         check_planner(planner)
@@ -63,12 +63,12 @@ class PlanRunner:
 
     @property
     def finished(self) -> bool:
-        """True once the plan has ended."""
+        """True if the plan has ended."""
         return self._finish is not None
 
     @property
     def finish_reason(self) -> str | None:
-        """Reason of the plan's end; None while it runs."""
+        """Reason for the plan's end; None while the plan runs."""
         return None if self._finish is None else self._finish.reason
 
     @property
@@ -78,17 +78,17 @@ class PlanRunner:
 
     @property
     def turns(self) -> int:
-        """Number of turns in place begun."""
+        """Number of turns in place that were started."""
         return self._turns
 
     @property
     def legs(self) -> int:
-        """Number of legs begun."""
+        """Number of legs that were started."""
         return self._legs
 
     @property
     def lane_length_m(self) -> float:
-        """Total length of the lanes, m: Σ d of eq. 8."""
+        """Total length of the lanes, m: Σ d of the paper's eq. 8."""
         return self._lane_length_m
 
     @property
@@ -103,12 +103,12 @@ class PlanRunner:
 
     @property
     def target(self) -> VelocityCommand:
-        """The target velocity before smoothing."""
+        """Target velocity before smoothing."""
         return self._executor.target
 
     @property
     def paused(self) -> bool:
-        """True if ``pause`` holds the plan."""
+        """True if ``pause`` stops the plan."""
         return self._paused
 
     def drain_events(self) -> list[PlannerEvent]:
@@ -117,18 +117,18 @@ class PlanRunner:
         return [*self._planner.drain_events(), *rests]
 
     def pause(self) -> None:
-        """Brake to rest and hold until ``resume``; the leg is kept."""
+        """Brake to standstill and wait until ``resume``. The current leg is not dropped."""
         self._paused = True
 
     def resume(self) -> None:
-        """Continue the paused leg along its line."""
+        """Continue the paused leg on its line."""
         self._paused = False
 
     def step(self, obs: Observation) -> VelocityCommand:
         """Return the velocity command for an observation.
 
         Raises:
-            PlannerError: the planner gave an invalid leg.
+            PlannerError: the planner returned an invalid leg.
 
         """
         executor = self._executor
@@ -153,7 +153,7 @@ class PlanRunner:
         return executor.brake(obs)
 
     def _holds(self, obs: Observation) -> bool:
-        """Whether to rest in this step."""
+        """Return True if the robot must stand still in this control step."""
         was_held = self._rest.held
         if self._rest.holds(obs) and not was_held:
             uncertainty_deg_s = round(math.degrees(obs.gyro_bias_sigma_rad_s), 4)
@@ -164,7 +164,7 @@ class PlanRunner:
         return self._rest.held
 
     def _observe(self, observing: ObservingPlanner, obs: Observation) -> None:
-        """Give an observation to a planner that takes each of them."""
+        """Pass an observation to a planner that receives all observations."""
         try:
             if observing.observe(obs):
                 self._executor.cancel(obs)
@@ -174,7 +174,7 @@ class PlanRunner:
             raise
 
     def _blame(self, error: Exception) -> None:
-        """Add the name of a planner from outside the project to its exception."""
+        """Add the planner's name to its exception, if the planner is not part of the project."""
         origin = ORIGINS.get(type(self._planner))
         if origin is not None:
             error.add_note(f"raised by {origin}")

@@ -1,4 +1,4 @@
-"""The swept floor during the run, for drawing and for the log. It needs no floor plan."""
+"""Map of the swept floor during the run, for display and for the log. It needs no floor plan."""
 
 from __future__ import annotations
 
@@ -15,33 +15,34 @@ if TYPE_CHECKING:
 
 UNKNOWN = -1
 SWEPT = 0
-"""Value of a cell that the mouth has passed. The cell has no obstacle, so it is free as in
+"""Value of a cell that the mouth has passed. Such a cell has no obstacle, so its value is "free" in
 ``nav_msgs/OccupancyGrid`` (0 free, 100 occupied, -1 unknown)."""
 
 _MARGIN_CELLS = 50
 _MAX_CELLS = 4096 * 4096
 _GAP_M = 0.5
-"""Minimum distance between poses that are not connected, m: the estimate was reset."""
+"""Minimum distance of two successive poses that are not connected, m. The estimate was then
+reset."""
 
 
 class OccupancyArray(NamedTuple):
     """Data of an OccupancyGrid."""
 
     cells: NDArray[np.int8]
-    """Cells of shape (rows along +y, columns along +x). Flattened, they are the message's
-    ``data``."""
+    """Cells, with shape (rows along +y, columns along +x). Flattened, they are the field ``data``
+    of the message."""
     origin_x_m: float
-    """Corner of cell (0, 0), m."""
+    """Position of the corner of cell (0, 0), m."""
     origin_y_m: float
     resolution_m: float
 
 
 class SweptMap:
-    """Cells that the mouth has covered.
+    """Cells that the mouth has covered, also partly.
 
-    The map grows in steps of at least 1 m. A partly covered cell counts as covered, so the drawn
-    area is up to half a cell too large on each side. Use the metrics for exact values. Beyond 16
-    million cells, marks are dropped and counted.
+    The map grows in steps of at least 1 m. A partly covered cell counts as covered. So the drawn
+    area is up to half a cell too large on each side; the metrics give exact values. If the map has
+    more than 16 million cells, further marks are dropped and counted.
     """
 
     __slots__ = (
@@ -66,9 +67,9 @@ class SweptMap:
         """Begin without cells."""
         self.resolution_m = resolution_m
         self.revision = 0
-        """Grows with every change of a cell."""
+        """Counter that grows with every change of a cell."""
         self.dropped = 0
-        """Number of marks outside the maximum extent."""
+        """Number of marks outside the maximum size of the map."""
         self._per_m = 1.0 / resolution_m
         self._half_m = 0.5 * model.cleaning_width_m
         self._offset_m = model.mouth_offset_m
@@ -77,11 +78,11 @@ class SweptMap:
         self._x0 = self._y0 = 0
         self._rows = self._columns = 0
         self._grid = (self._cells, 0, 0, 0, 0)
-        """Cells, rows, columns and origin of one map; replaced as a whole."""
+        """Cells, rows, columns and origin of the map. They are replaced together."""
         self._last: Pose2 | None = None
         self._unconfirmed: list[tuple[int, int]] = []
-        """Cells covered since the last confirmation of the pose, by column and row from the frame's
-        origin."""
+        """Cells covered since the last confirmation of the pose. Column and row count from the
+        origin of the frame."""
 
     @property
     def swept_m2(self) -> float:
@@ -113,11 +114,11 @@ class SweptMap:
             )
 
     def confirm(self) -> None:
-        """Keep the cells covered so far, because the poses were right."""
+        """Accept the cells covered so far, because the poses were right."""
         self._unconfirmed.clear()
 
     def revert(self) -> float:
-        """Remove the cells covered since the last confirmation; return their area, m²."""
+        """Remove the cells covered since the last confirmation. Return their area, m²."""
         count = len(self._unconfirmed)
         for column, row in self._unconfirmed:
             self._cells[(row - self._y0) * self._columns + column - self._x0] = 0
@@ -126,7 +127,7 @@ class SweptMap:
         return count * self.resolution_m**2
 
     def to_occupancy(self) -> OccupancyArray:
-        """Return a copy: 0 swept, -1 unknown. It may be called from any thread."""
+        """Return a copy: 0 swept, -1 unknown. This method may be called from any thread."""
         swept, rows, columns, x0, y0 = self._grid
         cells = np.frombuffer(bytes(swept), dtype=np.uint8)
         grid = np.where(cells > 0, SWEPT, UNKNOWN).astype(np.int8)
@@ -157,7 +158,7 @@ class SweptMap:
                 return
             x += shift[0]
             y += shift[1]
-        # sample the middles of as many parts as the mouth has cells
+        # sample the middle of each part of the mouth; a part is at most one cell wide
         x += 0.5 * step_x
         y += 0.5 * step_y
         cells, columns = self._cells, self._columns
@@ -174,7 +175,7 @@ class SweptMap:
             self.revision += 1
 
     def _grow(self, x0: float, y0: float, x1: float, y1: float) -> tuple[int, int] | None:
-        """Extend to hold a box given in cells from the present origin; returns the shift."""
+        """Enlarge the map to contain a box, in cells from the present origin. Return the shift."""
         if not (math.isfinite(x0 + x1) and math.isfinite(y0 + y1)):
             return None
         left = max(-math.floor(x0) + _MARGIN_CELLS, 0) if x0 < 0 else 0
@@ -182,7 +183,7 @@ class SweptMap:
         right = math.floor(x1) + 1 + _MARGIN_CELLS if x1 >= self._columns else self._columns
         up = math.floor(y1) + 1 + _MARGIN_CELLS if y1 >= self._rows else self._rows
         if not self._cells:
-            # nothing there yet: place the extent around the first box
+            # no cells yet: place the map around the first box
             left, down = -math.floor(x0) + _MARGIN_CELLS, -math.floor(y0) + _MARGIN_CELLS
             right, up = math.floor(x1) + 1 + _MARGIN_CELLS, math.floor(y1) + 1 + _MARGIN_CELLS
         columns, rows = left + right, down + up

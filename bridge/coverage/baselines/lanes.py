@@ -68,7 +68,7 @@ class LaneSweep:
     """Parallel lanes along the start heading. Each lane is W beside the previous lane."""
 
     def __init__(self, model: RobotModel, options: LaneOptions, start: Pose2) -> None:
-        """Begin at ``start``. Each new lane is on the side ``options.side`` of the last one."""
+        """Begin at ``start``. New lanes are added on ``options.side`` of the first lane."""
         self._model, self._options = model, options
         self._origin = start
         turn = math.pi / 2 if options.side == "left" else -math.pi / 2

@@ -1,6 +1,6 @@
-"""Events of the recovery planner: each decision with its reason and figures.
+"""Events of the recovery planner: each decision with its reason and values.
 
-Lengths in m, areas in cm², rounded for people and for the log.
+Lengths are in m, areas in cm². All values are rounded for display and for the log.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PERIMETER_ENDS = {
 
 
 def chosen(choice: Choice) -> PlannerEvent:
-    """A lane or a perimeter pass is chosen."""
+    """Return the event for a chosen lane or perimeter pass."""
     x_m, y_m = choice.path[-1]
     reason = (
         "next lane: most new floor per second"
@@ -44,27 +44,27 @@ def chosen(choice: Choice) -> PlannerEvent:
 
 
 def lane_ended(result: LegResult, new_m2: float) -> PlannerEvent:
-    """A lane has ended."""
+    """Return the event for the end of a lane."""
     reason = _LANE_ENDS.get(result.reason, f"lane ended early: {result.reason}")
     figures: dict[str, Scalar] = {"length_m": round(result.distance_m, 2), "new_cm2": _cm2(new_m2)}
     return PlannerEvent("lane-end", reason, figures)
 
 
 def perimeter_ended(reason: StopReason, length_m: float) -> PlannerEvent:
-    """A perimeter pass has ended."""
+    """Return the event for the end of a perimeter pass."""
     why = _PERIMETER_ENDS.get(reason, f"perimeter pass blocked: {reason}")
     return PlannerEvent("perimeter-end", why, {"length_m": round(length_m, 2)})
 
 
 def obstacle_met(result: LegResult) -> PlannerEvent:
-    """An obstacle ended a leg."""
+    """Return the event for an obstacle that ended a leg."""
     x_m, y_m = round(result.pose.x_m, 3), round(result.pose.y_m, 3)
     reason = f"{result.leg.purpose} ended: {result.reason}"
     return PlannerEvent("obstacle", reason, {"x_m": x_m, "y_m": y_m})
 
 
 def occlusion_found(occlusion: OccludedRegion) -> PlannerEvent:
-    """An obstacle occludes a region."""
+    """Return the event for a region that an obstacle occludes."""
     figures: dict[str, Scalar] = {
         "occlusion": occlusion.number,
         "x_m": round(occlusion.x_m, 3),
@@ -76,7 +76,7 @@ def occlusion_found(occlusion: OccludedRegion) -> PlannerEvent:
 
 
 def recovery_begun(occlusion: OccludedRegion) -> PlannerEvent:
-    """A lane revisits an occluded region."""
+    """Return the event for a lane that revisits an occluded region."""
     figures: dict[str, Scalar] = {
         "occlusion": occlusion.number,
         "left_m": round(occlusion.left_m, 2),
@@ -87,7 +87,7 @@ def recovery_begun(occlusion: OccludedRegion) -> PlannerEvent:
 def recovery_ended(
     occlusion: OccludedRegion, new_m2: float, *, arrived: bool, closed: bool
 ) -> PlannerEvent:
-    """A revisit has ended; ``left_m`` is the remaining unswept length."""
+    """Return the event for the end of a revisit. ``left_m`` is the length that is still unswept."""
     if not arrived:
         reason = "no path to the occluded region"
     elif closed:

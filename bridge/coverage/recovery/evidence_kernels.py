@@ -1,13 +1,14 @@
 """Update of the evidence map with one observation, compiled.
 
-The layers have the shape (rows, columns), y then x, with one byte per cell:
+Each layer is an array with one byte per cell and the shape (rows, columns), so y is before x:
 
 - ``swept``: the mouth has passed the cell's centre.
-- ``wall``: number of contacts and echoes in the cell, minus the number of beams that passed it. The
-  cell counts as occupied from ``SURE`` on.
-- ``inflated``: number of occupied cells within the footprint's radius. The axle cannot be there.
-- ``blocked``: the axle cannot be there because of a bump.
-- ``visited``: the axle was there. This overrides ``inflated`` and ``blocked``.
+- ``wall``: number of contacts and echoes in the cell, minus the number of beams that passed through
+the cell. The cell counts as occupied if this value is ``SURE`` or more.
+- ``inflated``: number of occupied cells within the footprint's radius. If it is not 0, the axle
+cannot be in the cell.
+- ``blocked``: a bump showed that the axle cannot be in the cell.
+- ``visited``: the axle was in the cell. This overrides ``inflated`` and ``blocked``.
 """
 
 from __future__ import annotations
@@ -23,15 +24,16 @@ if TYPE_CHECKING or cython.compiled:
 _SURE = cython.declare(cython.int, 2)
 _MOST = cython.declare(cython.int, 6)
 SURE = _SURE
-"""Evidence from which a cell is occupied."""
+"""Minimum evidence of an occupied cell."""
 MOST = _MOST
-"""Maximum evidence that is counted. This number of beams through a cell makes it free again."""
+"""Maximum evidence that is stored. This number of beams through a cell makes the cell free
+again."""
 
 
 @cython.cfunc
 @cython.exceptval(check=False)
 def _first(at: cython.double) -> cython.int:
-    """Return the first row or column of a range that begins at ``at``."""
+    """Return the first row or column of a range that begins at position ``at``."""
     index: cython.int = int(at)
     return max(index, 0)
 
@@ -39,7 +41,7 @@ def _first(at: cython.double) -> cython.int:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _last(at: cython.double, count: cython.Py_ssize_t) -> cython.int:
-    """Return the end, not included, of a range of rows or columns that reaches to ``at``."""
+    """Return the exclusive end of a range of rows or columns that ends at position ``at``."""
     index: cython.int = int(at) + 1
     return min(index, count)
 
@@ -60,7 +62,7 @@ def add_wall(  # noqa: PLR0913, PLR0917 - layers and a cell
     weight: cython.int,
     reach: cython.double,
 ) -> cython.void:
-    """Add evidence to a cell; ``reach`` is the footprint's radius minus a margin, in cells."""
+    """Add evidence to a cell. ``reach`` is the radius of the inflation, cells."""
     rows, cols = wall.shape[0], wall.shape[1]
     if row < 0 or row >= rows or col < 0 or col >= cols:
         return
@@ -98,9 +100,10 @@ def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
     half: cython.double,
     ahead: cython.double,
 ) -> int:
-    """Mark the cells whose centre the mouth passes between two near poses; return the new cells.
+    """Mark the cells that the mouth passes between two near poses; return the number of new cells.
 
-    The mouth passes a centre that lies ahead of it at one pose and behind it at the other.
+    The mouth passes a cell if the cell's centre is ahead of it at one pose and behind it at the
+    other.
     """
     rows, cols = swept.shape[0], swept.shape[1]
     c0, s0 = cos(th0), sin(th0)
@@ -140,7 +143,7 @@ def clear_body(  # noqa: PLR0913, PLR0917 - layers and a pose in cells
     inner: cython.double,
     reach: cython.double,
 ) -> None:
-    """Remove evidence inside the footprint at the axle's present place."""
+    """Remove evidence inside the footprint, and mark the axle's cell as visited."""
     rows, cols = wall.shape[0], wall.shape[1]
     row: cython.int = int(y)
     col: cython.int = int(x)
@@ -169,7 +172,7 @@ def beam(  # noqa: PLR0913, PLR0917 - layers and a ray in cells
     weight: cython.int,
     reach: cython.double,
 ) -> None:
-    """A beam passed ``free`` cells along (dx, dy); at ``hit`` it met something, if ``weight``."""
+    """Update the cells on a beam: ``free`` cells are free, the cell at ``hit`` gets ``weight``."""
     rows, cols = wall.shape[0], wall.shape[1]
     t = 0.0
     r: cython.int
@@ -195,7 +198,7 @@ def bump_area(  # noqa: PLR0913, PLR0917 - a layer and three contact points in c
     high: cython.double,
     reach: cython.double,
 ) -> None:
-    """The axle cannot be where any contact between the bearings ``low`` and ``high`` forbids it."""
+    """Block cells where the axle cannot be, for any contact bearing from ``low`` to ``high``."""
     rows, cols = blocked.shape[0], blocked.shape[1]
     mid = 0.5 * (low + high)
     ax, ay = x + reach * cos(low), y + reach * sin(low)
@@ -226,9 +229,9 @@ def fresh_ahead(  # noqa: PLR0913, PLR0917 - a layer and a pose in cells
     low: cython.double,
     high: cython.double,
 ) -> float:
-    """Share that is not swept of the way straight on from ``start`` to ``stop`` cells.
+    """Return the unswept share of a strip ahead, between ``start`` and ``stop`` cells from a pose.
 
-    ``low`` and ``high`` bound the strip across, left positive.
+    ``low`` and ``high`` are the lateral limits of the strip, left positive.
     """
     rows, cols = swept.shape[0], swept.shape[1]
     c, s = cos(th), sin(th)
@@ -264,17 +267,17 @@ def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
     latency: cython.double,
     fast: cython.double,
 ) -> float:
-    """Return the maximum forward speed (m/s) that contacts every occupied cell below ``touch``.
+    """Return the maximum forward speed (m/s) at which every contact is slower than ``touch``.
 
-    The robot brakes with ``decel`` after ``latency``. ``cell``: the cell's edge; ``rim``: the
-    footprint's radius and half a cell. Cells farther to the side than ``right`` or ``left`` do not
-    count (m).
+    The robot brakes with ``decel`` after ``latency``. ``cell`` is the length of a cell's edge, m.
+    ``rim`` is the footprint's radius plus half a cell, m. Cells farther to the side than ``right``
+    or ``left`` (m) do not count.
     """
     rows, cols = wall.shape[0], wall.shape[1]
     c, s = cos(th), sin(th)
     push = decel * latency
     most = fast
-    # from the top speed to a touch
+    # path in which the robot brakes from the top speed to the contact speed
     far = (rim + ((push + fast) * (push + fast) - push * push) / (2.0 * decel)) / cell
     top, bottom = _first(y - far), _last(y + far, rows)
     begin, end = _first(x - far), _last(x + far, cols)

@@ -1,9 +1,9 @@
-"""All values of the recovery planner that depend on the robot: size, mouth, mounts and speeds.
+"""Values of the recovery planner that depend on the robot: size, mouth, sensor mounts and speeds.
 
 They are computed here, once, from the robot file and the tuned ratios of :class:`RecoveryOptions`.
-No other module of the planner contains a length of the robot. The grid follows the mouth: a cell is
-an eighth of the mouth's width. So an area relative to the mouth has about the same number of cells
-for every robot.
+No other module of the planner contains a length of the robot. The grid's cell is an eighth of the
+mouth's width. So every robot needs about the same number of cells for an area relative to its
+mouth.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount, RobotModel
 
 _MIN_CELL_M, _MAX_CELL_M = 0.01, 0.025
-"""Limits of a cell's edge, m. With smaller cells, a search on a large floor takes seconds. Larger
-cells close passages that the footprint fits through."""
+"""Limits of the length of a cell's edge, m. With smaller cells, a search on a large floor takes
+seconds. With larger cells, the map closes passages that the footprint fits through."""
 _CELLS_PER_RADIUS = 8.0
-"""Minimum number of cells per radius of the footprint, so that a wide mouth does not give a coarse
-map of passages."""
+"""Minimum number of cells per footprint radius. It limits the cell size of a robot with a wide
+mouth, because large cells close narrow passages."""
 _MAX_MARGIN_M = 0.01
-"""Maximum length that does not count at each end of the mouth, for the pose uncertainty, m."""
+"""Maximum length at each end of the mouth that does not count as swept, m. It allows for the pose
+uncertainty."""
 _EXACT = 9
-"""Number of decimals: a nanometre. Rounded products then equal the documented values exactly."""
+"""Number of decimals of rounded values: a nanometre. Products then equal the documented values."""
 
 
 def _exact(value: float) -> float:
@@ -35,8 +36,8 @@ def _exact(value: float) -> float:
 class PlannerGeometry:
     """Sizes of one robot, for map, search and behaviours.
 
-    Lengths are in m and areas in m². Names that end in ``_cells`` are in cells of the grid, which
-    may be fractional. Numbers in brackets are for the paper's robot.
+    Lengths are in m, areas in m². Names that end in ``_cells`` are in cells of the grid, possibly
+    with a fraction. The number in brackets is the value for the paper's robot.
     """
 
     radius_m: float
@@ -46,30 +47,31 @@ class PlannerGeometry:
     ahead_m: float
     """Distance of the mouth ahead of the axle (0)."""
     scale: float
-    """Diameter relative to the paper's robot (1). It scales distances that depend on the size of
-    the footprint."""
+    """Footprint diameter relative to the paper's robot (1). It scales distances that depend on the
+    size of the footprint."""
     cell_m: float
-    """Edge of a cell (0.02)."""
+    """Length of a cell's edge (0.02)."""
 
     # -- the map -------------------------------------------------------------------------------
     mouth_cells: float
     """Half width of the mouth minus the margin for the pose uncertainty (3.5)."""
     inflation_cells: float
-    """Distance from an obstacle within which the axle cannot be (7.7). It is a third of a cell less
-    than the radius, so that narrow passages stay open in the grid."""
+    """Distance from an obstacle within which the axle cannot be (7.7). It is smaller than the
+    radius by a third of a cell, so that narrow passages stay open in the grid."""
     clear_cells: float
-    """Distance from the axle within which there is no obstacle (7). It is a cell less than the
-    radius."""
+    """Distance from the axle within which there is certainly no obstacle (7): the radius minus a
+    cell."""
     rim_cells: float
-    """Maximum distance from the rim at which evidence may be a contact (1.75): a pose uncertainty
-    of 3.5 cm."""
+    """Maximum distance from the rim at which evidence may be the cause of a contact (1.75). This is
+    a pose uncertainty of 3.5 cm."""
     known_floor_m: float
-    """Distance from the axle's path within which there must be floor (0.10): between the wheels."""
+    """Distance from the axle's path within which the floor is known to exist (0.10). The wheels
+    drove on both sides of it."""
     cliff_m: float
-    """Minimum distance of the axle from missing floor (0.22): half the wheel base, plus the
-    distance that a cliff can reach between two sensors."""
+    """Minimum distance of the axle from missing floor (0.22): half the wheel base, plus the maximum
+    distance that a cliff can extend inwards between two sensors."""
     cliff_slow_m: float
-    """Distance of the rim from a cliff at which the speed becomes limited (0.35)."""
+    """Distance between the rim and a cliff at which the speed limit begins (0.35)."""
     cliff_perimeter_m: float
     """Minimum distance from a cliff at which a perimeter pass may begin (0.42)."""
 
@@ -77,47 +79,50 @@ class PlannerGeometry:
     lane_cells: int
     """Number of rows on each side of a lane's row that the mouth sweeps (3)."""
     ahead_cells: int
-    """Distance of the mouth ahead of the axle, cells (0)."""
+    """Distance of the mouth ahead of the axle, in whole cells (0)."""
     target_cells_2: int
-    """Square of the distance from the axle at which the mouth sweeps a cell (12)."""
+    """Square of the maximum distance from the axle at which the mouth sweeps a cell (12)."""
     turning_cells_2: int
-    """The same square while the robot turns in place (12). A mouth ahead of the axle reaches
-    farther."""
+    """Square of the maximum distance from the axle at which the mouth sweeps a cell during a turn
+    in place (12). It is larger if the mouth is ahead of the axle."""
     beside_cells: int
-    """Radius of the floor searched beside a wall (4): half the mouth's width."""
+    """Radius of the floor beside a wall that is searched for unswept cells (4): half the mouth's
+    width."""
     hole_cells: int
     """Diameter of the disc that must fit into a hole in the swept area (4): half the mouth's
     width."""
     snap_cells: int
-    """Maximum distance to a passable cell that replaces the robot's place as a start (6)."""
+    """Maximum distance from the robot to the passable cell in which the search starts (6). Used if
+    the robot's own cell is not passable."""
     unreachable_cells: int
-    """Number of visited but unreachable cells that proves wrong evidence (50): a metre of path."""
+    """Minimum number of visited but unreachable cells that shows wrong evidence (50): 1 m of
+    path."""
     min_cells: int
     """Minimum number of new cells for a lane (7, 28 cm²): a ninth of the mouth's width squared."""
     floor_cells: int
     """Number of new cells after which a fruitless attempt may be repeated (250): 0.1 m² at the
     paper's width."""
     gap_cells: int
-    """Maximum number of swept cells over which a lane continues (14): 28 cm."""
+    """Maximum length of swept floor within a lane (14): 28 cm."""
     frontier: float
-    """Cost of each cell edge of new frontier, cells (2): a strip of a quarter of the mouth."""
+    """Cost per cell edge of new frontier, cells (2): a quarter of the mouth's width. A frontier is
+    an edge between swept and unswept floor."""
     full_rate: float
     """Number of cells that the mouth sweeps per second at cruise speed (70)."""
     min_rate: float
-    """Minimum number of new cells per second for a choice (15)."""
+    """Minimum number of new cells per second of a choice (15)."""
     near_rate: float
-    """Number of new cells per second at which a choice is taken without a wider search (30)."""
+    """Number of new cells per second at which the search ends with a choice (30)."""
     hole_rate: float
-    """Minimum number of new cells per second for a hole (1)."""
+    """Minimum number of new cells per second of a choice that sweeps a hole (1)."""
     perimeter_cells: float
     """Number of new cells that a perimeter pass is expected to sweep (500)."""
     fruitful_cells: float
-    """Number of new cells that the fruitful share of a perimeter pass refers to (40)."""
+    """Expected new cells of a perimeter pass in the test whether the pass was fruitful (40)."""
     path_costs: tuple[int, ...]
-    """Path costs up to which the search looks, one after another (1100, 2600, unlimited)."""
+    """Maximum path costs of the search, tried one after another (1100, 2600, unlimited)."""
     near_cost: float
-    """Maximum cost of a path that need not be driven before a lane (40): a quarter of the
-    footprint."""
+    """Maximum cost of a path that is not driven before a lane (40): a quarter of the footprint."""
     turn_s_rad: float
     """Cost of a turn, s/rad (0.85)."""
     stop_s: float
@@ -131,37 +136,38 @@ class PlannerGeometry:
     stop_range_m: float
     """Ultrasonic range at which a lane ends (0.048): a gap of 8 mm between rim and wall."""
     approach_range_m: float
-    """Infrared range from which the first wall is followed at once (0.28)."""
+    """Infrared range at which the robot starts to follow the first wall (0.28)."""
     band_m: tuple[float, float]
-    """Strip beside the axle's line that a perimeter pass sweeps (0.03 to 0.065): the end of the
-    mouth next to the wall."""
+    """Lateral limits of the strip that a perimeter pass sweeps, from the axle's line (0.03 to
+    0.065). This strip is at the end of the mouth next to the wall."""
     band_ahead_m: tuple[float, float]
-    """Limits ahead of the axle of the strip that shows whether a pass is complete (0.03 to
+    """Limits ahead of the axle of the strip that is checked to detect a complete pass (0.03 to
     0.25)."""
     contact_ahead_m: tuple[float, float]
-    """Limits of the floor in front of an obstacle, towards the obstacle (0.02 to 0.075)."""
+    """Limits of the checked floor in front of an obstacle, in the direction of the obstacle (0.02
+    to 0.075)."""
     contact_beside_m: float
-    """Half the width of that floor (0.04)."""
+    """Half the width of the checked floor in front of an obstacle (0.04)."""
     beside_lane_m: tuple[float, float]
-    """Limits of the strip beside a lane that a wall occupies, counted from the gap to the wall
+    """Limits of the strip that a wall beside a lane occupies, measured from the gap to the wall
     (0.015 to 0.065)."""
     beside_lane_gap_m: float
-    """Maximum gap between rim and wall at which the wall reduces the lane's width (0.14)."""
+    """Maximum gap between rim and wall at which the wall makes the lane narrower (0.14)."""
     round_rad_s: float
-    """Minimum yaw rate at which wall following is in a corner (0.5): nine tenths of the corner's
-    rate."""
+    """Minimum yaw rate that means a corner during wall following (0.5): nine tenths of the yaw rate
+    in a corner."""
     same_place_m: float
-    """Distance within which two blocks, or a block and the beginning of a wall, count as one place
-    (0.15). It allows for the uncertainty of the robot's position."""
+    """Distance within which two places count as the same place (0.15). It allows for the position
+    uncertainty. A place is a block, or the beginning of a wall."""
     worth_m2: float
-    """New floor that makes a search for a passage worth its 5 s (0.03)."""
+    """Minimum new floor for which the robot spends 5 s to search for a passage (0.03)."""
     min_wall_cells: int
-    """Minimum number of occupied cells at an obstacle that is worth following (12): 24 cm of wall.
-    A chair leg is shorter, and following it leads back to the same place."""
+    """Minimum number of occupied cells at an obstacle that the robot follows (12): 24 cm of wall. A
+    chair leg is smaller. Following it leads back to the same place."""
 
     @classmethod
     def from_model(cls, model: RobotModel, options: RecoveryOptions) -> PlannerGeometry:
-        """Derive every size from a robot and the tuned ratios."""
+        """Compute all values from a robot and the tuned ratios."""
         radius_m, width_m = model.radius_m, model.cleaning_width_m
         scale = _exact(radius_m / 0.16)
         cell_m = min(width_m / options.cells_per_width, radius_m / _CELLS_PER_RADIUS)
@@ -173,7 +179,7 @@ class PlannerGeometry:
             options.lane_pace * model.cruise_speed_m_s, options.top_share * model.max_speed_m_s
         )
         perimeter_speed = options.perimeter_pace * model.cruise_speed_m_s
-        if not model.ultrasonic.fitted:  # nothing is seen before it is touched
+        if not model.ultrasonic.fitted:  # obstacles are detected only by contact
             lane_speed = min(lane_speed, model.cruise_speed_m_s)
             perimeter_speed = min(perimeter_speed, model.cruise_speed_m_s)
 
@@ -248,6 +254,6 @@ def _farthest(model: RobotModel) -> float:
 
 
 def _stop_range(model: RobotModel, gap_m: float) -> float:
-    """Return the ultrasonic range at a gap between rim and wall, at least its minimum range."""
+    """Return the ultrasonic range for a gap between rim and wall, at least the sensor's minimum."""
     mount: RangerMount = model.ultrasonic
     return _exact(max(mount.hull_distance_m(model.radius_m) + gap_m, mount.min_range_m + gap_m))

@@ -1,10 +1,10 @@
-"""Compiled search of the remaining lanes, rated by the swept area per time.
+"""Compiled search for the best remaining lane: the largest swept area per time.
 
-The search works on images of the map. They are rotated to the lanes' direction and searched by row.
+The search uses images of the map. They are rotated so that their rows are parallel to the lanes.
 """
 
-# Kernels are long loops over plain numbers. Splitting them would cost more in calls and objects
-# than it would gain in clarity.
+# The kernels are long loops over numbers. Smaller functions would be clearer, but their calls and
+# objects would cost too much time.
 # ruff: noqa: C901, PLR0912, PLR0913, PLR0915, PLR0917
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ _PI = cython.declare(cython.double, math.pi)
 @cython.final
 @cython.cclass
 class LanePrices:
-    """Costs of a lane."""
+    """Costs and limits in the rating of a lane."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
-    """Speed along the lane and on the path to it, cm/s."""
+    """Speed on the lane and on the path to the lane, cm/s."""
     turn_s_rad = cython.declare(cython.double, visibility="public")
     stop_s = cython.declare(cython.double, visibility="public")
     """Time for each stop, s."""
     frontier = cython.declare(cython.double, visibility="public")
-    """Cost of each cell edge of new frontier that the lane creates, cells."""
+    """Cost per cell edge of new frontier that the lane creates, cells."""
     heading_rad = cython.declare(cython.double, visibility="public")
-    """Direction of the image's rows, in the frame of the robot's heading, rad."""
+    """Direction of the image's rows relative to the robot's heading, rad."""
     cell_cm = cython.declare(cython.double, visibility="public")
     """Edge of a cell, cm."""
     cost_cm = cython.declare(cython.double, visibility="public")
     """Path length per unit of path cost, cm."""
     near_cost = cython.declare(cython.double, visibility="public")
-    """Maximum cost of a path that need not be driven before the lane."""
+    """Maximum cost of a path that is not driven before the lane."""
     min_cells = cython.declare(cython.int, visibility="public")
     """Minimum number of new cells for a lane."""
     gap_cells = cython.declare(cython.int, visibility="public")
-    """Maximum number of swept cells over which a lane continues."""
+    """Maximum number of swept cells within the lane."""
     half_cells = cython.declare(cython.int, visibility="public")
-    """Number of rows on each side of a lane's row that it sweeps."""
+    """Number of rows that the lane sweeps on each side of its own row."""
     ahead_cells = cython.declare(cython.int, visibility="public")
     """Distance of the mouth ahead of the axle, cells."""
 
@@ -64,7 +64,7 @@ class LanePrices:
         half_cells: cython.int,
         ahead_cells: cython.int = 0,
     ) -> None:
-        """Store each price and size. One cell is ten units of path cost."""
+        """Store each cost and size. The path cost of one cell is ten units."""
         self.speed_cm_s, self.turn_s_rad, self.stop_s = speed_cm_s, turn_s_rad, stop_s
         self.frontier, self.heading_rad = frontier, heading_rad
         self.cell_cm, self.cost_cm, self.near_cost = cell_cm, 0.1 * cell_cm, near_cost
@@ -81,7 +81,7 @@ class BestLane:
     """New cells per second, minus the cost of the frontier; 0: no lane."""
     row = cython.declare(cython.int, visibility="public")
     first = cython.declare(cython.int, visibility="public")
-    """First column of the axle; ``last`` is the last column."""
+    """First column of the axle. ``last`` is the last column of the axle."""
     last = cython.declare(cython.int, visibility="public")
     backwards = cython.declare(cython.bint, visibility="public")
     """True if the lane begins at ``last``."""
@@ -104,7 +104,7 @@ def turn_images(
     target: Layer,
     ways: IntGrid,
 ) -> None:
-    """Rotate images by ``angle`` about an origin in cells."""
+    """Rotate images by ``angle`` about an origin, given in cells."""
     rows, cols = target.shape[0], target.shape[1]
     map_rows, map_cols = target_in.shape[0], target_in.shape[1]
     i: cython.Py_ssize_t
@@ -150,7 +150,7 @@ def _judge(
     length = (last - first + 1) * prices.cell_cm
     direction = prices.heading_rad + (_PI if backwards else 0.0)
     time = (path * prices.cost_cm + length) / prices.speed_cm_s + prices.stop_s
-    if path > prices.near_cost:  # there is a path to drive first
+    if path > prices.near_cost:  # the robot must first drive a path to the lane
         off = _between(bearing, heading)
         off2 = _between(direction, bearing)
         time += (off + off2) * prices.turn_s_rad + prices.stop_s
@@ -176,9 +176,10 @@ def scan_lanes(
     best: BestLane,
     sums: Ints,
 ) -> None:
-    """Find the best straight lane along the rows, by new cells per time.
+    """Find the straight lane along the rows with the most new cells per time.
 
-    ``best`` holds the best lane so far. ``sums`` is scratch space, a number per column.
+    ``best`` contains the best lane so far. ``sums`` is a temporary array with one number per
+    column.
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
@@ -229,7 +230,7 @@ def scan_lanes(
             if new < prices.min_cells:
                 continue
             for backwards in range(2):
-                # the mouth is ahead of the axle, so the axle begins and ends farther back
+                # the mouth is ahead of the axle, so both ends of the axle's path are farther back
                 step = -1 if backwards else 1
                 begin = last if backwards else first
                 end = first if backwards else last

@@ -1,4 +1,4 @@
-"""Use of each observation in the recovery planner: map, speed limit and end of a leg."""
+"""Processing of each observation in the recovery planner: map, speed limit and end of a leg."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _JUMP_M = 0.008
-"""Minimum motion of the estimate, in addition to the driven path, that counts as a pose correction,
-m. The robot drives 6 mm in a control step at top speed."""
+"""Minimum motion of the estimate beyond the driven path that counts as a pose correction, m. The
+robot drives 6 mm in a control step at top speed."""
 _REPORTED_RAD = math.radians(0.3)
-"""Heading standard deviation from which its reduction by a wall is reported, rad."""
+"""Minimum heading standard deviation whose reduction is reported, rad. A wall reduces it."""
 _REPORTED_SHARE = 0.5
-"""Maximum ratio of the standard deviation after to that before, for such a report."""
+"""Maximum ratio of the standard deviations after and before a reduction that is reported."""
 _MOUNT_AHEAD_M = 0.03
-"""Length of the floor ahead of a side infrared sensor that counts as beside the lane, m."""
+"""Length ahead of a side infrared sensor in which floor counts as beside the lane, m."""
 _ROUNDING_M = 1e-9
 """Maximum rounding error of a sum of lengths, m."""
 
@@ -39,25 +39,25 @@ class WallFollowing:
         self.side = 0
         """Side of the wall: left (1), right (-1), or 0 while no wall is followed."""
         self.distance_m = 0.0
-        """Path length of this pass, m."""
+        """Path length in this pass, m."""
         self.checked_m = 0.0
-        """Path at the last check, m."""
+        """Path length in this pass at the last check, m."""
         self.min_m = 0.0
-        """Path length before the pass can close, m."""
+        """Minimum path length before the pass can be complete, m."""
         self.stale = 0
-        """Number of checks in a row with swept floor ahead."""
+        """Number of checks in a row that found swept floor ahead."""
         self.last_pose: Pose2 | None = None
         """Pose at the last observation of this leg."""
         self.brisk_s = -math.inf
-        """Time of the last observation at a speed that no corner allows, s."""
+        """Time of the last observation with a speed that is too high for a corner, s."""
 
     def begin_pass(self, min_m: float) -> None:
-        """Begin a pass that cannot close before ``min_m``, m."""
+        """Begin a pass that cannot be complete before a path of ``min_m``, m."""
         self.min_m = min_m
         self.distance_m = self.checked_m = 0.0
 
     def begin_leg(self, side: int) -> None:
-        """Follow a wall on the left (1) or right (-1)."""
+        """Begin to follow a wall on the left (1) or right (-1)."""
         self.side, self.last_pose, self.stale = side, None, 0
 
 
@@ -74,7 +74,7 @@ class Lookout:
         *,
         obs: Observation,
     ) -> None:
-        """Start with the observation at which the plan begins."""
+        """Start with the first observation of the plan."""
         self._model, self._options = model, options
         self._geometry = evidence.geometry
         self._map, self._record, self._segments = evidence, record, segments
@@ -82,21 +82,22 @@ class Lookout:
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf
-        """Maximum forward speed with harmless contacts at known obstacles, m/s."""
+        """Maximum forward speed at which contacts with known obstacles are harmless, m/s."""
         self.wall = WallFollowing()
         self.on_lane = False
-        """True if the running leg is a lane. A wall beside a lane may end it."""
+        """True if the running leg is a lane. A wall beside the lane may end this leg."""
         self.beside = 0
         """Side of the wall that ended the lane: left (1), right (-1), or 0."""
         self.cliff_at: Pose2 | None = None
         """Pose at which the missing floor was first detected; None: there is floor ahead."""
         self._direction = 0j
-        """Sum of the followed path as vectors with four times the heading."""
+        """Sum of the path increments along walls, as complex numbers with four times the heading
+        angle. Parallel and orthogonal walls then add up."""
         self._max_sigma_rad = 0.0
         """Maximum heading standard deviation since the last report, rad."""
 
     def observe(self, obs: Observation) -> bool:
-        """Use an observation. Return True if the running leg has nothing left to sweep."""
+        """Process an observation. Return True if the running leg has nothing left to sweep."""
         self._see_correction(obs)
         self._see_heading(obs.heading_sigma_rad)
         self.obs = obs
@@ -125,15 +126,15 @@ class Lookout:
 
     @property
     def grid_rad(self) -> float:
-        """Main direction of the walls followed so far, rad; 0 before the first wall."""
+        """Main direction of the walls that were followed so far, rad; 0 before the first wall."""
         if not self._direction:
             return 0.0
         return math.atan2(self._direction.imag, self._direction.real) / 4.0
 
-    # -- inside --------------------------------------------------------------------------------
+    # -- internal ------------------------------------------------------------------------------
 
     def _follow(self, obs: Observation) -> bool:
-        """Use an observation of a perimeter pass. Return True if the pass is complete."""
+        """Process an observation during a perimeter pass. Return True if the pass is complete."""
         wall = self.wall
         if obs.v_m_s > self._options.brisk_m_s:
             wall.brisk_s = obs.time_s
@@ -160,14 +161,17 @@ class Lookout:
         return wall.stale > 1 and wall.distance_m > wall.min_m
 
     def _see_cliff(self, obs: Observation) -> None:
-        """Store where the floor was first missed; the robot stops only farther on."""
+        """Store the pose at which the floor was first missing.
+
+        The robot stops later than at this pose.
+        """
         if not obs.cliff:
             self.cliff_at = None
         elif self.cliff_at is None:
             self.cliff_at = obs.pose
 
     def _see_correction(self, obs: Observation) -> None:
-        """Report a pose correction: the estimate moved farther than the robot."""
+        """Report a pose correction: the estimate has moved farther than the robot."""
         last = self.obs
         dx, dy = obs.pose.x_m - last.pose.x_m, obs.pose.y_m - last.pose.y_m
         if abs(dx) + abs(dy) < _JUMP_M:
@@ -182,7 +186,10 @@ class Lookout:
             )
 
     def _see_heading(self, sigma_rad: float) -> None:
-        """Report that walls reduced the heading's standard deviation, which otherwise grows."""
+        """Report that walls reduced the heading's standard deviation.
+
+        Without walls it only grows.
+        """
         max_rad = self._max_sigma_rad
         if sigma_rad > max_rad:
             self._max_sigma_rad = sigma_rad
@@ -196,7 +203,7 @@ class Lookout:
             )
 
     def _sees_wall_beside(self, obs: Observation) -> bool:
-        """Return whether a wall with an unswept perimeter appears beside the lane."""
+        """Return True if there is a wall with an unswept perimeter beside the lane."""
         if (
             abs(obs.yaw_rate_rad_s) > self._options.steady_rad_s
             or obs.v_m_s < self._options.on_lane_m_s

@@ -39,45 +39,47 @@ if TYPE_CHECKING:
     Ints = NDArray[np.intp]
 
 _FIRST_M = 3.0
-"""Half the side of the first map, m."""
+"""Half the edge length of the first map, m."""
 _GROW_M = 1.5
 """Length by which the map grows, m."""
 _NEAR_M = 0.6
-"""Distance of the robot from the map's border at which the map grows, m."""
+"""Distance of the robot from the map's border below which the map grows, m."""
 _MOVED_CELLS = 0.25
-"""Motion after which the strip under the mouth is marked, cells."""
+"""Motion after which the floor under the mouth is marked, cells."""
 _TURNED_RAD = 0.02
-"""Turn after which the strip under the mouth is marked, rad."""
+"""Turn after which the floor under the mouth is marked, rad."""
 _READING_S = 0.05
-"""Time after which an unchanged infrared reading counts again, s."""
+"""Time after which an unchanged infrared reading counts as a new reading, s."""
 _STRONG_M = 0.12
-"""Infrared range below which a reading counts double, m. One such reading makes a cell occupied."""
+"""Infrared range below which a reading has double weight, m. One such reading marks a cell as
+occupied."""
 _POINT = 2
-"""Weight of a contact: it makes a cell occupied."""
+"""Weight of a contact. One contact marks a cell as occupied."""
 _SPAN_RAD = math.radians(87.0)
-"""Angle from the front that one bumper switch covers, rad."""
+"""Angle between the heading and the outer end of a bumper switch, rad."""
 _OVERLAP_RAD = math.radians(10.0)
-"""Half of the angle within which a contact presses both switches, rad."""
+"""Half of the angle around the heading in which a contact presses both switches, rad."""
 FELT_RAD = math.radians(65.0)
-"""Minimum bearing of a contact with a wall that the robot approaches at a small angle, rad."""
+"""Minimum bearing of a contact with a wall to which the robot drives at a small angle, rad."""
 _ABEAM_RAD = math.radians(60.0)
-"""Bearing beyond which a followed wall is always near the rim, rad."""
+"""Bearing beyond which evidence near the rim belongs to the followed wall, rad."""
 _BESIDE = 0.9
-"""Share of the radius beyond which an obstacle at the side is the followed wall, in a corner."""
+"""Share of the radius beyond which an obstacle at the side is the followed wall. Used in a
+corner."""
 _BESIDE_STRAIGHT = 0.6
-"""Share of the radius beyond which an obstacle at the side is the followed wall, along a straight
-wall."""
+"""Share of the radius beyond which an obstacle at the side is the followed wall. Used along a
+straight wall."""
 _LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 
 
 class EvidenceMap:
-    """Layers of cells in the frame of the estimate; see ``evidence_kernels``.
+    """Map with layers of cells, in the frame of the estimate; see ``evidence_kernels``.
 
     ``tried`` counts the fruitless attempts for each cell.
     """
 
     def __init__(self, model: RobotModel, options: RecoveryOptions, pose: Pose2) -> None:
-        """Begin with the robot's place only."""
+        """Create a map that contains only the robot's place."""
         self._model, self._options = model, options
         self.geometry = geometry = PlannerGeometry.from_model(model, options)
         self._cell_m = geometry.cell_m
@@ -98,7 +100,7 @@ class EvidenceMap:
         self._low, self._high = [x, y], [x, y]
         self.cliffs = Cliffs(geometry)
         self._guessed: list[tuple[float, float]] = []
-        """Points on the map that come from a bump only, m."""
+        """Points of obstacles in the map whose only evidence is a bump, m."""
         self._readings: tuple[float | None, float | None] = (None, None)
         self._read_s = -1.0
         self.new_cells = 0
@@ -106,22 +108,22 @@ class EvidenceMap:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows and columns."""
         return self.swept.shape
 
     def to_cells(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Column and row, with fractions, of a point."""
+        """Return column and row of a point, with fractions."""
         return (x_m - self.x0_m) * self._per_m, (y_m - self.y0_m) * self._per_m
 
     def to_metres(self, column: float, row: float) -> tuple[float, float]:
-        """Point at a column and a row with fractions."""
+        """Return the point at a column and a row with fractions."""
         cell = self._cell_m
         return self.x0_m + column * cell, self.y0_m + row * cell
 
     def box(self, margin_m: float | None = None) -> tuple[int, int, int, int]:
-        """Return row and column limits (half open) of the floor near the axle's path.
+        """Return row and column limits (exclusive end) of the floor near the axle's path.
 
-        ``margin_m`` is the distance from the path, m; the default is in the options.
+        ``margin_m`` is the maximum distance from the path, m. Its default is in the options.
         """
         if margin_m is None:
             margin_m = self._options.margin_m + self._model.radius_m
@@ -141,7 +143,7 @@ class EvidenceMap:
         self._extend(*self.to_cells(x_m, y_m))
 
     def update(self, obs: Observation) -> None:
-        """Mark the strip under the mouth, the footprint and the side infrared readings."""
+        """Mark the floor under the mouth, clear the footprint, and use the side infrared."""
         pose = obs.pose
         x, y = (pose.x_m - self.x0_m) * self._per_m, (pose.y_m - self.y0_m) * self._per_m
         lx, ly, lth = self._last
@@ -173,16 +175,16 @@ class EvidenceMap:
                 self._look(pose, self._model.infrared_right, readings[1])
 
     def add_point(self, x_m: float, y_m: float, weight: int = _POINT) -> None:
-        """Enter an obstacle at a point, m."""
+        """Add an obstacle at a point, m."""
         x, y = self.to_cells(x_m, y_m)
         add_wall(self.wall, self.inflated, int(y), int(x), weight, self._reach)
 
     def contact_rad(self, pose: Pose2, *, left: bool, right: bool, beside: int = 0) -> float:
-        """Return the most likely bearing of a contact from the heading, rad.
+        """Return the most likely bearing of a contact relative to the heading, rad.
 
-        It is the bearing of the evidence nearest to the rim on the pressed side, else the middle of
-        that side. Evidence nearly abeam on the side ``beside`` (1: left, -1: right) is left out,
-        since a followed wall is always near the rim.
+        This is the bearing of the evidence nearest to the rim on the pressed side. Without evidence
+        it is the middle of that side. Evidence nearly abeam on the side ``beside`` (1: left, -1:
+        right) is ignored, because a followed wall is always near the rim.
         """
         low, high = _pressed(left=left, right=right)
         if beside > 0:
@@ -193,11 +195,12 @@ class EvidenceMap:
         return 0.5 * (low + high) if seen is None else seen
 
     def bearing_rad(self, result: LegResult, beside: int = 0) -> float:
-        """Return the bearing from the heading, rad, of the obstacle that ended a leg; 0: ahead.
+        """Return the bearing of the obstacle that ended a leg from the heading, rad; 0: ahead.
 
         Args:
-            result: how the leg ended.
-            beside: a wall that is followed on the left (1) or right (-1), and is not the contact.
+            result: end of the leg.
+            beside: side of a followed wall, left (1) or right (-1). The contact is not with this
+            wall.
 
         """
         left, right = result.bumper_left, result.bumper_right
@@ -210,12 +213,12 @@ class EvidenceMap:
         return int((self.wall[self._disc(x_m, y_m, radius_m)] >= SURE).sum())
 
     def add_bump(self, pose: Pose2, *, left: bool, right: bool, abeam: int = 0) -> None:
-        """Enter a contact that presses one bumper switch or both.
+        """Add a contact that presses one bumper switch or both.
 
-        One switch does not locate an unknown obstacle. The map then gets it in the middle of the
-        switch, so that the robot is slow there, although the obstacle may be 12 cm away:
-        :meth:`clear_bumps` removes it. ``abeam``: a wall on the left (1) or right (-1) that is
-        followed by touching it, so the contact is nearly abeam.
+        One switch does not locate an unknown obstacle. So the obstacle is added at the middle of
+        the switch, and the robot drives slowly there. The real obstacle may be 12 cm away. Then
+        :meth:`clear_bumps` removes the added obstacle. ``abeam`` is the side of a wall that the
+        robot follows in contact, left (1) or right (-1). The contact is then nearly abeam.
         """
         low, high = _pressed(left=left, right=right)
         if abeam:
@@ -234,16 +237,17 @@ class EvidenceMap:
         bump_area(self.blocked, x, y, theta + low, theta + high, self._model.radius_m * self._per_m)
 
     def add_cliff(self, pose: Pose2) -> None:
-        """Enter a cliff ahead of a pose."""
+        """Add a cliff ahead of a pose."""
         near_m = self.geometry.known_floor_m
         self.cliffs.add(
             pose, lambda x_m, y_m: bool(self.visited[self._disc(x_m, y_m, near_m)].any())
         )
 
     def places(self) -> tuple[Layer, Layer]:
-        """Return the cells blocked by bumps or cliffs, and the cells where the axle was.
+        """Return the cells blocked by bumps or cliffs, and the cells that the axle visited.
 
-        A visit overrules a bump but not a cliff, over which the axle may have been.
+        A visit overrides a bump. It does not override a cliff, because the axle may have been over
+        it.
         """
         if not self.cliffs:
             return self.blocked, self.visited
@@ -264,7 +268,10 @@ class EvidenceMap:
         np.add(part, 1, out=part, where=part < 250)  # noqa: PLR2004 - a byte
 
     def block(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Block the cells within a radius of a point, m, for the axle, except where it was."""
+        """Block the cells within a radius of a point, m, for the axle.
+
+        Visited cells stay passable.
+        """
         self.blocked[self._disc(x_m, y_m, radius_m)] = 1
 
     def clear(self, pose: Pose2, things_m: float, places_m: float) -> None:
@@ -278,14 +285,16 @@ class EvidenceMap:
             add_wall(self.wall, self.inflated, row + r0, col + c0, -MOST, self._reach)
 
     def clear_bumps(self, radius_m: float) -> bool:
-        """Remove evidence that only bumps gave, and fruitless attempts within ``radius_m`` of it.
+        """Remove evidence that comes from bumps only.
 
-        Obstacles stay where both switches were pressed, or where one was known before. Bumps are
-        entered at the estimated pose, so two attempts from slightly wrong poses can block a narrow
-        passage that is open.
+        Reset fruitless attempts within ``radius_m`` of it.
+
+        An obstacle stays if both switches were pressed, or if it was known before. Bumps are added
+        at the estimated pose. So two attempts from slightly wrong poses can block a passage that is
+        open.
 
         Returns:
-            Whether there was any such evidence.
+            True if there was such evidence.
 
         """
         cells = np.argwhere((self.blocked > 0) & (self.visited == 0))
@@ -306,9 +315,9 @@ class EvidenceMap:
         """Return the unswept share of a rectangle ahead.
 
         Args:
-            pose: pose from which it is seen.
-            ahead_m: its bounds along the heading, m.
-            aside_m: its bounds across the heading, m, left positive, the lower one first.
+            pose: pose from which the rectangle is measured.
+            ahead_m: limits along the heading, m.
+            aside_m: limits across the heading, m, left positive, the lower limit first.
 
         """
         x, y = self.to_cells(pose.x_m, pose.y_m)
@@ -325,14 +334,14 @@ class EvidenceMap:
         )
 
     def pace(self, pose: Pose2, following: int, brake: Braking, *, straight: bool = False) -> float:
-        """Return the highest forward speed, m/s, with harmless contacts at known obstacles.
+        """Return the maximum forward speed with harmless contacts at known obstacles, m/s.
 
         Args:
             pose: the robot's pose.
-            following: a followed wall on the left (1) or right (-1), which may be touched; 0: none.
+            following: side of a followed wall, left (1) or right (-1); 0: none. It may be touched.
             brake: braking distance of the robot.
-            straight: whether that wall is straight. Older evidence of it, some centimetres off
-                because of a pose correction, then does not count.
+            straight: True if the followed wall is straight. Older evidence of this wall then does
+            not count. It may be some centimetres wrong because of a pose correction.
 
 
         """
@@ -357,7 +366,7 @@ class EvidenceMap:
         return min(known, self.cliffs.pace(pose)) if self.cliffs else known
 
     def packed(self) -> PackedMap:
-        """Return the map in 2 bits a cell, as a microcontroller would hold it between two legs."""
+        """Return the map with 2 bits per cell, to be stored by a microcontroller between legs."""
         r0, r1, c0, c1 = self.box(self._model.radius_m + packed.RIM_M)
         part = np.s_[r0:r1, c0:c1]
         done = (self.swept[part] > 0) | (self.tried[part] >= self._options.tries)
@@ -365,12 +374,12 @@ class EvidenceMap:
         return packed.pack(*self.to_metres(c0, r0), kind)
 
     def unpack(self, kept: PackedMap) -> None:
-        """Replace this map's layers by the content of a packed map; see the module ``packed``.
+        """Replace the layers of this map by a packed map; see the module ``packed``.
 
-        It serves to measure the loss by packing; no planner calls it.
+        It is used to measure the loss of information by packing. No planner calls it.
 
         Raises:
-            ValueError: it is not a part of this map.
+            ValueError: the packed map is not a part of this map.
 
         """
         kind = packed.unpack(kept)
@@ -386,12 +395,12 @@ class EvidenceMap:
         for r, c in np.argwhere(kind == packed.OCCUPIED).tolist():
             add_wall(self.wall, self.inflated, r + r0, c + c0, SURE, self._reach)
 
-    # -- inside ------------------------------------------------------------------------------
+    # -- internal ------------------------------------------------------------------------------
 
     def _square(
         self, x: float, y: float, reach_m: float
     ) -> tuple[tuple[slice, slice], tuple[int, int]]:
-        """The cells so near to a place given in cells, and the first of them."""
+        """Return the cells in a square around a place, and the first of these cells."""
         reach = reach_m * self._per_m
         r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
         return np.s_[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1], (r0, c0)
@@ -408,7 +417,7 @@ class EvidenceMap:
         return near_rows + r0, near_cols + c0
 
     def _touched(self, pose: Pose2, low: float, high: float) -> float | None:
-        """Return the bearing of the evidence nearest to the rim between two bearings, if any."""
+        """Return the bearing, within two limits, of the evidence nearest to the rim; None: none."""
         x, y = self.to_cells(pose.x_m, pose.y_m)
         radius = self._model.radius_m * self._per_m
         near = self.geometry.rim_cells
@@ -425,7 +434,7 @@ class EvidenceMap:
         return found
 
     def _is_guess(self, point: tuple[float, float]) -> bool:
-        """Whether only an earlier bump put an obstacle there."""
+        """Return True if the only evidence of an obstacle at a point is an earlier bump."""
         return any(math.dist(point, guess) < self._cell_m for guess in self._guessed)
 
     def _extend(self, x: float, y: float) -> None:
@@ -462,7 +471,7 @@ class EvidenceMap:
         )
 
     def _grow(self, x: float, y: float, rim: float) -> None:
-        """Enlarge on the sides that the robot comes near to."""
+        """Enlarge the map on the sides that the robot is near to."""
         step = round(_GROW_M * self._per_m)
         rows, cols = self.shape
         left, down = step if x < rim else 0, step if y < rim else 0
@@ -479,5 +488,5 @@ class EvidenceMap:
 
 
 def _pressed(*, left: bool, right: bool) -> tuple[float, float]:
-    """Return the bearings between which a pressed bumper switch may be in contact, rad."""
+    """Return the limits of the bearings at which a pressed bumper switch may have contact, rad."""
     return -_OVERLAP_RAD if left else -_SPAN_RAD, _OVERLAP_RAD if right else _SPAN_RAD

@@ -1,7 +1,7 @@
-"""Occluded regions: strips of lanes that an obstacle hid.
+"""Occluded regions: parts of lanes that an obstacle hid.
 
-They are used for events only; the search itself finds unswept floor in the map. This list replaces
-the paper's single memory slot T.
+The list is used for events only. The search finds unswept floor in the map, not in this list. The
+list replaces the paper's single memory slot T.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class OccludedRegion:
     heading_rad: float
     length_m: float
     left_m: float
-    """Unswept part of the length, m."""
+    """Unswept length, m."""
 
     def overlap_m(self, begin: Pose2, length_m: float, within_m: float) -> float:
-        """Return the length of a lane from ``begin`` that passes within ``within_m`` of it, m."""
+        """Return the length of a lane from ``begin`` within ``within_m`` of this region, m."""
         bow_c, bow_s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         c, s = math.cos(begin.theta_rad), math.sin(begin.theta_rad)
         count = max(round(self.length_m / _STEP_M), 1)
@@ -53,7 +53,7 @@ class OccludedRegions:
     """The open occluded regions."""
 
     def __init__(self, width_m: float) -> None:
-        """Begin without a region; ``width_m`` is the mouth's width."""
+        """Begin without a region. ``width_m`` is the mouth's width."""
         self._within_m = 0.5 * width_m
         self.open: list[OccludedRegion] = []
         self._found = 0
@@ -61,7 +61,7 @@ class OccludedRegions:
     def found(
         self, end: Pose2, heading_rad: float, planned_m: float, done_m: float
     ) -> OccludedRegion:
-        """Add the region beyond ``end``, where a lane of ``planned_m`` ended after ``done_m``."""
+        """Add the region beyond ``end``. The lane of ``planned_m`` ended there after ``done_m``."""
         self._found += 1
         rest_m = planned_m - done_m
         occlusion = OccludedRegion(self._found, end.x_m, end.y_m, heading_rad, rest_m, rest_m)
@@ -70,7 +70,7 @@ class OccludedRegions:
         return occlusion
 
     def met(self, begin: Pose2, length_m: float) -> OccludedRegion | None:
-        """Return the open region with the largest overlap with a lane, if any."""
+        """Return the open region with the largest overlap with a lane; None: no overlap."""
         best, max_m = None, MIN_M
         for occlusion in self.open:
             over_m = occlusion.overlap_m(begin, length_m, self._within_m)

@@ -1,25 +1,25 @@
 """A compact map: two bits per cell, as a microcontroller would store it between two legs.
 
-Each cell has one of four kinds. If several apply, the last one in this list is stored:
+Each cell has one of four kinds. If several kinds apply, the last one in this list is stored:
 
-- ``UNKNOWN``: no evidence, or only beams that passed.
+- ``UNKNOWN``: no evidence, or only beams that passed through the cell.
 - ``DONE``: swept, or abandoned.
-- ``BEEN``: the axle was there, so the cell is swept, and passable whatever is near.
+- ``BEEN``: visited by the axle. The cell is swept, and passable even if an obstacle is near.
 - ``OCCUPIED``: enough evidence of an obstacle.
 
-The packed map keeps exactly:
+The packed map preserves exactly:
 
-- occupied cells, except cells of the axle, and therefore the inflation around them;
-- cells of the axle;
-- swept cells, except occupied ones, which need no sweeping either.
+- occupied cells that the axle did not visit, and so the inflation around them;
+- cells that the axle visited;
+- swept cells that are not occupied. Occupied cells need no sweeping.
 
 Passable cells stay passable.
 
 The packed map loses:
 
-- the amount of evidence: a single reading is dropped, and an obstacle is just occupied;
+- the amount of evidence: a single reading is dropped, and an obstacle is only marked as occupied;
 - cells that were blocked by bumps beside an obstacle;
-- all attempts except the last one;
+- all fruitless attempts except the last;
 - the difference between a swept and an abandoned cell;
 - obstacles farther than ``RIM_M`` beyond the footprint.
 """
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 UNKNOWN, DONE, BEEN, OCCUPIED = range(4)
 RIM_M = 0.05
-"""Margin of the packed box beyond the footprint at the outermost place of the axle, m. A wall in
-contact lies up to two cells outside the footprint."""
+"""Margin of the packed box around the footprint at the outermost positions of the axle, m. A wall
+in contact is up to two cells outside the footprint."""
 _HEAD_BYTES = 12
 """Size of the header, bytes: position of the first cell (two floats) and size of the box (two
 16-bit numbers)."""
@@ -48,7 +48,7 @@ _HEAD_BYTES = 12
 
 @dataclass(frozen=True, slots=True)
 class PackedMap:
-    """Cells of a box, row by row, four per byte. The first cell is in the lowest bits."""
+    """Cells of a box, row by row, four cells per byte. The first cell is in the lowest bits."""
 
     x0_m: float
     y0_m: float

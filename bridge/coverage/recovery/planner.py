@@ -1,9 +1,9 @@
 """The ``recovery`` planner: perimeters along the walls, lanes between them, and occluded regions.
 
-It keeps the paper's idea: remember at low cost which region an obstacle occluded, and revisit it. A
-map of evidence replaces the paper's single memory slot. The robot follows each wall that it
-contacts until the perimeter pass is complete. This pass sweeps the strip beside the wall, which no
-lane can sweep, and draws the map. Then the planner repeatedly chooses the lane or perimeter with
+It uses the paper's idea: store at low cost which region an obstacle has occluded, and revisit this
+region. A map of evidence replaces the paper's single memory slot. The robot follows each wall that
+it contacts until the perimeter pass is complete. This pass sweeps the strip beside the wall, which
+no lane can sweep, and maps the wall. Then the planner repeatedly chooses the lane or perimeter with
 the largest swept area per time. It ends when no choice is worth its time.
 """
 
@@ -40,7 +40,7 @@ Sweep = Callable[[RecoveryContext, Choice], Generator[Leg, Step, bool]]
 
 @dataclass(frozen=True, slots=True)
 class Behaviours:
-    """The parts of the plan. Each can be replaced."""
+    """Functions for the parts of the plan. Each can be replaced."""
 
     approach: Callable[[RecoveryContext], Generator[Leg, Step]] = approach_wall
     choose: Callable[[RecoveryContext], Generator[Leg, Step, Choice | None]] = choose
@@ -50,7 +50,10 @@ class Behaviours:
 
 
 class RecoveryPlanner(ScriptedPlanner):
-    """Chooses the next target, executes it and rates the result."""
+    """Chooses a target, executes it, and rates the result.
+
+    Repeats this until nothing is worthwhile.
+    """
 
     def __init__(
         self,
@@ -58,7 +61,7 @@ class RecoveryPlanner(ScriptedPlanner):
         options: RecoveryOptions | None = None,
         behaviours: Behaviours | None = None,
     ) -> None:
-        """Plan for a robot; the plan begins with ``start``."""
+        """Create a planner for a robot. The plan begins when ``start`` is called."""
         super().__init__(model)
         self.options = (options or RecoveryOptions()).for_model(model)
         self._behaviours = behaviours or Behaviours()
@@ -79,15 +82,15 @@ class RecoveryPlanner(ScriptedPlanner):
 
     @property
     def speed_limit_m_s(self) -> float:
-        """Maximum forward speed with harmless contacts at known obstacles, m/s."""
+        """Maximum forward speed at which contacts with known obstacles are harmless, m/s."""
         return math.inf if self._context is None else self._context.lookout.speed_limit_m_s
 
     def observe(self, obs: Observation) -> bool:
-        """Use an observation. Return True if the running leg has nothing left to sweep."""
+        """Process an observation. Return True if the running leg has nothing left to sweep."""
         return self._context is not None and self._context.lookout.observe(obs)
 
     def script(self, obs: Observation) -> Script:
-        """Plan from the pose in ``obs``."""
+        """Return the plan from the pose in ``obs``."""
         context = RecoveryContext.begin(self.model, self.options, self._chooser, self.record, obs)
         self._context = context
         heading_fix = self._behaviours.heading_fix()

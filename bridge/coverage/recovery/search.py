@@ -1,7 +1,7 @@
 """The search for the next target: the lane or perimeter with the largest swept area per time.
 
-It runs in slices of limited work, so that it delays no control step. On a large floor the robot
-waits for some steps.
+The work is split into slices, so that no control step is delayed. On a large floor the robot waits
+for some control steps.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
 
 _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
-"""Path cost per cell of (rows + columns) of a box, from which a search counts as complete. No path
-within the box costs more than this times (rows + columns)."""
+"""Path cost per cell of (rows + columns) of a box. A search up to this cost counts as complete,
+because no path within the box costs more."""
 _COPYING, _MARKING, _TURNING, _SCANNING = 0.2, 0.3, 0.4, 0.3
-"""Work per cell of a window, relative to one cell in the path search."""
+"""Work per cell of a window, relative to the work per cell of the path search."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A lane, perimeter or heading fix, and the path to its beginning."""
+    """A lane, perimeter or heading fix, and the path to where it begins."""
 
     kind: str
     """``lane``, ``perimeter`` or ``heading-fix``."""
     path: tuple[Point, ...]
-    """Corners of the path to the beginning, m, without the robot's place."""
+    """Corner points of the path to the beginning, m, without the robot's own position."""
     heading_rad: float
     """Heading of the lane, or direction along the wall, rad."""
     length_m: float
@@ -55,23 +55,23 @@ class Choice:
 
 
 class Chooser:
-    """Searches for the next target. It owns the buffers of the search."""
+    """Searches for the next target. It owns the arrays of the search."""
 
     def __init__(self, options: RecoveryOptions) -> None:
-        """Begin with empty buffers; they grow with the map."""
+        """Begin with empty arrays. They grow with the map."""
         self._options = options
         self._buffers = Buffers()
         self._spent = 0.0
         self.enclosed = False
-        """True if the last search found no start cell, or no path to visited places."""
+        """True if the last search found no start cell, or no path to visited cells."""
         self.unreachable_at: Point | None = None
         """Nearest visited place that the search could not reach, m."""
         self.left_m2 = 0.0
-        """Reachable floor that is neither swept nor abandoned, m². Only the area of the last search
-        is counted."""
+        """Reachable floor that is neither swept nor abandoned, m². It is computed in the last
+        search."""
         self.beside_walls_m2 = 0.0
-        """Floor, not included in ``left_m2``, that the mouth reaches only when the robot turns
-        towards a wall, m²."""
+        """Floor that the mouth reaches only if the robot turns towards a wall, m². ``left_m2`` does
+        not include it."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
         """Run the whole search without slices. Return the best choice, or None.
@@ -89,9 +89,9 @@ class Chooser:
     def search(
         self, memory: EvidenceMap, pose: Pose2, grid_rad: float
     ) -> Generator[None, None, Choice | None]:
-        """Search in slices and return the best choice.
+        """Search in slices and return the best choice, or None.
 
-        Yields at the end of each slice.
+        The generator yields at the end of each slice.
         """
         options, geometry = self._options, memory.geometry
         column, row = memory.to_cells(pose.x_m, pose.y_m)
@@ -132,9 +132,9 @@ class Chooser:
     def path_to(
         self, memory: EvidenceMap, pose: Pose2, points: Sequence[Point]
     ) -> Generator[None, None, tuple[int, tuple[Point, ...]] | None]:
-        """Search in slices for the nearest point; return its index and the path to it.
+        """Search in slices for the nearest of some points; return its index and the path to it.
 
-        Returns None if no point is near. Points where the robot cannot be are skipped.
+        Return None if no point can be reached. Points at which the robot cannot be are skipped.
         """
         options = self._options
         self._spent = 0.0
@@ -160,10 +160,10 @@ class Chooser:
                 return k, (*window.path(*goal)[:-1], points[k])
         return None
 
-    # -- inside ------------------------------------------------------------------------------
+    # -- internal ------------------------------------------------------------------------------
 
     def _spend(self, cells: float) -> Generator[None]:
-        """Account for work in settled cells; yield if it is too much for one step."""
+        """Count the processed cells. Yield when their number is too large for one control step."""
         if self._spent and self._spent + cells > self._options.slice_cells:
             self._spent = 0.0
             yield
@@ -244,7 +244,7 @@ class Chooser:
         path = window.path(int(y), int(x))
         return Choice(
             "lane",
-            # the lane's own line, not the nearest cell's centre
+            # use the line of the lane, not the centre of the nearest cell
             (*path[:-1], window.metres(x, y)),
             heading,
             (abs(end - begin) + 1) * geometry.cell_m,
@@ -254,7 +254,7 @@ class Chooser:
 
 
 def _turning(window: SearchWindow, most: int, geometry: PlannerGeometry) -> int:
-    """Return the number of cells left that the mouth reaches, also by turning in place."""
+    """Return the number of unswept cells that the mouth reaches, including by turns in place."""
     return mark_targets(
         window.dist, most, window.done, window.target, window.ways, geometry.turning_cells_2
     )
@@ -290,9 +290,10 @@ def _lane_prices(geometry: PlannerGeometry, heading_rad: float) -> LanePrices:
 
 
 def _parted(memory: EvidenceMap, window: SearchWindow, pose: Pose2) -> Point | None:
-    """Return the nearest visited and free place that no path reaches.
+    """Return the nearest visited and free place to which there is no path.
 
-    ``None`` if there are only a few such cells. The map may have grown since the window was made.
+    Return None if there are only a few such cells. The map may have grown after the window was
+    made.
     """
     rows, cols = window.dist.shape
     column, row = memory.to_cells(*window.metres(0.5, 0.5))

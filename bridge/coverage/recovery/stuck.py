@@ -1,4 +1,4 @@
-"""Rules by which the recovery planner gives up a path, a target, map evidence, or the plan."""
+"""Rules by which the recovery planner abandons a path, a target, map evidence, or the plan."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Verdict(Enum):
 
 
 class StuckPolicy:
-    """Decides which passages to close, and which targets and map evidence to give up."""
+    """Decides which passages to close, and which targets and map evidence to abandon."""
 
     def __init__(
         self,
@@ -50,13 +50,16 @@ class StuckPolicy:
         """Number of blocks in a row at ``_blocked_at``."""
         self._blocked_at: Pose2 | None = None
         self._passages: list[tuple[Pose2, bool, int]] = []
-        """Places where the robot sought a passage, each with the side and with the number of new
-        cells at that time."""
+        """Places where the robot sought a passage. Each has the side, and the number of new cells
+        at that time."""
         self._left_path_at: Pose2 | None = None
-        """Place where the robot left the present transit to seek a passage."""
+        """Place where the robot left the present transit to seek a passage; None: not left."""
 
     def clear_bumps(self) -> bool:
-        """Before the end, clear evidence from bumps only. Return True if there was any."""
+        """Clear evidence that comes from bumps only. Return True if there was any.
+
+        The planner calls this method before it ends.
+        """
         if self._map.new_cells - self._bumps_cleared_at < self._geometry.floor_cells:
             return False
         self._bumps_cleared_at = self._map.new_cells
@@ -101,11 +104,11 @@ class StuckPolicy:
         return Verdict.ENCLOSED if stuck else Verdict.GO_ON
 
     def begin_transit(self) -> None:
-        """Discard the place where the last transit was left."""
+        """Discard the place where the robot left the last transit."""
         self._left_path_at = None
 
     def blocked(self, result: LegResult, heading_rad: float) -> None:
-        """Handle a blocked transit; repeated blocks close the passage in the map by steps."""
+        """Handle a blocked transit. Each repeated block closes more of the passage in the map."""
         pose, last = result.pose, self._blocked_at
         again = last is not None and pose.distance_m(last) < self._geometry.same_place_m
         self._blocks = self._blocks + 1 if again else 1
@@ -124,15 +127,15 @@ class StuckPolicy:
             )
 
     def seeks_passage(self, result: LegResult, new_m2: float) -> bool:
-        """Return True if the robot should follow its obstacle, like the Bug algorithms.
+        """Return True if the robot should follow the obstacle, as in the Bug algorithms.
 
-        A wall leads to the edge of a door and through it, even if the map has the door in a wrong
-        place (Lumelsky and Stepanov 1987). The robot follows each place once per side until it
-        sweeps new floor.
+        A wall leads the robot to the edge of a door and through the door, even if the map shows the
+        door in a wrong place (Lumelsky and Stepanov 1987). The robot follows the obstacle at a
+        place once per side. It may follow it again after it has swept new floor.
 
         Args:
-            result: how the transit was blocked.
-            new_m2: new floor that the target promises, m².
+            result: end of the blocked transit.
+            new_m2: expected new floor at the target, m².
 
         """
         left, right = result.bumper_left, result.bumper_right
@@ -162,8 +165,8 @@ class StuckPolicy:
         Args:
             choice: The executed choice.
             new_cells: Number of cells that it swept.
-            pose: Pose at its end.
-            arrived: Whether the robot reached the start of the choice.
+            pose: Pose at the end of the choice.
+            arrived: True if the robot reached the start of the choice.
 
         """
         self._judge_target(choice, new_cells, pose, arrived=arrived)
@@ -171,10 +174,10 @@ class StuckPolicy:
         self._fruitless = self._fruitless + 1 if fruitless else 0
 
     def _judge_target(self, choice: Choice, new_cells: int, pose: Pose2, *, arrived: bool) -> None:
-        """Count a fruitless attempt at a target, and abandon the target after several.
+        """Count a fruitless attempt at a target. Abandon the target after several attempts.
 
-        A block far from the target is evidence against the passage, which ``blocked`` closes: there
-        may be another path.
+        A block far from the target does not count against the target, because there may be another
+        path. :meth:`blocked` handles it.
         """
         promised = choice.new_m2 / self._geometry.cell_m**2
         if choice.kind == "perimeter":
@@ -190,10 +193,10 @@ class StuckPolicy:
             return
         c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
         done_m = 0.0
-        if arrived:  # floor beyond an obstacle may be reached from elsewhere
+        if arrived:  # floor beyond an obstacle may be reachable on another path
             done_m = min(max((pose.x_m - x) * c + (pose.y_m - y) * s, 0.0), choice.length_m)
         at_m, width_m = 0.0, self._geometry.width_m
-        if choice.kind == "lane":  # the mouth is ahead of the axle
+        if choice.kind == "lane":  # the mouth may be ahead of the axle
             x, y = x + self._geometry.ahead_m * c, y + self._geometry.ahead_m * s
         while at_m <= done_m:
             self._map.abandon(x + at_m * c, y + at_m * s, 0.5 * width_m)
@@ -204,7 +207,7 @@ class StuckPolicy:
         self._record.decide("abandon", reason, x_m=round(x, 3), y_m=round(y, 3))
 
     def _uncertain_place(self, pose: Pose2, unreachable_at: Point | None) -> Pose2:
-        """Return the place whose evidence is probably wrong."""
+        """Return the place at which the evidence is probably wrong."""
         if unreachable_at is not None:
             return Pose2(*unreachable_at, 0.0)
         if self._blocks > self._options.max_blocked and self._blocked_at is not None:

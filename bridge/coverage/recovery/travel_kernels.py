@@ -1,7 +1,7 @@
-"""Passable cells, path lengths and shortest paths of the axle, compiled."""
+"""Compiled search for shortest paths of the axle over passable cells."""
 
-# Kernels are long loops over plain numbers. Splitting them would cost more in calls and objects
-# than it would gain in clarity.
+# The kernels are long loops over numbers. Smaller functions would be clearer, but their calls and
+# objects would cost too much time.
 # ruff: noqa: C901, PLR0912, PLR0913, PLR0917
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ _DIAGONAL = cython.declare(cython.int, 14)
 _TIGHT = cython.declare(cython.int, 3)
 _RING = cython.declare(cython.int, 64)
 STRAIGHT = _STRAIGHT
-"""Cost of a straight step between cells; a diagonal one costs ``_DIAGONAL``. A step beside a cell
-where the axle cannot be costs ``_TIGHT`` times as much."""
+"""Cost of a straight step between cells. A diagonal step costs ``_DIAGONAL``. A step next to a cell
+in which the axle cannot be costs ``_TIGHT`` times as much."""
 RING = _RING
-"""Number of buckets of the search: a power of two above the cost of the most expensive step."""
+"""Number of buckets of the search: a power of two that is larger than the maximum cost of a
+step."""
 
 
 @cython.final
@@ -51,21 +52,22 @@ def travel(
     counts: Ints,
     search: TravelSearch,
 ) -> tuple[int, bool]:
-    """Continue the search for shortest paths up to a cost; return settled cells and completion.
+    """Continue the search for shortest paths; return the number of settled cells and completion.
 
-    It is Dial's algorithm with a ring of buckets. One call settles at most ``budget`` cells; the
-    next call continues from ``search``. Cells with a ``dist`` above ``most`` have only a
-    preliminary cost. -1 means no cost yet. The rim of the window must be closed.
+    The algorithm is Dial's, with a ring of buckets. A cell is settled when its path cost is final.
+    One call settles at most ``budget`` cells. The next call continues with ``search``. A cell with
+    a ``dist`` above ``most`` has only a preliminary cost; -1 means that no path is known. The cells
+    at the border of the window must not be passable.
 
     Args:
         ground: ``open_`` from ``copy_window``, row by row.
         cols: Number of cells in a row.
-        most: Maximum cost of a path.
-        budget: Maximum number of cells.
-        dist: Costs so far, row by row; -1, and 0 at the start.
-        queue: ``(RING, room)``: the cells of each bucket, flat.
-        counts: ``(RING,)``: the number of cells in each bucket; initially one in bucket 0.
-        search: Remaining state of the search; initially one waiting cell.
+        most: Maximum cost of a path; the search ends there.
+        budget: Maximum number of cells that are settled.
+        dist: Path costs so far, row by row. Initially 0 at the start and -1 elsewhere.
+        queue: ``(RING, room)``: the cells of each bucket, as flat indices.
+        counts: ``(RING,)``: the number of cells in each bucket. Initially 1 in bucket 0, else 0.
+        search: State of the search. Initially it has one waiting cell.
 
     """
     room: cython.int = queue.shape[1]
@@ -77,7 +79,7 @@ def travel(
     cost: cython.int
     i: cython.int
     j: cython.int
-    # Local copies, because compiled code reads a module variable again after each array store.
+    # Use local copies, because compiled code reads a module variable again after each array store.
     straight: cython.int = _STRAIGHT
     diagonal: cython.int = _DIAGONAL
     tight: cython.int = _TIGHT
@@ -152,10 +154,10 @@ def clear_line(
 def way_back(
     open_: Layer, dist: IntGrid, row: cython.int, col: cython.int, out: IntGrid, cells: Ints
 ) -> cython.int:
-    """Corners of the way from where ``dist`` begins to a cell, ends included.
+    """Write the corners of the shortest path from the start of ``dist`` to a cell, with both ends.
 
-    Returns their number, 0 if the cell was not reached or the way has too many corners.
-    ``cells`` is room for the way's cells; a longer way counts as one not reached.
+    Return the number of corners; 0: no path to the cell, or too many corners or cells. ``cells`` is
+    temporary space for the cells of the path.
     """
     rows: cython.int = open_.shape[0]
     cols: cython.int = open_.shape[1]
@@ -186,7 +188,7 @@ def way_back(
         if br == r and bc == c:
             return 0
         r, c = br, bc
-    # from the start (the last cell) on, always to the farthest cell in a free straight line
+    # from the start (the last cell): go to the farthest cell that a straight free line reaches
     k: cython.int = n - 1
     count: cython.int = 0
     m: cython.int

@@ -1,6 +1,6 @@
-"""Straight wall segments that were followed: places for a heading fix.
+"""Straight wall segments that the robot has followed. They are places for a heading fix.
 
-The list has only a few dozen numbers, so that it fits a microcontroller.
+The list needs only a few dozen numbers, so it fits into a microcontroller.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
 HEADING_RUN_M = 0.48
-"""Length of a drive along a wall, m: 40 cm for a measurement, and the rest for the approach. It
-measures the direction to a third of a degree with a noisy infrared sensor."""
+"""Length of a drive along a wall, m: 40 cm for the measurement, and 8 cm for the approach. It
+measures the direction with an error of a third of a degree, with a noisy infrared sensor."""
 OFF_M = 0.035
-"""Additional gap to the wall compared with a perimeter pass, m: the possible position error. A
-robot that grazes the wall would take the wall's direction for its own heading."""
+"""Additional gap to the wall compared with a perimeter pass, m. It allows for the position error. A
+robot that grazes the wall turns parallel to it and would take this as its own heading."""
 _MIN_M = 0.5
 """Minimum length of a stored segment, m."""
 _MAX_KEPT = 24
@@ -26,11 +26,11 @@ _MAX_KEPT = 24
 _BENT_RAD = math.radians(10.0)
 """Turn of the heading that ends a segment, rad."""
 _TRIES = 2
-"""Number of fruitless drives in a row after which a segment is dropped."""
+"""Number of drives in a row without effect after which a segment is removed."""
 
 
 class Start(NamedTuple):
-    """Pose of the axle at the beginning of a drive along a wall."""
+    """Pose of the axle at the start of a drive along a wall."""
 
     x_m: float
     y_m: float
@@ -46,7 +46,7 @@ class _Segment(NamedTuple):
     """Side of the wall: left (1) or right (-1)."""
 
     def starts(self) -> tuple[Start, Start]:
-        """Return the start poses at both ends."""
+        """Return the start poses at both ends of the segment."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         x, y = self.x_m + self.side * OFF_M * s, self.y_m - self.side * OFF_M * c
         back = wrap_angle(self.heading_rad + math.pi)
@@ -76,7 +76,7 @@ class WallSegments:
             self._begun = pose
 
     def end(self, pose: Pose2, side: int) -> None:
-        """End the segment at the end of the wall, or of its straight part."""
+        """End the segment. Called at the end of the wall, or of its straight part."""
         begun, self._begun = self._begun, None
         if begun is None:
             return
@@ -93,7 +93,7 @@ class WallSegments:
         return [start for segment in self._kept for start in segment.starts()]
 
     def tried(self, start: Start, *, helped: bool) -> None:
-        """Use the result of a drive; two fruitless drives in a row drop the segment."""
+        """Store the result of a drive. Two drives in a row without effect remove the segment."""
         for segment in [segment for segment in self._kept if start in segment.starts()]:
             if helped:
                 self._fails.pop(segment, None)

@@ -1,6 +1,6 @@
-"""A window of the map for a search: free cells, targets, path lengths.
+"""A window of the map for one search: free cells, targets, path lengths.
 
-Its arrays are reused in every search. Its images are rotated to the direction of the lanes.
+The arrays are reused in every search. The images in it are rotated to the direction of the lanes.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ Point = tuple[float, float]
 _ROOM = 16384
 _CORNERS = 400
 _WAY = 8192
-"""Maximum length of a path, cells: five times the size of the largest room."""
+"""Maximum length of a path, cells. The largest room needs a fifth of it."""
 
 
 class Buffers:
-    """Arrays by name.
+    """Arrays by name, for reuse.
 
-    They are reused in every search, because allocation would take longer than the search itself.
+    Every search uses the same arrays, because their allocation would take longer than the search.
     """
 
     def __init__(self) -> None:
@@ -45,11 +45,11 @@ class Buffers:
         self.path: Ints = np.zeros(_WAY, dtype=np.int32)
 
     def layer(self, name: str, shape: tuple[int, int]) -> Layer:
-        """Return a byte array of a shape, with old content."""
+        """Return a byte array of a shape. It contains old values."""
         return self._get(name, shape, np.uint8)
 
     def ints(self, name: str, shape: tuple[int, int]) -> Ints:
-        """Return an integer array of a shape, with old content."""
+        """Return an integer array of a shape. It contains old values."""
         return self._get(name, shape, np.int32)
 
     def _get(self, name: str, shape: tuple[int, int], kind: type[np.generic]) -> NDArray[Any]:
@@ -61,7 +61,7 @@ class Buffers:
 
 
 class SearchWindow:
-    """A window of the map at the beginning of a search, and the search's results."""
+    """A window of the map at the beginning of a search, and the results of the search."""
 
     def __init__(
         self,
@@ -106,7 +106,10 @@ class SearchWindow:
 
     @property
     def perimeter_lengths(self) -> Ints:
-        """Path lengths without places next to a cliff, where there is no wall to follow."""
+        """Path lengths to places where the robot can begin to follow a wall.
+
+        Places at cliffs are excluded, because there is no wall.
+        """
         if not self._cliffs:
             return self.ways
         ways = self.ways.copy()
@@ -164,7 +167,7 @@ class SearchWindow:
 
 
 class Turned:
-    """A window's targets and path lengths in a frame rotated to the lanes."""
+    """A window's targets and path lengths, in a frame rotated to the direction of the lanes."""
 
     def __init__(self, window: SearchWindow, angle_rad: float, buffers: Buffers) -> None:
         rows, cols = window.open.shape
@@ -192,7 +195,10 @@ class Turned:
         )
 
     def rows(self, *, across: int) -> tuple[Layer, Ints]:
-        """The images; ``across``: turned by a further quarter, so that rows run along +v."""
+        """Return the images.
+
+        With ``across`` they are rotated by a further 90°, so that rows run along v.
+        """
         if not across:
             return self._target, self._ways
         shape = self._shape[::-1]
@@ -203,13 +209,13 @@ class Turned:
         return target, ways
 
     def place(self, x: float, y: float, *, across: int) -> tuple[float, float]:
-        """Row and column in the images of a point of the window."""
+        """Return row and column in the images for a point of the window."""
         c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
         u, v = x * c + y * s - self._left, y * c - x * s - self._low
         return (self._shape[1] - u, v) if across else (v, u)
 
     def point(self, row: float, column: float, *, across: int) -> tuple[float, float]:
-        """Point of the window at a row and a column of the images."""
+        """Return the point of the window at a row and a column of the images."""
         u, v = (self._shape[1] - row, column) if across else (column, row)
         u, v = u + self._left, v + self._low
         c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
@@ -217,7 +223,7 @@ class Turned:
 
 
 def free_cell(open_: Layer, row: int, col: int, reach: int) -> tuple[int, int] | None:
-    """The passable cell nearest to one."""
+    """Return the nearest passable cell within ``reach``; None: no such cell."""
     rows, cols = open_.shape
     for off in range(reach + 1):
         for r in range(row - off, row + off + 1):

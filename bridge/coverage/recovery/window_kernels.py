@@ -1,7 +1,7 @@
-"""Compiled views of a window of the map: passable cells, remaining cells, perimeters."""
+"""Compiled images of a window of the map: passable cells, unswept cells, perimeters."""
 
-# Kernels are long loops over plain numbers. Splitting them would cost more in calls and objects
-# than it would gain in clarity.
+# The kernels are long loops over numbers. Smaller functions would be clearer, but their calls and
+# objects would cost too much time.
 # ruff: noqa: C901, PLR0913, PLR0917
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ _SWEPT = cython.declare(cython.int, 1)
 _GIVEN_UP = cython.declare(cython.int, 2)
 _OCCUPIED = cython.declare(cython.int, 4)
 SWEPT, GIVEN_UP, OCCUPIED = _SWEPT, _GIVEN_UP, _OCCUPIED
-"""Bits for the reasons why a cell needs no sweeping."""
+"""Bits that show why a cell needs no sweeping."""
 
 
 @cython.final
 @cython.cclass
 class PerimeterCosts:
-    """Costs and expected gain of following a wall."""
+    """Costs and expected gain of a perimeter pass."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
     turn_s_rad = cython.declare(cython.double, visibility="public")
@@ -35,13 +35,13 @@ class PerimeterCosts:
     cells = cython.declare(cython.double, visibility="public")
     """Number of cells that a perimeter pass is expected to sweep."""
     full_rate = cython.declare(cython.double, visibility="public")
-    """Cells that the mouth sweeps in a second."""
+    """Number of cells that the mouth sweeps per second."""
     cost_cm = cython.declare(cython.double, visibility="public")
     """Path length per unit of path cost, cm."""
     near_cost = cython.declare(cython.double, visibility="public")
-    """Maximum cost of a path that need not be driven first."""
+    """Maximum cost of a path that is not driven before the perimeter pass."""
     beside_cells = cython.declare(cython.int, visibility="public")
-    """Radius of the floor searched beside the wall, cells: half the mouth's width."""
+    """Radius of the floor beside the wall that is searched, cells: half the mouth's width."""
 
     def __init__(
         self,
@@ -54,7 +54,10 @@ class PerimeterCosts:
         near_cost: cython.double,
         beside_cells: cython.int,
     ) -> None:
-        """Store each price; ``cell_cm`` is the edge of a cell, which is ten units of path cost."""
+        """Store each cost.
+
+        ``cell_cm`` is the edge of a cell; the path cost of a cell is ten units.
+        """
         self.speed_cm_s, self.turn_s_rad = speed_cm_s, turn_s_rad
         self.stop_s, self.cells, self.full_rate = stop_s, cells, full_rate
         self.cost_cm, self.near_cost = 0.1 * cell_cm, near_cost
@@ -64,7 +67,7 @@ class PerimeterCosts:
 @cython.final
 @cython.cclass
 class BestPerimeter:
-    """The best place so far to start following a wall."""
+    """The best place so far to begin a perimeter pass."""
 
     score = cython.declare(cython.double, visibility="public")
     """New cells per second; 0: no place."""
@@ -92,10 +95,10 @@ def copy_window(
     open_: Layer,
     done: Layer,
 ) -> None:
-    """Copy the cells that a search needs from a window of the map, with a closed rim.
+    """Copy the cells that a search needs from a window of the map. Its border becomes impassable.
 
-    ``open_`` is 0 where the axle cannot be, 1 beside such a cell, and 2 in free cells. ``done`` has
-    the bits for the reasons why a cell needs no sweeping.
+    ``open_`` is 0 in cells in which the axle cannot be, 1 next to such a cell, and 2 in free cells.
+    ``done`` has the bits that show why a cell needs no sweeping.
     """
     rows: cython.int = open_.shape[0]
     cols: cython.int = open_.shape[1]
@@ -139,10 +142,10 @@ def mark_targets(
     ways: IntGrid,
     near_2: cython.int,
 ) -> cython.int:
-    """Mark the cells worth sweeping and the axle's path length to each; return their number.
+    """Mark the cells to sweep, and store the axle's path length to each cell; return their number.
 
-    A cell is a target if it still needs sweeping and a possible place of the axle is within half
-    the mouth's width (``near_2`` is its square, cells). ``ways`` is -1 if there is no path.
+    A cell is a target if it needs sweeping and the mouth can reach it from a reachable place of the
+    axle. ``near_2`` is the square of the mouth's reach, cells. ``ways`` is -1 if there is no path.
     """
     near: cython.int = int(sqrt(near_2))
     rows: cython.int = dist.shape[0]
@@ -170,7 +173,7 @@ def mark_targets(
                 and ways[r, c + 1] >= 0
             ):
                 continue
-            # only the reach of a cell at the edge exceeds the area counted above
+            # only cells at the edge of the reachable area can reach targets outside this area
             for i in range(-near, near + 1):
                 for j in range(-near, near + 1):
                     if (
@@ -184,10 +187,10 @@ def mark_targets(
 
 
 def keep_holes(target: Layer, hole: Layer, width: cython.int) -> cython.int:
-    """Keep only targets in pieces that can hold a disc of a diameter; return their number.
+    """Keep only targets in pieces into which a disc of a diameter fits; return their number.
 
-    The disc is a block of ``width`` by ``width`` cells without the cells whose centres it does not
-    cover. ``hole`` is scratch space.
+    The disc is a block of ``width`` by ``width`` cells, without the cells whose centres are outside
+    the disc. ``hole`` is temporary space.
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
@@ -231,7 +234,7 @@ def scan_outlines(
     prices: PerimeterCosts,
     best: BestPerimeter,
 ) -> None:
-    """Find the best place beside a wall with an unswept strip to begin following it."""
+    """Find the best place to begin a perimeter pass: at a wall with an unswept strip."""
     rows: cython.int = open_.shape[0]
     cols: cython.int = open_.shape[1]
     r: cython.int

@@ -44,7 +44,7 @@ def drive(context: RecoveryContext, leg: Drive) -> Part:
 
 
 def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Leg, Step, bool]:
-    """Follow the obstacle that ended a drive early. If the floor before it is swept, do nothing.
+    """Follow the obstacle that ended a drive early. Do nothing if the floor at it is swept.
 
     Returns:
         True if the perimeter was followed. A cliff is never followed, because no sensor measures
