@@ -1,8 +1,8 @@
 """Braking distances that respect the acceleration limit.
 
-A robot that is commanded to stop continues for a latency τ (link, control period, motor) and then
-brakes with a constant deceleration a. It needs d = v·τ + v²/2a. Solved for v, this gives the
-fastest speed from which it stops within d.
+After a stop command, the robot continues at its speed for a latency τ (link, control period,
+motor). It then brakes with a constant deceleration a. It needs the distance d = v·τ + v²/2a. Solved
+for v, this equation gives the maximum speed from which the robot stops within d.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Braking:
-    """Limits with which a motion stops; in m, or in rad for a turn.
+    """Limits with which a motion stops; units are in m, or in rad for a turn.
 
     Raises:
         ValueError: the deceleration is not positive, or another value is negative.
@@ -24,29 +24,30 @@ class Braking:
     """Deceleration, m/s² (rad/s²)."""
     latency_s: float = 0.0
     creep: float = 0.0
-    """Lowest approach speed, m/s (rad/s). At a lower speed the wheels stick."""
+    """Minimum approach speed, m/s (rad/s). At a lower speed, static friction stops the wheels."""
 
     def __post_init__(self) -> None:
-        """Reject meaningless figures."""
+        """Reject invalid values."""
         if not (self.decel > 0.0 and self.latency_s >= 0.0 and self.creep >= 0.0):
             raise ValueError(f"braking needs decel > 0, latency_s >= 0, creep >= 0, not {self}")
 
     def distance(self, speed: float) -> float:
-        """Return the distance from now to rest: |v|·τ + v²/2a; ``speed`` may have either sign."""
+        """Return the path from now to standstill: |v|·τ + v²/2a. ``speed`` may be negative."""
         return abs(speed) * self.latency_s + speed * speed / (2.0 * self.decel)
 
     def speed(self, distance: float) -> float:
-        """Return the highest speed that stops within ``distance``, but at least the creep speed.
+        """Return the maximum speed that stops within ``distance``, but at least the creep speed.
 
-        From d = v·τ + v²/2a: v = sqrt((aτ)² + 2ad) - aτ.
+        The equation d = v·τ + v²/2a gives v = sqrt((aτ)² + 2ad) - aτ.
         """
         push = self.decel * self.latency_s
         fastest = math.sqrt(push * push + 2.0 * self.decel * max(distance, 0.0)) - push
         return max(fastest, self.creep)
 
     def run_out(self, speed: float) -> float:
-        """Return the distance driven after a stop command at a creeping speed: |v|·τ/2.
+        """Return the path after a stop command at creep speed: |v|·τ/2.
 
-        At such a speed the lag of the velocity control dominates, not the deceleration limit.
+        At creep speed the lag of the velocity control determines the path, not the deceleration
+        limit.
         """
         return 0.5 * self.latency_s * abs(speed)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 _HELD_S = 0.12
-"""Age from which an equal reading counts as new, s. The sensor holds a reading for less time."""
+"""Age from which an equal value counts as a new reading, s. The sensor repeats a reading for a
+shorter time."""
 _SILENT_S = 0.3
 """Time without an echo after which the path ahead counts as free, s."""
 _LEAP_M = 0.1
@@ -14,29 +15,29 @@ between two readings."""
 
 
 class ConfirmedRange:
-    """Free distance for a robot that turns while it drives, so that ranges cannot be extrapolated.
+    """Free distance ahead of a robot that turns while it drives, so ranges cannot be extrapolated.
 
-    A short range counts at once if the reading before it was nearly as short. An unexpected short
-    range may be the echo of another pulse. It counts when the next reading agrees, or when it
-    repeats soon, because a chair leg returns only some of the pulses.
+    A short range counts immediately if the reading before it was nearly as short. An unexpected
+    short range may be an echo of another pulse. It counts if the next reading confirms it. It also
+    counts if it occurs again soon, because a chair leg returns only some of the pulses.
     """
 
     __slots__ = ("_age_s", "_range_m", "_stop_m", "_strange_s", "is_blocked")
 
     def __init__(self, stop_m: float) -> None:
-        """``stop_m`` is the range at which no free distance is left."""
+        """Create the filter. ``stop_m`` is the range at which there is no free distance."""
         self._stop_m = stop_m
         self._range_m: float | None = None
         self._age_s = 0.0
         self._strange_s = math.inf
         self.is_blocked = False
-        """True if the last update found less free distance than required, and the reading is
-        reliable."""
+        """True if the free distance was smaller than required in the last update, and the reading
+        is reliable."""
 
     def update(self, range_m: float | None, min_m: float, dt_s: float) -> float:
         """Return the free distance from the newest reading, m; infinite without an echo.
 
-        ``min_m`` is the required distance. The first reading counts at once.
+        ``min_m`` is the required distance. The first reading counts immediately.
         """
         self._age_s += dt_s
         self._strange_s += dt_s

@@ -1,4 +1,4 @@
-"""Drives one leg at a time: from observations to velocity commands, sans-I/O."""
+"""Drives legs one after another: from observations to velocity commands, without I/O."""
 
 from __future__ import annotations
 
@@ -31,20 +31,21 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _MAX_STEP_S = 0.1
-"""Maximum gap between steps, s. A longer gap (a pause) is not integrated into filters and timeouts.
-"""
+"""Maximum time between control steps, s. Filters and timeouts ignore the time beyond it, for
+example after a pause."""
 
 
 class LegExecutor:
     """Executes legs.
 
     Call ``start`` with a leg. Then call ``step`` with every observation and send the returned
-    command, until ``result`` is set. A bumper switch or a cliff ends a forward leg at once, without
-    a ramp. Turns in place and backward legs continue, because they lead away from the obstacle.
+    command, until ``result`` is set. A bumper switch or a cliff ends a forward leg immediately,
+    without a ramp. It does not end turns in place and backward legs, because they lead away from
+    the obstacle.
     """
 
     def __init__(self, model: RobotModel, tuning: MotionTuning | None = None) -> None:
-        """Begin at rest, without a leg."""
+        """Begin at standstill, without a leg."""
         self._model = model
         self._tuning = tune = tuning or MotionTuning()
         brake_m_s2 = tune.brake_share * model.max_accel_m_s2
@@ -63,7 +64,7 @@ class LegExecutor:
         self._hidden = HiddenAhead(model, brake_m_s2)
         self._wary_m_s = math.inf
         self.speed_limit_m_s = math.inf
-        """Maximum forward speed that the planner allows now, m/s."""
+        """Maximum forward speed that the planner allows at present, m/s."""
         self._leg: Leg | None = None
         self._result: LegResult | None = None
         self._last_s = 0.0
@@ -77,7 +78,7 @@ class LegExecutor:
 
     @property
     def leg(self) -> Leg | None:
-        """The leg that runs, or the last one."""
+        """The running leg, or the last leg."""
         return self._leg
 
     # -- running ---------------------------------------------------------------------------
@@ -88,7 +89,7 @@ class LegExecutor:
         return self._target
 
     def start(self, leg: Leg, obs: Observation) -> None:
-        """Begin a leg at the observed pose; a running leg is dropped."""
+        """Begin a leg at the observed pose. If another leg is running, it is dropped."""
         self._leg = leg
         self._result = None
         self._stopping: StopReason | None = None
@@ -142,7 +143,7 @@ class LegExecutor:
             self._timeout_s = 5.0 + 2.0 * abs(length) / self._speed
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """Return the command of this control step; a halt if no leg runs."""
+        """Return the command of this control step. Return a halt if no leg is running."""
         leg = self._leg
         if leg is None or self._result is not None:
             return HALT
@@ -163,17 +164,17 @@ class LegExecutor:
         return self._come_to_rest(obs, dt)
 
     def cancel(self, obs: Observation) -> None:
-        """End the current leg at the robot's place, without stopping."""
+        """End the current leg at the robot's position, without stopping the robot."""
         if self._leg is not None and self._result is None:
             self._stopping = StopReason.CANCELLED
             self._bumped = (False, False)
             self._finish(obs)
 
     def brake(self, obs: Observation) -> VelocityCommand:
-        """Brake to rest within the acceleration limits and keep the current leg.
+        """Brake to standstill within the acceleration limits, and keep the current leg.
 
-        Call it once per observation until it returns a halt; the next ``step`` continues the leg.
-        A bumper switch or a cliff halts the robot at once.
+        Call this method once per observation until it returns a halt. The next ``step`` continues
+        the leg. A bumper switch or a cliff halts the robot immediately.
         """
         dt = self._step_s(obs)
         if self._rolls_into(obs):
@@ -182,12 +183,12 @@ class LegExecutor:
         return self._slow_down(dt)
 
     def halt(self) -> None:
-        """Note a stop from outside: the next step ramps up from rest."""
+        """Record a stop by other code. The next ``step`` accelerates from standstill."""
         self._smooth_v.reset()
         self._smooth_w.reset()
 
     def _step_s(self, obs: Observation) -> float:
-        """Return the time since the last step, including a gap in which other code drove."""
+        """Return the time since the last step, including time in which other code drove."""
         since_s = max(obs.time_s - self._last_s, 0.0)
         self._last_s = obs.time_s
         if since_s <= _MAX_STEP_S:
@@ -241,7 +242,7 @@ class LegExecutor:
     def _turn(self, leg: Turn, obs: Observation, dt: float) -> VelocityCommand:
         tune = self._tuning
         if self._rolls_into(obs):
-            self._smooth_v.reset()  # a turn leads away, but the rest of the forward motion does not
+            self._smooth_v.reset()  # a turn leads away; remaining forward motion does not
         error = wrap_angle(leg.heading_rad - obs.pose.theta_rad)
         run_out = 0.5 * tune.lag_s * abs(obs.yaw_rate_rad_s)
         if leg.flowing and abs(error) < tune.flow_rad + run_out:
@@ -271,7 +272,7 @@ class LegExecutor:
         rate = command.yaw_rate_rad_s
         speed = command.vx_m_s
         if speed <= 0.0:
-            # in place: an obstacle ahead now is not ahead after the turn
+            # turn in place: an obstacle that is ahead now is not ahead after the turn
             self._ahead.reset()
             speed = 0.0
             if abs(rate) < tune.min_turn_rad_s:
@@ -308,7 +309,7 @@ class LegExecutor:
         dt: float,
         speed: float,
     ) -> float:
-        """Speed that still stops at the stop range; 0 when it is reached."""
+        """Return the speed that still stops at the stop range; 0 at the stop range."""
         if stop_range_m is None:
             return speed
         ahead = self._ahead.update(obs.ultrasonic_m, obs.v_m_s * dt, dt)
@@ -320,7 +321,7 @@ class LegExecutor:
         return min(speed, self._brake.speed(remaining))
 
     def _allowed(self, *, wary: bool) -> float:
-        """Return the maximum forward speed for known and, with ``wary``, suspected obstacles."""
+        """Return the maximum speed for known obstacles; ``wary``: also for suspected ones."""
         most = min(self.speed_limit_m_s, self._wary_m_s) if wary else self.speed_limit_m_s
         return max(most, self._tuning.creep_m_s)
 
@@ -332,7 +333,7 @@ class LegExecutor:
         return None
 
     def _rolls_into(self, obs: Observation) -> bool:
-        """Whether an earlier leg still commands forward motion against an obstacle."""
+        """Return True if the last leg still commands forward motion towards an obstacle."""
         return self._smooth_v.output > 0.0 and self._hit(obs) is not None
 
     def _stalled(self, progress: float, least: float) -> bool:
@@ -359,14 +360,14 @@ class LegExecutor:
         return self._send(0.0, 0.0, dt)
 
     def _flow_on(self, reason: StopReason, obs: Observation) -> VelocityCommand:
-        """End the leg in motion; the next one continues from the last command."""
+        """End the leg without stopping. The next leg continues from the last command."""
         self._stopping = reason
         self._bumped = (obs.bumper_left, obs.bumper_right)
         self._finish(obs)
         return VelocityCommand(self._smooth_v.output, self._smooth_w.output)
 
     def _come_to_rest(self, obs: Observation, dt: float) -> VelocityCommand:
-        """Ramp down to zero; the leg ends at rest, where its distance and pose are final."""
+        """Ramp down to zero. The leg ends at standstill, where its distance and pose are final."""
         tune = self._tuning
         self._stopped_s += dt
         command = self._slow_down(dt)

@@ -1,8 +1,8 @@
-"""Obstacles that have left the ultrasonic cone and may still be ahead.
+"""Obstacles that have left the ultrasonic sensor's cone but may still be ahead.
 
-A cone of half angle α is narrower than the footprint. An obstacle at lateral distance y is visible
-from far away and leaves the cone at the range y / tan α. So the range at which the echo disappears
-gives the lateral distance, but not the side.
+The cone, with half angle α, is narrower than the footprint. An obstacle at lateral distance y is
+visible from far away and leaves the cone at the range y / tan α. So the range at which the echo
+disappears gives the lateral distance of the obstacle, but not its side.
 """
 
 from __future__ import annotations
@@ -16,38 +16,38 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 TOUCH_M_S = 0.026
-"""Maximum normal speed of a harmless contact, m/s; a collision begins at 0.03."""
+"""Maximum speed of a harmless contact along the normal, m/s. A collision begins at 0.03 m/s."""
 _LOST_M = 0.08
-"""Growth of the range between readings that means another obstacle, m."""
+"""Minimum increase of the range between two readings that means another obstacle, m."""
 _SAME_M = 0.06
-"""Maximum distance from a hidden obstacle at which an echo shows the same obstacle again, m."""
+"""Maximum distance between an echo and a hidden obstacle that means the same obstacle, m."""
 _MARGIN_M = 0.012
 _TURNED_RAD = 0.15
-"""Turn after which the place of a hidden obstacle is unknown, rad."""
+"""Turn after which the position of a hidden obstacle is unknown, rad."""
 _PAST_M = 0.01
-"""Path beyond the expected contact after which the obstacle is not there, m."""
+"""Path beyond the expected contact after which the obstacle is removed, m."""
 _ASIDE_M = 0.02
-"""Lateral margin of that expected contact, m."""
+"""Lateral margin of the expected contact, m."""
 _MOST = 4
 _LATENCY_S = 0.10
 
 
 def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) -> float:
-    """Return the maximum present speed from which a contact with a point is harmless, m/s.
+    """Return the maximum present speed at which a contact with a point is harmless, m/s.
 
-    It is infinite if the disc passes the point.
+    The speed is infinite if the footprint passes the point.
 
     Args:
         aside_m: distance of the point from the line of motion, m.
-        ahead_m: distance of the point ahead of the disc's centre, m.
-        rim_m: the disc's radius and a margin, m.
+        ahead_m: distance of the point ahead of the footprint's centre, m.
+        rim_m: radius of the footprint plus a margin, m.
         brake: braking distance of the motion.
 
     """
     if aside_m >= rim_m or ahead_m <= 0.0:
         return math.inf
     reach_m = math.sqrt(rim_m * rim_m - aside_m * aside_m)
-    touch = TOUCH_M_S * rim_m / reach_m  # its part along the normal is v·cos β
+    touch = TOUCH_M_S * rim_m / reach_m  # the component along the normal is v·cos β
     push = brake.decel * brake.latency_s
     way_m = max(ahead_m - reach_m, 0.0)
     if not way_m:
@@ -56,7 +56,7 @@ def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) 
 
 
 class HiddenAhead:
-    """Obstacles that left the cone, and the speed that they allow."""
+    """Obstacles that have left the cone, and the speed limit because of them."""
 
     def __init__(self, model: RobotModel, decel_m_s2: float) -> None:
         """Begin without obstacles."""
@@ -66,15 +66,15 @@ class HiddenAhead:
         self._far_m = (self._rim_m + _MARGIN_M) / max(self._slope, 1e-6)
         self._brake = Braking(decel_m_s2, _LATENCY_S)
         self._things: list[list[float]] = []
-        """Obstacles, each as distance ahead of the axle (m), lateral distance (m) and turn since
-        (rad)."""
+        """Obstacles. Each has the distance ahead of the axle (m), the lateral distance (m), and the
+        turn of the robot since it left the cone (rad)."""
         self._range_m: float | None = None
-        """Last range minus the path since, m."""
+        """Last range minus the path since the last reading, m."""
         self._raw_m: float | None = None
         self._turned_rad = 0.0
 
     def update(self, raw_m: float | None, ahead_m: float, turn_rad: float) -> float:
-        """Return the maximum forward speed after a motion and with the newest reading, m/s."""
+        """Return the maximum forward speed after a motion and a new reading, m/s."""
         for thing in self._things:
             thing[0] -= ahead_m
             thing[2] += turn_rad
@@ -97,7 +97,7 @@ class HiddenAhead:
         )
 
     def _passed_m(self, aside_m: float) -> float:
-        """Return the distance ahead of the axle below which an obstacle has been passed, m."""
+        """Return the distance ahead of the axle below which the robot has passed an obstacle, m."""
         body_m, aside_m = self._rim_m - _MARGIN_M, aside_m + _ASIDE_M
         reach_m = math.sqrt(max(body_m * body_m - aside_m * aside_m, 0.0))
         return max(reach_m - _PAST_M, 0.0)

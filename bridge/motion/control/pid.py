@@ -1,4 +1,4 @@
-"""The paper's PID (section 3.3 eq. 1) with a saturated output and anti-windup."""
+"""The paper's PID controller (section 3.3, eq. 1) with a saturated output and anti-windup."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PidGains:
-    """Gains in the paper's first form: u = Kp [e + 1/Ti ∫e dt + Td de/dt]."""
+    """Gains in the paper's first form: u = Kp (e + 1/Ti ∫e dt + Td de/dt)."""
 
     kp: float
     ti_s: float = math.inf
@@ -16,33 +16,33 @@ class PidGains:
     td_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """Reject meaningless gains."""
+        """Reject invalid gains."""
         if not (math.isfinite(self.kp) and self.ti_s > 0.0 and self.td_s >= 0.0):
             raise ValueError(f"PID gains need finite kp, ti_s > 0, td_s >= 0, not {self}")
 
     @property
     def ki(self) -> float:
-        """Ki of the second form, Kp/Ti."""
+        """Integral gain Ki of the second form, Kp/Ti."""
         return self.kp / self.ti_s
 
     @property
     def kd(self) -> float:
-        """Kd of the second form, Kp·Td."""
+        """Derivative gain Kd of the second form, Kp·Td."""
         return self.kp * self.td_s
 
 
 class Pid:
-    """Discrete PID controller; the caller computes the error.
+    """Discrete PID controller. The caller computes the error.
 
-    Beyond the paper, the output is limited to ±``limit``. A saturated output stops the integral in
-    the direction of the saturation (conditional integration). The derivative is zero on the first
-    sample.
+    There are three differences from the paper. The output is limited to ±``limit``. The integral
+    does not grow in the direction of a saturated output (conditional integration). The derivative
+    part is zero on the first sample.
     """
 
     __slots__ = ("_integral", "_kd", "_ki", "_kp", "_limit", "_previous")
 
     def __init__(self, gains: PidGains, limit: float = math.inf) -> None:
-        """``limit`` is in the output's unit."""
+        """Create a controller. ``limit`` has the unit of the output."""
         if not limit > 0.0:
             raise ValueError(f"PID limit must be positive, not {limit!r}")
         self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
@@ -52,7 +52,7 @@ class Pid:
 
     @property
     def integral(self) -> float:
-        """The integral part of the output, Ki ∫e dt."""
+        """Integral part of the output, Ki ∫e dt."""
         return self._integral
 
     def reset(self) -> None:
@@ -61,7 +61,10 @@ class Pid:
         self._previous = None
 
     def update(self, error: float, dt_s: float) -> float:
-        """Return the output; with ``dt_s`` ≤ 0 the integral stays and the derivative part is 0."""
+        """Return the output.
+
+        If ``dt_s`` ≤ 0, the integral is unchanged and the derivative part is 0.
+        """
         output = self._kp * error + self._integral
         if dt_s > 0.0:
             if self._previous is not None:

@@ -1,4 +1,4 @@
-"""Driving to a point: PD on distance and bearing (paper section 3.3, part 4)."""
+"""Driving to a point: PD control of distance and bearing (paper section 3.3, part 4)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ TURN_IN_PLACE_RAD = math.radians(45.0)
 
 
 class PointCommand(NamedTuple):
-    """Output of the controller. A differential drive can follow ``vx`` and the yaw rate."""
+    """Output of the controller. A differential drive can follow ``vx`` and the yaw rate only."""
 
     vx_m_s: float
     vy_m_s: float
-    """Lateral part of the paper's transform, for the log only: the robot cannot drive sideways."""
+    """Lateral velocity of the paper's transform, m/s. It is only logged: the robot cannot drive
+    sideways."""
     yaw_rate_rad_s: float
     distance_m: float
     bearing_error_rad: float
@@ -30,13 +31,14 @@ class PointCommand(NamedTuple):
 class PointToPointController:
     """Body velocity towards a point.
 
-    Deviations from the paper, whose formulas do not work as written:
+    The paper's formulas do not work as written. This controller differs from them:
 
-    - Its distance error e = 0 - r with a positive gain drives *away*; here e = r.
-    - ``atan2`` replaces its arctan, and the bearing error is wrapped to ±π.
-    - Its transform gives a lateral velocity, which a differential drive cannot follow. Only vx is
-      driven: v·cos(bearing error), which slows the robot while it points elsewhere.
-    - Beyond 45° of bearing error the robot turns in place.
+    - The paper's distance error e = 0 - r with a positive gain drives *away* from the point. Here e
+    = r.
+    - ``atan2`` replaces the paper's arctan, and the bearing error is wrapped to ±π.
+    - The paper's transform gives a lateral velocity, which a differential drive cannot follow. Only
+    vx = v·cos(bearing error) is used. It slows the robot down while the robot points elsewhere.
+    - If the bearing error is larger than 45°, the robot turns in place.
     """
 
     __slots__ = ("_bearing", "_distance")
@@ -48,7 +50,7 @@ class PointToPointController:
         distance_gains: PidGains = DISTANCE_GAINS,
         bearing_gains: PidGains = BEARING_GAINS,
     ) -> None:
-        """Limits of the output in m/s and rad/s."""
+        """Create a controller. The output limits are in m/s and rad/s."""
         self._distance = Pid(distance_gains, max_speed_m_s)
         self._bearing = Pid(bearing_gains, max_rate_rad_s)
 
@@ -58,7 +60,7 @@ class PointToPointController:
         self._bearing.reset()
 
     def update(self, x_m: float, y_m: float, pose: Pose2, dt_s: float) -> PointCommand:
-        """Command towards (``x_m``, ``y_m``) in the frame of ``pose``."""
+        """Return the velocity towards (``x_m``, ``y_m``), in the frame of ``pose``."""
         dx, dy = x_m - pose.x_m, y_m - pose.y_m
         distance = math.hypot(dx, dy)
         error = wrap_angle(math.atan2(dy, dx) - pose.theta_rad) if distance > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""Closed-loop turning: PD on the yaw error (paper section 3.3 eq. 2)."""
+"""Closed-loop turning: PD control of the yaw error (paper section 3.3, eq. 2)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ ROTARY_GAINS = PidGains(kp=5.0, td_s=0.03)
 
 
 class RotaryController:
-    """Yaw rate that turns the robot to a heading.
+    """Computes the yaw rate that turns the robot to a heading.
 
-    Beyond eq. 2, the error is wrapped to ±π, the output is saturated, and near the target it stays
-    below sqrt(2 α |e|), the highest rate from which a deceleration α still stops in time.
+    There are three differences from eq. 2. The error e is wrapped to ±π. The output is saturated.
+    Near the target the yaw rate stays below sqrt(2 α |e|). This is the maximum rate from which the
+    robot stops in time with the deceleration α.
     """
 
     __slots__ = ("_brake_rad_s2", "_pid")
@@ -25,7 +26,7 @@ class RotaryController:
         brake_rad_s2: float = math.inf,
         gains: PidGains = ROTARY_GAINS,
     ) -> None:
-        """Limits in rad/s and rad/s²."""
+        """Create a controller. The limits are in rad/s and rad/s²."""
         self._pid = Pid(gains, max_rate_rad_s)
         self._brake_rad_s2 = brake_rad_s2
 
@@ -34,7 +35,7 @@ class RotaryController:
         self._pid.reset()
 
     def update(self, target_rad: float, yaw_rad: float, dt_s: float) -> float:
-        """Yaw rate in rad/s for the target heading and the present one."""
+        """Return the yaw rate for the target heading and the present heading, rad/s."""
         error = wrap_angle(target_rad - yaw_rad)
         rate = self._pid.update(error, dt_s)
         limit = math.sqrt(2.0 * self._brake_rad_s2 * abs(error))

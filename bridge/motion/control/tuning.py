@@ -8,42 +8,44 @@ from dataclasses import dataclass
 from bridge.motion.control.wall_follow import FollowTuning
 
 FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
-"""Tuning of wall following. The robot drives into inner corners, because it does not sweep the
-floor beyond its stopping point. A table leg is too thin for the beam; the robot follows it all
-around."""
+"""Tuning of wall following. The robot does not sweep the floor beyond its stopping point, so it
+drives into inner corners. A table leg is too thin for the infrared beam, so the robot follows it
+all around."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionTuning:
-    """Gains and thresholds of the executor; lengths in metres, angles in radians."""
+    """Gains and thresholds of the executor; lengths are in m, angles in rad."""
 
     brake_share: float = 0.75
-    """Share of the acceleration limit that stop distances assume. The rest is for control."""
+    """Share of the acceleration limit in braking distances. The rest is a reserve for control."""
     lag_s: float = 0.10
     """Time from a command to the wheels' response, s: link, smoothing, motor."""
     creep_m_s: float = 0.025
-    """Lowest approach speed, m/s; a contact at this speed is no collision (< 0.03 m/s)."""
+    """Minimum approach speed, m/s. A contact at this speed is no collision (< 0.03 m/s)."""
     lookahead_m: float = 0.25
-    """Distance from the robot to the point on the heading line that lane keeping aims at, m."""
+    """Distance from the robot to the point on the lane's line to which lane keeping steers, m."""
     turn_rate_share: float = 0.75
-    """Share of the yaw rate limit in turns that end at rest. The rest is for control."""
+    """Share of the yaw rate limit in turns that end at standstill. The rest is for control."""
     min_turn_rad_s: float = 0.10
-    """Minimum yaw rate of a turn, rad/s. At a lower rate the wheels stick."""
+    """Minimum yaw rate of a turn, rad/s. At a lower rate, static friction stops the wheels."""
     heading_tolerance_rad: float = 0.004
     flow_rad: float = 0.02
-    """Maximum heading error at which a turn may flow into the next leg, rad. The next leg corrects
-    the rest."""
+    """Maximum heading error at which a turn may continue into the next leg without a stop, rad. The
+    next leg corrects this error."""
     flow_rate_share: float = 0.9
-    """Share of the yaw rate limit in a turn that flows into the next leg."""
+    """Share of the yaw rate limit in a turn that continues into the next leg."""
     flow_brake_share: float = 0.75
-    """Share of the yaw acceleration limit with which a turn that flows into the next leg brakes."""
+    """Share of the yaw acceleration limit for braking in a turn that continues into the next
+    leg."""
     point_tolerance_m: float = 0.006
     lowpass: float = 0.6
-    """k of the velocity smoothing, per 20 ms step."""
+    """Factor k of the velocity smoothing, per 20 ms step."""
     rest_m_s: float = 0.01
     rest_rad_s: float = 0.03
     settling_s: float = 0.6
-    """Maximum time from a leg's stop command to its end, s. The leg then ends even in motion."""
+    """Maximum time from a leg's stop command to its end, s. After it the leg ends even in
+    motion."""
     stall_s: float = 1.5
     stall_m: float = 0.003
     stall_rad: float = 0.02

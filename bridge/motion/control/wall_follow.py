@@ -1,7 +1,7 @@
-"""Wall following with one side infrared sensor, at a set distance or in light contact.
+"""Wall following with one side infrared sensor, at a constant distance or in light contact.
 
-Without that sensor the robot curves towards the wall until it touches the wall. The planner then
-turns it away, and the next leg begins.
+Without that sensor the robot drives a curve towards the wall until it contacts the wall. The
+planner then turns the robot away from the wall, and the next leg begins.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 
 class Side(enum.IntEnum):
-    """Side of the infrared sensor. Multiplication by the value mirrors that side to the left."""
+    """Side of the infrared sensor.
+
+    Multiplication by this value mirrors a right wall to the left.
+    """
 
     LEFT = 1
     RIGHT = -1
@@ -35,10 +38,9 @@ class FollowState(enum.StrEnum):
 
     FOLLOWING = "following"
     CORNER = "corner"
-    """The wall has ended at an outer corner beside the robot, and the robot drives round the
-    corner."""
+    """The wall has ended at an outer corner, and the robot drives round the corner."""
     LOST = "lost"
-    """The wall is lost, and the robot found no wall round the corner. It halts."""
+    """The robot has lost the wall and has found no wall round the corner. It halts."""
     BLOCKED = "blocked"
     """An inner corner, an obstacle or a cliff is ahead. The robot halts."""
 
@@ -52,61 +54,64 @@ class FollowStep(NamedTuple):
     gap_m: float | None
     """Gap between the rim and the wall, m; None: no wall."""
     yaw_rad: float
-    """Heading minus the wall's direction, rad; positive towards the wall."""
+    """Heading minus the wall's direction, rad; positive: towards the wall."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowTuning:
-    """Gains and limits; lengths in metres, angles in radians."""
+    """Gains and limits; lengths are in m, angles in rad."""
 
     lookahead_m: float = 0.15
-    """Distance ahead of the robot at which its heading meets the line at the set distance, m."""
+    """Distance ahead of the robot at which its heading meets the line to follow, m."""
     integral_s: float = 2.5
-    """Integral time of the distance controller, s. Along a round column the heading must point a
-    few degrees away from the wall, which only the integral corrects."""
+    """Integral time of the distance controller, s. Along a round column the heading must point away
+    from the wall by a few degrees. Only the integral achieves this."""
     yaw_gain_s: float = 4.0
     """Gain from the heading error (rad) to the yaw rate (rad/s), 1/s."""
     approach_rad: float = math.radians(20.0)
-    """Maximum angle of the heading to or from the wall, rad."""
+    """Maximum angle between the heading and the wall, rad."""
     touch_m_s: float = 0.015
-    """Maximum lateral speed in the approach to a contact, m/s: half the speed of a collision."""
+    """Maximum lateral speed in the approach to a contact, m/s: half the minimum speed of a
+    collision."""
     press_m: float = 0.004
-    """Depth inside the wall at which light contact aims, m. Range noise then does not end the
-    contact."""
+    """Depth inside the wall that is the target in light contact, m. Range noise then does not end
+    the contact."""
     corner_gap_m: float = 0.005
-    """Minimum gap at which the robot drives round a corner, m: the accuracy of the corner's
-    estimated position."""
+    """Minimum gap with which the robot drives round a corner, m. The corner's position is known
+    with this accuracy."""
     stop_gap_m: float = 0.03
     """Gap between the rim and a wall ahead at which the robot halts, m."""
     jump_m: float = 0.02
     """Minimum difference between reading and prediction that means another surface, m."""
     gate_sigmas: float = 4.0
     round_rad: float = math.radians(200.0)
-    """Turn round a corner without a wall after which the wall counts as lost, rad."""
+    """Turn round a corner after which the wall counts as lost if none was found, rad."""
     nudge_s: float = 0.5
     """Maximum time for which the followed wall may press a bumper switch, s. After this time the
     switch means an obstacle ahead."""
 
 
 _READING_S = 0.05
-"""Age from which an equal reading counts as new, s. Readings arrive at 20 Hz."""
+"""Age from which an equal value counts as a new reading, s. Readings arrive at 20 Hz."""
 
 
 class WallFollower:
     """Drives along the wall on one side.
 
-    Call ``step`` with every observation and send its result through the smoothing. Wall following
-    starts with the first reading of a wall. From then on the filter of ``wall_track`` estimates
-    distance and direction. The heading aims at the line at the set distance. The set heading ψ* is
-    a PI controller of the distance error, with anti-windup as in ``pid``. The integral is off far
-    from the line. It never steers towards the wall: the robot would press against the wall for
-    seconds, and wheels do not measure lateral slip. The yaw rate is ω = K·(ψ* - ψ), with a smaller
-    gain while ψ is uncertain. Near the wall the heading is limited so that the lateral speed stays
-    below ``touch_m_s``.
+    Call ``step`` with every observation and pass its result through the smoothing. Wall following
+    starts with the first reading of a wall. From then on the filter of ``wall_track`` estimates the
+    wall's distance and direction. The heading setpoint ψ* points towards the line at the set
+    distance. It is the output of a PI controller for the distance error, with anti-windup as in
+    ``pid``. The integral is off if the robot is far from the line. It never steers towards the
+    wall: otherwise the robot would press against the wall for seconds, and its wheel encoders do
+    not measure lateral slip. The yaw rate is ω = K·(ψ* - ψ), with a smaller gain while ψ is
+    uncertain. Near the wall the heading is limited so that the lateral speed is less than
+    ``touch_m_s``.
 
-    At the end of the wall the robot drives on until the end is beside its axle. It then drives
-    round the end at the set distance until the infrared sensor detects a wall again. The corner and
-    this reading give the new wall's direction at once. A round column needs no special case.
+    At the end of the wall the robot drives straight until the end is beside its axle. It then
+    drives round the end at the set distance until the infrared sensor detects a wall again. The
+    corner and this reading immediately give the new wall's direction. A round column needs no
+    special case.
     """
 
     def __init__(  # noqa: PLR0913 - a robot, a wall, and how to follow it
@@ -119,11 +124,11 @@ class WallFollower:
         tuning: FollowTuning | None = None,
         noise: RangingNoise | None = None,
     ) -> None:
-        """Follow at ``distance_m`` between rim and wall; 0: in light contact.
+        """Follow a wall with the gap ``distance_m`` to the rim; 0: in light contact.
 
         Raises:
             ValueError: the distance is negative or beyond the sensor's range, or the speed is not
-                positive.
+            positive.
 
         """
         self._side = side
@@ -160,11 +165,11 @@ class WallFollower:
         self._pressed_s = 0.0
         self._straight_m = math.inf
         self._felt_m = 0.0
-        """Path since the beginning, for a wall that is only felt, m."""
+        """Path since the beginning, for a wall that is followed by contact only, m."""
 
     @property
     def state(self) -> FollowState:
-        """As of the last step; lost before the first."""
+        """State after the last step. Before the first step it is ``LOST``."""
         return self._state
 
     @property
@@ -177,7 +182,7 @@ class WallFollower:
     ) -> FollowStep:
         """Return the velocity for this control step, and the state of wall following.
 
-        ``speed_limit_m_s``: maximum forward speed allowed now.
+        ``speed_limit_m_s`` is the maximum forward speed at present.
         """
         ahead_m, into_rad = self._motion(observation.pose)
         if not self._mount.fitted:
@@ -193,9 +198,9 @@ class WallFollower:
         return FollowStep(command, self._state, gap, self._track.yaw_rad)
 
     def go_round(self, ahead_m: float, aside_m: float) -> None:
-        """Begin to circle a point in the body's frame, ``aside_m`` positive to the wall's side.
+        """Begin to circle a point in the body frame. ``aside_m`` is positive on the wall's side.
 
-        This serves contacts without a range: a bump, or a leg too thin for the beam.
+        This is used for contacts without a range: a bump, or a leg that is too thin for the beam.
         """
         self._corner = (ahead_m, aside_m)
         self._turned_rad = self._straight_m = 0.0
@@ -205,7 +210,7 @@ class WallFollower:
     def _feel_along(
         self, obs: Observation, ahead_m: float, into_rad: float, dt_s: float, limit_m_s: float
     ) -> FollowStep:
-        """Bend towards a wall that no sensor sees, tighter and tighter, until it is touched."""
+        """Curve towards a wall that no sensor detects, more and more sharply, until contact."""
         self._felt_m += abs(ahead_m)
         self._turned_rad += into_rad
         speed = min(self._speed, limit_m_s, _FEEL_M_S)
@@ -223,10 +228,10 @@ class WallFollower:
         command = VelocityCommand(speed, self._side * min(speed / bend_m, self._max_rate))
         return FollowStep(command, self._state, None, 0.0)
 
-    # -- seeing ----------------------------------------------------------------------------
+    # -- sensing ---------------------------------------------------------------------------
 
     def _motion(self, pose: Pose2) -> tuple[float, float]:
-        """Way ahead and turn towards the wall since the last step."""
+        """Return the forward path and the turn towards the wall since the last step."""
         last, self._pose = self._pose, pose
         if last is None:
             return 0.0, 0.0
@@ -266,7 +271,10 @@ class WallFollower:
         return True
 
     def _miss(self, range_m: float | None, v_m_s: float) -> None:
-        """Handle a reading of another surface: nearer means another wall, farther an end."""
+        """Handle a reading of another surface.
+
+        A nearer one is another wall, a farther one an end.
+        """
         expected = self._track.expected_m()
         if range_m is not None and expected is not None and range_m < expected:
             self._track.begin(range_m)
@@ -274,14 +282,15 @@ class WallFollower:
             self._silent_s = 0.0
             return
         self._silent_s += _READING_S
-        if self._silent_s < 1.5 * _READING_S:  # one reading that is missing is none
+        if self._silent_s < 1.5 * _READING_S:  # ignore a single missing reading
             return
         self._silent_s = 0.0
         if expected is None:
             self._track.clear()
             self._state = FollowState.LOST
             return
-        # The end lies between the last hit and this look: one look and a half behind it.
+        # The end is between the last hit and the first missing reading, on average 1.5 reading
+        # periods before the present reading.
         behind = 1.5 * _READING_S * v_m_s
         self._corner = (self._mount.x_m - behind, abs(self._mount.y_m) + expected)
         self._turned_rad = 0.0
@@ -291,7 +300,7 @@ class WallFollower:
         self._aim.reset()
 
     def _round(self, ahead_m: float, into_rad: float) -> None:
-        """Keep the corner in the body's frame, the wall's side counted positive."""
+        """Update the corner in the body frame. The lateral axis is positive on the wall's side."""
         x, y = self._corner
         x -= ahead_m
         c, s = math.cos(into_rad), math.sin(into_rad)
@@ -341,7 +350,7 @@ class WallFollower:
         off = distance - self._radius_m - gap_m
         tune = self._tune
         gap = max(distance - self._radius_m, 0.0)
-        # Touching is slow across: the steepest heading shrinks with the gap that is left.
+        # A contact must be slow along the normal. So the maximum angle decreases with the gap.
         across = tune.touch_m_s + max(gap - _TOUCH_WAY_M, 0.0)
         steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
         pressing = distance <= self._radius_m and self._aim.integral > 0.0
@@ -364,10 +373,10 @@ class WallFollower:
         return VelocityCommand(speed * slow, self._side * rate)
 
     def _circle(self, speed: float, *, nudge: bool) -> VelocityCommand:
-        """Drive on until the corner is abeam of the axle, then round it at its distance."""
+        """Drive on until the corner is beside the axle, then drive round it at the set distance."""
         radius = self._radius_m + max(self._gap_m, self._tune.corner_gap_m)
         slow = min(speed, _CORNER_M_S)
-        if nudge:  # it is at the rim, and not yet abeam: turn until it is
+        if nudge:  # the corner is at the rim, ahead of the axle: turn until it is beside the axle
             self._touch_corner()
             self._arcing = True
             return VelocityCommand(0.0, -self._side * self._max_rate)
@@ -375,7 +384,7 @@ class WallFollower:
         if x > 0.0 and not self._arcing:
             return VelocityCommand(slow, 0.0)
         self._arcing = True
-        # Round a point: ω = v/R with the corner abeam; its distance and bearing are corrected.
+        # Drive round a point: ω = v/R if the corner is abeam. Distance and bearing are controlled.
         far = math.hypot(x, y) - radius
         bearing = math.atan2(-x, y)
         turn = slow / radius + self._tune.yaw_gain_s * (
@@ -384,7 +393,7 @@ class WallFollower:
         return VelocityCommand(slow, self._side * max(min(turn, self._max_rate), -self._max_rate))
 
     def _touch_corner(self) -> None:
-        """Move the corner to the contact at the rim, in its assumed direction."""
+        """Move the corner to the rim, where the contact is. Its direction does not change."""
         x, y = self._corner
         far = math.hypot(x, y)
         if far > 0.0:
@@ -392,7 +401,7 @@ class WallFollower:
             self._corner = (share * x, share * y)
 
     def _bumped(self, obs: Observation, dt_s: float) -> bool | None:
-        """Whether to turn off the wall that presses the bumper; ``None``: blocked."""
+        """Return True to turn away from the wall that presses the switch; None: blocked."""
         left = self._side is Side.LEFT
         near, other = obs.bumper_left, obs.bumper_right
         if not left:
@@ -415,29 +424,30 @@ class WallFollower:
 
 
 _FEEL_M_S = 0.10
-"""Speed along a wall that is only felt, m/s: after 12 cm of the arc it is touched at 0.026 m/s
-along the normal."""
+"""Speed along a wall that is followed by contact only, m/s. After 12 cm of the curve the robot
+contacts the wall with 0.026 m/s along the normal."""
 _SEEN_M = 0.002
 """Additional gap beyond the infrared's minimum range, m. Below that range the reading is constant,
 so the robot would press against the wall."""
 _TOUCH_WAY_M = 0.01
-"""Length of the last path to a contact, driven at the contact speed whatever the ranges are, m."""
+"""Length of the path before a contact that is driven at contact speed, independent of the range,
+m."""
 _THIN_M = 0.08
-"""Maximum followed length of an object round a corner that may be a leg, which has no direction, m.
-"""
+"""Maximum followed length of an object that may be a thin leg, m. A leg has no wall direction."""
 _INTEGRAL_BAND_M = 0.025
 _NUDGE_M_S = 0.05
-"""Speed while the wall presses a bumper switch, m/s: the robot slips, which its wheels do not
-measure."""
+"""Maximum speed while the wall presses a bumper switch, m/s. The robot slips sideways, and the
+wheel encoders do not measure this slip."""
 _PRESSED_RAD = math.radians(5.0)
-"""Minimum heading into the wall with a pressed bumper switch, rad: its shell ends before the
-side."""
+"""Minimum angle of the heading towards the wall if a bumper switch is pressed, rad. The bumper does
+not cover the side of the robot."""
 _SURE_RAD = 0.1
-"""Standard deviation of a wall's direction above which steering is reduced in proportion, rad."""
+"""Standard deviation of a wall's direction above which the steering gain is reduced in proportion,
+rad."""
 _CORNER_M_S = 0.09
-"""Speed around a corner, m/s: a contact there is about 72° off the heading and harmless, 0.028 m/s
-along the normal."""
+"""Speed around a corner, m/s. A contact there is about 72° off the heading, so its speed along the
+normal is 0.028 m/s and harmless."""
 _CORNER_SIGMA_M = 0.01
-"""Standard deviation of a corner's place, m: the path between two readings at low speed."""
+"""Standard deviation of a corner's position, m: the path between two readings at low speed."""
 _YAW_MARGIN_RAD = math.radians(10.0)
-"""Margin of the direction of a wall found round a corner to the track's limit, rad."""
+"""Margin between the direction of a wall found round a corner and the limit of the track, rad."""
