@@ -24,8 +24,8 @@ MAX_TIMEOUT_US = 1_000_000
 STOP_REPEAT_US = 25_000
 """Interval of an unanswered stop, µs; it does not grow."""
 MAX_TRIES = 6
-"""Maximum number of transmissions. With a timeout that doubles from 20 ms, it takes over a
-second."""
+"""Maximum number of transmissions. The timeout starts at 20 ms and doubles, so all attempts
+together take more than a second."""
 REMEMBERED = 16
 _HALF = 0x8000
 """Half the range of ids, which wrap at 16 bits. An id less than this behind another one is older

@@ -41,7 +41,7 @@ class Received(NamedTuple):
 
 _Waiting = tuple[int, int, int, bytes, int, int]
 """A frame to send: node, type, stamp, payload, flags, rank. It gets its sequence number when it is
-sent, because a replaced frame would otherwise look lost. It is a bare tuple, because every sent
+sent, because a replaced frame would otherwise look lost. It is a plain tuple, because every sent
 message needs one."""
 
 

@@ -44,7 +44,7 @@ sequences."""
 
 @dataclass(slots=True)
 class LineCounts:
-    """Number of bytes since power-on of the device, by what happened to them."""
+    """Numbers of bytes since power-on of the device: passed on, lost and changed."""
 
     to_host: int = 0
     """Bytes passed to the host's port."""
@@ -141,7 +141,7 @@ class Rig:
 
     @property
     def plugged(self) -> bool:
-        """Whether there is a port that a host could open."""
+        """True if there is a port that a host can open."""
         return not self.faults.knobs.unplugged
 
     def room(self) -> int:

@@ -1,7 +1,7 @@
 """Bring-up with the wheels off the floor: a sequence of checks, each with its findings.
 
-No wheel turns before the person beside the robot has confirmed it. The procedure asks what a
-program cannot see: which wheel turned, and in which direction.
+No wheel turns before the person beside the robot has confirmed it. The procedure asks the person
+about facts that no sensor measures: which wheel turned, and in which direction.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class BringupRecords:
         self._records.flush(now_ns)
 
     def closed(self) -> None:
-        """Record the damaged data that is still held back."""
+        """Record the damaged data that is still collected."""
         self._records.flush(self._wire.now(), at_once=True)
 
     def record_line(self, text: str) -> None:

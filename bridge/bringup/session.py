@@ -140,7 +140,7 @@ class BringupSession:
 
     @property
     def ready(self) -> bool:
-        """Whether the session is ready."""
+        """True if the session is ready."""
         return self.session.state is State.READY
 
     @property

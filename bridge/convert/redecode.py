@@ -94,7 +94,7 @@ def compare(path: Path) -> Redecoded:
 
 
 def redecode(reader: LogReader) -> Iterator[Decoded]:
-    """Yield every ``/device/*`` message from a log's raw bytes, as a live run would."""
+    """Yield every ``/device/*`` message from a log's raw bytes, with the decoder of a live run."""
     offset_ns = _number(reader.run.get("clock_offset_ns")) or 0
     records = sorted(wire_records(reader.messages(RAW_TOPICS)), key=in_order)
     if not records:

@@ -131,8 +131,9 @@ class LogMessage(NamedTuple):
 class LogReader:
     """One MCAP file, or a run of several files that starts with this file.
 
-    Each call of ``messages`` reads the file again; only small data stay in memory. ``truncated`` is
-    valid after the constructor. ``problems`` is complete after all messages were read.
+    Each call of ``messages`` reads the file again; only small data are kept in memory.
+    ``truncated`` is valid after the constructor. ``problems`` is complete after all messages were
+    read.
     """
 
     def __init__(self, path: Path, *, alone: bool = False) -> None:

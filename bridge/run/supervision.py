@@ -56,7 +56,7 @@ class End:
 
     ending: Ending
     first: bool = False
-    """Only if the run has no end yet."""
+    """True: the decision applies only if the run has no end yet."""
 
 
 class Plan(Enum):
@@ -102,11 +102,11 @@ class Supervision:
         """The device's maximum speed before the run."""
         self._asked = False
         self._lacks = False
-        """The device has no maximum speed that can be set."""
+        """True: the device has no parameter for its maximum speed."""
         self._factor = 1.0
         self._setting = False
-        """A new maximum speed is being set. Only one at a time, so that an old one cannot arrive
-        last."""
+        """True while a new maximum speed is being set. The next one waits, so that an old value
+        cannot arrive last."""
         self._is_rejected = False
         self._stop_ns = 0
         self._confirmed: Outcome | None = None

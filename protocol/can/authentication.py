@@ -58,7 +58,7 @@ class HeldMessages:
         return held._replace(event=event)
 
     def late(self, now_us: int) -> list[Received]:
-        """Return the messages whose tag did not come in time; they count as untagged."""
+        """Return the messages whose tag did not arrive in time; they count as untagged."""
         if not self._held:
             return []
         late = [n for n, held in self._held.items() if now_us - held.came_us > TOGETHER_US]

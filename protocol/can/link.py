@@ -1,7 +1,7 @@
 """One end of a link over classic CAN: the same messages and events as over UART.
 
 Frames are also passed as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), so that ports,
-wires and logs need not know their content.
+wires and logs do not depend on their content.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class Stop(Message):
 
 @message(0x02, _HOST, _STREAM, default_hz=50, minimal=True)
 class VelocitySetpoint(Message):
-    """Body velocity to hold until its time to live expires."""
+    """Body velocity, valid until its time to live expires."""
 
     v: Annotated[int, number(I16, "m/s", "forward speed", scale="0.0001")]
     yaw_rate: Annotated[int, number(I16, "rad/s", "counter-clockwise", scale="0.0002")]

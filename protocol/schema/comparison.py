@@ -134,7 +134,7 @@ class Comparison:
 
     @property
     def complete(self) -> bool:
-        """Whether every question is answered."""
+        """True if every question is answered."""
         return not self._open
 
     @property

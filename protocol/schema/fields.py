@@ -30,12 +30,12 @@ class WireType:
 
     @property
     def is_text(self) -> bool:
-        """Whether the type is UTF-8 up to the payload's end; only as the last field."""
+        """True if the type is UTF-8 up to the payload's end; only as the last field."""
         return self.name == "text"
 
     @property
     def is_integer(self) -> bool:
-        """Whether the type is a number."""
+        """True if the type is a number."""
         return self.high > self.low
 
 
@@ -95,7 +95,7 @@ class Field:
 
     @property
     def is_scaled(self) -> bool:
-        """Whether the raw integer differs from the value."""
+        """True if the raw integer differs from the value."""
         return self.scale != 1 or self.offset != 0
 
     @property
@@ -140,7 +140,7 @@ SI_UNITS: dict[str, tuple[str, float]] = {
 PLAIN_UNITS = frozenset(
     {"count", "percent", "enum", "bits", "id", "us", "hash", "text", "uid", "raw"}
 )
-"""Units of fields whose raw value is the value itself."""
+"""Units of fields without a scale: the raw value is the value."""
 
 
 def number(  # noqa: PLR0913 - a declaration names every property of the field

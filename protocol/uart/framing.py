@@ -82,7 +82,7 @@ class Damage(Enum):
 
 
 class DamagedFrame(NamedTuple):
-    """Bytes between two delimiters that are not a frame; a bare tuple, because noise makes many."""
+    """Bytes between two delimiters that are not a frame; a tuple, because noise produces many."""
 
     damage: Damage
     offset: int

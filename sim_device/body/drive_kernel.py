@@ -88,7 +88,7 @@ class Wheel:
     rad_s = cython.declare(cython.double, visibility="public")
     angle_rad = cython.declare(cython.double, visibility="public")
     grip_rad_s = cython.declare(cython.double, visibility="public")
-    """Wheel speed that the floor sees, rad/s; the wheel's own speed unless it spins."""
+    """Wheel speed without spin, rad/s; it equals the wheel's speed unless the wheel spins."""
 
     def __init__(self) -> None:
         """Start at rest on level floor."""
@@ -116,7 +116,7 @@ class Body:
     drop_v = cython.declare(cython.double, visibility="public")
     """Voltage drop of the bridges, V."""
     load_v_n = cython.declare(cython.double, visibility="public")
-    """Voltage that a wheel's load takes, V/N."""
+    """Voltage drop caused by a wheel's load, V/N."""
     radius_m = cython.declare(cython.double, visibility="public")
     wheel_base_m = cython.declare(cython.double, visibility="public")
     wall_friction = cython.declare(cython.double, visibility="public")
@@ -142,11 +142,11 @@ class Body:
     unslipped = cython.declare(cython.double, visibility="public")
     """1 minus the mean of the slip."""
     tilt_x_m_s2 = cython.declare(cython.double, visibility="public")
-    """Specific force along x that the accelerometer sees of a tilt. ``tilt_y_m_s2``: along y."""
+    """Specific force along x that a tilt causes at the accelerometer. ``tilt_y_m_s2``: along y."""
     tilt_y_m_s2 = cython.declare(cython.double, visibility="public")
     lifted = cython.declare(cython.bint, visibility="public")
     held = cython.declare(cython.bint, visibility="public")
-    """True: an obstacle that was put into the room holds the robot."""
+    """True: an obstacle that a fault moved onto the robot holds it."""
     wanders = cython.declare(cython.bint, visibility="public")
     """True: the wheels stand on a floor on which they slip."""
 

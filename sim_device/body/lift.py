@@ -2,7 +2,7 @@
 
 A person lifts the robot 10 cm within 0.4 s. It accelerates upwards for half of that time and
 downwards for the other half: 0.1 m / (0.2 s)² = 0.25 g. Meanwhile the nose rises by 8° and stays
-there. Setting down is the same in reverse. In between the robot is held still. The plant decides
+there. Setting down is the same in reverse. Between both, the robot does not move. The plant decides
 where it is set down.
 """
 

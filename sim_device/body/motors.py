@@ -21,7 +21,7 @@ class MotorParameters:
     """A 12 V gear motor of about 120 turns a minute, typical for robots of this size.
 
     After the bridge's drop it reaches 0.40 m/s on a 65 mm wheel with a full battery (16 V). With an
-    empty battery it still exceeds the 0.30 m/s that the robot claims.
+    empty battery it still exceeds the maximum speed of the robot file, 0.30 m/s.
     """
 
     back_emf_v_s: float = 1.10

@@ -12,8 +12,8 @@ for the load stalls the wheel. A higher duty spins it on the spot, and the encod
 The wall's force goes through the centre of the disc, which is the centre of the axle, so it turns
 nothing. Friction at the rim would turn the robot; the model leaves it out.
 
-Traction also limits acceleration and deceleration; a wheel that demands more spins. The lag of a
-spinning wheel stays that of a wheel which moves the robot. The caster's drag acts against its own
+Traction also limits acceleration and deceleration; a wheel that demands more spins. A spinning
+wheel has the same lag as a wheel that moves the robot. The caster's drag acts against its own
 motion over the floor. Thresholds are hills of a few millimetres, which store and return the energy
 of the weight. In front of a threshold too steep for the tyres the wheels spin. When a wheel passes
 the edge of one of the room's ``cliffs``, the robot lies on its underside. Its wheels then turn
@@ -86,10 +86,10 @@ class Plant:
         self._footing = Footing(model, chassis, noise, Draws(part_rng), Draws(slip_rng), b)
         self._supply = Supply(battery, model, b)
         self._applied = (False, False, 0.0, 0.0, False)
-        """The faults that the kernels have taken over."""
+        """The faults in effect in the kernels."""
         self._walker_ms = 0
         self._unfelt_rad = 0.0
-        """Turn by :meth:`place`, which the inertial sensor does not feel."""
+        """Sum of the turns by :meth:`place`, rad. The inertial sensor does not measure them."""
         b.x_m, b.y_m, b.theta_rad = world.plan.start
         self.felt = felt(b)
         """The result of ``drive_kernel.felt`` at this tick, cached because it is read so often."""
@@ -101,7 +101,7 @@ class Plant:
     # Inputs of the drive.
 
     def set_duty(self, left: float, right: float) -> None:
-        """Set the duty of both bridges, limited to -1..1 and held until the next call.
+        """Set the duty of both bridges, limited to -1..1 and valid until the next call.
 
         Raises:
             DutyError: a duty is not finite.

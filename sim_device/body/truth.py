@@ -1,4 +1,4 @@
-"""The plant's true state, which no host ever sees."""
+"""The plant's true state, which is never sent to a host."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 class Inertial(NamedTuple):
     """The part of the truth that the inertial sensor needs, named as in ``Truth``.
 
-    Each value is an integral since power-on: an angle is the integral of a rate, a speed that of an
-    acceleration. So the difference of two values, divided by the time between them, is the mean
-    rate or acceleration.
+    Each value is an integral since power-on: an angle is the integral of a rate, and a speed is the
+    integral of an acceleration. So the difference of two values, divided by the time between them,
+    is the mean rate or acceleration.
     """
 
     tick_ms: int

@@ -63,7 +63,7 @@ class View(NamedTuple):
     """True if the program obeys signed commands only."""
     flash_busy: int
     blocked: bool
-    """Whether frames wait until the bus takes them."""
+    """True if frames wait for the bus."""
     faults: int
     session_id: int
     waited_us: int
@@ -85,7 +85,7 @@ class LineState(NamedTuple):
     send_errors: int = 0
     receive_errors: int = 0
     off: bool = False
-    """Whether the controller has left the bus."""
+    """True if the controller has left the bus."""
     offs: int = 0
     """Number of times that it has left the bus since the boot."""
 

@@ -56,9 +56,9 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         """Boot at time 0, at rest at the plan's start.
 
         The chip's flash contains ``key`` and every parameter of ``model`` that differs from the
-        default robot, for which the core is built. Without ``local`` no key can be set over the
-        link. ``make_chip`` creates a chip with another library or in another process. Its argument
-        answers the chip's requests.
+        default robot, for which the core is built. If ``local`` is false, no key can be set over
+        the link. ``make_chip`` creates a chip with another library or in another process. Its
+        argument answers the chip's requests.
 
         Raises:
             FloorPlanError: the robot does not fit at its start.

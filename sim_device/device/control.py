@@ -37,7 +37,7 @@ _STEP = 0.5e-4
 """Half of the smallest step of a duty in the bridge's timer."""
 BRAKE_TICKS = 50
 """Number of periods for which the motors brake at rest after a latched stop: 0.5 s. Without the
-brake the robot would roll on down a slope."""
+brake the robot would continue to roll down a slope."""
 _SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
 """Events that require working sensors, because the host does not check the heading."""
 
@@ -61,7 +61,7 @@ class Control:
         self.health = Health()
         self.reflexes = Reflexes()
         self.drivers = False
-        """Whether the motor drivers are enabled."""
+        """True if the motor drivers are enabled."""
         self._rest_ticks = 0
         self.onboard: Onboard | None = None
         """The running plan, or the last one."""

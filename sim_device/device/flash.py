@@ -55,7 +55,7 @@ class Flash:
 
     @property
     def busy(self) -> bool:
-        """Whether a save is under way."""
+        """True while a save is in progress."""
         return self._job is not None
 
     def begin(self, image: Mapping[str, int]) -> None:

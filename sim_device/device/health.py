@@ -51,7 +51,7 @@ _NO_DUTIES = (0.0, 0.0)
 
 STALL_S = 1.0
 STALL_STOP_S = 3.0
-"""Maximum time at stall current, s. The planner gives up after half of it."""
+"""Maximum time at stall current, s. The planner ends its attempt after half of this time."""
 STALL_A = 0.4
 """Minimum current of a stalled motor, A. A stalled motor draws 1 A or more. A running motor with a
 broken encoder draws a fifth of this limit."""

@@ -1,7 +1,7 @@
 """The device's own reaction to a cliff and to a pressed bumper, whatever speed is requested.
 
-At a cliff the robot may reverse and turn, but not drive forward. With a pressed bumper it only
-creeps. Neither reflex latches a stop. A robot that stays over a cliff does: see
+At a cliff the robot may reverse and turn, but not drive forward. With a pressed bumper it drives
+slowly. Neither reflex latches a stop. A robot that stays over a cliff does: see
 :attr:`Reflexes.over`.
 """
 

@@ -19,8 +19,8 @@ DRIFT_ALLOWANCE_PPM = 250
 """Maximum drift between host and device, ppm; two crystals of ±100 ppm differ by 200. The smallest
 delay of a session grows at this rate."""
 BRINGUP_DUTY_MAX = 0.5
-"""Maximum duty in bring-up mode: half of full scale, enough to see a wheel of a lifted robot turn.
-"""
+"""Maximum duty in bring-up mode: half of full scale, which turns a wheel of a lifted robot
+visibly."""
 _HALF_COUNTER = 128
 
 
@@ -134,7 +134,7 @@ class Watchdog:
         return max(0, self.until_us - now_us)
 
     def expired(self, now_us: int) -> bool:
-        """Return True once when the time to live of held values has run out."""
+        """Return True once after the time to live of the stored values has expired."""
         if self._was_live and now_us >= self.until_us:
             self.halt()
             return True

@@ -108,7 +108,7 @@ class Firmware:
             link: The link to the host.
             clock: The clock of the stamps.
             modes: The mode machine, already booted.
-            local: Whether only a person beside the robot can use the link.
+            local: True if only a person beside the robot can use the link.
             imu_scale: The IMU scale that the firmware configures.
 
         """

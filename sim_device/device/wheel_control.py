@@ -48,7 +48,7 @@ class WheelControl:
         loop.integral_gain = gains.integral_s * PERIOD_S
         loop.half_base_m = self._half_base_m = 0.5 * model.wheel_base_m
         self.stalling = False
-        """Whether a driven wheel does not turn."""
+        """True if a driven wheel does not turn."""
         self.limit(model, stop_decel_m_s2)
 
     def limit(self, model: RobotModel, stop_decel_m_s2: float) -> None:
@@ -90,7 +90,7 @@ class WheelControl:
 
     @property
     def moving(self) -> bool:
-        """Whether a wheel turns by its counts."""
+        """True if a wheel turns, according to its counts."""
         return max(abs(self.left.speed_m_s), abs(self.right.speed_m_s)) >= REST_M_S
 
     @property

@@ -83,10 +83,10 @@ class Loop:
     """Ramped speed, m/s. ``yaw``: ramped yaw rate, rad/s."""
     yaw = cython.declare(cython.double, visibility="public")
     released = cython.declare(cython.bint, visibility="public")
-    """Whether the last period was one of the safe state."""
+    """True if the last period was in the safe state."""
 
     def __init__(self, left: WheelControlState, right: WheelControlState) -> None:
-        """Take the wheels; the caller sets gains and limits."""
+        """Create the control of both wheels; the caller sets gains and limits."""
         self.left, self.right = left, right
         self.feed_forward = self.friction = self.proportional = 0.0
         self.integral_gain = self.integral_limit = self.half_base_m = 0.0

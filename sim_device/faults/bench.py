@@ -32,7 +32,7 @@ class UnknownObstacleError(ValueError):
     """A fault refers to an obstacle that the room does not have."""
 
     def __init__(self, index: int, count: int) -> None:
-        """Keep both numbers."""
+        """Store both numbers."""
         self.index, self.count = index, count
         has = f"0 to {count - 1}" if count > 1 else "only 0" if count else "none"
         super().__init__(f"the room has no obstacle {index}; it has {has}")

@@ -25,7 +25,7 @@ class FaultSpecError(ValueError):
     """An invalid fault text."""
 
     def __init__(self, text: str, reason: str) -> None:
-        """Keep the text, the fault in it and the valid form."""
+        """Store the text, and the reason with the valid form."""
         self.text, self.reason = text, reason
         super().__init__(f"fault {text[:MAX_TEXT]!r}: {reason}")
 

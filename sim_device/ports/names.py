@@ -1,7 +1,7 @@
 """Names in the file system that a running emulator claims and releases.
 
 A name is claimed under a lock on its folder, so that two emulators that start at the same time
-cannot both get it. Only the name itself is left in the folder.
+cannot both get it. Afterwards the folder contains the link only.
 """
 
 from __future__ import annotations

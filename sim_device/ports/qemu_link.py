@@ -81,7 +81,7 @@ class PlantRequest(NamedTuple):
     stack_free: int
     """Number of bytes of the chip's stack that were never used."""
     drivers: bool
-    """Whether the motor drivers are enabled."""
+    """True if the motor drivers are enabled."""
 
 
 class Motors(NamedTuple):

@@ -68,7 +68,7 @@ class Miswiring:
         self._raw = self._seen = counts
 
     def apply(self, counts: tuple[int, int], faults: SensorFaults) -> tuple[int, int]:
-        """Return the counters that the firmware sees, 0..65535."""
+        """Return the counters that the firmware reads, 0..65535."""
         left, right = (
             ((now - before + _HALF_WRAP) & _MASK) - _HALF_WRAP
             for now, before in zip(counts, self._raw, strict=True)
@@ -96,7 +96,7 @@ class CountDropout:
         self._lost = 0.0
 
     def apply(self, count: int, share: float) -> int:
-        """Return the counter that the firmware sees, 0..65535, with ``share`` of new counts lost.
+        """Return the counter that the firmware reads, 0..65535, with ``share`` of new counts lost.
 
         The wheel must turn less than half the counter's range between calls.
         """

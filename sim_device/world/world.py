@@ -88,7 +88,7 @@ class World:
         return made
 
     def is_floor(self, x_m: float, y_m: float) -> bool:
-        """Whether a point lies inside the walls and in no obstacle."""
+        """Return True if a point is inside the walls and outside all obstacles."""
         return contains(self.plan.walls, x_m, y_m) and not any(
             contains(o, x_m, y_m) for o in self.plan.obstacles
         )

@@ -3,11 +3,11 @@
     PYTHONPATH=tests python -m bench.packed
 
 The same planner drives in the same rooms with the same errors, in the simple world of
-``support.fast_world`` (the pose is the truth plus a seeded error). It drives once unchanged, and
-once with its map replaced by what two bits a cell keep whenever a leg has ended (``--every N``: at
-every Nth). Between two legs no more of the map is kept. During a leg, evidence is still counted in
-bytes, which a microcontroller would do only around the robot. The search still works in arrays of
-its own.
+``support.fast_world`` (the pose is the truth plus a seeded error). The first run uses the normal
+map. In the second run the map is reduced to two bits per cell and restored at the end of each leg
+(``--every N``: at every Nth). Between two legs no more of the map is kept. During a leg, evidence
+is still counted in bytes, which a microcontroller would do only around the robot. The search still
+uses full arrays.
 
 The table also shows the value of a third bit of knowledge. KB are those of 60 m², without its rim:
 

@@ -7,7 +7,7 @@
 them again and names each run that differs, with the first simulated half minute in which it does.
 It exits with 1 if any run differs.
 
-A fingerprint covers what a run *is*, not how it is named: the velocity setpoints, the estimated
+A fingerprint covers the behaviour of a run, not its names: the velocity setpoints, the estimated
 and the true poses, and the times of the planner's decisions, each to the last bit. It keeps the
 number of events of each severity, the outcome and the swept share as plain figures, so that a
 difference can be read. Names of events, topics and versions are not part of it.

@@ -61,7 +61,7 @@ def one_round(kind: type[LinkBase], *, key: bool) -> tuple[float, float, int]:
 
 
 def measure(rounds: int) -> None:
-    """Print what a tag costs on a serial line and on a bus."""
+    """Print size and time of a tag on a serial line and on a bus."""
     print("| velocity_setpoint | on the line | with a key | sending it, more | taking it, more |")
     print("|---|---|---|---|---|")
     media: tuple[tuple[str, type[LinkBase], int, str], ...] = (

@@ -95,13 +95,13 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Told apart from every other."""
+        """Unique name of the run."""
         return f"{self.change.name} {self.room} {self.seed}"
 
 
 @dataclass
 class Result:
-    """What came of it."""
+    """Result of the run."""
 
     outcome: str = ""
     reason: str = ""
@@ -123,7 +123,7 @@ class Result:
 
 
 class Observer:
-    """Takes what a run records."""
+    """Sink for the records of a run."""
 
     def __init__(self) -> None:
         """Begin without records."""

@@ -134,7 +134,7 @@ PATIENTS: tuple[Patient, ...] = (
         "encoder-dropout@12:15:share=0.4",
         moving=True,
         seconds=30.0,
-        beside="bump",  # its path is wrong, and it runs into what it knows
+        beside="bump",  # its path is wrong, and it collides with known obstacles
     ),
     _patient(
         *("wheel-stuck", "stall", "wheel-stuck@12:4"),

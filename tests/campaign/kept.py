@@ -15,7 +15,7 @@ class Kept:
     """Result of each named run, valid while the sources that it depends on are the same."""
 
     def __init__(self, path: Path | None, sources: Iterable[Path]) -> None:
-        """Read the file; without a path nothing is kept."""
+        """Read the file; without a path nothing is stored."""
         self._path = path
         text = b"".join(source.read_bytes() for source in sorted(sources))
         self._digest = hashlib.sha256(text).hexdigest()[:16]

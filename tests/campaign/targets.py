@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 DEVICES = {"python": VirtualSweeper, "core": CoreSweeper}
 MAX_TIME_S = 1800.0
-"""Simulated time limit of a run, s: several times what the largest room needs."""
+"""Simulated time limit of a run, s: several times the time for the largest room."""
 BEGIN, END = "<!-- campaign.targets: begin -->", "<!-- campaign.targets: end -->"
 """Marks around the generated part of a page."""
 SOURCES = ("sim_device", "bridge/coverage", "bridge/motion", "bridge/run")

@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def offered(folder: Path, *words: str) -> list[str]:
-    """What bash is offered for the last word."""
+    """Return the completions that bash gets for the last word."""
     asked = " ".join(("sweepctl", *words))
     done = subprocess.run(
         COMMAND,

@@ -1,4 +1,4 @@
-"""``sweepctl doctor`` as users run it: on own and other logs, on a port, without a target."""
+"""``sweepctl doctor`` as users run it: on logs of any program, on a port, without a target."""
 
 from __future__ import annotations
 

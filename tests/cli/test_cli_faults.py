@@ -64,7 +64,7 @@ def test_the_page_has_every_kind_that_the_command_takes_and_no_other() -> None:
 
 @pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
 def test_the_pages_statements_on_a_kind_hold(row: tuple[str, ...]) -> None:
-    """Its example, defaults, ranges, words and duration, by what the parser takes and refuses."""
+    """Test example, defaults, ranges, words and duration of a kind with the parser."""
     kind, duration, example = row
     assert parse_fault(example).kind.name == kind
     given = parse_fault(f"{kind}@1").values

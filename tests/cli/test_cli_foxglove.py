@@ -29,7 +29,7 @@ def address_of(command: Command) -> str:
 
 
 def check_received(client: FoxgloveClient, log: Path) -> None:
-    """What was received is in the log, and each schema decodes it to what the log says."""
+    """Each received message is in the log, and its schema decodes it to the values of the log."""
     written: dict[Received, str] = {}
     for message in LogReader(log).messages():
         key = Received(message.topic, message.log_ns, message.data)

@@ -23,7 +23,7 @@ SIZE_MAX = 600
 
 
 def smallest(target: str, found: Path) -> list[bytes]:
-    """Return a set of inputs that reaches what the folder's and the kept inputs reach."""
+    """Return a small set of inputs that reaches the same code as all inputs."""
     with tempfile.TemporaryDirectory() as into, tempfile.TemporaryDirectory() as everything:
         write_corpus(Path(everything), target)
         for number, path in enumerate(sorted(found.glob("*"))):

@@ -4,10 +4,10 @@
     PYTHONPATH=tests python -m mutation.run --target latch --share 10
     PYTHONPATH=tests python -m mutation.run --keep runs/mutants.jsonl --out docs/mutation.md
 
-Nothing on disk changes. A mutant lives in the memory of one forked process, which runs the tests
-that reach it. If a test fails, the mutant is killed; if all pass, it has survived. Equivalent
-mutants are listed in ``equivalent.toml``, each with its proof. Any other survivor fails the run,
-except for the number that ``targets.py`` allows a module that is not examined yet. With
+Nothing on disk changes. A mutant exists in the memory of one forked process only. This process runs
+the tests that reach it. If a test fails, the mutant is killed; if all pass, it has survived.
+Equivalent mutants are listed in ``equivalent.toml``, each with its proof. Any other survivor fails
+the run, except for the number that ``targets.py`` allows a module that is not examined yet. With
 ``--keep`` an interrupted run continues, and mutants whose module and tests are unchanged are not
 tried again.
 """
@@ -48,7 +48,7 @@ class Tally:
     """Mutants listed as equivalent that are killed or no longer exist."""
 
     def passes(self, *, whole: bool) -> bool:
-        """Whether no mutant survived, apart from those allowed in a module not examined yet."""
+        """True if no mutant survived, except in modules that may have survivors for now."""
         allowed = self.target.unexamined
         return not self.stale and (len(self.survived) <= allowed or (allowed > 0 and not whole))
 
@@ -78,7 +78,7 @@ class Kept:
 
 
 def preload() -> None:
-    """Import what all tests need and no mutant changes, once for all children."""
+    """Import the unchanged modules of all tests, once for all child processes."""
     for name in ("hypothesis", "numpy", "pytest", *_UNTOUCHED):
         importlib.import_module(name)
 

@@ -79,7 +79,7 @@ def box_of(memory: EvidenceMap) -> tuple[slice, slice]:
 
 
 def seen_by_the_planner(memory: EvidenceMap) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return where the axle can be, and what needs no sweeping, over the packed box."""
+    """Return the cells where the axle can be, and the cells that need no sweeping."""
     window = SearchWindow(
         memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.tries, Buffers()
     )

@@ -26,7 +26,7 @@ class Adapter:
 
 
 UP_FLOOR_US, DOWN_FLOOR_US = 150.0, 250.0
-"""Minimum delays, µs, which a program that knows its wire may declare."""
+"""Minimum delays, µs, that a program may declare for a known wire."""
 
 
 def run(  # noqa: PLR0913, PLR0917 - properties of a link and a clock

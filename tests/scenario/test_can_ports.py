@@ -1,4 +1,4 @@
-"""Real CAN back ends of python-can: in-process, a serial adapter, UDP multicast."""
+"""Real CAN back ends of python-can: in one process, a serial adapter, UDP multicast."""
 
 from __future__ import annotations
 

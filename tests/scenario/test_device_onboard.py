@@ -1,4 +1,7 @@
-"""The device runs the planner itself, started by bare frames; the plant gives the truth."""
+"""The device runs the planner itself.
+
+The test starts it with single frames, without a host; the plant gives the truth.
+"""
 
 from __future__ import annotations
 

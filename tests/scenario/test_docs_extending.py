@@ -22,7 +22,7 @@ from support.root import ROOT
 
 DUST = 0x3A
 LOCKED = Path(sys.executable).parent
-"""Where the lock's CMake is."""
+"""Folder with the CMake of the lock file."""
 PAGE = ROOT / "docs" / "extending.md"
 COPIED = ("protocol", "bridge", "sim_device", "tools", "docs/protocol")
 _EDIT = re.compile(

@@ -30,7 +30,7 @@ COLUMNS, LINES = 120, 40
 
 
 def screen(terminal: OnTerminal) -> list[str]:
-    """What a person sees now."""
+    """Return the lines on the screen."""
     shown = pyte.Screen(COLUMNS, LINES)
     pyte.ByteStream(shown).feed(terminal.drawn)
     return list(shown.display)

@@ -1,4 +1,4 @@
-"""Commands whose output has no reader: a full pipe, a held terminal, a hung window."""
+"""Commands whose output has no reader: a full pipe, a stopped terminal, a frozen window."""
 
 from __future__ import annotations
 

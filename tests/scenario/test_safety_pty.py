@@ -1,7 +1,8 @@
 """The safety chain over a real pty, each link broken.
 
-Bounds are of the emulator's own time, plus the time for which the machine did not run it. A
-setpoint that arrived before the break is read when the emulator runs again, and lives from then.
+Bounds are of the emulator's own time, plus the time for which the machine did not run it. The
+emulator reads a setpoint that arrived before the break when it runs again. The time to live starts
+then.
 """
 
 from __future__ import annotations

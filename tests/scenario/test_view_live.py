@@ -98,7 +98,7 @@ def test_a_frozen_viewer_holds_up_neither_run_nor_log(tmp_path: Path) -> None:
         assert poses == sum(type(r).__name__ == "PoseRecord" for r in run(0.0, 40.0))
         assert not reader.truncated
         os.kill(viewer.pid, signal.SIGCONT)
-        wait_for_more(client, png, 2 * first)  # what it missed is in the file
+        wait_for_more(client, png, 2 * first)  # the missed messages are in the file
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.kill(viewer.pid, signal.SIGKILL)

@@ -3,7 +3,7 @@
     PYTHONPATH=tests python -m soak.line --minutes 10
 
 A separate process acts as a device on a pseudo-terminal and fills the line with inertial samples at
-300 000 bytes a second. The host is that of a real robot, with its pump, its recorder and its log.
+300 000 bytes a second. The host is the same as for a real robot, with loop, recorder and log.
 Afterwards the log's raw bytes are compared with those sent, by count and by checksum; threads,
 files, processes and memory are compared with the start.
 """

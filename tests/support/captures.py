@@ -1,4 +1,4 @@
-"""Handmade packet captures, and what tshark reads in them.
+"""Handmade packet captures, and the packets that tshark reads from them.
 
 The formats are those of the pcap and pcapng drafts (draft-ietf-opsawg-pcap, -pcapng); link types
 are LINKTYPE_USER0, _USER1 and _CAN_SOCKETCAN of tcpdump.org's registry.

@@ -56,7 +56,7 @@ class Visit:
 
     @property
     def can(self) -> bool:
-        """Whether the visit uses a CAN bus."""
+        """True if the examination uses a CAN bus."""
         return self.line.bitrate > 0
 
 

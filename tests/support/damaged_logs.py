@@ -1,4 +1,4 @@
-"""Damaged logs, ours and those of other writers, and what the mcap library reads of them."""
+"""Damaged logs of several writers, and the messages that the mcap library reads from them."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 CI = ROOT / ".ci"
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 PROBE_S = 60.0
-"""Time limit of one probe, s: far above what a compiler takes on a busy machine."""
+"""Time limit of one probe, s: far more than a compiler needs on a busy machine."""
 
 _UNMARKED: ContextVar[frozenset[str]] = ContextVar("_UNMARKED", default=frozenset())
 
@@ -74,7 +74,7 @@ class Tool:
 
     name: str
     use: str
-    """What the tests use it for."""
+    """Use of the tool in the tests."""
     programs: tuple[tuple[str, ...], ...]
     """Programs that the tests start; each may have several names, and the first found is used."""
     packages: tuple[Package, ...]

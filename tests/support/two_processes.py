@@ -72,7 +72,7 @@ class Command:
 
     @property
     def printed(self) -> str:
-        """What it has printed on stderr so far."""
+        """Text on stderr so far."""
         with self._printed:
             return "".join(self._lines)
 

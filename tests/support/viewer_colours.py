@@ -1,4 +1,4 @@
-"""Detects what the viewer has drawn, by colour; red, green and blue from 0 to 1."""
+"""Detects by its colour each part of the viewer's picture; red, green and blue from 0 to 1."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class Walk:
         self.time_s = 100.0
         self.left_m = self.right_m = 0.0
         self.held = False
-        """Whether the first condition was true at the last step."""
+        """True if the first condition was true at the last step."""
         self.changes: list[tuple[float, bool]] = []
         """Times at which the first condition became true or false, s since the first step."""
 

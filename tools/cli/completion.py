@@ -83,7 +83,7 @@ def complete_rooms(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Return lists of rooms: those that ship, and room files."""
+    """Return lists of rooms: the shipped rooms, and room files."""
     from tools.cli.rooms import shipped_rooms
 
     files = complete_files(incomplete.rpartition(",")[2], ".json")

@@ -107,7 +107,7 @@ class EventCommands:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Wait for the commands; kill and report those that are left."""
+        """Wait for the commands; kill and report the remaining ones."""
         thread = self._thread
         if thread is None:
             return

@@ -57,7 +57,7 @@ class QueuedStream(io.TextIOBase):
         self._news = threading.Condition()
         self._queue: deque[bytes] = deque()
         self._waiting = 0
-        """Bytes not yet written, including those that are being written."""
+        """Number of bytes that are not yet written completely."""
         self._busy = False
         """True while the thread writes."""
         self._dropped = 0

@@ -87,7 +87,7 @@ def _known_tags(
     try:
         library.refresh()
         runs = library.select(Selection())
-    except BridgeError:  # completion has nothing to say about it
+    except BridgeError:  # completion prints no error
         return []
     tags = {tag for run in runs for tag in run.values["tags"].split()}
     return [tag for tag in sorted(tags) if tag.startswith(incomplete)]

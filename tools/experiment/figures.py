@@ -78,7 +78,7 @@ def zimablue_curves(rows: Sequence[Row]) -> str:
 
 
 def versions_figure(pairs: Sequence[Pair]) -> str:
-    """Draw coverage and time ratio of each run against those of the same run before."""
+    """Draw coverage and time ratio of each run against the values of the same run before."""
     figure = blank(9.6, 4.4)
     for axes, name, scale, unit in zip(
         figure.subplots(1, 2),

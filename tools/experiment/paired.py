@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 FROM = 1.5
 """Minimum multiple of the reference that is compared. At smaller multiples no planner is near its
-end, and the order of its lanes decides."""
+end, so its figure depends on the order of its lanes."""
 _COLUMNS = tuple(k for k, multiple in enumerate(MULTIPLES) if multiple >= FROM)
 _UNITS = {"coverage": "time", "by_energy": "energy"}
 

@@ -35,7 +35,7 @@ _S_PER_H = 3600.0
 
 
 def planner_of(trial: Trial, model: RobotModel) -> Planner:
-    """Make the planner of a trial; ``random`` gets no time limit of its own.
+    """Make the planner of a trial; ``random`` has no separate time limit.
 
     Raises:
         UnknownPlannerError: no planner has this name.

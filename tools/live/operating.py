@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tools.live.terminal_keys import Key
 
 TWICE_NS = 4_000_000_000
-"""Maximum time between the two presses of a key that lets the robot move, ns."""
+"""Maximum time between the two presses of a key that starts motion, ns."""
 _STOP = {"space", "s"}
 _KEYS = (
     "space s: STOP   g: start plan   p: pause   d: drive manually   m: mark   "

@@ -75,7 +75,7 @@ class OwnerPicture:
 
         Raises:
             NoOwnerError: the port has no owner, or one of another version.
-            OwnerRejectedError: the owner does not know the request.
+            OwnerRejectedError: the owner does not have this request.
 
         """
         about: dict[str, Any] = ask(port, {"do": "about"})["about"]

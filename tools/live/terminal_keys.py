@@ -75,7 +75,7 @@ class KeyDecoder:
 
     @property
     def waiting(self) -> bool:
-        """Whether an incomplete sequence is kept."""
+        """True if an incomplete sequence is stored."""
         return bool(self._rest)
 
     def flush(self) -> list[Key]:

@@ -33,7 +33,7 @@ class Standstill:
             self._last_count_s = t_s
 
     def at_rest(self, t_s: float) -> bool:
-        """Whether the wheels stand still at a time, s."""
+        """True if the wheels stand still at a time, s."""
         if self._last_sample_s is None:
             return True
         return (

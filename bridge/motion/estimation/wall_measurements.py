@@ -113,7 +113,7 @@ class SideMeasurement:
         self._newest_m: deque[float] = deque(maxlen=3)
         """Newest readings of the line, m."""
         self._jumped = False
-        """Whether the newest reading was dropped: one reading far off is noise, two are another
+        """True if the newest reading was dropped: one reading far off is noise, two are another
         surface."""
         self._last = Pose2(0.0, 0.0, 0.0)
         """Odometry at the last hit."""

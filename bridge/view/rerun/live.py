@@ -75,7 +75,7 @@ class LiveViewer:
         raise ViewerFailedError(1, "it did not start")
 
     def close(self) -> None:
-        """Tell the process that the run has ended. A window stays open, a server ends."""
+        """Notify the process that the run has ended. A window stays open, a server ends."""
         if self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()

@@ -1,4 +1,4 @@
-"""The library as programs see it: help, values in SI units, error texts for Python."""
+"""The public interface of the library: help, values in SI units, error texts for Python."""
 
 from __future__ import annotations
 

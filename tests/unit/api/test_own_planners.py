@@ -1,4 +1,4 @@
-"""An invalid planner from outside: it fails before anything moves, and the error says why."""
+"""An invalid planner from outside: it fails before any motion, with the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots without one of the range sensors: they sweep with what they have, and report the loss."""
+"""Robots without one of the range sensors: they sweep with the others, and report the effect."""
 
 from __future__ import annotations
 

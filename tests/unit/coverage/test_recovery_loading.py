@@ -31,6 +31,6 @@ def test_a_run_loads_nothing_more() -> None:
         [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=True
     )
     reported = json.loads(done.stdout)
-    # the run did what needs the kernels: lanes, perimeters, bumps
+    # the run used every kernel: lanes, perimeters, bumps
     assert {"lane", "perimeter-begin", "obstacle"} <= set(reported["kinds"])
     assert reported["loaded"] == []

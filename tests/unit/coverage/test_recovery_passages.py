@@ -1,4 +1,4 @@
-"""Narrow doors: the robot follows what blocked it twice, and it is not separated from its past."""
+"""Narrow doors: the robot follows an obstacle after it was blocked there twice."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def test_after_a_bumper_release_the_wheels_path_counts(speed_m_s: float, pressed
     assert not drive.estimator.bridging
     reported, true = drive.estimator.pose, drive.body.pose
     sigma_m = math.sqrt(drive.estimator.covariance[0][0])
-    # while pressed it may have been held; readings come every 50 ms
+    # while the switch is pressed, the obstacle may hold the robot; readings come every 50 ms
     held_m = 0.05 * (pressed - 1) * speed_m_s
     low_m = 0.002 if held_m else -0.004
     assert low_m < true.x_m - reported.x_m < held_m + 0.004

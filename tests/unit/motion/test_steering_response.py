@@ -56,7 +56,7 @@ def test_a_bearing_settles_without_overshoot(degrees: float) -> None:
 
 
 def test_the_bearing_gain_is_the_fastest_stable_at_twice_the_dead_time() -> None:
-    """With the rotary's Td, 30° settle in 0.76 s; at twice the dead time 2.5 % overshoot."""
+    """With the rotary's Td, 30° settle in 0.76 s; at twice the dead time it overshoots by 2.5 %."""
     angle, td_s = math.radians(30.0), ROTARY_GAINS.td_s
     fit = []
     for kp in (2.0, 3.0, 4.0, 5.0, 6.0, 8.0):

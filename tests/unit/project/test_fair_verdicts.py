@@ -133,6 +133,6 @@ def test_more_work_than_cores_is_measured() -> None:
     before_ns = waited_ns()
     children = [subprocess.Popen([sys.executable, "-c", spin]) for _ in range(count)]
     while any(child.poll() is None for child in children):
-        sum(range(100_000))  # this process wants a core as well
+        sum(range(100_000))  # this process uses a core as well
     assert busy.excuses is PRESSURE.exists(), "without the kernel's account nothing is excused"
     assert (waited_ns() > before_ns) is Path("/proc/self/schedstat").exists()

@@ -18,7 +18,7 @@ PLAN = FloorPlan("ell", WALLS, (CUPBOARD,), START)
 
 
 def measured(start: Pose2, *edges: int, shorter_m: float = 0.15) -> list[MeasuredWall]:
-    """Walls of the room as a robot sees them that starts at ``start`` and believes in START."""
+    """Return the walls that a robot measures if it starts at ``start`` but assumes START."""
     turn = wrap_angle(START.theta_rad - start.theta_rad)
     c, s = math.cos(turn), math.sin(turn)
     rng = random.Random(5)

@@ -50,7 +50,7 @@ def test_without_a_status_the_setpoint_stands() -> None:
 
 
 class Pushing(PlanRunner):
-    """A plan that wants to go ahead whatever is there."""
+    """A plan that always drives ahead."""
 
     def step(self, obs: Observation) -> VelocityCommand:
         super().step(obs)
@@ -58,7 +58,7 @@ class Pushing(PlanRunner):
 
 
 class Spy(Supervisor):
-    """Keeps what the rules are given."""
+    """Stores the inputs of the rules."""
 
     def __init__(self, model: RobotModel) -> None:
         super().__init__(model, SuperviseSettings())

@@ -35,7 +35,7 @@ class Drive:
         contacts: int = 0,
         stands: bool = False,
     ) -> tuple[float, str] | None:
-        """When the check speaks, s, and what it says; None: it does not."""
+        """Time (s) and text of the check's first report; None: it does not."""
         begun_s = self.time_s
         while self.time_s < begun_s + for_s:
             self.time_s += STEP_S

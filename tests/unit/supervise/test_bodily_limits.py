@@ -43,7 +43,7 @@ def leaning(degrees: float) -> Imu:
     ids=lambda value: type(value).__name__.lower(),
 )
 def test_no_single_finding_requires_the_second_reaction(rule: Condition, *, held: bool) -> None:
-    """The device sees no floor and sets every fault bit, including ``LIFTED``."""
+    """The device detects no floor and sets every fault bit, including ``LIFTED``."""
     assert rule.grave is False
     assert Walk(rule).step(3, imu=imu(), range=reading(1.0)) is False
     assert rule.grave is False

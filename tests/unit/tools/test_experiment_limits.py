@@ -98,7 +98,7 @@ def test_a_false_wall_costs_all_floor_behind_it() -> None:
 
 
 def test_a_true_map_is_no_false_evidence() -> None:
-    # the map forbids what the walls forbid and 2 cm more, as a map of 2 cm cells may
+    # the map blocks up to 2 cm more than the walls do, because its cells have 2 cm
     margin = MODEL.radius_m + 0.02
     inside = (
         (margin <= RASTER.x)

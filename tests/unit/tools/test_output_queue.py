@@ -77,7 +77,7 @@ def test_a_reader_that_stands_still_costs_the_writer_nothing_but_lines(pipe: Pip
     written = 0
     while written < 2 * LIMIT:  # had one of these waited, this test would never end
         written += queued.write(line)
-    queued.drain()  # gives up
+    queued.drain()  # it waits a limited time, in vain
     before = pipe.read(b"x\n").lstrip(b".")
     text = before + pipe.read(b"the reader is too slow\n")
     lines = text.decode().splitlines()

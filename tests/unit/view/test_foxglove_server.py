@@ -1,4 +1,4 @@
-"""The live server for Foxglove: what clients get, and what cannot hold up the run."""
+"""The live server for Foxglove: clients get every channel, and no client delays the run."""
 
 from __future__ import annotations
 

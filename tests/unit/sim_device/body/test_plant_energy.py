@@ -113,7 +113,7 @@ def test_the_battery_sags_by_its_resistance_and_falls_in_a_line() -> None:
 
 
 def test_charge_and_internal_loss_close_the_batterys_balance() -> None:
-    """At a constant open-circuit voltage, charge times voltage is all that left the cells."""
+    """At a constant open-circuit voltage, charge times voltage is the energy from the cells."""
     parameters = BatteryParameters(empty_ratio=1.0, capacity_ah=0.05)
     body = plant(CENTRE, battery=parameters)
     body.set_duty(0.9, -0.9)

@@ -1,4 +1,4 @@
-"""A firmware library of one's own, in a process of its own."""
+"""A user's firmware library in a separate process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulated firmware as a host sees it: streams, sessions, commands."""
+"""The emulated firmware, tested through its messages: streams, sessions, commands."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def test_duties_only_fall_once_no_speed_is_requested(
     if ending == "stop":
         bench.stop()
     else:
-        bench.run(0.19)  # the last setpoint lives for 0.2 s and is 20 ms old
+        bench.run(0.19)  # the last setpoint has a time to live of 0.2 s and is 20 ms old
         bench.alive = ending == "expiry"
     if fault:
         setattr(bench.device.sensors.faults, fault, True)

@@ -1,4 +1,4 @@
-"""What the device counts of its own end of the line, as its link counters report it."""
+"""The device counts the events at its end of the line, and its link counters report them."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def test_registers_change_at_the_output_rate(config: ImuConfig, period_ms: float
 
 @pytest.mark.parametrize(("dlpf", "delay_ms"), [(3, 4.8), (4, 8.3), (5, 13.4), (6, 18.6)])
 def test_the_filter_has_the_register_maps_group_delay(dlpf: int, delay_ms: float) -> None:
-    """For a rate that rises evenly, every filter shows the rate of its delay ago."""
+    """If the rate rises linearly, each filter shows the rate from the time of its delay before."""
     growth = 100.0  # °/s per s
     body = Scripted(heading_deg=lambda t: 0.5 * growth * t * t)
     device = chip(body, config=ImuConfig(dlpf=dlpf))
