@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.doctor.visit import Visit
+from bridge.doctor.live_examination import LiveExamination
 from bridge.errors import PortError
 from bridge.io import clock
 from bridge.io.identifiers import new_session_id
@@ -30,7 +30,7 @@ HELLO_S = 1.3
 """Listening time at each baud rate, s. A device without a session sends a hello every second."""
 
 
-def examine_port(  # noqa: PLR0913 - options of a visit
+def examine_port(  # noqa: PLR0913 - options of a live
     port: BytePort,
     name: str,
     duration_s: float,
@@ -44,16 +44,16 @@ def examine_port(  # noqa: PLR0913 - options of a visit
     With ``ask`` false nothing is sent. If the port disappears, the examination contains the error.
     """
     link = link_of(name)
-    visit = Visit(new_session_id, node=node, link=link)
-    examination = visit.examination
+    live = LiveExamination(new_session_id, node=node, link=link)
+    examination = live.examination
     examination.medium = Medium.CAN if link is CanLink else Medium.UART
     begun_ns = clock.now()
     end_ns = HostNs(begun_ns + round(duration_s * 1e9))
     if ask:
-        visit.open(begun_ns)
-    engine = visit if ask else Listening(examination.received)
+        live.open(begun_ns)
+    engine = live if ask else Listening(examination.received)
     try:
-        serve(port, engine, end_ns, lambda: visit.over or ended())
+        serve(port, engine, end_ns, lambda: live.over or ended())
     except PortError as error:
         examination.port_lost.append(str(error))
     finally:

@@ -112,9 +112,9 @@ class RobotState:
     _came_s: dict[type[Message], float] = field(default_factory=dict, init=False, compare=False)
     """Arrival time of each type's newest message (s), regardless of its stamp."""
     _seen: Range | None = field(default=None, init=False, compare=False)
-    """The range sample that ``_sight`` holds in SI units; several control steps use the same
+    """The range sample that ``_readings`` holds in SI units; several control steps use the same
     one."""
-    _sight: tuple[float | None, float | None, float | None, bool, bool, bool] = field(
+    _readings: tuple[float | None, float | None, float | None, bool, bool, bool] = field(
         default=(None, None, None, False, False, False), init=False, compare=False
     )
 
@@ -168,7 +168,7 @@ class RobotState:
         if reading is not self._seen:
             self._seen = reading
             contacts = reading.contacts
-            self._sight = (
+            self._readings = (
                 reading.ultrasonic_m,
                 reading.infrared_left_m,
                 reading.infrared_right_m,
@@ -181,7 +181,7 @@ class RobotState:
             pose,
             v_m_s,
             yaw_rate_rad_s,
-            *self._sight,
+            *self._readings,
             gyro_bias_sigma_rad_s,
             heading_sigma_rad,
         )

@@ -4,7 +4,7 @@ from sim_device.device.signs cimport Signs
 cdef class Health:
     cdef public object bits
     cdef public bint battery_empty
-    cdef object _empty, _imu, _longest, _disagrees, _strange
+    cdef object _empty, _imu, _longest, _disagrees, _implausible
     cdef object _blows, _sonar_m
     cdef list _up, _pressed, _side_rad
     cdef object _currents_a, _counts, _range_counts

@@ -71,7 +71,7 @@ REST_RATE_LSB = 2620
 """Maximum rate at rest, counts: 20 °/s, the data sheet's limit (PS-MPU-6000A-00, section 6.1)."""
 GRAVITY_LSB = 16384
 GRAVITY_OFF = 0.3
-STRANGE_TICKS = 30
+IMPLAUSIBLE_TICKS = 30
 REPEAT_TICKS = 50
 QUIET_TICKS = 20
 LEARN_TICKS = 200
@@ -107,7 +107,7 @@ class Health:
         self._currents_a = (0.0, 0.0)
         self._empty = 0
         self._imu: ImuCounts | None = None
-        self._tick = self._repeats = self._longest = self._disagrees = self._strange = 0
+        self._tick = self._repeats = self._longest = self._disagrees = self._implausible = 0
         self._moved_tick, self._jolt_tick = 0, -JOLT_TICKS
         """Ticks of the last turn of a wheel, and of the last jolt."""
         self._up = [GRAVITY_LSB] * JOLT_MEAN_TICKS
@@ -189,20 +189,20 @@ class Health:
             self.bits &= ~ENCODER_RIGHT
 
     def _judge_imu(self, imu: ImuCounts, wheels: WheelControl) -> None:
-        self._strange = self._strange + 1 if self._strange_at_rest(imu) else 0
+        self._implausible = self._implausible + 1 if self._implausible_at_rest(imu) else 0
         repeats = self._repeats
         if self._tick <= LEARN_TICKS:
             self._longest = max(self._longest, repeats)
         apart = abs(wheels.yaw_rate_rad_s - imu[6] * _GYRO_RAD_S) > DISAGREE_RAD_S
         self._disagrees = self._disagrees + 1 if repeats >= QUIET_TICKS and apart else 0
         lively = self._tick > LEARN_TICKS and self._longest <= LIVELY_TICKS
-        dead = (lively and repeats >= REPEAT_TICKS) or self._disagrees >= STRANGE_TICKS
-        if dead or self._strange >= STRANGE_TICKS:
+        dead = (lively and repeats >= REPEAT_TICKS) or self._disagrees >= IMPLAUSIBLE_TICKS
+        if dead or self._implausible >= IMPLAUSIBLE_TICKS:
             self.bits |= IMU
-        elif not repeats and not self._strange:
+        elif not repeats and not self._implausible:
             self.bits &= ~IMU
 
-    def _strange_at_rest(self, imu: ImuCounts) -> bool:
+    def _implausible_at_rest(self, imu: ImuCounts) -> bool:
         """Return whether a robot at rest has readings that are impossible at rest."""
         if self._tick - self._moved_tick < REST_TICKS or self.bits & LIFTED:
             return False

@@ -8,12 +8,12 @@ cdef class Firmware:
     cdef public object telemetry
     cdef public bint negotiated
     cdef bint _status_wanted
-    cdef object _flash, _lines, _off_bus, _imu_info, _clock, _commands, _strange_us, _imu_sent
+    cdef object _flash, _lines, _off_bus, _imu_info, _clock, _commands, _unknown_hello_us, _imu_sent
     cdef object _saving, _declared
     cdef public Control control
     cdef Sampler _sampler
     cdef Freshness _freshness
-    cdef long long _heard_us, _power_phase, _range_phase
+    cdef long long _received_us, _power_phase, _range_phase
     cdef dict _handlers
 
     cpdef object receive(self, object data, long long now_us)
@@ -25,7 +25,7 @@ cdef class Firmware:
     cpdef object _time(self, object request, double _extra_us, long long now_us)
     cpdef object _describe(self, object question, double _extra_us, long long now_us)
     cpdef object _describe_enum(self, object question, double _extra_us, long long now_us)
-    cpdef object _strange(self, long long now_us)
+    cpdef object _answer_unknown_session(self, long long now_us)
     cpdef bint _open(self, object hello, long long now_us)
     cpdef object _hello(self, long long now_us)
     cpdef object _close(self)

@@ -73,7 +73,7 @@ _VALUE = CATALOGUE.by_class[ParameterValue].type_id
 HELLO_TICKS = 100
 NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is off"
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
-STRANGE_PERIOD_US = 100_000
+UNKNOWN_HELLO_PERIOD_US = 100_000
 POWER_TICKS = 20
 """Number of control periods per supply measurement: 5 Hz, in phase with its stream."""
 RANGE_TICKS = 5
@@ -142,8 +142,8 @@ class Firmware:
         self._freshness = Freshness()
         self._commands = CommandLog()
         self.keyring = Keyring(self._flash, self.link, identity.boot_id, local=local)
-        self._heard_us = 0
-        self._strange_us = -STRANGE_PERIOD_US
+        self._received_us = 0
+        self._unknown_hello_us = -UNKNOWN_HELLO_PERIOD_US
         self._imu_sent = 0
         self._saving: tuple[dict[str, int], Message] | None = None
         self._declared = catalogue.by_class
@@ -249,7 +249,7 @@ class Firmware:
         if genuine or self.link.key is None or self.latch.cause != StopCause.NONE:
             # With a key, only frames that the host alone can send keep a moving robot's session
             # alive.
-            self._heard_us = now_us
+            self._received_us = now_us
         if isinstance(message, Stop):
             # A stop is obeyed before any check of session or repetition. Its delay does not enter
             # the session's freshness either, because any sender may have sent it.
@@ -275,7 +275,7 @@ class Firmware:
 
     def _time(self, request: TimeRequest, _extra_us: float, now_us: int) -> None:
         if not self.session_id:
-            self._strange(now_us)
+            self._answer_unknown_session(now_us)
             return
         stamp_us = now_us + self._clock.offset_us
         self._send(TimeReply(request.ping, stamp_us & 0xFFFF_FFFF), now_us)
@@ -317,10 +317,10 @@ class Firmware:
 
     # ---- session --------------------------------------------------------------------------
 
-    def _strange(self, now_us: int) -> None:
+    def _answer_unknown_session(self, now_us: int) -> None:
         """Answer a host that uses an unknown session: report identity and boot at once."""
-        if now_us - self._strange_us >= STRANGE_PERIOD_US:
-            self._strange_us = now_us
+        if now_us - self._unknown_hello_us >= UNKNOWN_HELLO_PERIOD_US:
+            self._unknown_hello_us = now_us
             self._hello(now_us)
 
     def _open(self, hello: HostHello, now_us: int) -> bool:
@@ -339,7 +339,7 @@ class Firmware:
             self._forget_host()
         if hello.negotiated and not self.negotiated:
             self.negotiated = True
-            self._heard_us = now_us
+            self._received_us = now_us
             self.log(LogLevel.INFO, f"session with {hello.name}")
             if self.identity.crystal_failed:
                 self.log(LogLevel.WARNING, NO_CRYSTAL)
@@ -409,7 +409,7 @@ class Firmware:
 
     def _setpoint(self, message: VelocitySetpoint, extra_us: float, now_us: int) -> None:
         if not self.session_id:
-            self._strange(now_us)
+            self._answer_unknown_session(now_us)
         elif self.negotiated and self.control.modes.state is DeviceState.VELOCITY:
             taken = self.control.setpoints.offer(message, extra_us, now_us)
             self.telemetry.counters.stale += not taken
@@ -427,7 +427,7 @@ class Firmware:
 
     def tick(self, now_us: int) -> tuple[float, float]:
         """Run one control period: return left and right duty, and queue the due streams."""
-        if self.session_id and now_us - self._heard_us > HOST_SILENCE_US:
+        if self.session_id and now_us - self._received_us > HOST_SILENCE_US:
             self._close()
         tick = (now_us + _HALF_TICK_US) // TICK_US
         sampler = self._sampler

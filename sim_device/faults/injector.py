@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_device.faults.bench import Bench, UnknownObstacleError
+from sim_device.faults.fault_target import FaultTarget, UnknownObstacleError
 from sim_device.faults.kinds import KINDS, parse_fault_now
 from sim_device.faults.knobs import Knobs
 from sim_device.faults.spec import FaultSpec, FaultSpecError
@@ -67,7 +67,7 @@ class FaultInjector:
             FaultSpecError: this device rejects one of them.
 
         """
-        self._bench = Bench(device)
+        self._bench = FaultTarget(device)
         self._cannot = cannot
         self._now_us = 0
         self._faults: list[_Injected] = []

@@ -104,7 +104,7 @@ class FaultKind:
     arguments: tuple[Argument, ...] = ()
     turn: Callable[[Knobs, Mapping[str, Value]], None] | None = None
     strike: str | None = None
-    """Method of :class:`sim_device.faults.bench.Bench` that applies a momentary fault."""
+    """Method of :class:`.fault_target.FaultTarget` that applies a momentary fault."""
     default_for_s: float | None = None
     """Default duration, s; ``None``: until it is cleared."""
 

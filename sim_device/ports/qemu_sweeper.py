@@ -116,7 +116,7 @@ class QemuSweeper:
         self._on_us = 0
         """Time at which a chip that is off starts again, µs."""
         self._now_us = self._deadline_us = 0
-        self._heard_us = 0
+        self._received_us = 0
         """Time at which the chip last requested readings, or booted, µs."""
         self._base_us: int | None = None
         """Time of the plant when the chip's clock was 0; None until its first request."""
@@ -243,7 +243,7 @@ class QemuSweeper:
         self._state = _Chip.BOOTING
         self._base_us = None
         self._asked = False
-        self._heard_us = self._now_us
+        self._received_us = self._now_us
 
     def _listen(self) -> None:
         self.qemu.check()
@@ -291,7 +291,7 @@ class QemuSweeper:
             plant.write(chunk)
         plant.write(link.identity(self._uid, self._boot_id, self._cause, self._node, len(chunks)))
         self._state = _Chip.RUNNING
-        self._heard_us = self._now_us
+        self._received_us = self._now_us
 
     def _request(self, request: link.PlantRequest) -> None:
         if self._base_us is None:
@@ -302,7 +302,7 @@ class QemuSweeper:
         if ahead_us > SILENCE_US:  # the chip's clock stood still, and the plant advanced
             self._base_us += ahead_us
         self._chip_us = chip_us
-        self._heard_us = self._now_us
+        self._received_us = self._now_us
         self.stack_free = request.stack_free
         self._set_motors(request)
         self._advance(self._extended(request.sample_us))
@@ -362,13 +362,13 @@ class QemuSweeper:
 
     def _keep_pace(self) -> None:
         """Advance plant and supply independently of the chip."""
-        silent_us = self._now_us - self._heard_us
+        silent_us = self._now_us - self._received_us
         if self._state is not _Chip.RUNNING or silent_us > SILENCE_US:
             self._advance_to(self._now_us)
         if self._state is _Chip.OFF:
             if self._now_us >= self._on_us and self.plant.rail_5v_v >= SUPPLY_GOOD_V:
                 self._state = _Chip.BOOTING
-                self._heard_us = self._now_us
+                self._received_us = self._now_us
                 self.qemu.reset()
                 self.qemu.resume()
         elif self.plant.rail_5v_v < BROWN_OUT_V:

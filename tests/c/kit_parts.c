@@ -243,11 +243,11 @@ static void a_full_text_takes_nothing_more(void)
 /* Work that was due in a missed period is done in the next one, and only once. */
 static void missed_periods_lose_nothing(void)
 {
-    unsigned told = 0;
+    unsigned counted = 0;
     for (uint32_t tick = 0, ticks = 1; tick < 3000; ticks = 1 + tick % 7u, tick += ticks) {
-        told += due_every(100, 3, tick, ticks);
+        counted += due_every(100, 3, tick, ticks);
     }
-    CHECK(told == 30);
+    CHECK(counted == 30);
     CHECK(due_every(5, 4, 4, 1) && !due_every(5, 4, 5, 1) && due_every(5, 4, 5, 2));
     CHECK(!due_every(100, 0, 99, 99) && due_every(100, 0, 99, 100) && due_every(1, 0, 17, 1));
 }

@@ -31,7 +31,7 @@ from bridge.session.records import EventRecord, TruthRecord
 from campaign.changes_page import page
 from campaign.kept import Kept
 from sim_device.body.footing import wheel_over
-from sim_device.faults.bench import moved_plan
+from sim_device.faults.fault_target import moved_plan
 from sim_device.faults.kinds import parse_fault
 from sim_device.world.world import World
 from support.root import ROOT

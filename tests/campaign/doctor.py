@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests python -m campaign.doctor --out docs/doctor-confusion.md
 
-Each patient has one fault, injected into a recording of the whole link in virtual time. Half of the
-patients stand still, half drive a plan. The campaign counts the findings: correct, a consequence of
+Each subject has one fault, injected into a recording of the whole link in virtual time. Half of the
+subjects stand still, half drive a plan. The campaign counts the findings: correct, a consequence of
 the fault, wrong, or none. With ``--keep FILE`` an interrupted campaign continues.
 """
 
@@ -22,7 +22,7 @@ from campaign.kept import Kept
 from protocol.messages.device import Power
 from sim_device.faults.kinds import KINDS
 from sim_device.line.line import LineSettings
-from support.clinic import Visit, examine
+from support.doctor_cases import DoctorCase, examine
 from support.peers import catalogue, longer
 from support.root import ROOT
 
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Patient:
-    """A visit, its correct findings, and the findings that may accompany them."""
+class CampaignCase:
+    """A case, its correct findings, and the findings that may accompany them."""
 
-    visit: Visit
+    case: DoctorCase
     right: frozenset[str]
     beside: frozenset[str] = frozenset()
 
     @property
     def name(self) -> str:
-        """Name of the visit."""
-        return self.visit.name
+        """Name of the case."""
+        return self.case.name
 
 
-def _patient(  # noqa: PLR0913 - the fault, and the visit
+def _subject(  # noqa: PLR0913 - the fault, and the case
     name: str,
     right: str,
     *faults: str,
@@ -54,8 +54,8 @@ def _patient(  # noqa: PLR0913 - the fault, and the visit
     line: LineSettings | None = None,
     stalls: tuple[tuple[float, float], ...] = (),
     other: bool = False,
-) -> Patient:
-    visit = Visit(
+) -> CampaignCase:
+    case = DoctorCase(
         name,
         faults,
         line or LineSettings(),
@@ -64,71 +64,71 @@ def _patient(  # noqa: PLR0913 - the fault, and the visit
         stalls,
         catalogue(more=[longer(Power)]) if other else None,
     )
-    return Patient(visit, frozenset(right.split()), frozenset(beside.split()))
+    return CampaignCase(case, frozenset(right.split()), frozenset(beside.split()))
 
 
 BUS = LineSettings(0, 0, 500_000)
 """A CAN bus at the usual bit rate."""
 _STOPPED = "stopped"
-PATIENTS: tuple[Patient, ...] = (
-    _patient("well, standing", ""),
-    _patient("well, for five seconds", "", seconds=4.8),
-    _patient("well, driving", "", moving=True, seconds=60.0),
-    _patient("well, a whole room", "", moving=True, seconds=300.0),
-    _patient(
+SUBJECTS: tuple[CampaignCase, ...] = (
+    _subject("no fault, standing", ""),
+    _subject("no fault, for five seconds", "", seconds=4.8),
+    _subject("no fault, driving", "", moving=True, seconds=60.0),
+    _subject("no fault, a whole room", "", moving=True, seconds=300.0),
+    _subject(
         "bit-flips", "line_noise", "bit-flips@5:10:rate=0.001", beside="device_receives_noise"
     ),
-    _patient("byte-loss", "overrun", "byte-loss@5:10:rate=0.001", beside="device_receives_noise"),
-    _patient("bursts", "line_noise", "bursts@5:12:rate=0.0007", beside="device_receives_noise"),
-    _patient("duplicates", "repeated", "duplicates@5:10", beside="device_receives_noise"),
-    _patient("latency", "latency", "latency@8:10:ms=40"),
-    _patient("jitter", "latency", "jitter@4:15:ms=15"),
-    _patient("silence", "gap", "silence@8:0.7:way=up"),
-    _patient("wrong-baud, always", "wrong_baud", "wrong-baud@0"),
-    _patient("wrong-baud, for a while", "wrong_baud", "wrong-baud@8:3", beside="gap"),
-    _patient("unplug", "gap unplugged", "unplug@8:2"),
-    _patient("well, on a bus", "", moving=True, seconds=30.0, line=BUS),
-    _patient("well, on a bus, standing", "", line=BUS),
-    _patient("can-bus-off, standing", "gap", "can-bus-off@8:0.5", line=BUS),
-    _patient("can-bus-off", "gap", "can-bus-off@12:0.6", moving=True, seconds=30.0, line=BUS),
-    _patient("reset", "reset", "reset@8:cause=pin"),
-    _patient("hang", "watchdog", "hang@8"),
-    _patient("crash", "crash", "crash@8"),
-    _patient("hse-failed", "oscillator", "hse-failed@8", beside="watchdog clock_step clock_drift"),
-    _patient("brown-out", "brown_out", "brown-out@8:off=0.5"),
-    _patient("clock-drift", "clock_drift", "clock-drift@0:ppm=600"),
-    _patient("clock-drift, five seconds", "clock_drift", "clock-drift@0:ppm=495", seconds=4.8),
-    _patient("clock slow, five seconds", "clock_drift", "clock-drift@0:ppm=-495", seconds=4.8),
-    _patient("clock-drift of a crystal", "", "clock-drift@0:ppm=100"),
-    _patient("clock-jump, back", "clock_step", "clock-jump@10:ms=-50"),
-    _patient("clock-jump, ahead", "clock_step", "clock-jump@10:ms=100"),
-    _patient("adapter at 16 ms", "adapter_latency", line=LineSettings(921_600, 16_000)),
-    _patient("baud too low", "overrun", line=LineSettings(38_400, 1000), beside="latency"),
-    _patient("host held up", "host_stall", stalls=((8.0, 0.4), (12.0, 0.25))),
-    _patient("another catalogue", "schema", other=True),
-    _patient("imu-frozen, standing", "imu sensor", "imu-frozen@8:8"),
-    _patient("imu-biased, standing", "imu", "imu-biased@8:12:gyro=3"),
-    _patient("i2c-stuck, standing", "sensor", "i2c-stuck@8:8"),
-    _patient("imu-clock", "", "imu-clock@0:percent=-1"),
-    _patient("adc-frozen", "adc", "adc-frozen@8", moving=True, seconds=30.0),
-    _patient(
+    _subject("byte-loss", "overrun", "byte-loss@5:10:rate=0.001", beside="device_receives_noise"),
+    _subject("bursts", "line_noise", "bursts@5:12:rate=0.0007", beside="device_receives_noise"),
+    _subject("duplicates", "repeated", "duplicates@5:10", beside="device_receives_noise"),
+    _subject("latency", "latency", "latency@8:10:ms=40"),
+    _subject("jitter", "latency", "jitter@4:15:ms=15"),
+    _subject("silence", "gap", "silence@8:0.7:way=up"),
+    _subject("wrong-baud, always", "wrong_baud", "wrong-baud@0"),
+    _subject("wrong-baud, for a while", "wrong_baud", "wrong-baud@8:3", beside="gap"),
+    _subject("unplug", "gap unplugged", "unplug@8:2"),
+    _subject("no fault, on a bus", "", moving=True, seconds=30.0, line=BUS),
+    _subject("no fault, on a bus, standing", "", line=BUS),
+    _subject("can-bus-off, standing", "gap", "can-bus-off@8:0.5", line=BUS),
+    _subject("can-bus-off", "gap", "can-bus-off@12:0.6", moving=True, seconds=30.0, line=BUS),
+    _subject("reset", "reset", "reset@8:cause=pin"),
+    _subject("hang", "watchdog", "hang@8"),
+    _subject("crash", "crash", "crash@8"),
+    _subject("hse-failed", "oscillator", "hse-failed@8", beside="watchdog clock_step clock_drift"),
+    _subject("brown-out", "brown_out", "brown-out@8:off=0.5"),
+    _subject("clock-drift", "clock_drift", "clock-drift@0:ppm=600"),
+    _subject("clock-drift, five seconds", "clock_drift", "clock-drift@0:ppm=495", seconds=4.8),
+    _subject("clock slow, five seconds", "clock_drift", "clock-drift@0:ppm=-495", seconds=4.8),
+    _subject("clock-drift of a crystal", "", "clock-drift@0:ppm=100"),
+    _subject("clock-jump, back", "clock_step", "clock-jump@10:ms=-50"),
+    _subject("clock-jump, ahead", "clock_step", "clock-jump@10:ms=100"),
+    _subject("adapter at 16 ms", "adapter_latency", line=LineSettings(921_600, 16_000)),
+    _subject("baud too low", "overrun", line=LineSettings(38_400, 1000), beside="latency"),
+    _subject("host held up", "host_stall", stalls=((8.0, 0.4), (12.0, 0.25))),
+    _subject("another catalogue", "schema", other=True),
+    _subject("imu-frozen, standing", "imu sensor", "imu-frozen@8:8"),
+    _subject("imu-biased, standing", "imu", "imu-biased@8:12:gyro=3"),
+    _subject("i2c-stuck, standing", "sensor", "i2c-stuck@8:8"),
+    _subject("imu-clock", "", "imu-clock@0:percent=-1"),
+    _subject("adc-frozen", "adc", "adc-frozen@8", moving=True, seconds=30.0),
+    _subject(
         *("encoder-reversed", "sensor", "encoder-reversed@12"),
         moving=True,
         seconds=30.0,
         beside=f"slip {_STOPPED}",
     ),
-    _patient(
+    _subject(
         *("encoder-swapped", "sensor", "encoder-swapped@12"),
         moving=True,
         seconds=30.0,
         beside=f"slip {_STOPPED}",
     ),
-    _patient(
+    _subject(
         "imu-frozen", "imu sensor", "imu-frozen@12:10", moving=True, seconds=30.0, beside="slip"
     ),
-    _patient("imu-biased", "slip imu", "imu-biased@12:25:gyro=6", moving=True, seconds=40.0),
-    _patient("leaning", "tilt imu", "imu-biased@12:10:gyro=0,accel=0.3", moving=True, seconds=30.0),
-    _patient(
+    _subject("imu-biased", "slip imu", "imu-biased@12:25:gyro=6", moving=True, seconds=40.0),
+    _subject("leaning", "tilt imu", "imu-biased@12:10:gyro=0,accel=0.3", moving=True, seconds=30.0),
+    _subject(
         "encoder-dropout",
         "slip sensor",
         "encoder-dropout@12:15:share=0.4",
@@ -136,14 +136,14 @@ PATIENTS: tuple[Patient, ...] = (
         seconds=30.0,
         beside="bump",  # its path is wrong, and it collides with known obstacles
     ),
-    _patient(
+    _subject(
         *("wheel-stuck", "stall", "wheel-stuck@12:4"),
         moving=True,
         seconds=25.0,
         beside=f"slip {_STOPPED}",  # the device itself may latch the motor's current
     ),
-    _patient("wheel-slip", "slip", "wheel-slip@10:35:share=0.4", moving=True, seconds=50.0),
-    _patient(
+    _subject("wheel-slip", "slip", "wheel-slip@10:35:share=0.4", moving=True, seconds=50.0),
+    _subject(
         "ultrasonic-blind",
         "sensor",
         "ultrasonic-blind@8:80",
@@ -151,65 +151,65 @@ PATIENTS: tuple[Patient, ...] = (
         seconds=90.0,
         beside="slip",
     ),
-    _patient(
+    _subject(
         "ultrasonic-constant",
         "slip sensor",
         "ultrasonic-constant@10:30:m=1.5",
         moving=True,
         seconds=45.0,
     ),
-    _patient("bumper-stuck", "bump", "bumper-stuck@12:15", moving=True, seconds=30.0),
-    _patient(
+    _subject("bumper-stuck", "bump", "bumper-stuck@12:15", moving=True, seconds=30.0),
+    _subject(
         *("battery-flat", "battery", "battery-flat@12:charge=0.02"),
         moving=True,
         seconds=25.0,
         beside=_STOPPED,
     ),
-    _patient(
+    _subject(
         "lifted", "lifted", "lifted@12:3", moving=True, seconds=25.0, beside=f"cliff {_STOPPED}"
     ),
-    _patient(
+    _subject(
         "carried", "lifted", "carried@12:3", moving=True, seconds=25.0, beside=f"cliff {_STOPPED}"
     ),
-    _patient("displaced", "", "displaced@12", moving=True, seconds=25.0),
-    _patient("obstacle", "", "obstacle@12:index=0,dx=0.3", moving=True, seconds=30.0),
-    _patient("person", "", "person@12:15:ahead=0.5", moving=True, seconds=30.0),
+    _subject("displaced", "", "displaced@12", moving=True, seconds=25.0),
+    _subject("obstacle", "", "obstacle@12:index=0,dx=0.3", moving=True, seconds=30.0),
+    _subject("person", "", "person@12:15:ahead=0.5", moving=True, seconds=30.0),
 )
 
 
 @dataclass
 class Result:
-    """Findings for one patient and seed."""
+    """Findings for one subject and seed."""
 
-    patient: Patient
+    subject: CampaignCase
     seed: int
     found: list[str]
 
     @property
     def hit(self) -> bool:
         """Whether a correct finding is there; without a fault: whether there is no finding."""
-        right = self.patient.right
+        right = self.subject.right
         return bool(right & set(self.found)) if right else not self.found
 
     @property
     def wrong(self) -> list[str]:
         """Wrong findings."""
-        return sorted(set(self.found) - self.patient.right - self.patient.beside)
+        return sorted(set(self.found) - self.subject.right - self.subject.beside)
 
 
-def visit(patient: Patient, seed: int) -> Result:
-    """Examine one patient."""
-    findings = examine(patient.visit, seed).conclude()
-    return Result(patient, seed, [finding.kind for finding in findings])
+def case(subject: CampaignCase, seed: int) -> Result:
+    """Examine one subject."""
+    findings = examine(subject.case, seed).conclude()
+    return Result(subject, seed, [finding.kind for finding in findings])
 
 
-def _visit(job: tuple[int, int]) -> list[str]:
-    return visit(PATIENTS[job[0]], job[1]).found
+def _examine_one(job: tuple[int, int]) -> list[str]:
+    return case(SUBJECTS[job[0]], job[1]).found
 
 
 def uncovered() -> set[str]:
-    """Faults of the emulator that no patient covers."""
-    had = {text.partition("@")[0] for patient in PATIENTS for text in patient.visit.faults}
+    """Faults of the emulator that no subject covers."""
+    had = {text.partition("@")[0] for subject in SUBJECTS for text in subject.case.faults}
     return set(KINDS) - had
 
 
@@ -217,7 +217,7 @@ def report(results: Iterable[Result]) -> tuple[str, bool]:
     """The page, and whether every finding is correct."""
     by_name: dict[str, list[Result]] = {}
     for result in results:
-        by_name.setdefault(result.patient.name, []).append(result)
+        by_name.setdefault(result.subject.name, []).append(result)
     kinds = sorted({kind for found in by_name.values() for r in found for kind in r.found})
     lines = [
         "# Findings of the doctor by fault",
@@ -240,15 +240,15 @@ def report(results: Iterable[Result]) -> tuple[str, bool]:
     ]
     hits = wrong = total = 0
     for name, found in by_name.items():
-        patient = found[0].patient
+        subject = found[0].subject
         counts = Counter(kind for r in found for kind in set(r.found))
         nothing = sum(not r.found for r in found)
         hits += sum(r.hit for r in found)
         wrong += sum(bool(r.wrong) for r in found)
         total += len(found)
-        cells = [_cell(counts[kind], kind, patient) for kind in kinds]
-        none = f"**{nothing}**" if nothing and not patient.right else str(nothing or "")
-        how = f"{name} *driving*" if patient.visit.moving else name
+        cells = [_cell(counts[kind], kind, subject) for kind in kinds]
+        none = f"**{nothing}**" if nothing and not subject.right else str(nothing or "")
+        how = f"{name} *driving*" if subject.case.moving else name
         lines.append(f"| {how} | {len(found)} | {' | '.join(cells)} | {none} |")
     lines += [
         "",
@@ -258,38 +258,38 @@ def report(results: Iterable[Result]) -> tuple[str, bool]:
     return "\n".join(lines), hits == total and wrong == 0
 
 
-def _cell(count: int, kind: str, patient: Patient) -> str:
+def _cell(count: int, kind: str, subject: CampaignCase) -> str:
     if not count:
         return ""
-    if kind in patient.right:
+    if kind in subject.right:
         return f"**{count}**"
-    return str(count) if kind in patient.beside else f"~~{count}~~"
+    return str(count) if kind in subject.beside else f"~~{count}~~"
 
 
 def _kept_at(path: Path | None) -> Kept:
-    """Results kept for the present rules, doctor and patients."""
+    """Results kept for the present rules, doctor and subjects."""
     sources = [*(ROOT / "bridge" / "doctor").glob("*.py")]
     sources += (ROOT / "bridge" / "supervise").glob("*.py")
-    return Kept(path, [*sources, Path(__file__), ROOT / "tests" / "support" / "clinic.py"])
+    return Kept(path, [*sources, Path(__file__), ROOT / "tests" / "support" / "doctor_cases.py"])
 
 
 def results_of(jobs: list[tuple[int, int]], kept: Kept, processes: int) -> Iterator[Result]:
-    """Every visit's result in order; kept results are not computed again."""
-    names = {job: f"{PATIENTS[job[0]].name}, seed {job[1]}" for job in jobs}
+    """Every case's result in order; kept results are not computed again."""
+    names = {job: f"{SUBJECTS[job[0]].name}, seed {job[1]}" for job in jobs}
     waiting = [job for job in jobs if kept.of(names[job]) is None]
     with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
-        found = pool.map(_visit, waiting)
+        found = pool.map(_examine_one, waiting)
         for job in jobs:
             kinds = kept.of(names[job])
             if kinds is None:
                 kinds = next(found)
                 kept.add(names[job], kinds)
                 print(f"{names[job]}: {' '.join(kinds) or 'nothing'}", file=sys.stderr, flush=True)
-            yield Result(PATIENTS[job[0]], job[1], kinds)
+            yield Result(SUBJECTS[job[0]], job[1], kinds)
 
 
 def main() -> int:
-    """Examine all patients and write the page."""
+    """Examine all subjects and write the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=21)
@@ -300,12 +300,12 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="write the page")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    jobs = [(i, seed) for i in range(len(PATIENTS)) for seed in seeds]
+    jobs = [(i, seed) for i in range(len(SUBJECTS)) for seed in seeds]
     results = list(results_of(jobs, _kept_at(options.keep), options.jobs))
     for result in results:
         if not result.hit or result.wrong:
             print(
-                f"{result.patient.name}, seed {result.seed}: told {result.found}", file=sys.stderr
+                f"{result.subject.name}, seed {result.seed}: told {result.found}", file=sys.stderr
             )
     text, good = report(results)
     if options.out is not None:

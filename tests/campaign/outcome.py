@@ -109,8 +109,8 @@ class Alarms:
         """For a disagreement over D: return whether the device's D is wrong by the truth too."""
         if "D_m" not in data or "for_s" not in data:
             return False
-        way_m = lane_way_m(self._poses, at_s - float(data["for_s"]), at_s)
-        off_m = abs(float(data["D_m"]) - way_m)
+        path_m = lane_way_m(self._poses, at_s - float(data["for_s"]), at_s)
+        off_m = abs(float(data["D_m"]) - path_m)
         return off_m > SuperviseSettings().disagreement.distance_m
 
 

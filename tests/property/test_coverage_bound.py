@@ -102,8 +102,8 @@ def test_no_motion_within_the_limits_sweeps_faster(
     report = meter.measure(track)
     swept_m2 = report.coverage.mouth_free * report.free_m2
     rate_m2_s = max_sweep_rate_m2_s(model)
-    way_m = width_m + (abs(max_speed_m_s) + max_yaw_rate_rad_s * (width_m + 0.2)) * time_s
-    assert swept_m2 <= rate_m2_s * time_s * 1.02 + 0.01 * way_m
+    path_m = width_m + (abs(max_speed_m_s) + max_yaw_rate_rad_s * (width_m + 0.2)) * time_s
+    assert swept_m2 <= rate_m2_s * time_s * 1.02 + 0.01 * path_m
     assert report.min_time_s == pytest.approx(report.sweepable_m2 / rate_m2_s)
 
 

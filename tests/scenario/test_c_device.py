@@ -83,7 +83,7 @@ class Device:
         return self._process.returncode
 
 
-class Bench:
+class LoneDevice:
     """A session and the device on two wires, in virtual time."""
 
     def __init__(
@@ -204,7 +204,7 @@ def device(program: Path, launch: Callable[[Path], Device]) -> Device:
 
 
 def test_it_sends_hello_once_a_second_until_the_handshake(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     parser = UartParser()
     wire = b"".join(device.turn(t * STEP_US, b"") for t in range(3_500))
     frames = parser.feed(wire)
@@ -228,7 +228,7 @@ def test_it_sends_hello_once_a_second_until_the_handshake(device: Device) -> Non
 
 
 def test_it_streams_the_boards_readings(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     before = len(bench.heard(Imu)), len(bench.heard(Encoders))
     bench.run(2.0)
@@ -241,7 +241,7 @@ def test_it_streams_the_boards_readings(device: Device) -> None:
 
 
 def test_it_drives_only_when_asked_and_as_long_as_setpoints_are_fresh(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     bench.drive(0.2)
     bench.run(0.5)
@@ -259,7 +259,7 @@ def test_it_drives_only_when_asked_and_as_long_as_setpoints_are_fresh(device: De
 
 
 def test_a_delayed_setpoint_is_rejected(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     bench.start()
     link = bench.session.link
@@ -277,7 +277,7 @@ def test_a_delayed_setpoint_is_rejected(device: Device) -> None:
 
 
 def test_messages_to_all_neither_drive_nor_release_it(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     link = bench.session.link
 
@@ -299,13 +299,13 @@ def test_messages_to_all_neither_drive_nor_release_it(device: Device) -> None:
 
 
 def test_a_new_host_starts_from_nothing(device: Device) -> None:
-    first = Bench(device)
+    first = LoneDevice(device)
     first.open()
     first.start()
     first.drive(0.2)
     assert first.run(1.0) is False
     assert device.drive[0] > 0
-    second = Bench(device, first_session_id=100)
+    second = LoneDevice(device, first_session_id=100)
     second.now_us = first.now_us
     second.session.open(second.now_ns)
     assert second.run(0.3, lambda: device.drive == (0.0, 0.0))
@@ -320,7 +320,7 @@ def test_a_new_host_starts_from_nothing(device: Device) -> None:
 
 
 def test_a_stop_is_latched_until_it_is_cleared_by_name(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     bench.start()
     bench.drive(0.2)
@@ -343,7 +343,7 @@ def test_a_stop_is_latched_until_it_is_cleared_by_name(device: Device) -> None:
 
 
 def test_a_silent_host_is_a_latched_stop_and_a_new_hello(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     bench.start()
     bench.drive(0.2)
@@ -361,7 +361,7 @@ def test_a_silent_host_is_a_latched_stop_and_a_new_hello(device: Device) -> None
 
 
 def test_a_repeated_command_is_answered_and_not_carried_out_again(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     bench.start()
     session = bench.session
@@ -376,7 +376,7 @@ def test_a_repeated_command_is_answered_and_not_carried_out_again(device: Device
 
 
 def test_unsupported_commands_are_rejected(device: Device) -> None:
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     session = bench.session
     session.commands.issue(SaveParameters, 0x72, bench.now_us + HOST_AHEAD_US)
@@ -392,7 +392,7 @@ def test_it_negotiates_and_obeys_on_a_bad_link(device: Device) -> None:
             wire = kind(wire, p, rng)
         return Chunked(wire, 7)
 
-    bench = Bench(device, bad(), bad())
+    bench = LoneDevice(device, bad(), bad())
     bench.open()
     bench.start()
     bench.drive(0.2)
@@ -408,7 +408,7 @@ def test_a_minimal_build_negotiates_message_by_message(
     tmp_path: Path, launch: Callable[[Path], Device]
 ) -> None:
     device = launch(build(tmp_path, "-DSP_MINIMAL", "-DSP_WITH_POWER=0"))
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.open()
     missing = {d.spec.name for d in bench.of(SessionReady)[-1].differences}
     assert {"range", "power", "sync", "planner_state", "parameter_value"} <= missing

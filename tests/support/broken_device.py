@@ -268,12 +268,12 @@ class DrivesOn(Sound):
     def injected(self) -> bytes:
         if self._last is None or self.now_us - self._reply_us < 20_000:
             return b""
-        heard_us, frame, message = self._last
-        if self.now_us - heard_us > 2_500_000:
+        received_us, frame, message = self._last
+        if self.now_us - received_us > 2_500_000:
             return b""
         self._reply_us = self.now_us
         self._counter = (self._counter + 1) & 0xFF
-        stamp_us = (frame.t_us + self.now_us - heard_us) & 0xFFFF_FFFF
+        stamp_us = (frame.t_us + self.now_us - received_us) & 0xFFFF_FFFF
         again = self.saying(frame, message, counter=self._counter)
         return _bytes(again._replace(t_us=stamp_us))
 

@@ -63,11 +63,11 @@ class Device:
                 self.found.append(text)
 
     def lane(
-        self, way_m: float, after: PlannerState, *, before: PlannerState | None = None
+        self, path_m: float, after: PlannerState, *, before: PlannerState | None = None
     ) -> None:
         """Sweep a lane of this length; the state after it reports the lane."""
         self.emit_state(before or planner(LANE, turns=self.state.turn_count, **_kept(self.state)))
-        self.go(round(way_m / CRUISE_M), CRUISE_M)
+        self.go(round(path_m / CRUISE_M), CRUISE_M)
         self.go(30)  # the rest at the lane's end
         self.emit_state(after)
         self.go(20, rate=0.8)
@@ -92,11 +92,11 @@ def started(onboard: str = "paper", rule: DisagreementRule | None = None) -> Dev
     return device
 
 
-def swept(way_m: float = 1.0, *, turns: int = 1, case: int = 1) -> Device:
+def swept(path_m: float = 1.0, *, turns: int = 1, case: int = 1) -> Device:
     """Return a device after a first lane, correctly reported, and a side step."""
     device = started()
-    mm = round(way_m * 1000)
-    device.lane(way_m, planner(TURN, distance=mm, previous=mm, case=case))
+    mm = round(path_m * 1000)
+    device.lane(path_m, planner(TURN, distance=mm, previous=mm, case=case))
     device.emit_state(planner(STEP, distance=mm, previous=mm, case=case))
     device.go(40, CRUISE_M)
     device.emit_state(planner(TURN, turns=turns, distance=mm, previous=mm, case=case))

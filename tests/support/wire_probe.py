@@ -87,7 +87,7 @@ class WireProbe:
         self._ping = secrets.randbelow(0x40)
         self._counter = secrets.randbelow(0x100)
         self._sent_us = 0
-        self._turned_us = self._heard_us = now_us()
+        self._turned_us = self._received_us = now_us()
         self.held_up_us = 0
         """Longest time in this check in which one end may not have run, µs."""
 
@@ -135,8 +135,8 @@ class WireProbe:
         if not data:
             return
         if self.session_id:
-            self._pause(self._heard_us)
-        self._heard_us = at_us
+            self._pause(self._received_us)
+        self._received_us = at_us
         self.raw += data
         for event in self.link.receive(data, at_us):
             if isinstance(event, Received):
@@ -181,7 +181,7 @@ class WireProbe:
 
     def forget(self) -> None:
         """Discard the messages so far."""
-        self._turned_us = self._heard_us = now_us()
+        self._turned_us = self._received_us = now_us()
         self.held_up_us = 0
         self.heard.clear()
         self.events.clear()

@@ -80,7 +80,7 @@ def command(  # noqa: PLR0913 - the options of a port
     path = Path(target)
     _check(target, path, listen=listen, find_baud=find_baud)
     if is_file(path):
-        from bridge.doctor.log_visit import examine_log
+        from bridge.doctor.log_examination import examine_log
 
         return _report(target, "log", examine_log(path), as_json=as_json)
     if find_baud:

@@ -271,7 +271,7 @@ def check_faults(plan: FloorPlan, faults: tuple[FaultSpec, ...], target: str) ->
 
     """
     from sim_device.core.core_sweeper import CANNOT
-    from sim_device.faults.bench import UnknownObstacleError, check_obstacle
+    from sim_device.faults.fault_target import UnknownObstacleError, check_obstacle
     from sim_device.rig import WITHOUT_BUS
 
     cannot = {**WITHOUT_BUS, **(CANNOT if target == "core" else {})}

@@ -106,16 +106,16 @@ class LaneSweep:
         if options.step_from == "here":
             self.line_m = self.offset_m(pose)
         self.line_m += distance_m
-        way_m = self.line_m - self.offset_m(pose)
+        path_m = self.line_m - self.offset_m(pose)
         if distance_m < 0.0:
-            way_m = -way_m
+            path_m = -path_m
         turn = 0.0 if distance_m >= 0.0 else math.pi
         heading_rad = wrap_angle(self._step_heading + turn)
         yield Turn(heading_rad)
         result = yield from self._drive(
             Drive(
                 heading_rad,
-                max(way_m, options.min_step_m),
+                max(path_m, options.min_step_m),
                 stop_range_m=options.step_stop_range_m,
                 purpose="step",
             ),

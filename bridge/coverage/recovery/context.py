@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from bridge.coverage.recovery.lookout import Lookout
 from bridge.coverage.recovery.map import EvidenceMap
+from bridge.coverage.recovery.observing import ObservationMonitor
 from bridge.coverage.recovery.occlusions import OccludedRegion, OccludedRegions
 from bridge.coverage.recovery.stuck import StuckPolicy
 from bridge.coverage.recovery.wall_segments import WallSegments
@@ -38,7 +38,7 @@ class RecoveryContext:
     record: PlannerReports
     wall_segments: WallSegments
     occlusions: OccludedRegions
-    lookout: Lookout
+    monitor: ObservationMonitor
     stuck: StuckPolicy
     recovering: OccludedRegion | None = None
     """Occluded region that the present lane revisits; None: the lane revisits no region."""
@@ -66,7 +66,7 @@ class RecoveryContext:
             record,
             segments,
             OccludedRegions(model.cleaning_width_m),
-            Lookout(model, options, evidence, record, segments, obs=obs),
+            ObservationMonitor(model, options, evidence, record, segments, obs=obs),
             StuckPolicy(options, evidence, record),
         )
 
@@ -78,12 +78,12 @@ class RecoveryContext:
     @property
     def obs(self) -> Observation:
         """The last observation."""
-        return self.lookout.obs
+        return self.monitor.obs
 
     @property
     def pose(self) -> Pose2:
         """The last estimated pose."""
-        return self.lookout.obs.pose
+        return self.monitor.obs.pose
 
     def enter(self, phase: str, target: tuple[float, float] | None = None) -> None:
         """Report the phase of the plan, and the point to which the robot drives, m."""

@@ -83,11 +83,11 @@ class RecoveryPlanner(ScriptedPlanner):
     @property
     def speed_limit_m_s(self) -> float:
         """Maximum forward speed at which contacts with known obstacles are harmless, m/s."""
-        return math.inf if self._context is None else self._context.lookout.speed_limit_m_s
+        return math.inf if self._context is None else self._context.monitor.speed_limit_m_s
 
     def observe(self, obs: Observation) -> bool:
         """Process an observation. Return True if the running leg has nothing left to sweep."""
-        return self._context is not None and self._context.lookout.observe(obs)
+        return self._context is not None and self._context.monitor.observe(obs)
 
     def script(self, obs: Observation) -> Script:
         """Return the plan from the pose in ``obs``."""

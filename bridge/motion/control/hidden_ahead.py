@@ -49,10 +49,10 @@ def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) 
     reach_m = math.sqrt(rim_m * rim_m - aside_m * aside_m)
     touch = TOUCH_M_S * rim_m / reach_m  # the component along the normal is v·cos β
     push = brake.decel * brake.latency_s
-    way_m = max(ahead_m - reach_m, 0.0)
-    if not way_m:
+    path_m = max(ahead_m - reach_m, 0.0)
+    if not path_m:
         return touch
-    return max(math.sqrt((push + touch) ** 2 + 2.0 * brake.decel * way_m) - push, touch)
+    return max(math.sqrt((push + touch) ** 2 + 2.0 * brake.decel * path_m) - push, touch)
 
 
 class HiddenAhead:

@@ -61,7 +61,7 @@ class ContactUncertainty:
 
         """
         estimator = self._estimator
-        way_m = estimator.odometry.distance_m(self._last)
+        path_m = estimator.odometry.distance_m(self._last)
         self._see_release(pressed=left or right)
         if left or right:
             if not any(self._pressed):
@@ -69,12 +69,12 @@ class ContactUncertainty:
                 self._inflate_at_onset()
             if not estimator.bridging:
                 self._slide(self._ahead_m(), (left, right))
-        if grazing and way_m > 0.0:
+        if grazing and path_m > 0.0:
             sigma_m = GRAZE_M_SQRT_M * estimator.ekf.slip_monitor.slippery
-            estimator.ekf.inflate(sigma_m * math.sqrt(way_m), 0.0)
+            estimator.ekf.inflate(sigma_m * math.sqrt(path_m), 0.0)
         self._last = estimator.odometry
         self._pressed = (left, right)
-        return way_m
+        return path_m
 
     def _see_release(self, *, pressed: bool) -> None:
         """End bridging after a released bumper switch.
@@ -99,8 +99,8 @@ class ContactUncertainty:
         """
         here, last = self._estimator.odometry, self._last
         c, s = math.cos(here.theta_rad), math.sin(here.theta_rad)
-        way_m = (here.x_m - last.x_m) * c + (here.y_m - last.y_m) * s
-        return min(max(way_m, 0.0), _READING_M)
+        path_m = (here.x_m - last.x_m) * c + (here.y_m - last.y_m) * s
+        return min(max(path_m, 0.0), _READING_M)
 
     def _inflate_at_onset(self) -> None:
         if self._estimator.feels:
@@ -108,17 +108,17 @@ class ContactUncertainty:
         else:
             self._estimator.ekf.inflate(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
 
-    def _slide(self, way_m: float, pressed: tuple[bool, bool]) -> None:
-        """Correct the estimate after a path with a pressed switch; ``way_m`` is not negative."""
-        if way_m == 0.0:
+    def _slide(self, path_m: float, pressed: tuple[bool, bool]) -> None:
+        """Correct the estimate after a path with a pressed switch; ``path_m`` is not negative."""
+        if path_m == 0.0:
             return
         left, right = pressed
         estimator, before_m = self._estimator, self._pressed_m
-        self._pressed_m += way_m
+        self._pressed_m += path_m
         one_half = left != right and self._pressed_m < _STUCK_M
         if one_half:
-            aside_m = SLIDE_ASIDE * way_m * (-1.0 if left else 1.0)
-            estimator.ekf.shift(-SLIDE_AHEAD * way_m, aside_m)
+            aside_m = SLIDE_ASIDE * path_m * (-1.0 if left else 1.0)
+            estimator.ekf.shift(-SLIDE_AHEAD * path_m, aside_m)
         share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
         # The error is constant during the contact. So its standard deviation grows with the path,
         # not with the root of the path.

@@ -98,8 +98,8 @@ class Relocaliser:
             near.take(r) < most
             for near, r, most in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
         )
-        way_m = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
-        self._grazed_m = way_m if grazing else self._grazed_m + way_m
+        path_m = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
+        self._grazed_m = path_m if grazing else self._grazed_m + path_m
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
         moving = abs(estimator.v_m_s) > MOVING_M_S

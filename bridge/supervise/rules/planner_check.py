@@ -145,7 +145,7 @@ class PlannerCheck:
         distance_m, lane = reported.lane_distance_m, self._lane
         if lane is not None:
             lengths_m = lane.far_m - lane.began_m, lane.made_m
-            driven_m = min(lengths_m, key=lambda way_m: abs(distance_m - way_m))
+            driven_m = min(lengths_m, key=lambda path_m: abs(distance_m - path_m))
             if abs(distance_m - driven_m) > self._rule.distance_m + lane.uncertain_m:
                 self._note(
                     now_s,
@@ -210,28 +210,28 @@ class PlannerCheck:
         for_s = now_s - self._claim_s
         if for_s < rule.motion_s:
             return
-        way_m = measured.travel_m - self._mark_m
+        path_m = measured.travel_m - self._mark_m
         turn_rad = measured.turn_rad - self._mark_rad
         self._claim_s = now_s
         self._mark_m, self._mark_rad = measured.travel_m, measured.turn_rad
         phase = reported.phase
         wrong = ""
         if phase in _STILL:
-            if way_m > STANDS_M_S * for_s or abs(turn_rad) > STANDS_RAD_S * for_s:
+            if path_m > STANDS_M_S * for_s or abs(turn_rad) > STANDS_RAD_S * for_s:
                 wrong = "moves"
         elif inputs.onboard in _LANES and phase in _STRAIGHT:
             if abs(turn_rad) > BEND_RAD * for_s:
                 wrong = "turns"
-        elif phase == _TURN and way_m > TURN_M * for_s:
+        elif phase == _TURN and path_m > TURN_M * for_s:
             wrong = "drives"
         if wrong:
             name = label(PlannerPhase, phase).replace("_", " ")
             self._note(
                 now_s,
-                f"the device reports {name}, but it {wrong}: {100 * way_m:.0f} cm and "
+                f"the device reports {name}, but it {wrong}: {100 * path_m:.0f} cm and "
                 f"{turn_rad:.2f} rad in {for_s:.1f} s",
                 phase=name,
-                way_m=round(way_m, 3),
+                path_m=round(path_m, 3),
                 turn_rad=round(turn_rad, 3),
                 for_s=round(for_s, 2),
             )

@@ -43,9 +43,9 @@ struct firmware {
     uint32_t session_id; /* 0: none */
     bool negotiated;
     bool status_wanted; /* a STOP_ALL came: send the status in the next period */
-    int64_t heard_us; /* last valid frame of a host */
-    bool strange_known;
-    int64_t strange_us; /* last hello to a host with an unknown session */
+    int64_t received_us; /* last valid frame of a host */
+    bool unknown_hello;
+    int64_t unknown_hello_us; /* last hello to a host with an unknown session */
     freshness_t freshness;
 
     /* ---- parameters being saved ----------------------------------------------------------------- */
@@ -62,8 +62,8 @@ struct firmware {
     uint8_t load_percent;
     uint32_t load_busy_us; /* last measurement */
     int64_t load_at_us;
-    bool imu_told;
-    uint32_t imu_told_us; /* stamp of the newest sample that was sent */
+    bool imu_sent;
+    uint32_t imu_sent_us; /* stamp of the newest sample that was sent */
 
     /* Must be the last field. A boot zeroes all fields above. It only empties the inbox, because
      * interrupts may write to the inbox at any time. */

@@ -23,7 +23,7 @@
 #define GRAVITY_LSB ((int)BOARD_IMU_PER_G)
 #define GRAVITY_LOW_LSB (0.7f * BOARD_IMU_PER_G)
 #define GRAVITY_HIGH_LSB (1.3f * BOARD_IMU_PER_G)
-#define STRANGE_TICKS 30u
+#define IMPLAUSIBLE_TICKS 30u
 #define REPEAT_TICKS 50u
 #define QUIET_TICKS 20u
 #define LEARN_TICKS 200u
@@ -105,7 +105,7 @@ static bool outside(int32_t value, int32_t limit)
 }
 
 /* Return whether a robot at rest has readings that are impossible at rest. */
-static bool strange_at_rest(const health_t *health, const board_imu_t *imu)
+static bool implausible_at_rest(const health_t *health, const board_imu_t *imu)
 {
     if (health->rest_ticks < REST_TICKS || (health->bits & SP_FAULT_LIFTED)) {
         return false;
@@ -121,7 +121,7 @@ static bool strange_at_rest(const health_t *health, const board_imu_t *imu)
 
 static void judge_imu(health_t *health, const board_imu_t *imu, const wheels_t *wheels)
 {
-    count_run(&health->strange, strange_at_rest(health, imu));
+    count_run(&health->implausible, implausible_at_rest(health, imu));
     if (health->ticks <= LEARN_TICKS && health->repeats > health->longest_repeat) {
         health->longest_repeat = health->repeats;
     }
@@ -129,10 +129,10 @@ static void judge_imu(health_t *health, const board_imu_t *imu, const wheels_t *
     count_run(&health->disagrees,
         health->repeats >= QUIET_TICKS && absolute(apart) > DISAGREE_RAD_S);
     const bool lively = health->ticks > LEARN_TICKS && health->longest_repeat <= LIVELY_TICKS;
-    if ((lively && health->repeats >= REPEAT_TICKS) || health->disagrees >= STRANGE_TICKS
-        || health->strange >= STRANGE_TICKS) {
+    if ((lively && health->repeats >= REPEAT_TICKS) || health->disagrees >= IMPLAUSIBLE_TICKS
+        || health->implausible >= IMPLAUSIBLE_TICKS) {
         set(health, SP_FAULT_IMU, true);
-    } else if (health->repeats == 0 && health->strange == 0) {
+    } else if (health->repeats == 0 && health->implausible == 0) {
         set(health, SP_FAULT_IMU, false);
     }
 }

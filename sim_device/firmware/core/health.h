@@ -49,7 +49,7 @@ typedef struct {
     uint16_t jolt_ticks;
     uint16_t longest_repeat;
     uint16_t disagrees;
-    uint16_t strange;
+    uint16_t implausible;
     int16_t up[JOLT_MEAN_TICKS]; /* the last readings along z */
     uint8_t up_place;
     uint8_t gravity_ticks;

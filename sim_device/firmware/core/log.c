@@ -23,13 +23,13 @@ void log_add(log_t *log, uint8_t level, const char *utf8)
 
 const log_line_t *log_take(log_t *log, int64_t now_us)
 {
-    if (log->count == 0 || (log->told && now_us - log->told_us < LOG_PERIOD_US)) {
+    if (log->count == 0 || (log->sent && now_us - log->sent_us < LOG_PERIOD_US)) {
         return NULL;
     }
     const log_line_t *const line = &log->lines[log->first];
     log->first = (uint8_t)((log->first + 1u) % LOG_WAITING);
     log->count--;
-    log->told = true;
-    log->told_us = now_us;
+    log->sent = true;
+    log->sent_us = now_us;
     return line;
 }

@@ -21,8 +21,8 @@ typedef struct {
     log_line_t lines[LOG_WAITING];
     uint8_t first;
     uint8_t count;
-    bool told;
-    int64_t told_us;
+    bool sent;
+    int64_t sent_us;
 } log_t;
 
 /* Queue an empty line and return it; the caller writes it in place. */

@@ -80,15 +80,15 @@ static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
     turn_to(paper, heading_rad);
 }
 
-/* Turn across the lanes and drive to the line `way_m` further, or back if negative. The reference
+/* Turn across the lanes and drive to the line `path_m` further, or back if negative. The reference
  * is the intended line of the last lane, so lanes stay W apart whatever a contact or slip did in
  * between. */
-static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float way_m)
+static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float path_m)
 {
-    const float direction = way_m < 0.0f ? -1.0f : 1.0f;
+    const float direction = path_m < 0.0f ? -1.0f : 1.0f;
     const float heading_rad =
-        wrapped(paper->step_heading_rad + (way_m < 0.0f ? PI_F : 0.0f));
-    paper->line_m += way_m;
+        wrapped(paper->step_heading_rad + (path_m < 0.0f ? PI_F : 0.0f));
+    paper->line_m += path_m;
     const leg_t step = {.kind = LEG_DRIVE,
         .purpose = "step",
         .heading_rad = heading_rad,

@@ -6,7 +6,7 @@
 #include "commands.h"
 
 #define HOST_SILENCE_US 1000000
-#define STRANGE_PERIOD_US 100000
+#define UNKNOWN_HELLO_PERIOD_US 100000
 
 /* Capabilities of the core; the board adds its own. */
 #define CAPABILITIES SP_CAPABILITY_ONBOARD_PLANNER
@@ -51,9 +51,9 @@ void session_hello(firmware_t *firmware, int64_t now_us)
 /* Answer a host that uses an unknown session: report identity and boot at once. */
 static void answer_unknown_session(firmware_t *firmware, int64_t now_us)
 {
-    if (!firmware->strange_known || now_us - firmware->strange_us >= STRANGE_PERIOD_US) {
-        firmware->strange_known = true;
-        firmware->strange_us = now_us;
+    if (!firmware->unknown_hello || now_us - firmware->unknown_hello_us >= UNKNOWN_HELLO_PERIOD_US) {
+        firmware->unknown_hello = true;
+        firmware->unknown_hello_us = now_us;
         session_hello(firmware, now_us);
     }
 }
@@ -124,7 +124,7 @@ static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_f
     }
     if (hello->negotiated && !firmware->negotiated) {
         firmware->negotiated = true;
-        firmware->heard_us = now_us;
+        firmware->received_us = now_us;
         text_t *const line = log_begin(&firmware->control.log, SP_LOG_LEVEL_INFO);
         text_add(line, "session with ");
         text_add_foreign(line, hello->name, hello->name_length);
@@ -245,7 +245,7 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
     if (tagged || !keyed || firmware->control.latch.cause != SP_STOP_CAUSE_NONE) {
         /* With a key, only frames that the host alone can send keep a moving robot's session alive.
          */
-        firmware->heard_us = arrived_us;
+        firmware->received_us = arrived_us;
     }
     if (frame->type == SP_TYPE_STOP) {
         /* A stop is obeyed from any sender, so its delay does not enter the freshness of setpoints.
@@ -296,7 +296,7 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
 
 void session_tick(firmware_t *firmware)
 {
-    if (firmware->session_id != 0 && firmware->now_us - firmware->heard_us > HOST_SILENCE_US) {
+    if (firmware->session_id != 0 && firmware->now_us - firmware->received_us > HOST_SILENCE_US) {
         /* The host is lost: make the robot safe, and send hellos until a host answers. */
         control_stop(&firmware->control, SP_STOP_CAUSE_LINK, EVENT_SILENCE);
         firmware->session_id = 0;

@@ -55,11 +55,11 @@ bool stream_status(firmware_t *firmware, sp_status_t *message, uint32_t *sampled
 bool stream_imu(firmware_t *firmware, sp_imu_t *message, uint32_t *sampled_us)
 {
     const board_imu_t *const imu = &firmware->readings.imu;
-    if (firmware->imu_told && firmware->imu_told_us == imu->sampled_us) {
+    if (firmware->imu_sent && firmware->imu_sent_us == imu->sampled_us) {
         return false;
     }
-    firmware->imu_told = true;
-    firmware->imu_told_us = *sampled_us = imu->sampled_us;
+    firmware->imu_sent = true;
+    firmware->imu_sent_us = *sampled_us = imu->sampled_us;
     message->accel_x = imu->accel_x;
     message->accel_y = imu->accel_y;
     message->accel_z = imu->accel_z;

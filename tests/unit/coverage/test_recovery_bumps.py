@@ -136,46 +136,46 @@ class Following:
         self, bearing_deg: float = 0.0, *, brisk: bool = False, model: RobotModel = MODEL
     ) -> None:
         self.context = context_at(AT_REST._replace(pose=HERE), model)
-        self.context.lookout.wall.brisk_s = 0.6 if brisk else 0.4  # the leg ends at 1 s
+        self.context.monitor.wall.brisk_s = 0.6 if brisk else 0.4  # the leg ends at 1 s
         if bearing_deg:
             standing(self.context.map, -75.0, 0.002)  # the followed wall
             standing(self.context.map, bearing_deg)
 
     def brisk_after(self, time_s: float, v_m_s: float, side: int) -> float:
         """Return the last time above the corner speed, after one more observation."""
-        self.context.lookout.wall.side = side
-        self.context.lookout.observe(AT_REST._replace(time_s=time_s, pose=HERE, v_m_s=v_m_s))
-        return self.context.lookout.wall.brisk_s
+        self.context.monitor.wall.side = side
+        self.context.monitor.observe(AT_REST._replace(time_s=time_s, pose=HERE, v_m_s=v_m_s))
+        return self.context.monitor.wall.brisk_s
 
     def speed_limit_m_s(self, side: int, v_m_s: float, yaw_rate_rad_s: float) -> float:
         """Return the speed limit at an observation along a wall on a side."""
-        lookout = self.context.lookout
-        lookout.wall.side = side
+        monitor = self.context.monitor
+        monitor.wall.side = side
         seen = AT_REST._replace(time_s=5.0, pose=HERE)
-        lookout.observe(seen._replace(v_m_s=v_m_s, yaw_rate_rad_s=yaw_rate_rad_s))
-        return lookout.speed_limit_m_s
+        monitor.observe(seen._replace(v_m_s=v_m_s, yaw_rate_rad_s=yaw_rate_rad_s))
+        return monitor.speed_limit_m_s
 
-    def turns_deg(self, way_m: float, count: int, rest_s: float = 0.0) -> list[float]:
+    def turns_deg(self, path_m: float, count: int, rest_s: float = 0.0) -> list[float]:
         """Return the turns away from the wall, with a bump after each path of this length.
 
         ``rest_s``: a rest for the gyro between the end of a leg and the next one.
         """
         turns: list[float] = []
-        lookout = self.context.lookout
+        monitor = self.context.monitor
         script = follow_perimeter(self.context, left=False)
         leg = next(script)
         while len(turns) < count:
             bumped = False
             if isinstance(leg, FollowWall):
-                lookout.wall.distance_m += way_m
+                monitor.wall.distance_m += path_m
                 bumped = True
             elif isinstance(leg, Turn):
                 turns.append(math.degrees(leg.heading_rad))
             reason = StopReason.BUMPER if bumped else StopReason.DISTANCE
-            result = LegResult(leg, reason, way_m, 1.0, HERE, bumper_right=bumped)
+            result = LegResult(leg, reason, path_m, 1.0, HERE, bumper_right=bumped)
             if bumped and rest_s:
-                lookout.obs = lookout.obs._replace(time_s=1.0 + rest_s)
-            leg = script.send(Step(result, lookout.obs))
+                monitor.obs = monitor.obs._replace(time_s=1.0 + rest_s)
+            leg = script.send(Step(result, monitor.obs))
         return turns
 
 

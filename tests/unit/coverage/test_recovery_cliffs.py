@@ -119,16 +119,16 @@ def test_near_a_known_cliff_the_robot_drives_slowly(away_m: float, *, slow: bool
     assert pace == pytest.approx(0.10 if slow else MODEL.max_speed_m_s)
 
 
-def driven(*, to_m: float = 0.0, way_m: float, y_m: float = 0.01) -> EvidenceMap:
+def driven(*, to_m: float = 0.0, path_m: float, y_m: float = 0.01) -> EvidenceMap:
     """Return the map after a path along x."""
-    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(to_m - way_m, y_m, 0.0))
-    for k in range(round(100 * way_m) + 1):
-        memory.update(seen(Pose2(to_m - way_m + 0.01 * k, y_m, 0.0), 0.05 * k))
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(to_m - path_m, y_m, 0.0))
+    for k in range(round(100 * path_m) + 1):
+        memory.update(seen(Pose2(to_m - path_m + 0.01 * k, y_m, 0.0), 0.05 * k))
     return memory
 
 
 def test_the_wheels_avoid_possibly_missing_floor_even_where_the_axle_was() -> None:
-    memory = driven(way_m=0.5)
+    memory = driven(path_m=0.5)
     assert open_at(memory, -0.03, 0.01)
     memory.add_cliff(ORIGIN)
     for y_m in (0.0, 0.02):  # the two rows on either side of its path
@@ -151,7 +151,7 @@ def test_the_wheels_avoid_possibly_missing_floor_even_where_the_axle_was() -> No
 
 @pytest.mark.parametrize(("y_m", "marks"), [(ASIDE_M + 0.07, 2), (ASIDE_M + 0.13, 3)])
 def test_where_the_robot_was_beside_a_spot_there_is_floor(y_m: float, marks: int) -> None:
-    memory = driven(to_m=0.3, way_m=0.6, y_m=y_m)
+    memory = driven(to_m=0.3, path_m=0.6, y_m=y_m)
     memory.add_cliff(ORIGIN)
     assert len(memory.cliffs.marks) == marks
 
@@ -168,7 +168,7 @@ def test_floor_beyond_clears_a_forbidden_place() -> None:
 
 def test_a_robot_within_a_cliffs_margin_is_not_walled_in() -> None:
     """A former place that is now forbidden does not mean that the evidence is wrong."""
-    memory = driven(way_m=3.0)
+    memory = driven(path_m=3.0)
     memory.tried[:] = 9  # nothing remains to be swept
     for k in range(13):
         memory.add_cliff(Pose2(-0.2 * k, 0.0, QUARTER))
@@ -178,7 +178,7 @@ def test_a_robot_within_a_cliffs_margin_is_not_walled_in() -> None:
 
 
 def test_beside_a_cliff_a_lane_is_chosen_and_no_perimeter_pass() -> None:
-    memory = driven(way_m=0.5)
+    memory = driven(path_m=0.5)
     kinds = []
     for edge in (False, True):
         if edge:
@@ -216,7 +216,7 @@ def ends(context: RecoveryContext, leg: Leg, x_m: float, time_s: float, *, cliff
         reason = StopReason.CLIFF
     pose = Pose2(x_m, 0.0, 0.0)
     obs = seen(pose, time_s, cliff=cliff)
-    context.lookout.observe(obs)
+    context.monitor.observe(obs)
     return Step(LegResult(leg, reason, 0.0, 1.0, pose), obs)
 
 
@@ -231,8 +231,8 @@ def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
     if not follows:
         part = drive(context, Drive(0.0, 2.0, purpose="lane"))
     leg = next(part)
-    context.lookout.observe(seen(Pose2(0.40, 0.0, 0.0), 1.0))
-    context.lookout.observe(seen(Pose2(0.41, 0.0, 0.0), 1.1, cliff=True))
+    context.monitor.observe(seen(Pose2(0.40, 0.0, 0.0), 1.0))
+    context.monitor.observe(seen(Pose2(0.41, 0.0, 0.0), 1.1, cliff=True))
     legs = []
     try:
         leg = part.send(ends(context, leg, 0.45, 1.3, cliff=True))

@@ -81,7 +81,7 @@ def observed(uncertainty_deg: float, time_s: float = 0.0) -> Observation:
 def seen(context: RecoveryContext, *uncertainties_deg: float) -> list[tuple[float, float]]:
     """Return the standard deviations before and after, as reported."""
     for k, uncertainty_deg in enumerate(uncertainties_deg):
-        context.lookout.observe(observed(uncertainty_deg, 0.02 * k))
+        context.monitor.observe(observed(uncertainty_deg, 0.02 * k))
     reported = [event for event in context.record.drain() if event.kind == "re-zero"]
     return [(float(e.data["before_deg"]), float(e.data["uncertainty_deg"])) for e in reported]
 
@@ -100,7 +100,7 @@ def test_a_heading_that_was_hardly_uncertain_or_hardly_helped_is_not_reported() 
 @pytest.mark.parametrize("reason", [StopReason.RANGE, StopReason.BUMPER, StopReason.CLIFF])
 def test_an_obstacle_that_ended_a_lane_is_reported_once(reason: StopReason) -> None:
     context, leg = context_at(), Drive(0.0, 1.0, purpose="lane")
-    context.lookout.observe(observed(0.0))
+    context.monitor.observe(observed(0.0))
     part = drive(context, leg)
     assert next(part) is leg
     step = Step(LegResult(leg, reason, 0.5, 2.0, Pose2(0.5, 0.25, 0.0)), observed(0.0))

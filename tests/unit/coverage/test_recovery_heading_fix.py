@@ -118,7 +118,7 @@ def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> Recove
     """Return a plan that followed a wall on the left through places on a line, 1 cm at a time."""
     begun = Pose2(*poses[0], 0.0)
     context = context_at(AT_REST._replace(pose=begun, v_m_s=0.2))
-    context.lookout.wall.side = LEFT
+    context.monitor.wall.side = LEFT
     time_s = 0.0
     for (x0, y0), (x1, y1) in pairwise(poses):
         steps = max(round(math.dist((x0, y0), (x1, y1)) / 0.01), 1) if y0 == y1 else 1
@@ -127,8 +127,8 @@ def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> Recove
             at = Pose2(x0 + k / steps * (x1 - x0), y0 + k / steps * (y1 - y0), 0.0)
             rate = yaw_rate_rad_s if abs(at.x_m - 0.6) < 0.02 else 0.0
             seen = AT_REST._replace(time_s=time_s, pose=at, v_m_s=0.2, yaw_rate_rad_s=rate)
-            context.lookout.observe(seen._replace(ultrasonic_m=0.9, infrared_left_m=0.1))
-    context.lookout.end_segment()
+            context.monitor.observe(seen._replace(ultrasonic_m=0.9, infrared_left_m=0.1))
+    context.monitor.end_segment()
     return context
 
 
@@ -164,7 +164,7 @@ def test_a_contact_near_the_start_of_a_wall_is_that_wall(
     assert isinstance(leg, Drive)
     pose = Pose2(2.2 - short_m, 0.0, 0.0)
     obs = AT_REST._replace(time_s=9.0, pose=pose, ultrasonic_m=0.04)
-    context.lookout.observe(obs)
+    context.monitor.observe(obs)
     result = LegResult(leg, reason, 1.0 - short_m, 5.0, pose)
     arrived = None
     try:

@@ -52,7 +52,7 @@ class AtDoor:
 
     def stand(self, pose: Pose2, wall_m: float = 0.6) -> None:
         """Stand at a pose, with this length of wall known ahead, but not at the rim."""
-        self.context.lookout.obs = seen(pose)
+        self.context.monitor.obs = seen(pose)
         for k in range(round(wall_m / GEOMETRY.cell_m)):
             self.map.add_point(*pose.transform(0.25, 0.5 * wall_m - k * GEOMETRY.cell_m))
 
@@ -94,7 +94,7 @@ class AtDoor:
         """Return whether it continues after a bump at this distance along a swept wall."""
         script = follow_perimeter(self.context, left=False, min_m=0.4)
         leg = next(script)
-        self.context.lookout.wall.distance_m = followed_m
+        self.context.monitor.wall.distance_m = followed_m
         bumped = LegResult(leg, StopReason.BUMPER, followed_m, 1.0, HERE, bumper_right=True)
         for _ in range(9):
             try:
@@ -106,7 +106,7 @@ class AtDoor:
     def closed_m(self) -> float:
         """Return how far it follows from here on."""
         for k in range(200):
-            if self.context.lookout.observe(seen(Pose2(0.01 * k, 0.0, 0.0), 0.1)):
+            if self.context.monitor.observe(seen(Pose2(0.01 * k, 0.0, 0.0), 0.1)):
                 return 0.01 * k
         return math.inf
 

@@ -7,13 +7,13 @@ import pytest
 from bridge.doctor import ADVICE, Examination
 from bridge.doctor.wire_view import Damaged
 from bridge.session.records import Severity
-from campaign.doctor import PATIENTS, uncovered, visit
+from campaign.doctor import SUBJECTS, case, uncovered
 from protocol.messages.device import Encoders, Hello, LinkCounters, LogText, Power, Status
 from protocol.messages.values import Fault, LogLevel, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
-from support.clinic import Visit, examine
+from support.doctor_cases import DoctorCase, examine
 
 pytestmark = pytest.mark.slow
 
@@ -272,22 +272,22 @@ def test_every_fault_of_the_emulator_has_its_patient() -> None:
 
 def test_a_healthy_run_with_close_turns_has_no_finding() -> None:
     """At 30.9 s a turn of +1.8 rad/s is followed by one of -0.5; the counts are 25 ms late."""
-    (patient,) = [p for p in PATIENTS if p.name == "well, driving"]
-    assert visit(patient, 1).found == []
+    (subject,) = [p for p in SUBJECTS if p.name == "no fault, driving"]
+    assert case(subject, 1).found == []
 
 
 @pytest.mark.parametrize("ppm", [-300, -150, 0, 150, 300, 495])
 def test_the_error_of_a_drift_covers_it(ppm: int) -> None:
     for seconds in (4.8, 8.0, 20.0):
         faults = (f"clock-drift@0:ppm={ppm}",) if ppm else ()
-        examination = examine(Visit("drift", faults, seconds=seconds), 1)
+        examination = examine(DoctorCase("drift", faults, seconds=seconds), 1)
         examination.conclude()
         figures = examination.figures()
         assert figures["drift_ppm"] == pytest.approx(ppm, abs=figures["drift_error_ppm"])
 
 
 def test_two_seconds_are_too_short_for_a_drift() -> None:
-    examination = examine(Visit("short", ("clock-drift@0:ppm=495",), seconds=2.0), 1)
+    examination = examine(DoctorCase("short", ("clock-drift@0:ppm=495",), seconds=2.0), 1)
     assert examination.conclude() == []
     assert examination.figures()["drift_error_ppm"] is None
 
@@ -298,10 +298,10 @@ SHARE = (
 )
 
 
-@pytest.mark.parametrize("patient", [p for p in PATIENTS if p.name in SHARE], ids=lambda p: p.name)
-def test_a_share_of_the_confusion_table(patient: object) -> None:
+@pytest.mark.parametrize("subject", [p for p in SUBJECTS if p.name in SHARE], ids=lambda p: p.name)
+def test_a_share_of_the_confusion_table(subject: object) -> None:
     """``campaign.doctor`` writes the whole table."""
-    result = visit(patient, 11)  # type: ignore[arg-type]  # of PATIENTS
+    result = case(subject, 11)  # type: ignore[arg-type]  # of SUBJECTS
     assert result.hit, result.found
     assert result.wrong == []
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from bridge.doctor.log_visit import _Log
+from bridge.doctor.log_examination import _Log
 from bridge.record.reader import LogMessage
 from protocol.can.frames import RECORD
 

@@ -207,10 +207,10 @@ def test_slip_is_measured_from_wheels_against_gyro(sigma: float) -> None:
 
 def slip(monitor: SlipMonitor, along_m_sqrt_m: float) -> None:
     """Drive sixty metres with this slip, once to the left and once to the right."""
-    way_m = 0.101
+    path_m = 0.101
     for window in range(600):
-        stray_m = (-1) ** window * along_m_sqrt_m * math.sqrt(way_m)
-        monitor.update(way_m - stray_m, way_m + stray_m, 0.0)
+        stray_m = (-1) ** window * along_m_sqrt_m * math.sqrt(path_m)
+        monitor.update(path_m - stray_m, path_m + stray_m, 0.0)
 
 
 def test_more_slip_inflates_more() -> None:

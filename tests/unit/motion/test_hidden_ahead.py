@@ -33,12 +33,12 @@ def test_aside_only_the_part_along_the_normal_counts() -> None:
 
 
 def drive(
-    hidden: HiddenAhead, leg: tuple[float, float], way_m: float, *, turn: float = 0.0
+    hidden: HiddenAhead, leg: tuple[float, float], path_m: float, *, turn: float = 0.0
 ) -> list[float]:
     """Return the allowed speeds towards a leg at (ahead, aside) of the axle, 4 mm a step."""
     speeds = []
     half = 0.5 * MODEL.ultrasonic.cone_rad
-    for k in range(round(way_m / 0.004)):
+    for k in range(round(path_m / 0.004)):
         ahead = leg[0] - 0.004 * k - MODEL.ultrasonic.x_m
         seen = ahead > 0.0 and abs(math.atan2(leg[1], ahead)) < half
         raw = round(math.hypot(ahead, leg[1]), 3) if seen else 3.0 - 0.004 * k

@@ -216,14 +216,14 @@ def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
     for near, inflated in ((1, False), (2, False), (3, True)):
         driven = Driven()
         walls = Relocaliser(MODEL, driven.estimator)
-        way_m = 0.0
+        path_m = 0.0
         for i in range(10):
             last = driven.estimator.odometry
             driven.drive(0.2, 0.0, 5)
-            way_m = driven.estimator.odometry.distance_m(last)
+            path_m = driven.estimator.odometry.distance_m(last)
             before = driven.estimator.covariance[1][1]
             walls.update(None, touch + (0.02 if i < 10 - near else 0.002), None, **FREE)
-        sigma_m = 0.0007 * driven.estimator.ekf.slip_monitor.slippery * math.sqrt(way_m)
+        sigma_m = 0.0007 * driven.estimator.ekf.slip_monitor.slippery * math.sqrt(path_m)
         added = driven.estimator.covariance[1][1] - before
         assert added == pytest.approx(inflated * sigma_m**2, rel=0.05, abs=1e-15)
 

@@ -29,7 +29,7 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
     wall_y: float,
     slope_rad: float,
     *,
-    way_m: float = 0.3,
+    path_m: float = 0.3,
     noise_m: float = 0.0,
     bow_m: float = 0.0,
     wander_m_sqrt_m: float = 0.0,
@@ -43,10 +43,10 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
     mount = MODEL.infrared_left
     side = SideMeasurement(mount)
     pose = ORIGIN
-    for i in range(round(way_m / 0.01) + 1):
+    for i in range(round(path_m / 0.01) + 1):
         pose = Pose2(0.01 * i, 0.0, 0.0)
         x = pose.x_m + mount.x_m
-        bow = bow_m * (1.0 - (2.0 * 0.01 * i / way_m - 1.0) ** 2)
+        bow = bow_m * (1.0 - (2.0 * 0.01 * i / path_m - 1.0) ** 2)
         range_m = wall_y + x * math.tan(slope_rad) - bow - mount.y_m + rng.gauss(0, noise_m)
         side.add(pose, range_m, moving=True, steady=True, wander_m_sqrt_m=wander_m_sqrt_m)
     return side.add(pose, None, moving=True, steady=True, wander_m_sqrt_m=wander_m_sqrt_m)
@@ -84,7 +84,7 @@ def test_a_wall_observations_variance_is_that_of_its_errors() -> None:
 
 def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
     assert drive_by(0.2, 0.0, bow_m=0.006) is None
-    assert drive_by(0.2, 0.0, way_m=0.07) is None
+    assert drive_by(0.2, 0.0, path_m=0.07) is None
     side = SideMeasurement(MODEL.infrared_left)
     for i in range(12):
         assert side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True) is None
@@ -124,7 +124,7 @@ def test_a_wavy_surface_is_no_wall_however_noisy_the_sensor() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bow_m", "way_m", "wander_m_sqrt_m", "flat"),
+    ("bow_m", "path_m", "wander_m_sqrt_m", "flat"),
     [
         # 31 readings of 1.9 mm show a bow to 1.1 mm; lateral slip makes it worse
         (0.004, 0.3, 0.0, False),
@@ -138,9 +138,9 @@ def test_a_wavy_surface_is_no_wall_however_noisy_the_sensor() -> None:
     ],
 )
 def test_with_lateral_slip_a_flat_wall_seems_bowed(
-    bow_m: float, way_m: float, wander_m_sqrt_m: float, *, flat: bool
+    bow_m: float, path_m: float, wander_m_sqrt_m: float, *, flat: bool
 ) -> None:
-    measurement = drive_by(0.2, 0.0, bow_m=bow_m, way_m=way_m, wander_m_sqrt_m=wander_m_sqrt_m)
+    measurement = drive_by(0.2, 0.0, bow_m=bow_m, path_m=path_m, wander_m_sqrt_m=wander_m_sqrt_m)
     assert (measurement is not None) is flat
 
 

@@ -231,8 +231,8 @@ def test_no_floor_is_reported_and_driving_on_is_grave() -> None:
     assert not walk.step(5, left_m=0.004, right_m=0.004, range=reading(contacts=LEFT))
     assert walk.step(1, left_m=0.004, right_m=0.004, range=reading(contacts=CLIFF))
     grave = [rule.grave]
-    for steps, way_m in ((12, 0.004), (1, 0.004), (20, -0.004)):
-        walk.step(steps, left_m=way_m, right_m=way_m, range=reading(contacts=CLIFF))
+    for steps, path_m in ((12, 0.004), (1, 0.004), (20, -0.004)):
+        walk.step(steps, left_m=path_m, right_m=path_m, range=reading(contacts=CLIFF))
         grave.append(rule.grave)
         if steps == 12:
             assert rule.evidence()[1]["ahead_m"] == pytest.approx(0.048, abs=0.001)

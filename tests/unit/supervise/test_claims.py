@@ -42,7 +42,7 @@ def test_a_claim_is_tested_once_it_is_a_second_old() -> None:
     device.go(3, CRUISE_M)
     assert len(device.found) == 1
     assert device.data["for_s"] == pytest.approx(1.0, abs=0.03)
-    assert device.data["way_m"] == pytest.approx(0.2, abs=0.01)
+    assert device.data["path_m"] == pytest.approx(0.2, abs=0.01)
 
 
 def test_a_new_claim_is_not_checked_against_earlier_motion() -> None:

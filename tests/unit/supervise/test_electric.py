@@ -35,14 +35,14 @@ def test_a_wheel_that_stands_under_current_stalls() -> None:
     assert not walk.step(1, power=power(left_a=0.48))
 
 
-@pytest.mark.parametrize(("way_m", "stands"), [(0.00385, True), (0.0043, False)])
-def test_a_wheel_stands_below_2_cm_s(way_m: float, *, stands: bool) -> None:
+@pytest.mark.parametrize(("path_m", "stands"), [(0.00385, True), (0.0043, False)])
+def test_a_wheel_stands_below_2_cm_s(path_m: float, *, stands: bool) -> None:
     """The limit is 4 mm between two readings at 5 Hz, in either direction, on either side."""
     for side, sign in (("left_m", 1), ("left_m", -1), ("right_m", 1), ("right_m", -1)):
         walk = Walk(rule := stall())
         first = power()
         walk.step(1, power=first)
-        walk.step(9, power=first, **{side: sign * way_m / 9})
+        walk.step(9, power=first, **{side: sign * path_m / 9})
         assert walk.step(1, power=power(left_a=1.0, right_a=1.0))
         name = "left" if side == "left_m" else "right"
         reported = rule.evidence()[1]["side"]
@@ -176,14 +176,14 @@ def test_sensor_reports_of_the_device(fault: Fault) -> None:
 def test_registers_that_do_not_change_while_the_wheels_turn() -> None:
     """The robot turns on the spot for a second at 0.25 rad/s."""
     walk = Walk(rule := Sensor())
-    way_m = 0.5 * 0.23 * 0.25 * STEP_S
+    path_m = 0.5 * 0.23 * 0.25 * STEP_S
     walk.step(1, imu=imu(mark=1))
-    assert not walk.step(49, left_m=-way_m, right_m=way_m, imu=imu(mark=1))
-    assert walk.step(2, left_m=-way_m, right_m=way_m, imu=imu(mark=1))
+    assert not walk.step(49, left_m=-path_m, right_m=path_m, imu=imu(mark=1))
+    assert walk.step(2, left_m=-path_m, right_m=path_m, imu=imu(mark=1))
     assert rule.evidence()[1] == {"sensor": "imu", "frozen_s": pytest.approx(1.0, abs=0.03)}
-    assert not walk.step(1, left_m=-way_m, right_m=way_m, imu=imu(mark=2))
-    assert not walk.step(49, left_m=way_m, right_m=-way_m, imu=imu(mark=2))
-    assert walk.step(2, left_m=way_m, right_m=-way_m, imu=imu(mark=2))
+    assert not walk.step(1, left_m=-path_m, right_m=path_m, imu=imu(mark=2))
+    assert not walk.step(49, left_m=path_m, right_m=-path_m, imu=imu(mark=2))
+    assert walk.step(2, left_m=path_m, right_m=-path_m, imu=imu(mark=2))
     rule.restart()
     assert not walk.step(1, imu=imu(mark=2))
 
@@ -221,11 +221,11 @@ def test_a_wheel_that_makes_4_mm_does_not_stand() -> None:
 
     The test sets the measured values.
     """
-    for way_m, stands in ((0.004, False), (0.00399, True)):
+    for path_m, stands in ((0.004, False), (0.00399, True)):
         rule, measured = stall(), Measured(MODEL)
         inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, power=power())
         rule.holds(inputs, measured)
-        measured.left_m = measured.right_m = way_m
+        measured.left_m = measured.right_m = path_m
         assert rule.holds(inputs._replace(power=power(left_a=0.9, right_a=0.1)), measured) is stands
 
 

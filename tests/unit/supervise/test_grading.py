@@ -396,7 +396,7 @@ def test_a_gap_ends_a_run_towards_an_echo() -> None:
             if step == 62:
                 run.time_s += gap_s
             count += 31
-            way_m = count * 3.141592653589793 * 0.065 / 1560
-            ahead = reading(2.0 - 0.5 * way_m)
+            path_m = count * 3.141592653589793 * 0.065 / 1560
+            ahead = reading(2.0 - 0.5 * path_m)
             run.go(0.02, encoders=Encoders(count, count), range=ahead)
         assert len(run.printed) == printed

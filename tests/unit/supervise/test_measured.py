@@ -77,11 +77,11 @@ def test_without_new_counts_there_is_no_path() -> None:
     same = Encoders(5, 5)
     walk.step(1, encoders=same)
     walk.step(1, encoders=Encoders(25, 25))
-    way_m = walk.measured.distance_m
-    assert way_m == pytest.approx(20 * PER_COUNT_M)
+    path_m = walk.measured.distance_m
+    assert path_m == pytest.approx(20 * PER_COUNT_M)
     held = Encoders(45, 45)
     walk.step(3, encoders=held)
-    assert walk.measured.distance_m == pytest.approx(way_m + 20 * PER_COUNT_M)
+    assert walk.measured.distance_m == pytest.approx(path_m + 20 * PER_COUNT_M)
     assert walk.measured.left_m == walk.measured.right_m == walk.measured.wheel_turn_rad == 0.0
 
 

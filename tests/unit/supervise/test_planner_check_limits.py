@@ -59,14 +59,14 @@ class Hand:
         )
         return self.planner_check.holds(inputs, self.measured)
 
-    def lane(self, way_m: float, after: PlannerState, before: PlannerState | None = None) -> bool:
+    def lane(self, path_m: float, after: PlannerState, before: PlannerState | None = None) -> bool:
         """Drive a lane from 0 on, by the odometry; the estimate does not move."""
         turn, lane = (
             PlannerState(phase, *tuple(before or planner(LANE))[1:]) for phase in (TURN, LANE)
         )
         self.at(0.0, turn)
         self.at(0.25, lane)
-        self.measured.distance_m = way_m
+        self.measured.distance_m = path_m
         self.at(0.5, lane)
         return self.at(0.75, after)
 
@@ -80,12 +80,12 @@ def test_nothing_is_grave_and_nothing_held_without_a_planner() -> None:
     assert hand.planner_check.evidence() == ("", {})
 
 
-@pytest.mark.parametrize(("way_m", "found"), [(1.0, False), (1.0001, True)])
-def test_d_may_be_off_by_its_limit(way_m: float, *, found: bool) -> None:
+@pytest.mark.parametrize(("path_m", "found"), [(1.0, False), (1.0001, True)])
+def test_d_may_be_off_by_its_limit(path_m: float, *, found: bool) -> None:
     """The limit is an eighth of a metre, and 0.875 m is reported."""
     hand = Hand(distance_m=0.125)
     after = planner(TURN, distance=875, previous=875, case=1)
-    assert hand.lane(way_m, after) is found
+    assert hand.lane(path_m, after) is found
     if found:
         assert hand.planner_check.evidence() == (
             "the device reports D = 0.875 m, odometry is 1.000 m",
@@ -280,7 +280,7 @@ def test_planners_without_lanes_may_bend() -> None:
 
 
 @pytest.mark.parametrize(
-    ("phase", "way_m", "turn_rad", "wrong"),
+    ("phase", "path_m", "turn_rad", "wrong"),
     [
         # Claims are tested over 2 s: 6 cm and 0.3 rad at rest, 12 cm in a turn, 1.2 rad in a lane.
         *((PAUSED, 0.06, 0.3, ""), (PAUSED, 0.0601, 0.0, "moves"), (PAUSED, 0.0, 0.301, "moves")),
@@ -288,10 +288,10 @@ def test_planners_without_lanes_may_bend() -> None:
         *((LANE, 0.4, 1.2, ""), (LANE, 0.4, -1.201, "turns"), (STEP, 0.1, 1.201, "turns")),
     ],
 )
-def test_tolerance_of_a_claim(phase: int, way_m: float, turn_rad: float, wrong: str) -> None:
+def test_tolerance_of_a_claim(phase: int, path_m: float, turn_rad: float, wrong: str) -> None:
     hand = Hand(motion_s=2.0)
     hand.at(0.0, reported := planner(phase))
-    hand.measured.travel_m, hand.measured.turn_rad = way_m, turn_rad
+    hand.measured.travel_m, hand.measured.turn_rad = path_m, turn_rad
     assert hand.at(1.999, reported) is False
     assert hand.at(2.0, reported) is bool(wrong)
     text, data = hand.planner_check.evidence()
@@ -312,7 +312,7 @@ def test_a_longer_time_between_tests_allows_more() -> None:
     assert hand.at(8.126, reported) is True
     assert hand.planner_check.evidence() == (
         "the device reports paused, but it moves: 12 cm and 0.31 rad in 2.1 s",
-        {"phase": "paused", "way_m": 0.125, "turn_rad": 0.312, "for_s": 2.13},
+        {"phase": "paused", "path_m": 0.125, "turn_rad": 0.312, "for_s": 2.13},
     )
 
 

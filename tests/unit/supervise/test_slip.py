@@ -30,7 +30,7 @@ def run_towards(  # noqa: PLR0913 - a run
     walk: Walk,
     closing: float,
     *,
-    way_m: float = 0.6,
+    path_m: float = 0.6,
     from_m: float = 2.0,
     speed_m_s: float = 0.2,
     turn_rad: float = 0.0,
@@ -41,11 +41,11 @@ def run_towards(  # noqa: PLR0913 - a run
     made_m = 0.0
     step_m = speed_m_s * STEP_S
     now = reading(from_m)
-    count = round(way_m / step_m)
+    count = round(path_m / step_m)
     for index in range(count):
         made_m += step_m
         if index % 2:
-            share = closing + bend * (made_m / way_m - 0.5)
+            share = closing + bend * (made_m / path_m - 0.5)
             now = reading(from_m - share * made_m)
         rate = turn_rad / (count * STEP_S)
         # The wheels turn with the robot; otherwise a turn would be slip.
@@ -70,8 +70,8 @@ def test_both_wheels_slip_where_the_range_does_not_close(closing: float, *, foun
 
 
 def test_a_run_that_is_too_short_reports_nothing() -> None:
-    assert not run_towards(Walk(slip()), 0.5, way_m=0.28)
-    assert run_towards(Walk(slip()), 0.5, way_m=0.34)
+    assert not run_towards(Walk(slip()), 0.5, path_m=0.28)
+    assert run_towards(Walk(slip()), 0.5, path_m=0.34)
 
 
 def test_a_run_needs_a_dozen_readings() -> None:
@@ -83,9 +83,9 @@ def test_a_run_needs_a_dozen_readings() -> None:
 
 
 def test_a_bend_is_no_straight_run() -> None:
-    assert not run_towards(Walk(slip()), 0.5, way_m=0.6, turn_rad=0.3)
-    assert run_towards(Walk(slip()), 0.5, way_m=0.6, turn_rad=0.05)
-    assert not run_towards(Walk(slip()), 0.5, way_m=0.6, turn_rad=-0.3)
+    assert not run_towards(Walk(slip()), 0.5, path_m=0.6, turn_rad=0.3)
+    assert run_towards(Walk(slip()), 0.5, path_m=0.6, turn_rad=0.05)
+    assert not run_towards(Walk(slip()), 0.5, path_m=0.6, turn_rad=-0.3)
 
 
 def test_an_echo_moving_over_a_round_object_is_no_slip() -> None:
@@ -97,56 +97,56 @@ def test_no_echo_and_a_far_one_have_no_effect() -> None:
     for _ in range(200):
         walk.step(1, left_m=0.004, right_m=0.004, range=reading(None))
     assert not walk.held
-    assert not run_towards(Walk(slip()), 0.5, from_m=3.95, way_m=0.6)
-    assert run_towards(Walk(slip()), 0.5, from_m=3.4, way_m=0.6)
+    assert not run_towards(Walk(slip()), 0.5, from_m=3.95, path_m=0.6)
+    assert run_towards(Walk(slip()), 0.5, from_m=3.4, path_m=0.6)
 
 
 def test_a_missed_echo_restarts_the_run() -> None:
     walk = Walk(slip())
-    assert run_towards(walk, 0.5, way_m=0.4)
+    assert run_towards(walk, 0.5, path_m=0.4)
     walk.step(1, range=reading(None))
     assert not walk.held
-    assert not run_towards(walk, 0.5, way_m=0.28)
+    assert not run_towards(walk, 0.5, path_m=0.28)
 
 
 def test_another_obstacle_ahead_restarts_the_run() -> None:
     walk = Walk(slip())
-    assert not run_towards(walk, 0.5, way_m=0.25, from_m=2.0)
-    assert not run_towards(walk, 0.5, way_m=0.25, from_m=1.0)
-    assert not run_towards(walk, 0.5, way_m=0.25, from_m=2.0)
+    assert not run_towards(walk, 0.5, path_m=0.25, from_m=2.0)
+    assert not run_towards(walk, 0.5, path_m=0.25, from_m=1.0)
+    assert not run_towards(walk, 0.5, path_m=0.25, from_m=2.0)
 
 
 @pytest.mark.parametrize(("jump_m", "same"), [(0.029, True), (0.045, False)])
 def test_how_far_a_range_may_jump(jump_m: float, *, same: bool) -> None:
     for sign in (1.0, -1.0):
         walk = Walk(slip())
-        assert not run_towards(walk, 0.5, way_m=0.2)
+        assert not run_towards(walk, 0.5, path_m=0.2)
         after_m = 2.0 - 0.1 + sign * jump_m
-        assert run_towards(walk, 0.5, way_m=0.2, from_m=after_m) is same
+        assert run_towards(walk, 0.5, path_m=0.2, from_m=after_m) is same
 
 
 def test_driving_back_restarts_the_run() -> None:
     walk = Walk(slip())
-    assert not run_towards(walk, 0.5, way_m=0.25)
+    assert not run_towards(walk, 0.5, path_m=0.25)
     walk.step(5, left_m=-0.001, right_m=-0.001, range=reading(1.88))
     walk.step(1, range=reading(1.88))
-    assert not run_towards(walk, 0.5, way_m=0.25, from_m=1.88)
+    assert not run_towards(walk, 0.5, path_m=0.25, from_m=1.88)
 
 
 def test_standing_neither_ends_a_run_nor_counts() -> None:
     walk = Walk(slip())
-    assert not run_towards(walk, 0.5, way_m=0.2)
+    assert not run_towards(walk, 0.5, path_m=0.2)
     for _ in range(40):
         walk.step(1, range=reading(1.9))
-    assert run_towards(walk, 0.5, way_m=0.2, from_m=1.9)
+    assert run_towards(walk, 0.5, path_m=0.2, from_m=1.9)
 
 
 def test_slip_restarts() -> None:
     walk = Walk(rule := slip())
-    assert run_towards(walk, 0.5, way_m=0.4)
+    assert run_towards(walk, 0.5, path_m=0.4)
     rule.restart()
     assert not walk.step(1, range=None)
-    assert not run_towards(walk, 0.5, way_m=0.28)
+    assert not run_towards(walk, 0.5, path_m=0.28)
 
 
 def test_no_rule_holds_exactly_at_its_limit() -> None:
@@ -164,7 +164,7 @@ def test_how_much_a_run_may_bend(turn_rad: float, *, straight: bool) -> None:
     for sign in (1.0, -1.0):
         walk = Walk(slip())
         walk.step(40, left_m=-0.002, right_m=0.002, yaw_rate_rad_s=0.87)  # turned before
-        assert run_towards(walk, 0.5, way_m=0.36, turn_rad=sign * turn_rad) is straight
+        assert run_towards(walk, 0.5, path_m=0.36, turn_rad=sign * turn_rad) is straight
 
 
 @pytest.mark.parametrize(("first", "second", "found"), [(0.5, 0.5, True), (0.9, 0.3, False)])

@@ -20,8 +20,8 @@ class Hand:
         self.measured = Measured(MODEL)
         self.measured.new_range = True
 
-    def at(self, way_m: float, range_m: float, *, turn_rad: float = 0.0) -> bool:
-        self.measured.distance_m, self.measured.turn_rad = way_m, turn_rad
+    def at(self, path_m: float, range_m: float, *, turn_rad: float = 0.0) -> bool:
+        self.measured.distance_m, self.measured.turn_rad = path_m, turn_rad
         seen = reading(range_m)
         return self.rule.holds(
             RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, range=seen), self.measured
@@ -30,8 +30,8 @@ class Hand:
     def run(self, closing: float = 0.0, *, from_m: float = 2.0, turn_rad: float = 0.0) -> bool:
         """Give twelve readings over 0.3 m."""
         for number in range(12):
-            way_m = 0.3 if number == 11 else 0.025 * number
-            held = self.at(way_m, from_m - closing * way_m, turn_rad=turn_rad)
+            path_m = 0.3 if number == 11 else 0.025 * number
+            held = self.at(path_m, from_m - closing * path_m, turn_rad=turn_rad)
         return held
 
 
@@ -90,11 +90,11 @@ def test_readings_at_rest_do_not_count_again() -> None:
 def test_a_run_is_of_the_last_0_3_m() -> None:
     """The range closes correctly for a metre, then by at most half for 0.34 m."""
     hand = Hand()
-    range_m, way_m, held = 2.5, 0.0, False
+    range_m, path_m, held = 2.5, 0.0, False
     for number in range(136):
-        way_m += 0.01
+        path_m += 0.01
         range_m -= 0.01 if number < 100 else 0.005
-        held = hand.at(way_m, range_m) or held
+        held = hand.at(path_m, range_m) or held
     assert held
 
 

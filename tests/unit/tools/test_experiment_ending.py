@@ -21,7 +21,7 @@ from tools.experiment.trials import Trial
 TRIAL = Trial("case-1", "u-shape", "none", 0, 1.0)
 ending.GRACE_S = 0.2
 
-def told(_trial=None):
+def reported(_trial=None):
     os.kill(os.getpid(), signal.SIGTERM)
     return {}
 
@@ -47,7 +47,7 @@ def python(script: str, standard_input: str = "") -> subprocess.CompletedProcess
 
 def test_a_running_trial_is_aborted_silently() -> None:
     done = worker("""
-        ending.run_trial = told
+        ending.run_trial = reported
         ending.run_until_ended(TRIAL)
         print("ran to its end")
     """)
@@ -59,7 +59,7 @@ def test_between_trials_nothing_is_broken_off_and_no_other_begins() -> None:
         ending.GRACE_S = 60.0  # of a busy machine: this one ends by itself
         ending.run_trial = lambda _trial: print("ran") or {}
         print(ending.run_until_ended(TRIAL))
-        told()  # as while a result is told: it goes on
+        reported()  # as while a result is reported: it goes on
         try:
             ending.run_until_ended(TRIAL)
         except ending.EndedEarlyError:
@@ -71,7 +71,7 @@ def test_between_trials_nothing_is_broken_off_and_no_other_begins() -> None:
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="Windows ends a process at once")
 def test_one_that_waits_for_ever_is_ended_all_the_same() -> None:
     done = worker("""
-        told()
+        reported()
         os.read(os.pipe()[0], 1)
     """)
     assert done.returncode == -signal.SIGALRM

@@ -117,8 +117,8 @@ def test_a_straight_lane_by_energy() -> None:
     drawn = [(0.0, 0.0), (5.0, 1.0), (10.0, 4.0)]
     found = curves.over_energy(meter, measured, drawn, 1.0)
     by_hand = {0.5: 0.25, 1.0: 0.5, 2.5: 0.75, 4.0: 1.0, 5.0: 1.0, 8.0: 1.0}
-    for multiple, way_m in by_hand.items():
-        assert found[MULTIPLES.index(multiple)] == pytest.approx(way_m * lane, abs=0.03 * lane)
+    for multiple, path_m in by_hand.items():
+        assert found[MULTIPLES.index(multiple)] == pytest.approx(path_m * lane, abs=0.03 * lane)
     cut = curves.over_energy(meter, measured, drawn, 1.0, cut=True)
     known = MULTIPLES.index(4.0) + 1
     assert cut == found[:known] + [None] * (len(MULTIPLES) - known)

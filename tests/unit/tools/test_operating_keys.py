@@ -53,7 +53,7 @@ class Loop:
         self.endings.append(ending)
 
 
-class Bench:
+class KeysAtRest:
     """Host, loop and keys."""
 
     def __init__(self, *, cause: StopCause = StopCause.SESSION_END) -> None:
@@ -85,7 +85,7 @@ class Bench:
 
 def test_motion_begins_with_the_second_press() -> None:
     for key, drive_mode in (("g", DriveMode.PLAN), ("d", DriveMode.MANUAL)):
-        bench = Bench()
+        bench = KeysAtRest()
         assert "again" in bench.press(key)
         assert not bench.begun()
         bench.press(key)
@@ -94,7 +94,7 @@ def test_motion_begins_with_the_second_press() -> None:
 
 
 def test_an_unplugged_gamepad_stops_the_robot_and_is_reported() -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.press("d", "d")
     bench.keys.dead_man.stick(1.0, 0.0, 5.0, held=True)
     assert bench.keys.dead_man.wanted(5.0).v_m_s > 0.1
@@ -107,13 +107,13 @@ def test_an_unplugged_gamepad_stops_the_robot_and_is_reported() -> None:
 
 
 def test_another_key_between_counts_for_nothing() -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.press("g", "d", "g")
     assert not bench.begun()
 
 
 def test_a_latched_stop_needs_a_persons_confirmation() -> None:
-    bench = Bench(cause=StopCause.OPERATOR)
+    bench = KeysAtRest(cause=StopCause.OPERATOR)
     assert "look, then press c" in bench.press("g", "g")
     assert not bench.begun()
     bench.press("c", "c", "g", "g")
@@ -121,7 +121,7 @@ def test_a_latched_stop_needs_a_persons_confirmation() -> None:
 
 
 def test_a_plan_after_a_drive_by_hand_needs_two_presses_too() -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.press("d", "d")
     bench.press("g")
     assert bench.drive_mode() == DriveMode.MANUAL.value
@@ -135,14 +135,14 @@ def test_a_plan_after_a_drive_by_hand_needs_two_presses_too() -> None:
 
 @pytest.mark.parametrize("key", ["space", "s"])
 def test_stop_is_one_press_always(key: str) -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.press("d", "d", "up", key)
     assert [(e.exit_status, e.cause) for e in bench.loop.endings] == [(5, StopCause.OPERATOR)]
     assert bench.keys.dead_man.wanted(0.0) == (0.0, 0.0)
 
 
 def test_a_mark_is_on_record_with_its_pose() -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.press("m", "m")
     assert [(e.source, e.kind, e.data["number"]) for e in bench.sink.events] == [
         ("operator", "mark", 1),
@@ -152,7 +152,7 @@ def test_a_mark_is_on_record_with_its_pose() -> None:
 
 
 def test_going_on_and_arrows_without_leave() -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.press("r")
     assert bench.gone_on == 1
     assert "first" in bench.press("up")
@@ -173,7 +173,7 @@ def test_going_on_and_arrows_without_leave() -> None:
 def test_a_device_that_does_not_pause_its_planner_is_reported(
     outcome: Outcome | None, why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.host.mission = OnboardMission(OnboardPlanner.RECOVERY)
     monkeypatch.setattr(bench.host.commands, "ask", lambda *asked: asked[-1](outcome))
     text = f"the device did not pause its planner ({why}); space stops it"
@@ -184,7 +184,7 @@ def test_a_device_that_does_not_pause_its_planner_is_reported(
 
 
 def test_a_planner_that_is_paused_reports_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench()
+    bench = KeysAtRest()
     bench.host.mission = OnboardMission(OnboardPlanner.RECOVERY)
     answers: list[Callable[[Outcome], None]] = []
     monkeypatch.setattr(bench.host.commands, "ask", lambda *asked: answers.append(asked[-1]))

@@ -26,18 +26,18 @@ def drive(context: RecoveryContext, leg: Drive) -> Part:
     A wall with an unswept perimeter beside a lane also ends the lane. The robot then follows that
     wall.
     """
-    lookout, is_lane = context.lookout, leg.purpose == "lane"
-    lookout.on_lane, lookout.beside = is_lane, 0
+    monitor, is_lane = context.monitor, leg.purpose == "lane"
+    monitor.on_lane, monitor.beside = is_lane, 0
     before = context.map.new_cells
     step = yield leg
-    lookout.on_lane = False
+    monitor.on_lane = False
     result = step.result
     if is_lane:
         new_m2 = context.geometry.area_m2(context.map.new_cells - before)
         context.record.emit(events.lane_ended(result, new_m2))
     if result.reason is StopReason.CANCELLED:
         context.record.decide("obstacle", "unknown wall beside the lane")
-        yield from follow_perimeter(context, left=lookout.beside > 0)
+        yield from follow_perimeter(context, left=monitor.beside > 0)
         return result
     yield from react(context, result, leg.heading_rad)
     return result

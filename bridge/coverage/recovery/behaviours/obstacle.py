@@ -31,7 +31,7 @@ def react(
         context.map.add_point(*point)
         context.record.emit(events.obstacle_met(result))
     elif result.reason is StopReason.CLIFF:
-        context.map.add_cliff(context.lookout.cliff_at or result.pose)
+        context.map.add_cliff(context.monitor.cliff_at or result.pose)
         context.record.emit(events.obstacle_met(result))
         yield from _leave_cliff(context, heading_rad)
     elif result.reason in {StopReason.BUMPER, StopReason.STALLED}:

@@ -49,7 +49,7 @@ def follow_perimeter(
         min_m: minimum path before the pass can end as complete, m; None: the value in the options.
 
     """
-    wall, options = context.lookout.wall, context.options
+    wall, options = context.monitor.wall, context.options
     wall.begin_pass(options.closed_after_m if min_m is None else min_m)
     context.enter("perimeter")
     context.record.decide(
@@ -66,7 +66,7 @@ def follow_perimeter(
         step = yield FollowWall(
             left, options.perimeter_gap_m, touching=touching, speed_m_s=speed_m_s
         )
-        context.lookout.end_segment()
+        context.monitor.end_segment()
         result = step.result
         reason = result.reason
         stuck = stuck + 1 if wall.distance_m - begun_m < options.perimeter_stuck_m else 0
@@ -93,7 +93,7 @@ def follow_perimeter(
         away = max(QUARTER - away, min(options.min_away_rad * (1 + again), QUARTER))
         heading = result.pose.theta_rad - side * away
         ahead = Pose2(context.pose.x_m, context.pose.y_m, heading)
-        unswept = context.lookout.fresh_along(ahead, side)
+        unswept = context.monitor.fresh_along(ahead, side)
         if wall.distance_m > wall.min_m and unswept < options.fresh_share:
             reason = StopReason.CANCELLED
             break

@@ -63,7 +63,7 @@ def sweep_perimeter(context: RecoveryContext, choice: Choice) -> Generator[Leg, 
     if not (yield from transit(context, choice)):
         return False
     wall_rad, pose = choice.heading_rad - QUARTER, context.pose
-    fresh = context.lookout.fresh_along
+    fresh = context.monitor.fresh_along
     ahead_left = fresh(Pose2(pose.x_m, pose.y_m, wall_rad + QUARTER), -1)
     ahead_right = fresh(Pose2(pose.x_m, pose.y_m, wall_rad - QUARTER), 1)
     left = ahead_right > ahead_left + context.options.fresher
@@ -74,7 +74,7 @@ def sweep_perimeter(context: RecoveryContext, choice: Choice) -> Generator[Leg, 
 
 def choose(context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
     """Search for the lane or perimeter with the largest area per time; None: none is worth it."""
-    search = context.chooser.search(context.map, context.pose, context.lookout.grid_rad)
+    search = context.chooser.search(context.map, context.pose, context.monitor.grid_rad)
     return (yield from context.in_slices(search))
 
 

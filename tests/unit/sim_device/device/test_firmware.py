@@ -19,11 +19,11 @@ from protocol.messages.host import (
 from protocol.messages.values import Mode, NackReason, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, RateClass
-from support.device_bench import SESSION, Bench, kinds
+from support.lone_device import SESSION, LoneDevice, kinds
 
 
 def test_streams_come_at_their_default_rates() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.join()
     bench.run(0.5, bench.ping)
     counted = Counter(kinds([m for m in bench.run(10.0, bench.ping) if not isinstance(m, LogText)]))
@@ -40,14 +40,14 @@ def test_streams_come_at_their_default_rates() -> None:
 
 
 def test_streams_do_not_come_in_bursts() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.join()
     bench.run(1.0, bench.ping)
     assert max(Counter(t for t, m in bench.heard if t > 100_000).values()) <= 5
 
 
 def test_hello_is_sent_each_second_until_the_handshake() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     assert kinds(bench.run(5.0)) == ["Hello"] * 5
     bench.send(HostHello(CATALOGUE.hash, SESSION, bench.boot_id, 0, "test"))
     hellos = bench.run(0.9)
@@ -57,7 +57,7 @@ def test_hello_is_sent_each_second_until_the_handshake() -> None:
 
 
 def test_hello_names_device_boot_and_session() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     hello = bench.send(HostHello(1, SESSION, bench.boot_id, 0, "test"))[0]
     assert isinstance(hello, Hello)
     assert hello.session_id == SESSION
@@ -74,7 +74,7 @@ def test_hello_names_device_boot_and_session() -> None:
 
 def test_session_id_0_means_no_session() -> None:
     """A session with id 0 would never be lost, so the device must not open one."""
-    bench = Bench()
+    bench = LoneDevice()
     bench.send(HostHello(CATALOGUE.hash, 0, bench.boot_id, 1, "test"))
     assert not bench.firmware.negotiated
     bench.join()
@@ -83,7 +83,7 @@ def test_session_id_0_means_no_session() -> None:
 
 
 def test_a_host_may_have_any_name() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.send(HostHello(CATALOGUE.hash, SESSION, bench.boot_id, 1, "🤖" * 57))
     logs = [m for m in bench.run(1.0, bench.ping) if isinstance(m, LogText)]
     assert logs
@@ -91,7 +91,7 @@ def test_a_host_may_have_any_name() -> None:
 
 
 def test_frames_for_another_node_are_not_obeyed_nor_count_as_a_host() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.send(Stop(9, StopCause.OPERATOR), node=2)
     assert not bench.firmware.latch.latched
@@ -104,12 +104,12 @@ def test_frames_for_another_node_are_not_obeyed_nor_count_as_a_host() -> None:
     assert kinds(bench.run(0.01)) == ["Status"], "its answer, even before a handshake"
 
 
-def _ping_node(bench: Bench, node: int) -> None:
+def _ping_node(bench: LoneDevice, node: int) -> None:
     bench.send(TimeRequest(1), node=node)
 
 
 def test_commands_before_the_handshake_are_rejected() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     rejected = bench.send(ClearStop(1, StopCause.SESSION_END), SetMode(2, Mode.VELOCITY))
     assert [m.reason for m in rejected if isinstance(m, Nack)] == [NackReason.NO_SESSION] * 2
     bench.send(HostHello(CATALOGUE.hash, SESSION, bench.boot_id, 0, "test"))
@@ -118,7 +118,7 @@ def test_commands_before_the_handshake_are_rejected() -> None:
 
 
 def test_an_unknown_mode_is_rejected() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     (reply,) = bench.send(SetMode(7, 9))
     assert isinstance(reply, Nack)
@@ -127,7 +127,7 @@ def test_an_unknown_mode_is_rejected() -> None:
 
 
 def test_a_repeated_command_is_answered_and_not_carried_out_again() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.send(Stop(5, StopCause.OPERATOR))
     # The retry of the clear that came before the stop must not undo the stop.
@@ -141,19 +141,19 @@ def test_a_repeated_command_is_answered_and_not_carried_out_again() -> None:
 
 @pytest.mark.parametrize("raw", [0, 6, 255])
 def test_a_stop_of_an_unknown_cause_is_the_operators(raw: int) -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.send(Stop(5, raw))
     assert bench.firmware.latch.cause is StopCause.OPERATOR
 
 
 def test_describe_answers_for_unknown_messages() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     assert kinds(bench.send(Describe(0x7D, 3), Describe(0x13, 255))) == ["DescribeReply"] * 2
 
 
 def test_time_requests_are_stamped_twice() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.join()
     bench.run(0.12)
     (reply,) = bench.send(TimeRequest(42))
@@ -163,7 +163,7 @@ def test_time_requests_are_stamped_twice() -> None:
 
 
 def test_a_host_without_a_session_gets_at_most_ten_hellos_a_second() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.run(0.5)
     reported = [m for _ in range(50) for m in (*bench.send(TimeRequest(1)), *bench.run(0.01))]
     hellos = [m for m in reported if isinstance(m, Hello)]

@@ -34,7 +34,7 @@ NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 BOTH_ENCODERS = Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT
 
 
-class Bench(WireHost[VirtualSweeper]):
+class LoneDevice(WireHost[VirtualSweeper]):
     """A device driven by setpoints, and its fault bits."""
 
     def __init__(
@@ -77,7 +77,7 @@ class Bench(WireHost[VirtualSweeper]):
 def test_a_sound_device_has_none(noise: str) -> None:
     """The robot rests, drives, turns in place, runs into a wall, backs off and turns again."""
     plan = room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.4, 2.4))
-    bench = Bench(plan, noise)
+    bench = LoneDevice(plan, noise)
     for v_m_s, yaw_rad_s, duration_s in (
         (0.0, 0.0, 3.0),
         (0.2, 0.0, 2.0),
@@ -120,7 +120,7 @@ def test_all_are_named_here() -> None:
 
 @pytest.mark.parametrize("noise", ["none", "typical"])
 def test_a_frozen_imu(noise: str) -> None:
-    bench = Bench(noise=noise)
+    bench = LoneDevice(noise=noise)
     bench.rest(2.5)
     bench.drive(1.0)
     bench.device.sensors.faults.imu_frozen = True
@@ -138,7 +138,7 @@ def test_a_frozen_imu(noise: str) -> None:
 
 @pytest.mark.parametrize(("bias_deg_s", "faulty"), [(15.0, False), (30.0, True), (-30.0, True)])
 def test_a_rate_at_rest_beyond_the_data_sheets(bias_deg_s: float, faulty: bool) -> None:  # noqa: FBT001 - a table
-    bench = Bench()
+    bench = LoneDevice()
     bench.device.sensors.faults.gyro_bias_deg_s = (0.0, 0.0, bias_deg_s)
     bench.rest(1.5)
     assert bool(bench.faults & Fault.IMU) is faulty
@@ -148,14 +148,14 @@ def test_a_rate_at_rest_beyond_the_data_sheets(bias_deg_s: float, faulty: bool) 
 
 
 def test_an_implausible_gravity_sets_the_imu_fault() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.device.sensors.faults.accel_bias_g = (0.0, 0.0, -0.5)
     bench.rest(2.5)
     assert bench.faults & Fault.IMU
 
 
 def test_planning_for_itself_it_stops_without_a_gyro() -> None:
-    bench = Bench(mode=Mode.IDLE)
+    bench = LoneDevice(mode=Mode.IDLE)
     bench.start_plan_again()
     bench.run(AT_REST_US / 1e6 + 2.0)
     assert not bench.standing()
@@ -177,7 +177,7 @@ def test_planning_for_itself_it_stops_without_a_gyro() -> None:
 )
 def test_an_encoder_that_is_silent(knob: str, bit: Fault) -> None:
     """A wheel without counts has no control, so it must not run."""
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     setattr(bench.device.sensors.faults, f"encoder_dropout_{knob}", 1.0)
     bench.drive(2.5)
@@ -192,7 +192,7 @@ def test_an_encoder_that_is_silent(knob: str, bit: Fault) -> None:
 
 @pytest.mark.parametrize("knob", ["stuck_left", "stuck_right"])
 def test_a_wheel_that_is_stuck(knob: str) -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     setattr(bench.device.plant.faults, knob, True)
     bench.drive(STALL_STOP_S - 0.3)
@@ -215,13 +215,13 @@ def test_a_wheel_that_is_stuck(knob: str) -> None:
 # ---- lifted -------------------------------------------------------------------------------
 
 
-def lift(bench: Bench, *, up: bool) -> None:
+def lift(bench: LoneDevice, *, up: bool) -> None:
     bench.device.plant.faults.lifted = up
     bench.device.sensors.faults.lifted = up
 
 
 def test_a_robot_that_is_lifted_stops_its_wheels() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     lift(bench, up=True)
     bench.drive(1.0)
@@ -237,7 +237,7 @@ def test_a_robot_that_is_lifted_stops_its_wheels() -> None:
 
 
 def test_lifted_it_is_not_set_off_and_in_bringup_it_is() -> None:
-    bench = Bench(mode=Mode.IDLE)
+    bench = LoneDevice(mode=Mode.IDLE)
     lift(bench, up=True)
     bench.run(1.0)
     assert bench.faults & Fault.LIFTED
@@ -256,7 +256,7 @@ def test_lifted_it_is_not_set_off_and_in_bringup_it_is() -> None:
 
 
 def test_an_ultrasonic_that_is_blind() -> None:
-    bench = Bench(room((1.0, 1.2, 0.0), walls=box(0.0, 0.0, 2.4, 2.4)))
+    bench = LoneDevice(room((1.0, 1.2, 0.0), walls=box(0.0, 0.0, 2.4, 2.4)))
     bench.device.sensors.faults.ultrasonic_blind = True
     for blow in range(2):
         assert not bench.faults & Fault.ULTRASONIC, blow
@@ -270,7 +270,7 @@ def test_an_ultrasonic_that_is_blind() -> None:
 
 
 def test_an_ultrasonic_that_lies() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.device.sensors.faults.ultrasonic_constant_m = 1.5
     bench.drive(3.5, 0.2)
     assert bench.faults & Fault.ULTRASONIC
@@ -280,7 +280,7 @@ def test_an_ultrasonic_that_lies() -> None:
 
 
 def test_an_infrared_that_is_stuck() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     sensors = bench.device.sensors
     whole, sensors.ranges = sensors.ranges, lambda: Ranges(None, 0.12, None, 0)  # type: ignore[method-assign]
     bench.rest(1.0)
@@ -295,13 +295,13 @@ def test_an_infrared_that_is_stuck() -> None:
 # ---- battery ------------------------------------------------------------------------------
 
 
-def set_volts(bench: Bench, name: str, volts: float) -> None:
+def set_volts(bench: LoneDevice, name: str, volts: float) -> None:
     raw = to_raw(ParameterKind.F32, volts)
     assert bench.ask(lambda i: SetParameter(i, NUMBERS[name], ParameterKind.F32, raw)) is None
 
 
 def test_a_battery_that_is_low_is_reported_and_one_that_is_empty_ends_the_drive() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     set_volts(bench, "battery_low", 20.0)
     bench.drive(1.0)

@@ -8,14 +8,14 @@ from protocol.messages.device import LinkCounters, Status
 from protocol.messages.host import ClearStop, HostHello, SetMode, Stop, VelocitySetpoint
 from protocol.messages.values import Fault, Mode, ResetCause, StopCause
 from protocol.schema.catalogue import CATALOGUE
-from support.device_bench import SESSION, Bench, kinds
 from support.ends import RAMP_US, REST_M_S, sweeper
+from support.lone_device import SESSION, LoneDevice, kinds
 
 pytestmark = pytest.mark.usefixtures("target")
 
 
 def test_it_drives_on_fresh_setpoints_and_stops_when_they_end() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(1.0, bench.drive)
     assert bench.speed == pytest.approx(0.2, abs=0.02)
@@ -39,7 +39,7 @@ def test_it_drives_on_fresh_setpoints_and_stops_when_they_end() -> None:
 
 
 def test_a_silent_host_latches_link() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(0.5, bench.drive)
     bench.run(0.98)
@@ -52,7 +52,7 @@ def test_a_silent_host_latches_link() -> None:
 
 
 def test_an_orderly_end_stays_one() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.send(Stop(9, StopCause.SESSION_END))
     bench.run(2.0)
@@ -60,7 +60,7 @@ def test_an_orderly_end_stays_one() -> None:
 
 
 def test_a_new_session_finds_it_latched() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(0.5, bench.drive)
     bench.send(HostHello(CATALOGUE.hash, SESSION + 1, bench.boot_id, 1, "another"))
@@ -71,7 +71,7 @@ def test_a_new_session_finds_it_latched() -> None:
 
 
 def test_a_hello_of_the_same_session_changes_nothing() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(0.5, bench.drive)
     bench.join()
@@ -80,7 +80,7 @@ def test_a_hello_of_the_same_session_changes_nothing() -> None:
 
 
 def test_setpoints_while_latched_or_idle_are_nothing() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.join()
     bench.run(0.5, bench.drive)
     bench.send(ClearStop(1, StopCause.SESSION_END))
@@ -94,7 +94,7 @@ def test_setpoints_while_latched_or_idle_are_nothing() -> None:
 @pytest.mark.python_only("sets the mode from inside")
 def test_the_latch_alone_holds_the_wheels() -> None:
     """The latch must be enough even if a fault handler does nothing else."""
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(0.5, bench.drive)
     bench.firmware.latch.latch(StopCause.HARDWARE)
@@ -107,7 +107,7 @@ def test_the_latch_alone_holds_the_wheels() -> None:
 
 
 def test_a_3_s_stall_and_its_burst_move_nothing() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(1.0, bench.drive)
     stalled: list[tuple[int, int]] = []
@@ -127,7 +127,7 @@ def test_a_3_s_stall_and_its_burst_move_nothing() -> None:
 
 def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
     """For 0.9 s the session and the velocity mode continue: only freshness rejects setpoints."""
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(1.0, bench.drive)
     first = bench.now_us
@@ -150,7 +150,7 @@ def test_clocks_that_wrap_stop_nothing() -> None:
     """Both 32-bit microsecond clocks wrap after 71.6 minutes; here both within a second."""
     device = sweeper()
     device.skip_to((1 << 32) - 1_500_000)
-    bench = Bench(device)
+    bench = LoneDevice(device)
     bench.now_us = (1 << 32) - 1_500_000
     bench.free()
     bench.run(3.0, bench.drive)  # the host's stamps are the bench's, and wrap with it
@@ -161,7 +161,7 @@ def test_clocks_that_wrap_stop_nothing() -> None:
 
 
 def test_a_reboot_ends_the_session_and_latches() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.free()
     bench.run(0.5, bench.drive)
     bench.device.reset(ResetCause.SOFTWARE)

@@ -44,7 +44,7 @@ RAMP_S = 0.1
 """Maximum additional time beyond v/a in which |duty| falls to zero, s."""
 
 
-class Bench(WireHost[VirtualSweeper]):
+class LoneDevice(WireHost[VirtualSweeper]):
     """A device driven by setpoints; its duties in each period."""
 
     def __init__(
@@ -110,7 +110,7 @@ def test_duties_only_fall_once_no_speed_is_requested(
     ending: str, v_m_s: float, yaw_rad_s: float, fault: str
 ) -> None:
     """The encoders are reversed at the beginning: duties must fall whatever they report."""
-    bench = Bench(noise="none")
+    bench = LoneDevice(noise="none")
     bench.drive(1.0, v_m_s, yaw_rad_s)
     if ending == "stop":
         bench.stop()
@@ -131,7 +131,7 @@ def test_duties_only_fall_once_no_speed_is_requested(
 
 
 def test_an_expiry_brakes_and_does_not_latch() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     bench.run(1.5)
     assert bench.standing()
@@ -144,7 +144,7 @@ def test_an_expiry_brakes_and_does_not_latch() -> None:
 
 @pytest.mark.python_only("reads the integrators")
 def test_a_fresh_setpoint_starts_from_zero_integrators() -> None:
-    bench = Bench(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)))
+    bench = LoneDevice(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)))
     bench.drive(6.0, 0.1)  # at the wall: the integral is saturated
     wheels = bench.device.firmware.control.wheels
     assert wheels.left.integral != 0.0
@@ -160,7 +160,7 @@ def test_drivers_are_off_at_rest_in_idle_and_after_a_stop() -> None:
     assert not device.drivers, "as it boots"
     assert host.status.faults & Fault.DRIVERS_OFF
     assert fault_labels(host.status.faults) == []
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     assert bench.drivers()
     bench.stop()
@@ -199,7 +199,7 @@ MOTIONS = [(0.2, 0.0), (-0.2, 0.0), (0.0, 1.0), (0.1, 0.6)]
 def test_a_miswired_encoder_ends_at_rest_with_its_name(
     fault: tuple[str, ...], bit: Fault, v_m_s: float, yaw_rad_s: float
 ) -> None:
-    bench = Bench(noise="harsh")
+    bench = LoneDevice(noise="harsh")
     for name in fault:
         setattr(bench.device.sensors.faults, name, True)
     start = bench.device.truth.pose
@@ -220,7 +220,7 @@ def test_a_miswired_encoder_ends_at_rest_with_its_name(
 
 
 def test_both_reversed_are_both_named() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     faults = bench.device.sensors.faults
     faults.encoder_reversed_left = faults.encoder_reversed_right = True
     bench.drive(3.0)
@@ -237,7 +237,7 @@ def test_both_reversed_are_both_named() -> None:
 )
 def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) -> None:
     """One wheel turns at a time, without a stop, because a person stands beside it."""
-    bench = Bench(mode=Mode.BRINGUP)
+    bench = LoneDevice(mode=Mode.BRINGUP)
     setattr(bench.device.sensors.faults, fault, True)
     bench.duty(1.0, 0.35, 0.0)
     assert bench.faults & SIGNS == bit
@@ -250,7 +250,7 @@ def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) 
 @pytest.mark.parametrize("noise", ["none", "harsh"])
 def test_a_sound_robot_is_never_reported_as_miswired(noise: str) -> None:
     """The robot makes the hardest reversals, meets a wall, and is dragged back by a person."""
-    bench = Bench(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)), noise)
+    bench = LoneDevice(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)), noise)
     for _ in range(6):
         bench.drive(0.5, 0.3, 0.0)
         bench.drive(0.5, -0.3, 0.0)
@@ -286,13 +286,13 @@ EDGE = replace(
 WALL = room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 1.5, 2.0))
 
 
-def over(bench: Bench) -> float:
+def over(bench: LoneDevice) -> float:
     """Return how far the foremost barrier is beyond the edge, m."""
     return bench.device.truth.pose.x_m + 0.15 - 1.6
 
 
 def test_at_a_cliff_the_robot_only_reverses_and_turns() -> None:
-    bench = Bench(EDGE, "none")
+    bench = LoneDevice(EDGE, "none")
     bench.drive(4.0)
     # The host insists, and the device stops by itself after a second.
     assert over(bench) < 0.05
@@ -311,7 +311,7 @@ def test_at_a_cliff_the_robot_only_reverses_and_turns() -> None:
 
 @pytest.mark.parametrize("mode", [Mode.VELOCITY, Mode.BRINGUP])
 def test_the_limit_is_seen_at_once(mode: Mode) -> None:
-    bench = Bench(EDGE, "none", mode)
+    bench = LoneDevice(EDGE, "none", mode)
     if mode is Mode.BRINGUP:
         bench.duty(3.0, 0.4, 0.4)
         assert not bench.faults & Fault.LIMITED, "not in bring-up"
@@ -331,7 +331,7 @@ def test_the_limit_is_seen_at_once(mode: Mode) -> None:
 
 
 def test_a_cliff_is_no_reason_to_latch_for_a_host_that_reverses() -> None:
-    bench = Bench(EDGE, "none")
+    bench = LoneDevice(EDGE, "none")
     for _ in range(4):
         assert bench.run(0.0) is False
         while not bench.device.sensors.cliff():
@@ -344,18 +344,18 @@ def test_a_cliff_is_no_reason_to_latch_for_a_host_that_reverses() -> None:
 
 @pytest.mark.parametrize("on", [True, False])
 def test_reflexes_are_parameters(on: bool) -> None:  # noqa: FBT001 - a table
-    bench = Bench(EDGE, "none")
+    bench = LoneDevice(EDGE, "none")
     bench.set_bool("cliff_reflex", on=on)
     bench.drive(3.0)
     assert (over(bench) < 0.05) is on
-    bench = Bench(WALL, "none")
+    bench = LoneDevice(WALL, "none")
     bench.set_bool("bumper_reflex", on=on)
     bench.drive(2.5)
     assert bool(bench.faults & Fault.LIMITED) is on
 
 
 def test_with_a_bumper_pressed_it_creeps_and_turns() -> None:
-    bench = Bench(OPEN_FLOOR, "none")
+    bench = LoneDevice(OPEN_FLOOR, "none")
     bench.drive(0.5)
     bench.device.sensors.faults.bumper_stuck_left = True
     bench.drive(1.0, 0.2, 0.5)
@@ -375,7 +375,7 @@ def test_with_a_bumper_pressed_it_creeps_and_turns() -> None:
 
 
 def test_a_wall_that_presses_a_bumper_is_no_fault() -> None:
-    bench = Bench(WALL)
+    bench = LoneDevice(WALL)
     bench.drive(3.0, 0.2)
     bench.drive(14.0, 0.02)
     assert not bench.faults & Fault.BUMPER
@@ -385,7 +385,7 @@ def test_a_wall_that_presses_a_bumper_is_no_fault() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_cliff_is_not_reported_as_lifted(noise: str, seed: int) -> None:
     """Vibration and bias of the accelerometer are no jolt."""
-    bench = Bench(EDGE, noise)
+    bench = LoneDevice(EDGE, noise)
     del seed
     for _ in range(5):
         bench.drive(1.2, 0.28)
@@ -396,7 +396,7 @@ def test_a_cliff_is_not_reported_as_lifted(noise: str, seed: int) -> None:
 
 @pytest.mark.parametrize("noise", ["none", "typical", "harsh"])
 def test_being_lifted_is_still_noticed(noise: str) -> None:
-    bench = Bench(OPEN_FLOOR, noise)
+    bench = LoneDevice(OPEN_FLOOR, noise)
     bench.drive(2.0)
     faults, plant = bench.device.sensors.faults, bench.device.plant.faults
     faults.lifted = plant.lifted = True
@@ -409,7 +409,7 @@ def test_being_lifted_is_still_noticed(noise: str) -> None:
 
 
 def test_a_crash_is_reported_to_the_next_host() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     bench.device.crash()
     assert not bench.drivers()
@@ -429,7 +429,7 @@ def test_a_crash_is_reported_to_the_next_host() -> None:
 
 
 def test_without_a_crystal_it_reports_a_fault_and_stays_off_a_can_bus() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.device.fail_crystal(5_000.0)
     bench.run(1.0)
     bench.join(0x77)
@@ -446,7 +446,7 @@ def test_without_a_crystal_it_reports_a_fault_and_stays_off_a_can_bus() -> None:
 @pytest.mark.python_only("wears the pages of the model out")
 @pytest.mark.parametrize("worn", [False, True])
 def test_a_save_is_acknowledged_if_it_reads_back(worn: bool) -> None:  # noqa: FBT001 - a table
-    bench = Bench(mode=Mode.IDLE)
+    bench = LoneDevice(mode=Mode.IDLE)
     bench.device.flash.worn = worn
     lines: list[str] = []
     for _ in range(2):
@@ -462,7 +462,7 @@ def test_a_save_is_acknowledged_if_it_reads_back(worn: bool) -> None:  # noqa: F
 
 
 def test_a_stuck_bus_gives_no_samples_and_is_a_fault() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(2.5)
     bench.device.sensors.faults.i2c_stuck = True
     bench.heard.clear()
@@ -480,7 +480,7 @@ def test_an_imu_with_its_own_clock(share: float) -> None:
 
     If faster, the next sample sometimes replaces one.
     """
-    bench = Bench()
+    bench = LoneDevice()
     bench.device.sensors.faults.imu_clock = share
     bench.run(1.0)
     bench.heard.clear()
@@ -490,7 +490,7 @@ def test_an_imu_with_its_own_clock(share: float) -> None:
 
 
 def test_a_frozen_converter_repeats_itself() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.drive(1.0)
     sensors = bench.device.sensors
     before = sensors.power()

@@ -19,7 +19,7 @@ from support.ends import SessionEnd, session_end
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message
-from support.device_bench import Bench
+from support.lone_device import LoneDevice
 from support.ready_device import ReadyDevice
 
 IMU, POWER, SYNC = (CATALOGUE.by_class[c].type_id for c in (Imu, Power, Sync))
@@ -87,7 +87,7 @@ def test_an_unknown_type_has_no_rate() -> None:
     assert ReadyDevice().rate(0x7D, 10) is NackReason.BAD_VALUE
 
 
-def stamped(bench: Bench, kind: type[Message], duration_s: float) -> list[tuple[int, Message]]:
+def stamped(bench: LoneDevice, kind: type[Message], duration_s: float) -> list[tuple[int, Message]]:
     """Stamp (µs) and message of a stream."""
     found: list[tuple[int, Message]] = []
     for _ in range(round(duration_s * 100)):
@@ -103,7 +103,7 @@ def stamped(bench: Bench, kind: type[Message], duration_s: float) -> list[tuple[
 
 
 def test_a_range_message_has_the_age_of_its_ultrasonic_range() -> None:
-    bench = Bench()
+    bench = LoneDevice()
     bench.join()
     found = stamped(bench, Range, 1.0)
     assert len(found) == 20
@@ -116,7 +116,7 @@ def test_a_range_message_has_the_age_of_its_ultrasonic_range() -> None:
 
 def test_an_imu_sample_keeps_its_time_when_it_is_sent_later() -> None:
     """The chip's clock is 1 % slow: now and then its newest sample is a period old."""
-    bench = Bench()
+    bench = LoneDevice()
     bench.device.sensors.faults.imu_clock = -0.01
     bench.join()
     bench.send(SetStreamRate(1, IMU, 333))

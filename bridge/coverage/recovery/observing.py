@@ -61,7 +61,7 @@ class WallFollowing:
         self.side, self.last_pose, self.stale = side, None, 0
 
 
-class Lookout:
+class ObservationMonitor:
     """Handles every observation during a plan."""
 
     def __init__(  # noqa: PLR0913 - the objects that it updates

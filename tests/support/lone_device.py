@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SESSION = 0xABCD
 
 
-class Bench:
+class LoneDevice:
     """A device without a host: the test sends frames and decodes the answers."""
 
     def __init__(self, device: VirtualSweeper | None = None) -> None:

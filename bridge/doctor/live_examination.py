@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 
-class Visit:
+class LiveExamination:
     """Examination of one device. Its result is :attr:`examination`."""
 
     def __init__(

@@ -38,7 +38,7 @@ class UnknownObstacleError(ValueError):
         super().__init__(f"the room has no obstacle {index}; it has {has}")
 
 
-class Bench:
+class FaultTarget:
     """Applies faults to one device."""
 
     def __init__(self, device: RiggedDevice) -> None:

@@ -1,6 +1,6 @@
 """Test cases for the doctor: a virtual sweeper with one fault, and the bytes on its line.
 
-There are two kinds of visit, both in virtual time. ``listen``: a host completes the handshake,
+There are two kinds of case, both in virtual time. ``listen``: a host completes the handshake,
 requests the time and records, but moves nothing. ``drive``: a whole run with a planner is recorded.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from bridge.doctor import Examination
-from bridge.doctor.visit import Visit as DoctorVisit
+from bridge.doctor.live_examination import LiveExamination
 from bridge.motion.robot_model import RobotModel
 from bridge.session.records import EventRecord, RawBytes, RawCan
 from protocol.can.frames import RECORD
@@ -39,7 +39,7 @@ READ_US = 200
 
 
 @dataclass
-class Visit:
+class DoctorCase:
     """One fault, and how the doctor examines it."""
 
     name: str
@@ -60,9 +60,9 @@ class Visit:
         return self.line.bitrate > 0
 
 
-def examine(visit: Visit, seed: int) -> Examination:
-    """Run one visit and return its examination."""
-    return _drive(visit, seed) if visit.moving else _listen(visit, seed)
+def examine(case: DoctorCase, seed: int) -> Examination:
+    """Run one case and return its examination."""
+    return _drive(case, seed) if case.moving else _listen(case, seed)
 
 
 class _Recorder:
@@ -85,19 +85,19 @@ class _Recorder:
         """Do nothing: there is nothing to close."""
 
 
-def _drive(visit: Visit, seed: int) -> Examination:
-    recorder = _Recorder(Medium.CAN if visit.can else Medium.UART)
+def _drive(case: DoctorCase, seed: int) -> Examination:
+    recorder = _Recorder(Medium.CAN if case.can else Medium.UART)
     run_virtual(
-        load_room(visit.room),
+        load_room(case.room),
         RobotModel(),
         "recovery",
         recorder,
         seed=seed,
-        noise=visit.noise,
-        max_time_s=visit.seconds,
-        faults=[parse_fault(text) for text in visit.faults],
-        line=visit.line,
-        link=CanLink if visit.can else Link,
+        noise=case.noise,
+        max_time_s=case.seconds,
+        faults=[parse_fault(text) for text in case.faults],
+        line=case.line,
+        link=CanLink if case.can else Link,
     )
     return recorder.examination
 
@@ -105,20 +105,20 @@ def _drive(visit: Visit, seed: int) -> Examination:
 class _VirtualPort:
     """A host that examines a device in virtual time, and that may stall."""
 
-    def __init__(self, visit: Visit, seed: int) -> None:
-        link = CanLink if visit.can else Link
+    def __init__(self, case: DoctorCase, seed: int) -> None:
+        link = CanLink if case.can else Link
         device = VirtualSweeper(
-            load_room(visit.room),
+            load_room(case.room),
             link=link,
             seed=seed,
-            noise=visit.noise,
-            catalogue=visit.catalogue or CATALOGUE,
+            noise=case.noise,
+            catalogue=case.catalogue or CATALOGUE,
         )
-        faults = [parse_fault(text) for text in visit.faults]
-        self._rig = Rig(device, visit.line, faults, seed=seed)
-        self._stalls = [(round(1e6 * at), round(1e6 * (at + lasts))) for at, lasts in visit.stalls]
-        self._end_us = round(visit.seconds * 1e6)
-        self.doctor = DoctorVisit(itertools.count(0x5EED + seed).__next__, link=link)
+        faults = [parse_fault(text) for text in case.faults]
+        self._rig = Rig(device, case.line, faults, seed=seed)
+        self._stalls = [(round(1e6 * at), round(1e6 * (at + lasts))) for at, lasts in case.stalls]
+        self._end_us = round(case.seconds * 1e6)
+        self.doctor = LiveExamination(itertools.count(0x5EED + seed).__next__, link=link)
         self._now_us = 0
         self._waiting = b""
         self._read_us: int | None = None
@@ -133,7 +133,7 @@ class _VirtualPort:
         return max([at_us, *(end for begin, end in self._stalls if begin <= at_us < end)])
 
     def run(self) -> None:
-        """Run to the visit's end."""
+        """Run to the case's end."""
         doctor, rig = self.doctor, self._rig
         doctor.open(self._host_ns)
         pending = b""
@@ -160,7 +160,7 @@ class _VirtualPort:
         return min(self._rig.next_deadline_us(), self._end_us, *free)
 
 
-def _listen(visit: Visit, seed: int) -> Examination:
-    virtual_port = _VirtualPort(visit, seed)
+def _listen(case: DoctorCase, seed: int) -> Examination:
+    virtual_port = _VirtualPort(case, seed)
     virtual_port.run()
     return virtual_port.doctor.examination
