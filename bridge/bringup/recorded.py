@@ -54,7 +54,7 @@ class BringupRecords:
         """Record a line that was printed."""
         self._records.event(self._wire.now(), Severity.INFO, "bench", EventKind.PRINTED, text)
 
-    def heard(self, events: list[SessionEvent], now_ns: HostNs) -> None:
+    def received(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         """Record the events of a session that have the same time."""
         for event in events:
             match event:

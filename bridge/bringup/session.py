@@ -231,7 +231,7 @@ class BringupSession:
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         if events and self._records is not None:
-            self._records.heard(events, now_ns)
+            self._records.received(events, now_ns)
         for event in events:
             match event:
                 case Data():

@@ -46,7 +46,7 @@ def command(device: Probe, command_id: int) -> bytes:
 
 def is_obeyed(device: Probe, data: bytes, command_id: int) -> bool:
     """Write the bytes of a command; return whether the device acknowledges it."""
-    mark = len(device.heard)
+    mark = len(device.received)
     device.write(data)
     device.until(lambda: bool(device.replies(command_id, SET_STREAM_RATE, mark)), ANSWER_S)
     return any(isinstance(r, Ack) for r in device.replies(command_id, SET_STREAM_RATE, mark))
@@ -70,13 +70,13 @@ def test_an_unsigned_setpoint_moves_nothing(device: Probe) -> None:
     device.handshake()
     device.enter(Mode.VELOCITY)
     before = device.counters().stale
-    mark = len(device.heard)
+    mark = len(device.received)
     with signed_with(device, None):
         device.keep_saying(lambda: device.setpoint(0.0, TURN_RAD_S), 0.2)
     assert device.status().setpoint_remaining == 0
     counted = [(left, right) for _, left, right in device.counts()]
     assert counted[-1] == counted[0], "an unsigned setpoint moved it"
-    assert len(device.heard) > mark
+    assert len(device.received) > mark
     assert (device.counters().stale - before) % 0x10000 >= 3, "dropped, and not counted as stale"
     device.stop()
 

@@ -31,7 +31,7 @@ def type_of(message: Message) -> int:
 
 def again(device: Probe, message: Message, command_id: int) -> list[Ack | Nack]:
     """Repeat a command exactly; return every answer to it."""
-    mark = len(device.heard)
+    mark = len(device.received)
     device.send(message)
     device.until(lambda: bool(device.replies(command_id, type_of(message), mark)), 0.5)
     device.ping()  # any second answer has arrived by now
@@ -51,7 +51,7 @@ def test_an_answer_names_the_command(device: Probe) -> None:
 def test_one_command_has_one_answer(device: Probe) -> None:
     device.handshake()
     command_id = device.next_id()
-    mark = len(device.heard)
+    mark = len(device.received)
     device.send(SetMode(command_id, Mode.IDLE))
     device.listen(0.4)
     assert len(device.replies(command_id, 0x06, mark)) == 1

@@ -26,7 +26,7 @@ def described(device: Probe, questions: list[Describe]) -> dict[int, DescribeRep
     answers: dict[int, DescribeReply] = {}
     for _ in range(4):
         for start in range(0, len(questions), 4):
-            mark = len(device.heard)
+            mark = len(device.received)
             some = [q for q in questions[start : start + 4] if q.described_type not in answers]
             for question in some:
                 device.send(question)
@@ -46,7 +46,7 @@ def enumerated(device: Probe, questions: list[DescribeEnum]) -> dict[int, Descri
     answers: dict[int, DescribeEnumReply] = {}
     for question in questions:
         for _ in range(4):
-            mark = len(device.heard)
+            mark = len(device.received)
             device.send(question)
             device.until(lambda m=mark: bool(device.of(DescribeEnumReply, m)), AT_ONCE_S)  # type: ignore[misc]  # bound now
             answers |= {r.enumeration: r for r in device.of(DescribeEnumReply, mark)}
@@ -63,7 +63,7 @@ def test_hello_once_a_second_until_the_handshake(device: Probe) -> None:
     def hellos() -> list[int]:
         return [
             h.frame.t_us
-            for h in device.heard[mark:]
+            for h in device.received[mark:]
             if isinstance(h.message, Hello) and h.message.session_id == 0
         ]
 
@@ -93,7 +93,7 @@ def test_hello_identifies_the_device(device: Probe) -> None:
 
 def test_hello_is_answered_at_once_and_names_the_session(device: Probe) -> None:
     device.greet()
-    mark = len(device.heard)
+    mark = len(device.received)
     device.send_hello()
     found = device.wait_for(Hello, AT_ONCE_S, mark=mark, alive=False)
     assert found is not None, f"no answer within {AT_ONCE_S} s"
@@ -104,8 +104,8 @@ def test_hello_is_answered_at_once_and_names_the_session(device: Probe) -> None:
 def test_nothing_is_streamed_before_the_handshake(device: Probe) -> None:
     device.greet()
     device.ping()  # delayed replies have arrived by now
-    heard = device.listen(0.5)
-    reported = {type(h.message).__name__ for h in heard} - {"Hello", "TimeReply"}
+    received = device.listen(0.5)
+    reported = {type(h.message).__name__ for h in received} - {"Hello", "TimeReply"}
     assert not reported, f"sent without agreement: {sorted(reported)}"
 
 
@@ -113,7 +113,7 @@ def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
     """A recorded hello, for example: the answer contains the present boot id."""
     hello = device.handshake()
     for boot_id in (0, hello.boot_id ^ 1):
-        mark = len(device.heard)
+        mark = len(device.received)
         device.send(HostHello(CATALOGUE.hash, 0x0BAD_B007, boot_id, 1, "recorded"))
         found = device.wait_for(Hello, AT_ONCE_S, mark=mark)
         assert found is not None, f"no answer within {AT_ONCE_S} s"
@@ -124,14 +124,14 @@ def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
 def test_session_zero_opens_nothing(device: Probe) -> None:
     device.greet()
     device.session_id, session = 0, device.session_id
-    mark = len(device.heard)
+    mark = len(device.received)
     device.send(HostHello(CATALOGUE.hash, 0, device.boot_id, 1, "conformance"))
     device.listen(0.3, alive=False)
     device.session_id = session
     named = {h.session_id for h in device.of(Hello, mark)}
     assert named <= {session}, "the session was ended by a hello without one"
-    heard = device.listen(0.2)
-    assert all(type(h.message).__name__ in {"Hello", "TimeReply"} for h in heard)
+    received = device.listen(0.2)
+    assert all(type(h.message).__name__ in {"Hello", "TimeReply"} for h in received)
 
 
 def test_describe_matches_the_catalogue(device: Probe) -> None:

@@ -81,7 +81,7 @@ def quiet(device: Probe) -> None:
 @pytest.mark.link("uart")
 def test_a_reference_codecs_frame_is_understood(device: Probe) -> None:
     quiet(device)
-    mark = len(device.heard)
+    mark = len(device.received)
     device.write(frame(device, TIME_REQUEST, b"\x5a"))
     assert device.wait_for(TimeReply, mark=mark, such=lambda r: r.ping == 0x5A)
 
@@ -99,7 +99,7 @@ def test_lone_zeros_are_no_error(device: Probe) -> None:
 def test_a_damaged_frame_is_counted_and_not_obeyed(device: Probe) -> None:
     quiet(device)
     before = device.counters().damaged
-    mark = len(device.heard)
+    mark = len(device.received)
     whole = frame(device, TIME_REQUEST, b"\xc3")
     damaged = []
     for bit in range(8 * 2, 8 * (len(whole) - 1), 3):
@@ -118,7 +118,7 @@ def test_a_damaged_frame_is_counted_and_not_obeyed(device: Probe) -> None:
 @pytest.mark.link("uart")
 def test_a_cut_frame_costs_no_intact_one(device: Probe) -> None:
     quiet(device)
-    mark = len(device.heard)
+    mark = len(device.received)
     whole = frame(device, TIME_REQUEST, b"\x11")
     for number in range(1, 11):
         device.write(whole[: 4 + number])  # its tail is lost, the next begins with a zero
@@ -132,7 +132,7 @@ def test_a_cut_frame_costs_no_intact_one(device: Probe) -> None:
 @pytest.mark.link("uart")
 def test_a_frame_may_come_byte_by_byte(device: Probe) -> None:
     quiet(device)
-    mark = len(device.heard)
+    mark = len(device.received)
     for byte in frame(device, TIME_REQUEST, b"\x42"):
         device.write(bytes((byte,)))
         device.listen(0.002)
@@ -144,7 +144,7 @@ def test_a_frame_may_come_byte_by_byte(device: Probe) -> None:
 def test_an_overlong_stretch_is_dropped(device: Probe, length: int) -> None:
     quiet(device)
     device.write(b"\0" + b"\x55" * length + b"\0")
-    mark = len(device.heard)
+    mark = len(device.received)
     device.write(frame(device, TIME_REQUEST, b"\x77"))
     assert device.wait_for(TimeReply, mark=mark, such=lambda r: r.ping == 0x77), "one frame lost"
 
@@ -153,7 +153,7 @@ def test_an_overlong_stretch_is_dropped(device: Probe, length: int) -> None:
 @pytest.mark.parametrize("version", [0, 1, 3, 15])
 def test_another_version_is_not_obeyed(device: Probe, version: int) -> None:
     quiet(device)
-    mark = len(device.heard)
+    mark = len(device.received)
     device.write(frame(device, TIME_REQUEST, b"\x31", version=version))
     device.alive()
     assert 0x31 not in pings_answered(device, mark)
@@ -163,7 +163,7 @@ def test_another_version_is_not_obeyed(device: Probe, version: int) -> None:
 def test_a_payload_of_another_length_is_not_obeyed(device: Probe) -> None:
     device.handshake()
     device.free()
-    mark = len(device.heard)
+    mark = len(device.received)
     command_id = device.next_id()
     head = command_id.to_bytes(2, "little")
     for payload in (head + b"\x01\x00", head, b"", bytes(100)):
@@ -234,7 +234,7 @@ def test_a_segment_that_is_lost_loses_its_message_only(device: Probe) -> None:
     hello = HostHello(0, 0x1234_5678, device.boot_id, 1, "a name of several segments")
     frames = list(bus_frames(device, hello, 3))
     assert len(frames) > 3
-    mark = len(device.heard)
+    mark = len(device.received)
     for left_out in range(len(frames)):
         for index, (can_id, data) in enumerate(frames):
             if index != left_out:
@@ -250,7 +250,7 @@ def test_a_segment_that_is_lost_loses_its_message_only(device: Probe) -> None:
 def test_a_transfer_with_a_wrong_check_is_not_obeyed(device: Probe) -> None:
     quiet(device)
     hello = HostHello(0, 0x1234_5678, device.boot_id, 1, "a name of several segments")
-    mark = len(device.heard)
+    mark = len(device.received)
     frames = list(bus_frames(device, hello, 5))
     can_id, data = frames[2]
     frames[2] = (can_id, bytes((data[0] ^ 1, *data[1:])))
@@ -264,7 +264,7 @@ def test_a_transfer_with_a_wrong_check_is_not_obeyed(device: Probe) -> None:
 @pytest.mark.link("can")
 def test_a_duplicate_frame_counts_once(device: Probe) -> None:
     quiet(device)
-    mark = len(device.heard)
+    mark = len(device.received)
     for one in bus_frames(device, TimeRequest(0x61), 9):
         device.write_frame(*one)
         device.write_frame(*one)
@@ -321,7 +321,7 @@ def still_itself(device: Probe) -> None:
 def test_an_unknown_type_is_ignored(device: Probe, type_id: int) -> None:
     quiet(device)
     device.ping()
-    mark = len(device.heard)
+    mark = len(device.received)
     if device.on_can:
         whole = content(PROTOCOL_VERSION << 4, now_us(), bytes(4))
         for data in segments(whole, 1):
@@ -329,13 +329,13 @@ def test_an_unknown_type_is_ignored(device: Probe, type_id: int) -> None:
     else:
         device.write(frame(device, type_id, bytes(4)))
     device.alive()
-    answers = [h for h in device.heard[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
+    answers = [h for h in device.received[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
     assert not answers, f"it answered {answers}"
 
 
 def test_a_devices_own_message_is_ignored(device: Probe) -> None:
     quiet(device)
-    mark = len(device.heard)
+    mark = len(device.received)
     spec = CATALOGUE.by_class[Encoders]
     if device.on_can:
         device.write_frame(spec.type_id << 4 | (device.node or 0), bytes(6))
@@ -343,7 +343,7 @@ def test_a_devices_own_message_is_ignored(device: Probe) -> None:
         device.write(frame(device, spec.type_id, bytes(4)))
         device.write(frame(device, 0x19, bytes(3)))
     device.alive()
-    answers = [h for h in device.heard[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
+    answers = [h for h in device.received[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
     assert not answers
 
 
@@ -352,7 +352,7 @@ def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
     device.handshake()
     device.enter(Mode.VELOCITY)
     before = device.status()
-    mark = len(device.heard)
+    mark = len(device.received)
     ids = [device.next_id() for _ in range(9)]
     for message in (
         VelocitySetpoint(0, 0, 240, 1),
@@ -385,7 +385,7 @@ def test_another_nodes_messages_are_ignored(device: Probe) -> None:
     device.handshake()
     device.free()
     other = 15 if device.node != 15 else 14
-    mark = len(device.heard)
+    mark = len(device.received)
     command_id = device.next_id()
     device.send(Stop(command_id, StopCause.HARDWARE), node=other)
     device.send(TimeRequest(0x99), node=other)

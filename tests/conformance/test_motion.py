@@ -194,7 +194,7 @@ def test_a_stop_ends_it(device: Probe) -> None:
     turning(device, 0.4)
     stop_us = now_us()
     device.stop()
-    mark = len(device.heard)
+    mark = len(device.received)
     turning(device, 0.2)  # they are not obeyed any more
     assert mark
     check_rested(device, stop_us, RAMP_S)
@@ -227,7 +227,7 @@ def test_a_silent_host_ends_it_and_latches(device: Probe) -> None:
 
 def host_of_rest(device: Probe) -> int:
     """Return when it came to rest, on our clock, by the fastest received frame."""
-    lowest = min(since(h.frame.t_us, h.at_us & 0xFFFF_FFFF) for h in device.heard)
+    lowest = min(since(h.frame.t_us, h.at_us & 0xFFFF_FFFF) for h in device.received)
     return rested_us(device) + lowest
 
 

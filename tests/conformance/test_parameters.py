@@ -45,7 +45,7 @@ def reboot(device: Probe, kind: int) -> Hello:
     device.needs(reason is not NackReason.UNSUPPORTED, f"no {RebootKind(kind).name.lower()}")
     assert reason is None, f"refused: {reason}"
     device.session_id = 0
-    mark = len(device.heard)
+    mark = len(device.received)
     found = device.wait_for(
         Hello, REBOOT_S, mark=mark, such=lambda h: h.boot_id != before.boot_id, alive=False
     )

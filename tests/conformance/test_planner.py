@@ -52,7 +52,7 @@ def start(device: Probe) -> None:
 
 
 def phase_becomes(device: Probe, phases: set[PlannerPhase], within_s: float = 6.0) -> bool:
-    mark = len(device.heard)
+    mark = len(device.received)
     return device.until(
         lambda: any(p.phase in phases for p in device.of(PlannerState, mark)), within_s
     )

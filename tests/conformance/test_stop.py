@@ -41,7 +41,7 @@ def test_a_stop_is_latched_and_leaves_every_mode(device: Probe) -> None:
 def test_every_repetition_is_acknowledged(device: Probe) -> None:
     device.handshake()
     command_id = device.next_id()
-    mark = len(device.heard)
+    mark = len(device.received)
     for _ in range(4):
         device.send(Stop(command_id, StopCause.OPERATOR))
     device.until(lambda: len(device.replies(command_id, STOP, mark)) >= 4, 1.0)
@@ -57,7 +57,7 @@ def reported(device: Probe, cause: StopCause, mark: int) -> bool:
 def test_a_stop_of_every_device_is_latched_as_the_operators(device: Probe) -> None:
     device.handshake()
     device.free()
-    mark = len(device.heard)
+    mark = len(device.received)
     device.send(StopAll(), node=0)
     assert device.until(lambda: reported(device, StopCause.OPERATOR, mark), 1.0), "no status of it"
     assert device.status().mode == Mode.IDLE
@@ -71,7 +71,7 @@ def test_a_stop_of_every_device_is_answered_outside_a_session(device: Probe) -> 
     device.session_id = 0
     device.listen(1.3, alive=False)  # the session is over
     for _ in range(2):  # equal bytes, a little later
-        mark = len(device.heard)
+        mark = len(device.received)
         device.send(StopAll(), node=0)
         answered = device.until(
             lambda m=mark: reported(device, StopCause.OPERATOR, m),  # type: ignore[misc]  # bound now
@@ -101,7 +101,7 @@ def test_the_graver_of_two_stops_that_coincide_is_latched(device: Probe) -> None
     for first, second in itertools.product(by_severity(), repeat=2):
         device.free()
         ids = device.next_id(), device.next_id()
-        mark = len(device.heard)
+        mark = len(device.received)
         for command_id, cause in zip(ids, (first, second), strict=True):
             device.send(Stop(command_id, cause))
         pair = f"{first.name.lower()}, then {second.name.lower()}"
@@ -166,8 +166,8 @@ def test_a_silent_host_is_a_lost_link(device: Probe) -> None:
     assert device.status().stop_cause == StopCause.NONE, "0.6 s are not yet silence"
     device.session_id = 0
     silent_us = now_us()
-    heard = device.listen(1.4, alive=False)
-    late = [h for h in heard if h.at_us - silent_us > 1_200_000]
+    received = device.listen(1.4, alive=False)
+    late = [h for h in received if h.at_us - silent_us > 1_200_000]
     reported = {type(h.message).__name__ for h in late} - {"Hello"}
     assert not reported, f"1.2 s after the host fell silent it still sends {sorted(reported)}"
     device.handshake()

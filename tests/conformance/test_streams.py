@@ -30,13 +30,13 @@ def type_of(kind: type[Message]) -> int:
     return CATALOGUE.by_class[kind].type_id
 
 
-def stamps(heard: list[Heard], kind: type[Message]) -> list[int]:
-    return [h.frame.t_us for h in heard if isinstance(h.message, kind)]
+def stamps(received: list[Heard], kind: type[Message]) -> list[int]:
+    return [h.frame.t_us for h in received if isinstance(h.message, kind)]
 
 
-def rate_hz(heard: list[Heard], kind: type[Message]) -> float:
+def rate_hz(received: list[Heard], kind: type[Message]) -> float:
     """Return the rate by the device's own stamps, Hz; 0 for fewer than two messages."""
-    times = stamps(heard, kind)
+    times = stamps(received, kind)
     if len(times) < 2:
         return 0.0
     return (len(times) - 1) * 1e6 / sum(since(a, b) for a, b in pairwise(times))
@@ -63,9 +63,9 @@ def streams_of(device: Probe) -> list[MessageSpec]:
 @pytest.mark.slow
 def test_every_stream_flows_at_its_default_rate(device: Probe) -> None:
     device.handshake(quick_status=False)
-    heard = device.listen(2.6)
+    received = device.listen(2.6)
     for spec in streams_of(device):
-        measured = rate_hz(heard, spec.cls)
+        measured = rate_hz(received, spec.cls)
         assert measured == pytest.approx(spec.default_hz, rel=TOLERANCE), (
             f"{spec.name}: {measured:.2f} Hz by its stamps, {spec.default_hz} Hz declared"
         )
@@ -78,17 +78,17 @@ def test_a_rate_ends_with_the_session_that_set_it(device: Probe) -> None:
         if device.has(kind):
             set_rate(device, kind, tenths)
     device.ping()
-    heard = device.listen(0.8)
+    received = device.listen(0.8)
     for kind, hertz in ((Imu, 20.0), (Encoders, 100.0), (Range, 0.0)):
         if device.has(kind):
-            measured = rate_hz(heard, kind)
+            measured = rate_hz(received, kind)
             assert measured == pytest.approx(hertz, rel=TOLERANCE), f"{kind.__name__} {measured}"
     device.handshake(quick_status=False)
-    heard = device.listen(0.6)
+    received = device.listen(0.6)
     for kind in (Imu, Encoders, Range):
         if device.has(kind):
             declared = CATALOGUE.by_class[kind].default_hz
-            assert rate_hz(heard, kind) == pytest.approx(declared, rel=TOLERANCE), (
+            assert rate_hz(received, kind) == pytest.approx(declared, rel=TOLERANCE), (
                 f"{kind.__name__}: what the last session asked for outlives it"
             )
 
@@ -120,13 +120,13 @@ def test_stamps_advance_and_are_of_the_sampling(device: Probe) -> None:
     of its stamps. Some jitter of the sampling itself is normal.
     """
     device.handshake()
-    mark = len(device.heard)
+    mark = len(device.received)
     period_us = 1e6 / CATALOGUE.by_class[Imu].default_hz
     for _ in range(25):
         for spec in list(CATALOGUE)[:4]:
             device.send(Describe(spec.type_id, len(spec.fields)))
         device.listen(0.04)
-    times = stamps(device.heard[mark:], Imu)
+    times = stamps(device.received[mark:], Imu)
     assert len(times) > 50
     gaps = [since(a, b) for a, b in pairwise(times)]
     assert min(gaps) > 0, "a stamp that does not advance"
@@ -141,21 +141,22 @@ def test_stamps_are_of_the_devices_clock_and_not_of_the_future(device: Probe) ->
     device.handshake()
     pings = [p for p in (device.ping() for _ in range(8)) if p is not None]
     best = min(pings, key=lambda p: p.round_trip_us)
-    mark = len(device.heard)
+    mark = len(device.received)
     device.listen(0.5)
-    for heard in device.heard[mark:]:
+    for received in device.received[mark:]:
         # The reply left the device at the earliest when we asked: its clock can be ahead of the
         # ping's estimate by this at most.
-        age_us = since(heard.frame.t_us, best.replied_us + heard.at_us - best.sent_us)
-        assert age_us > -1_000, f"{type(heard.message).__name__} is stamped {-age_us} us too late"
-        assert age_us < 500_000, f"{type(heard.message).__name__} is stamped {age_us} us too early"
+        age_us = since(received.frame.t_us, best.replied_us + received.at_us - best.sent_us)
+        name = type(received.message).__name__
+        assert age_us > -1_000, f"{name} is stamped {-age_us} us too late"
+        assert age_us < 500_000, f"{name} is stamped {age_us} us too early"
 
 
 def test_values_are_in_their_declared_ranges(device: Probe) -> None:
     device.handshake()
-    heard = device.listen(0.5)
-    assert heard
-    for message, frame in ((h.message, h.frame) for h in heard):
+    received = device.listen(0.5)
+    assert received
+    for message, frame in ((h.message, h.frame) for h in received):
         for field, value in zip(CATALOGUE.by_type[frame.type_id].fields, message, strict=True):
             if field.wire.is_integer and value is not None and value != field.none:
                 assert field.low <= value <= field.high, f"{type(message).__name__}.{field.name}"
@@ -184,7 +185,7 @@ def test_the_imu_scale_is_sent_after_hello_and_each_second(
     infos = device.of(ImuInfo)
     assert infos, "no imu_info before the streams"
     assert min(tuple(infos[0])[:3]) > 0
-    mark = len(device.heard)
+    mark = len(device.received)
     device.listen(2.5)
     again = device.of(ImuInfo, mark)
     assert 2 <= len(again) <= 3, f"{len(again)} imu_info in 2.5 s"
@@ -217,7 +218,7 @@ def test_another_codec_reads_its_bytes(device: Probe) -> None:
     device.ping()
     device.listen(0.3)
     frames = [f for f in parse_stream(bytes(device.raw)) if isinstance(f, RefFrame)]
-    ours = [(h.frame.type_id, h.frame.seq, h.frame.t_us, h.frame.payload) for h in device.heard]
+    ours = [(h.frame.type_id, h.frame.seq, h.frame.t_us, h.frame.payload) for h in device.received]
     theirs = [(f.type_id, f.seq, f.t_us, f.payload) for f in frames]
     first = theirs.index(ours[0])
     assert theirs[first : first + len(ours)] == ours
@@ -254,7 +255,7 @@ def test_log_lines_come_at_most_ten_a_second(device: Probe) -> None:
         device.stop()
         device.refusal(lambda i: ClearStop(i, StopCause.OPERATOR))
     device.listen(0.6)
-    times = stamps(device.heard, LogText)
+    times = stamps(device.received, LogText)
     gaps = [since(a, b) for a, b in pairwise(times)]
     assert all(gap >= 90_000 for gap in gaps), f"log lines {gaps} us apart"
     assert all(len(line.line.encode()) <= 241 and line.line for line in device.of(LogText))

@@ -55,7 +55,7 @@ def test_its_clock_runs_as_ours_does(device: Probe) -> None:
 
 def test_each_request_has_its_own_reply(device: Probe) -> None:
     device.handshake()
-    mark = len(device.heard)
+    mark = len(device.received)
     for number in (7, 200, 7, 0, 255):
         device.send(TimeRequest(number))
     device.listen(0.3, alive=False)

@@ -91,16 +91,16 @@ def test_python_understands_what_c_sends(adapter: Adapter) -> None:
         for i, m in enumerate(messages)
     ]
     link = CanLink(Direction.HOST)
-    heard: list[tuple[Message, int]] = []
+    received: list[tuple[Message, int]] = []
     for answer in adapter.ask("can-send", questions):
         for word in answer.split():
             can_id, data = word.split(":")
             record = RECORD.pack(int(can_id), len(data) // 2, bytes.fromhex(data))
             for event in link.receive(record, 1_000_000):
                 assert isinstance(event, Received)
-                heard.append((event.message, event.frame.t_us))
-    assert [m for m, _ in heard] == [Sync(1), *messages[1:]]
-    assert [t for _, t in heard] == [1_000_000 + 160 * i for i in range(len(messages))]
+                received.append((event.message, event.frame.t_us))
+    assert [m for m, _ in received] == [Sync(1), *messages[1:]]
+    assert [t for _, t in received] == [1_000_000 + 160 * i for i in range(len(messages))]
 
 
 # ---- receiving --------------------------------------------------------------------------------
@@ -233,11 +233,11 @@ def test_a_host_s_message_in_several_frames(tmp_path: Path, shared: int | None) 
     complete = 0
     for (now_us, frame), (event, _) in zip(arrivals, answers, strict=True):
         record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
-        for heard in device.receive(record, now_us):
-            if isinstance(heard, Received):
+        for received in device.receive(record, now_us):
+            if isinstance(received, Received):
                 printed = event.split()
-                assert " ".join(printed[:7]) == as_c_sends(heard)
-                complete += heard.spec.type_id == grown.type_id
+                assert " ".join(printed[:7]) == as_c_sends(received)
+                complete += received.spec.type_id == grown.type_id
     assert complete > MESSAGES // 40
 
 
@@ -255,11 +255,11 @@ def test_lost_and_duplicate_segments_never_give_a_wrong_message(small_adapter: A
         sent.add(f"{spec.type_id} {payload.hex() or '-'}")
         for frame in frames_of(link.data_to_send()):
             arrivals += [(i * 1_000, frame)] * rng.choice((0, 1, 1, 1, 1, 1, 1, 1, 1, 2))
-    heard = 0
+    received = 0
     for event, _ in sent_by_c(small_adapter, arrivals):
         printed = event.split()
         if len(printed) > 1:
             assert printed[0] == str(PROTOCOL_VERSION)
             assert f"{printed[3]} {printed[6]}" in sent
-            heard += 1
-    assert heard > MESSAGES // 2
+            received += 1
+    assert received > MESSAGES // 2

@@ -132,14 +132,14 @@ class LoneDevice:
     def of(self, kind: type[E]) -> list[E]:
         return [e for e in self.events if isinstance(e, kind)]
 
-    def heard(self, kind: type[E]) -> list[E]:
+    def received(self, kind: type[E]) -> list[E]:
         return [d.received.message for d in self.of(Data) if isinstance(d.received.message, kind)]
 
     def status(self) -> Status:
         """Return the next status."""
-        count = len(self.heard(Status))
-        assert self.run(0.5, lambda: len(self.heard(Status)) > count)
-        return self.heard(Status)[-1]
+        count = len(self.received(Status))
+        assert self.run(0.5, lambda: len(self.received(Status)) > count)
+        return self.received(Status)[-1]
 
     def outcome(self) -> tuple[bool, int | None]:
         """Return the result of the running command."""
@@ -230,12 +230,12 @@ def test_it_sends_hello_once_a_second_until_the_handshake(device: Device) -> Non
 def test_it_streams_the_boards_readings(device: Device) -> None:
     bench = LoneDevice(device)
     bench.open()
-    before = len(bench.heard(Imu)), len(bench.heard(Encoders))
+    before = len(bench.received(Imu)), len(bench.received(Encoders))
     bench.run(2.0)
-    assert len(bench.heard(Imu)) - before[0] == 200
-    assert len(bench.heard(Encoders)) - before[1] == 100
-    assert bench.heard(Imu)[-1] == Imu(0, 0, 16384, 0, 0, 0, 0)
-    assert bench.heard(Encoders)[-1] == Encoders(100, 65436)
+    assert len(bench.received(Imu)) - before[0] == 200
+    assert len(bench.received(Encoders)) - before[1] == 100
+    assert bench.received(Imu)[-1] == Imu(0, 0, 16384, 0, 0, 0, 0)
+    assert bench.received(Encoders)[-1] == Encoders(100, 65436)
     assert bench.session.link.statistics.lost == 0
     assert bench.session.link.statistics.damaged == 0
 

@@ -50,8 +50,8 @@ class BusEnds(Ends):
     def step_others(self) -> None:
         for i, device in enumerate(self.others, 1):
             name = f"device {i}"
-            heard = b"".join(p.data for p in self.bus.arrived(name, self.now_us))
-            self.bus.request(name, device.step(heard, self.device_us), self.now_us)
+            received = b"".join(p.data for p in self.bus.arrived(name, self.now_us))
+            self.bus.request(name, device.step(received, self.device_us), self.now_us)
 
 
 def statistics(end: SessionEnd) -> CanStatistics:
@@ -249,11 +249,11 @@ def test_every_frame_is_on_record_and_stamps_are_the_devices() -> None:
     ends = BusEnds(HostEnd(host), sweeper(link=CanLink))
     ends.run(3.0)
     frames = sink.of(RawCan)
-    heard = [f for f in frames if not f.outgoing]
+    received = [f for f in frames if not f.outgoing]
     printed = [f for f in frames if f.outgoing]
     on_bus = [(f.can_id, f.data) for _, who, f in ends.bus.log if who == "device 0"]
-    assert [(f.can_id, f.data) for f in heard] == on_bus[: len(heard)]
-    assert len(on_bus) - len(heard) <= 5, "what came after the last turn"
+    assert [(f.can_id, f.data) for f in received] == on_bus[: len(received)]
+    assert len(on_bus) - len(received) <= 5, "what came after the last turn"
     assert [(f.can_id, f.data) for f in printed][:1] == [
         (f.can_id, f.data) for _, who, f in ends.bus.log if who == "host"
     ][:1]

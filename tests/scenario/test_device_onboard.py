@@ -79,7 +79,7 @@ def test_a_whole_clean_of_the_papers_first_room() -> None:
     assert (host.status.mode, host.status.stop_cause) == (Mode.IDLE, StopCause.NONE)
     assert CoverageMeter(plan, model).measure(track).coverage.body_free >= 0.9
     # Reported at 5 Hz all the time, with the paper's variables.
-    reported = [at for at, _, m in host.heard if isinstance(m, PlannerState) and at <= ended_us]
+    reported = [at for at, _, m in host.received if isinstance(m, PlannerState) and at <= ended_us]
     assert len(reported) == pytest.approx(5 * ended_us / 1e6, rel=0.02)
     # Along the first lane D is the free path minus the robot's front and the stop range.
     lanes = {m.lane_distance_m for m in host.of(PlannerState)} - {0.0}

@@ -227,7 +227,7 @@ def keyed_by_uart() -> list[Act]:
     return [Readings(), Boot(boot_id=1), *host.acts]
 
 
-def heard(reports: Sequence[Reported], link: LinkBase) -> list[Received]:
+def received(reports: Sequence[Reported], link: LinkBase) -> list[Received]:
     events = [event for report in reports for event in link.receive(report.wrote, report.now_us)]
     return [event for event in events if isinstance(event, Received)]
 
@@ -260,7 +260,7 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
     final = reports[-1]
     assert final.stale == 1, "of the unsigned one; what is played back is no frame of the session"
     assert final.state == VELOCITY_STATE, "no unsigned command changes the mode"
-    said = heard(reports, kind(Direction.HOST))
+    said = received(reports, kind(Direction.HOST))
     assert any(isinstance(r.message, Challenge) for r in said)
     rejections = [r.message for r in said if isinstance(r.message, Nack)]
     assert [nack.reason for nack in rejections] == [NackReason.NOT_AUTHENTICATED]
@@ -290,11 +290,11 @@ def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
     reports = the_kit().run(acts)
     first, second = reports[-len(after.acts) - len(host.acts) :], reports[-len(after.acts) :]
     rejections = [
-        r.message for r in heard(first, Link(Direction.HOST)) if isinstance(r.message, Nack)
+        r.message for r in received(first, Link(Direction.HOST)) if isinstance(r.message, Nack)
     ]
     assert [(n.command_id, n.reason) for n in rejections] == [(1, NackReason.NOT_AUTHENTICATED)]
     hellos = [
-        r.message for r in heard(second, Link(Direction.HOST)) if isinstance(r.message, Hello)
+        r.message for r in received(second, Link(Direction.HOST)) if isinstance(r.message, Hello)
     ]
     keyed = [bool(Capability(h.capabilities) & Capability.AUTHENTICATION) for h in hellos]
     assert keyed[0], "saved beside the parameters"

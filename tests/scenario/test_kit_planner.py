@@ -80,7 +80,7 @@ ALIKE = {
 """Pairs of decisions that millimetres of the estimate distinguish, without further effect."""
 
 
-def decisions(heard: list[Message]) -> list[str]:
+def decisions(received: list[Message]) -> list[str]:
     """Return the planner's decisions, without "planner paper ..." and the session's lines."""
     kinds = {
         "start",
@@ -91,15 +91,15 @@ def decisions(heard: list[Message]) -> list[str]:
         "recovery-end",
         "finish",
     }
-    lines = [m.line for m in heard if isinstance(m, LogText)]
+    lines = [m.line for m in received if isinstance(m, LogText)]
     reported = [line for line in lines if line.split(":")[0] in kinds]
     return ["lane: D is about Prev-D" if line in ALIKE else line for line in reported]
 
 
-def distances_m(heard: list[Message]) -> list[float]:
+def distances_m(received: list[Message]) -> list[float]:
     """Return D after each change, as reported at 5 Hz."""
     found: list[float] = []
-    for state in (m for m in heard if isinstance(m, PlannerState)):
+    for state in (m for m in received if isinstance(m, PlannerState)):
         if state.lane_distance and (not found or found[-1] != state.lane_distance / 1000):
             found.append(state.lane_distance / 1000)
     return found
@@ -109,7 +109,7 @@ def python_twin(plan: FloorPlan) -> list[Message]:
     """Run the same plan on the Python firmware in the same room; return its messages."""
     link = Link(Direction.HOST)
     device = VirtualSweeper(plan, noise="none", boot_id=Boot().boot_id)
-    heard: list[Message] = []
+    received: list[Message] = []
     leave = [*LEAVE]
     end_us, now_us = 400_000_000, 0
     while now_us < end_us:
@@ -117,11 +117,11 @@ def python_twin(plan: FloorPlan) -> list[Message]:
         message: Message = leave.pop(0) if leave else TimeRequest(0)
         link.send(message, now_us, node=1)
         events = link.receive(device.step(link.data_to_send(), now_us))
-        heard += [e.message for e in events if isinstance(e, Received)]
-        reported = [m for m in heard[-20:] if isinstance(m, PlannerState)]
+        received += [e.message for e in events if isinstance(e, Received)]
+        reported = [m for m in received[-20:] if isinstance(m, PlannerState)]
         if any(m.phase == PlannerPhase.FINISHED for m in reported):
             end_us = min(end_us, now_us + 1_000_000)  # its reason may be a line later
-    return heard
+    return received
 
 
 def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) -> None:
@@ -134,10 +134,10 @@ def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) 
         track.add(robot.now_us * 1e-6, *robot.plant.pose)
     robot.live(1.5)
     twin = python_twin(plan)
-    assert decisions(robot.heard) == decisions(twin)
+    assert decisions(robot.received) == decisions(twin)
     assert "recovery-begin" in {line.split(":")[0] for line in decisions(twin)}
-    assert distances_m(robot.heard) == pytest.approx(distances_m(twin), abs=0.03)
-    last = [m for m in robot.heard if isinstance(m, PlannerState)][-1]
+    assert distances_m(robot.received) == pytest.approx(distances_m(twin), abs=0.03)
+    last = [m for m in robot.received if isinstance(m, PlannerState)][-1]
     assert last.phase == PlannerPhase.FINISHED
     assert track.report().coverage.mouth_sweepable > 0.8
 

@@ -271,7 +271,7 @@ def test_a_reset_is_reported_and_latched(device: Emulated, fault: str, cause: Re
 
 def _booted(host: Probe, before: Hello) -> bool:
     host.listen(0.2, alive=False)
-    hellos = [h.message for h in host.heard if isinstance(h.message, Hello)]
+    hellos = [h.message for h in host.received if isinstance(h.message, Hello)]
     return any(hello.boot_id != before.boot_id for hello in hellos)
 
 

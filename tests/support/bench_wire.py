@@ -60,11 +60,11 @@ class RigWire:
             printed = self.rig.step(arrived, self.now_us)
             if printed:
                 self._up.append((self.now_us + self.latency_us, printed))
-            heard = b""
+            received = b""
             while self._up and self._up[0][0] <= self.now_us:
-                heard += self._up.popleft()[1]
-            if heard or self.now_us >= until_us:
-                return heard
+                received += self._up.popleft()[1]
+            if received or self.now_us >= until_us:
+                return received
 
     def close(self) -> None:
         self.closed = True

@@ -62,15 +62,15 @@ class Bus:
             self.bits += bits
             self.log.append((int(done_us), sender, frame))
             record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
-            for node, heard in self._heard.items():
+            for node, received in self._heard.items():
                 if node != sender:
-                    heard.extend([Piece(int(done_us), record)] * self.spoil(frame))
+                    received.extend([Piece(int(done_us), record)] * self.spoil(frame))
 
     def arrived(self, node: str, now_us: int) -> list[Piece]:
         """Return the frames that a node has received since the last call."""
         self.run(now_us)
-        heard, self._heard[node] = self._heard[node], []
-        return heard
+        received, self._heard[node] = self._heard[node], []
+        return received
 
 
 class BusWire(Wire):

@@ -163,9 +163,9 @@ def identify(probe: Probe) -> HelloMessage | str:
     while now_us() < end_us and not found:
         probe.send(HostHello(CATALOGUE.hash, 0x00C0FFEE, 0, 0, "conformance"), node=wanted or 0)
         probe.listen(0.4, alive=False)
-        for heard in probe.heard:
-            if isinstance(heard.message, Hello) and wanted in {None, heard.frame.node}:
-                found[heard.frame.node] = heard.message
+        for received in probe.received:
+            if isinstance(received.message, Hello) and wanted in {None, received.frame.node}:
+                found[received.frame.node] = received.message
     if not found:
         who = "nothing" if wanted is None else f"no device of node {wanted}"
         came = f"{len(probe.raw)} bytes came" if probe.raw else "no byte came"

@@ -46,7 +46,7 @@ class KitRobot:
         self._readings = Readings()
         self._ticks = 0
         self.link = Link(Direction.HOST)
-        self.heard: list[Message] = []
+        self.received: list[Message] = []
         self.reported: Reported
 
     @property
@@ -68,7 +68,7 @@ class KitRobot:
         self._sense()
         step = Step(PERIOD_US if self._ticks else 0, self.link.data_to_send())
         self.reported = self._ask(self._readings.record() + step.record())
-        self.heard += [
+        self.received += [
             e.message for e in self.link.receive(self.reported.wrote) if isinstance(e, Received)
         ]
         left, right = self.reported.motors

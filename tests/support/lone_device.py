@@ -28,7 +28,7 @@ class LoneDevice:
         self.device = device or sweeper()
         self.link = Link(Direction.HOST)
         self.now_us = 0
-        self.heard: list[tuple[int, Message]] = []
+        self.received: list[tuple[int, Message]] = []
         self.counter = 0
         self._take(self.device.step(b"", 0))  # the hello of its boot
 
@@ -55,7 +55,7 @@ class LoneDevice:
 
     def _take(self, out: bytes) -> list[Message]:
         messages = [e.message for e in self.link.receive(out) if isinstance(e, Received)]
-        self.heard += [(self.now_us, m) for m in messages]
+        self.received += [(self.now_us, m) for m in messages]
         return messages
 
     def join(self, session: int = SESSION) -> None:

@@ -72,7 +72,7 @@ class Probe(WireProbe):
         self.session_id = secrets.randbelow(0xFFFF_FFFE) + 1
         if self.link.key is not None:
             self.link.key.end()
-        mark = len(self.heard)
+        mark = len(self.received)
         for _ in range(5):
             self.send_hello()
             found = self.wait_for(Hello, TRY_S, mark=mark, alive=False)
@@ -83,7 +83,7 @@ class Probe(WireProbe):
             if found.message.session_id == self.session_id:
                 self._await_challenge(found.message)
                 return found.message
-            mark = len(self.heard)
+            mark = len(self.received)
         raise AssertionError("the device does not answer a hello")
 
     def _await_challenge(self, hello: Hello) -> None:
@@ -96,7 +96,7 @@ class Probe(WireProbe):
         """Open a session and complete the handshake, as a host does; then the device streams."""
         hello = self.greet()
         self._compare(hello)
-        mark = len(self.heard)
+        mark = len(self.received)
         for _ in range(5):
             self.send_hello(negotiated=1)
             if self.until(lambda: self._streams_since(mark), TRY_S, alive=False):
@@ -108,7 +108,7 @@ class Probe(WireProbe):
         return hello
 
     def _streams_since(self, mark: int) -> bool:
-        return any(not isinstance(h.message, Hello | DescribeReply) for h in self.heard[mark:])
+        return any(not isinstance(h.message, Hello | DescribeReply) for h in self.received[mark:])
 
     def _compare(self, hello: Hello) -> None:
         codec = self.link.codec
@@ -119,7 +119,7 @@ class Probe(WireProbe):
             return
         comparison = Comparison(CATALOGUE)
         for _ in range(100):
-            mark = len(self.heard)
+            mark = len(self.received)
             for question in comparison.questions(4):
                 self.send(question)
             self.until(lambda m=mark: len(self.of(DescribeReply, m)) >= 4, 0.1)  # type: ignore[misc]  # bound now
@@ -157,7 +157,7 @@ class Probe(WireProbe):
     def ping(self) -> Ping | None:
         """Ask for the device's time; return None without a reply."""
         number = self._next_ping()
-        mark = len(self.heard)
+        mark = len(self.received)
         sent_us = self.send(TimeRequest(number))
         found = self.wait_for(
             TimeReply, TRY_S, mark=mark, such=lambda r: r.ping == number, alive=False
@@ -180,7 +180,7 @@ class Probe(WireProbe):
         """Send a command, repeatedly if necessary, and return the answer."""
         command_id = cast("Command", message).command_id
         type_id = CATALOGUE.by_class[type(message)].type_id
-        mark = len(self.heard)
+        mark = len(self.received)
         for _ in range(4):
             self.send(message, flags=flags, node=node)
             if self.until(lambda: bool(self.replies(command_id, type_id, mark)), TRY_S):
@@ -191,7 +191,7 @@ class Probe(WireProbe):
         """Return the answers to one command."""
         return [
             h.message
-            for h in self.heard[mark:]
+            for h in self.received[mark:]
             if isinstance(h.message, Ack | Nack)
             and (h.message.command_id, h.message.command_type) == (command_id, type_id)
         ]
@@ -211,7 +211,7 @@ class Probe(WireProbe):
             ping = self.ping()
             if ping is None:
                 continue
-            mark = len(self.heard)
+            mark = len(self.received)
             if self.until(lambda m=mark, p=ping: self._status_after(m, p) is not None, TRY_S):  # type: ignore[misc]  # bound now
                 status = self._status_after(mark, ping)
                 assert status is not None
@@ -219,9 +219,12 @@ class Probe(WireProbe):
         raise AssertionError("the device sends no status")
 
     def _status_after(self, mark: int, ping: Ping) -> Status | None:
-        for heard in self.heard[mark:]:
-            if isinstance(heard.message, Status) and since(ping.replied_us, heard.frame.t_us) > 0:
-                return heard.message
+        for received in self.received[mark:]:
+            if (
+                isinstance(received.message, Status)
+                and since(ping.replied_us, received.frame.t_us) > 0
+            ):
+                return received.message
         return None
 
     def counters(self) -> LinkCounters:
@@ -301,12 +304,12 @@ class Probe(WireProbe):
         out: list[tuple[int, int, int]] = []
         left = right = 0
         before: Encoders | None = None
-        for heard in self.heard:
-            if isinstance(heard.message, Encoders):
-                now = heard.message
+        for received in self.received:
+            if isinstance(received.message, Encoders):
+                now = received.message
                 if before is not None:
                     left += (now.left - before.left + 0x8000 & 0xFFFF) - 0x8000
                     right += (now.right - before.right + 0x8000 & 0xFFFF) - 0x8000
                 before = now
-                out.append((heard.frame.t_us, left, right))
+                out.append((received.frame.t_us, left, right))
         return out

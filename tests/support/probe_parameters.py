@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def get(device: Probe, number: int) -> ParameterValue:
     """Read one parameter; its value comes before the acknowledgement."""
-    mark = len(device.heard)
+    mark = len(device.received)
     reason = device.refusal(lambda i: GetParameter(i, number))
     assert reason is None, f"parameter {number}: {reason}"
     values = [v for v in device.of(ParameterValue, mark) if v.parameter == number]

@@ -76,12 +76,12 @@ class ReadyDevice:
         self.ask(make)
         return given[-1]
 
-    def heard(self, kind: type[Message]) -> list[Message]:
+    def received(self, kind: type[Message]) -> list[Message]:
         return [d.received.message for d in self.host.of(Data) if d.received.spec.cls is kind]
 
     def get(self, name: str) -> ParameterValue:
         assert self.ask(lambda i: GetParameter(i, NUMBERS[name])) is None
-        value = self.heard(ParameterValue)[-1]
+        value = self.received(ParameterValue)[-1]
         assert isinstance(value, ParameterValue)
         assert value.parameter == NUMBERS[name]
         return value
@@ -104,9 +104,9 @@ class ReadyDevice:
         return self.ask(lambda i: SetStreamRate(i, type_id, tenths))
 
     def count(self, kind: type[Message], duration_s: float) -> int:
-        before = len(self.heard(kind))
+        before = len(self.received(kind))
         self.ends.run(duration_s)
-        return len(self.heard(kind)) - before
+        return len(self.received(kind)) - before
 
     def free(self, mode: Mode = Mode.VELOCITY) -> None:
         cause = self.ends.device.firmware.latch.cause

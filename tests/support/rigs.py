@@ -61,7 +61,7 @@ class Drive:
         self.velocity = v_m_s, yaw_rate_rad_s
         assert isinstance(made.device, Sweeper)
         self.session = Session(itertools.count(1).__next__, link=made.device.link)
-        self.heard: list[Heard] = []
+        self.received: list[Heard] = []
         self.events: list[tuple[int, SessionEvent]] = []
         self.bytes: list[tuple[int, bytes]] = []
         """Arrival time and content of received bytes."""
@@ -98,7 +98,7 @@ class Drive:
             self.events.append((self.now_us, event))
             if isinstance(event, Data):
                 frame = event.received.frame
-                self.heard.append(Heard(self.now_us, frame.t_us, event.received.message))
+                self.received.append(Heard(self.now_us, frame.t_us, event.received.message))
             elif isinstance(event, SessionReady) and any(self.velocity):
                 self.session.clear_stop(StopCause.SESSION_END, self._host_ns)
                 self.session.set_mode(Mode.VELOCITY, self._host_ns)
@@ -107,7 +107,7 @@ class Drive:
         """Return the messages of one kind that arrived in this interval."""
         return [
             h.message
-            for h in self.heard
+            for h in self.received
             if isinstance(h.message, kind) and since_s * 1e6 <= h.at_us < until_s * 1e6
         ]
 

@@ -31,7 +31,7 @@ class WireHost(Generic[D]):
         self.device = device
         self.link = Link(Direction.HOST)
         self.now_us = 0
-        self.heard: list[tuple[int, int, Message]] = []
+        self.received: list[tuple[int, int, Message]] = []
         """Received messages: true time, device's stamp, message."""
         self.newest: dict[type, Message] = {}
         self.alive = True
@@ -64,7 +64,7 @@ class WireHost(Generic[D]):
 
     def _take(self, out: bytes) -> list[Message]:
         got = [e for e in self.link.receive(out, self.now_us) if isinstance(e, Received)]
-        self.heard += [(self.now_us, e.frame.t_us, e.message) for e in got]
+        self.received += [(self.now_us, e.frame.t_us, e.message) for e in got]
         self.newest |= {type(e.message): e.message for e in got}
         return [e.message for e in got]
 
@@ -110,7 +110,7 @@ class WireHost(Generic[D]):
     # ---- received messages ----------------------------------------------------------------
 
     def of(self, kind: type[M]) -> list[M]:
-        return [m for _, _, m in self.heard if isinstance(m, kind)]
+        return [m for _, _, m in self.received if isinstance(m, kind)]
 
     def last(self, kind: type[M]) -> M:
         message = self.newest[kind]

@@ -79,7 +79,7 @@ class WireProbe:
         """Node of the device; None: any that answers."""
         self.session_id = 0
         self.hello: Hello | None = None
-        self.heard: list[Heard] = []
+        self.received: list[Heard] = []
         self.events: list[LinkEvent] = []
         """Received events that are no message."""
         self.raw = bytearray()
@@ -141,7 +141,7 @@ class WireProbe:
         for event in self.link.receive(data, at_us):
             if isinstance(event, Received):
                 if self.node in {None, event.frame.node}:
-                    self.heard.append(Heard(at_us, event.message, event.frame))
+                    self.received.append(Heard(at_us, event.message, event.frame))
                     self._take_challenge(event.message)
             else:
                 self.events.append(event)
@@ -175,21 +175,21 @@ class WireProbe:
 
     def listen(self, duration_s: float, *, alive: bool = True) -> list[Heard]:
         """Receive for a time; return the messages."""
-        mark = len(self.heard)
+        mark = len(self.received)
         self.until(lambda: False, duration_s, alive=alive)
-        return self.heard[mark:]
+        return self.received[mark:]
 
     def forget(self) -> None:
         """Discard the messages so far."""
         self._turned_us = self._received_us = now_us()
         self.held_up_us = 0
-        self.heard.clear()
+        self.received.clear()
         self.events.clear()
         self.raw.clear()
 
     def of(self, kind: type[M], mark: int = 0) -> list[M]:
         """Return the messages of one kind, from the ``mark``-th received one on."""
-        return [h.message for h in self.heard[mark:] if isinstance(h.message, kind)]
+        return [h.message for h in self.received[mark:] if isinstance(h.message, kind)]
 
     def wait_for(
         self,
@@ -201,18 +201,18 @@ class WireProbe:
         alive: bool = True,
     ) -> Heard | None:
         """Return the first message of a kind from now (or from ``mark``) on, or None."""
-        position = len(self.heard) if mark is None else mark
+        position = len(self.received) if mark is None else mark
 
         def found() -> bool:
             nonlocal position
-            while position < len(self.heard):
-                message = self.heard[position].message
+            while position < len(self.received):
+                message = self.received[position].message
                 if isinstance(message, kind) and such(message):
                     return True
                 position += 1
             return False
 
-        return self.heard[position] if self.until(found, timeout_s, alive=alive) else None
+        return self.received[position] if self.until(found, timeout_s, alive=alive) else None
 
     def _next_ping(self) -> int:
         # Ping numbers of our own: the checks that write whole frames use others.

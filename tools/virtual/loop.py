@@ -106,8 +106,8 @@ class VirtualLoop:
         moments += [queue[0][0] for queue in (self._to_device, self._to_host) if queue]
         self.now_us = min(moments)
         self._step_device(self.now_us)
-        heard = self._deliver(self.now_us)
-        if alive and (heard or self.now_us >= self._host_us):
+        received = self._deliver(self.now_us)
+        if alive and (received or self.now_us >= self._host_us):
             self._step_host(self.now_us)
 
     def _step_device(self, now_us: int) -> None:
@@ -127,11 +127,11 @@ class VirtualLoop:
 
     def _deliver(self, now_us: int) -> bool:
         """Give the host the bytes that have arrived; return whether there were any."""
-        heard, to_host = False, self._to_host
+        received, to_host = False, self._to_host
         while to_host and to_host[0][0] <= now_us:
-            heard = True
+            received = True
             self._receive(to_host.popleft()[1], host_ns(now_us))
-        return heard
+        return received
 
     def _step_host(self, now_us: int) -> None:
         host, now_ns = self.host, host_ns(now_us)

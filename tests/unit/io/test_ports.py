@@ -97,9 +97,9 @@ def test_a_closed_port_reports_the_peers_reason(sent: bytes, reason: str) -> Non
             client, _ = server.accept()
             with client:
                 client.sendall(sent)
-            heard = b""
-            while heard != sent:
-                heard += port.wait(5.0)
+            received = b""
+            while received != sent:
+                received += port.wait(5.0)
             with pytest.raises(PortError) as caught:
                 port.wait(5.0)
         assert str(caught.value).startswith(f"{name}{reason}")

@@ -96,7 +96,7 @@ class Pty:
         os.set_blocking(self.master, False)
         self.name = os.ttyname(self.slave)
 
-    def heard(self) -> bytes:
+    def received(self) -> bytes:
         try:
             return os.read(self.master, 4096)
         except BlockingIOError:
@@ -129,8 +129,8 @@ def test_the_same_adapter_is_opened_again_under_another_name(tmp_path: Path, lin
         with opener() as port:  # type: ignore[attr-defined]  # as of a serial port
             assert port.name == str(link)
             port.write(b"here")
-            assert other.heard() == b"here"
-            assert line.heard() == b""
+            assert other.received() == b"here"
+            assert line.received() == b""
     finally:
         other.close()
 
@@ -165,7 +165,7 @@ def test_probing_only_listens(line: Pty, monkeypatch: pytest.MonkeyPatch) -> Non
     with repeating(line, lambda: hello(device)):
         (found,) = probe(candidates([line.name]))
     assert found.found == {"node": 4, "uid": bytes(range(12)).hex(), "firmware": "test 1.2.3"}
-    assert line.heard() == b"", "no byte to a device that nobody knows"
+    assert line.received() == b"", "no byte to a device that nobody knows"
 
 
 def test_active_probing_asks(line: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,7 +175,7 @@ def test_active_probing_asks(line: Pty, monkeypatch: pytest.MonkeyPatch) -> None
     def device() -> None:
         link = Link(Direction.DEVICE)
         while not asked:
-            for event in link.receive(line.heard()):
+            for event in link.receive(line.received()):
                 assert isinstance(event, Received)
                 asked.append(event.message)
                 os.write(line.master, hello(link))

@@ -233,10 +233,10 @@ class Tapped(Link):
 
     def __init__(self, sends: Direction, *, codec: Codec | None = None) -> None:
         super().__init__(sends, codec=codec)
-        self.heard = b""
+        self.received = b""
 
     def receive(self, data: bytes, now_us: int = 0) -> list[LinkEvent]:
-        self.heard += data
+        self.received += data
         return super().receive(data, now_us)
 
 
@@ -251,9 +251,9 @@ def test_the_key_is_on_the_link_once_and_never_printed() -> None:
         end.session.command(GetParameter, (number,), ends.host_ns)
         ends.run(0.1)
     ends.run(1.0)
-    assert len(link.heard) > 1000
-    assert KEY not in link.heard
-    assert KEY[4:8] not in link.heard
+    assert len(link.received) > 1000
+    assert KEY not in link.received
+    assert KEY[4:8] not in link.received
 
 
 def test_a_run_reports_missing_values() -> None:

@@ -40,7 +40,7 @@ class Fickle:
 
     def __init__(self, change: Callable[[int, int], Hello]) -> None:
         self.hellos = 0
-        self.heard = 0
+        self.received = 0
         """Number of frames of the host."""
         self.calm = False
         """True: it behaves like any device from now on."""
@@ -53,7 +53,7 @@ class Fickle:
         for event in self._link.receive(data):
             if not isinstance(event, Received):
                 continue
-            self.heard += 1
+            self.received += 1
             if isinstance(event.message, HostHello):
                 self.inform(event.message.session_id, now_ns)
         return self._link.data_to_send()
@@ -82,7 +82,7 @@ def run(session: Session, device: Fickle, begin_ns: int, seconds: float) -> list
         events += session.receive(came, HostNs(now))
         events += session.poll(HostNs(now))
         came = device.turn(session.data_to_send(), now)
-        if now == begin_ns and not device.heard:
+        if now == begin_ns and not device.received:
             device.inform(0, now)
     return events
 
@@ -106,7 +106,7 @@ def test_it_is_answered_three_times_and_then_once_a_second(
     events = run(session, device, SECOND_NS, seconds)
     handshakes = HANDSHAKES_AT_ONCE + seconds * SECOND_NS / HANDSHAKE_PERIOD_NS
     # Each handshake is a hello and the questions at once; a question is repeated at 10 Hz.
-    assert device.heard <= 10 * handshakes + 10 * seconds
+    assert device.received <= 10 * handshakes + 10 * seconds
     assert device.hellos <= 10 * handshakes
     if what != "session" or joins:
         assert [e.text for e in events if isinstance(e, Restless)] == [RESTLESS]

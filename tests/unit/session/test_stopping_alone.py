@@ -43,7 +43,7 @@ class Line:
         node: int = 4,
     ) -> None:
         self.now_ns = BEGAN_NS
-        self.heard: list[Received] = []
+        self.received: list[Received] = []
         self.heard_ms: list[float] = []
         """Arrival times since the beginning, ms."""
         self.written = b""
@@ -60,7 +60,7 @@ class Line:
         for event in self._device.receive(taken):
             if not isinstance(event, Received):
                 continue  # a truncated frame
-            self.heard.append(event)
+            self.received.append(event)
             self.heard_ms.append((self.now_ns - BEGAN_NS) / MS)
             answer = self._answer(event)
             if answer is not None:
@@ -109,7 +109,7 @@ def test_the_node_that_confirms_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     line = Line(confirms)
     assert stop(line, monkeypatch) == [4]
     assert line.closed
-    (event,) = line.heard
+    (event,) = line.received
     assert event.message == StopAll()
     assert (event.frame.node, event.frame.seq, event.frame.t_us) == (NODE_ALL, 0, 0)
 
@@ -176,7 +176,7 @@ def test_other_messages_are_no_confirmation(
         f"/dev/ttyX: no confirmation of the stop{whose} within 3 s; switch the robot off"
     )
     assert line.closed
-    assert len(line.heard) == round(CONFIRM_S * 1e9 / REPEAT_NS)
+    assert len(line.received) == round(CONFIRM_S * 1e9 / REPEAT_NS)
     assert line.now_ns - BEGAN_NS == pytest.approx(CONFIRM_S * 1e9, abs=10)
 
 
@@ -238,7 +238,7 @@ def test_the_unsent_rest_of_a_stop_is_replaced_by_the_next(
     assert [len(data) for data, _ in sent] == [5] * 40
     times = [at - BEGAN_NS for _, at in sent]
     assert times == pytest.approx([25 * MS * i for i in range(40)], abs=60)
-    assert line.heard == []
+    assert line.received == []
 
 
 def test_unsent_bytes_follow_within_the_turn(
@@ -258,7 +258,7 @@ def test_unsent_bytes_follow_within_the_turn(
     request = AddressedStop(Link, StopCause.OPERATOR, 7, 4)
     send_until_confirmed(line, request, HostNs(BEGAN_NS + 1000 * MS))
     assert request.confirmed_by == 4
-    assert len(line.heard) == 1
+    assert len(line.received) == 1
     assert line.heard_ms[0] < 10.0
 
 
@@ -302,13 +302,13 @@ def test_nothing_goes_out_before_the_next_stop_is_due() -> None:
 def test_an_addressed_stop_is_confirmed_by_its_id_alone(
     answer: Callable[[Received], Message | None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for heard, confirmed in ((acknowledges, 4), (answer, None)):
-        line = Line(heard)
+    for received, confirmed in ((acknowledges, 4), (answer, None)):
+        line = Line(received)
         monkeypatch.setattr(clock, "now", lambda at=line: HostNs(at.now_ns))
         request = AddressedStop(Link, StopCause.LINK, 7, 4)
         send_until_confirmed(line, request, HostNs(BEGAN_NS + 200 * MS))
         assert request.confirmed_by == confirmed
-    assert {event.frame.node for event in line.heard} == {4}
+    assert {event.frame.node for event in line.received} == {4}
     elsewhere = Line(acknowledges, node=5)
     monkeypatch.setattr(clock, "now", lambda: HostNs(elsewhere.now_ns))
     request = AddressedStop(Link, StopCause.LINK, 7, 4)

@@ -43,7 +43,7 @@ class Line:
         self.host.key = None if key is None else Authenticator(key)
         self._ears = Link(Direction.HOST)
         self.now_us = 0
-        self.heard: list[Message] = []
+        self.received: list[Message] = []
         self.wait(1_000_000)
 
     def wait(self, for_us: int, data: bytes = b"") -> None:
@@ -51,7 +51,7 @@ class Line:
         out = self.device.step(data, self.now_us)
         for event in self._ears.receive(out, self.now_us):
             if isinstance(event, Received):
-                self.heard.append(event.message)
+                self.received.append(event.message)
 
     def inform(self, link: Link, message: Message, late_us: int = 0) -> None:
         link.send(message, (self.now_us - late_us) % SPAN_US, node=1)
@@ -63,9 +63,9 @@ class Line:
 
     def begin(self) -> None:
         self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, self.boot_id, 0, "host"))
-        hello = next(m for m in reversed(self.heard) if isinstance(m, Hello))
+        hello = next(m for m in reversed(self.received) if isinstance(m, Hello))
         if self.host.key is not None:
-            challenge = next(m for m in reversed(self.heard) if isinstance(m, Challenge))
+            challenge = next(m for m in reversed(self.received) if isinstance(m, Challenge))
             self.host.key.begin(hello.boot_id, SESSION, challenge.counter)
         self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, self.boot_id, 1, "host"))
         self.inform(self.host, ClearStop(1, StopCause.SESSION_END))
@@ -119,10 +119,10 @@ def test_a_stop_with_a_wrong_tag_is_a_stop(key: bytes | None) -> None:
     line.begin()
     payload = struct.pack("<HB", 900, StopCause.OPERATOR)
     for tag in (b"", bytes(12)):
-        line.heard.clear()
+        line.received.clear()
         line.wait(20_000, encode_frame(1, STOP, 0, 0, payload + tag, FLAG_AUTHENTICATED))
         assert line.cause is StopCause.OPERATOR
-        assert Ack(900, STOP) in line.heard
+        assert Ack(900, STOP) in line.received
         line.inform(line.host, ClearStop(3 + len(tag), StopCause.OPERATOR))
         assert not line.device.firmware.latch.latched
 

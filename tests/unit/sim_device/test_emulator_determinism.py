@@ -65,10 +65,10 @@ def device_bytes(seed: int, *, faults: bool, steps_us: tuple[int, ...] = ()) -> 
             moments.append(now_us + steps_us[turn % len(steps_us)])
             turn += 1
         now_us = max(now_us, min(moments))
-        heard = b""
+        received = b""
         while words and words[0][0] <= now_us:
-            heard += words.pop(0)[1]
-        out += rig.step(heard, now_us)
+            received += words.pop(0)[1]
+        out += rig.step(received, now_us)
     return out
 
 
@@ -108,11 +108,11 @@ def test_another_process_gives_the_same(hash_seed: str) -> None:
 
 def test_the_runs_are_worth_comparing() -> None:
     """The robot drives, with noise, and the faults have an effect."""
-    heard = here(11, faults=False)
-    assert len(heard) > 10_000
-    kinds = {event.spec.name for event in Link(Direction.HOST).receive(heard, 0)}  # type: ignore[union-attr]  # all of them intact
+    received = here(11, faults=False)
+    assert len(received) > 10_000
+    kinds = {event.spec.name for event in Link(Direction.HOST).receive(received, 0)}  # type: ignore[union-attr]  # all of them intact
     assert {"imu", "encoders", "range", "power", "status", "time_reply", "ack"} <= kinds
-    assert here(11, faults=True) != heard
+    assert here(11, faults=True) != received
 
 
 @pytest.mark.parametrize("faults", [False, True])

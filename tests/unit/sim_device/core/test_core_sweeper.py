@@ -112,7 +112,7 @@ def test_a_line_that_is_too_slow_loses_whole_frames_and_no_answer() -> None:
     drive.run(12.0)
     assert rig.counts().device_overrun == 0
     assert drive.session.link.statistics.damaged == 0
-    assert 500 < len(drive.heard) < 1_500, "of 2 500"
+    assert 500 < len(drive.received) < 1_500, "of 2 500"
     assert drive.round_trips_us(6.0, 12.0), "answers have a share of the buffer of their own"
 
 
@@ -128,7 +128,7 @@ def test_frames_that_wait_for_the_bus_leave_by_their_rank() -> None:
     asked_us = host.now_us
     host.send(*(GetParameter(number, number) for number in range(6)))
     host.run(0.5)
-    after = [(at_us - t_us, m) for at_us, t_us, m in host.heard if at_us > asked_us]
+    after = [(at_us - t_us, m) for at_us, t_us, m in host.received if at_us > asked_us]
     kinds = [type(message) for _, message in after]
     values = [i for i, kind in enumerate(kinds) if kind is ParameterValue]
     assert len(values) == 6
@@ -255,18 +255,18 @@ def test_a_miswired_encoder_ends_at_rest_with_the_drivers_off(
     begun = rig.plant.pose
     drive.run(12.0)
     assert rig.plant.pose.distance_m(begun) < 0.001, "and it stays there"
-    statuses = [h.message for h in drive.heard if isinstance(h.message, Status)]
+    statuses = [h.message for h in drive.received if isinstance(h.message, Status)]
     assert any(status.faults & named for status in statuses)
     assert statuses[-1].faults & Fault.DRIVERS_OFF
-    lines = [h.message.line for h in drive.heard if isinstance(h.message, LogText)]
+    lines = [h.message.line for h in drive.received if isinstance(h.message, LogText)]
     assert any("encoder" in line for line in lines), lines
 
 
 def test_its_clock_may_drift() -> None:
     drive = Drive(on_core("clock-drift@0:ppm=5000"))
     drive.run(10.0)
-    heard = [h for h in drive.heard if isinstance(h.message, Imu)]
-    assert heard[-1].t_us / heard[-1].at_us == pytest.approx(1.005, abs=2e-4)
+    received = [h for h in drive.received if isinstance(h.message, Imu)]
+    assert received[-1].t_us / received[-1].at_us == pytest.approx(1.005, abs=2e-4)
 
 
 def test_a_fault_that_a_chip_cannot_have_is_rejected_by_name() -> None:

@@ -71,7 +71,7 @@ def test_the_motors_are_off_once_the_time_to_live_is_over() -> None:
     last_us = ready.ends.now_us
     ready.ends.run(1.5)
     assert last_us < ready.ends.moving_us <= last_us + 250_000 + RAMP_US
-    status = ready.heard(Status)[-1]
+    status = ready.received(Status)[-1]
     assert isinstance(status, Status)
     assert status.faults & Fault.SETPOINT_EXPIRED
     assert status.mode == Mode.BRINGUP, "expiry does not latch"
@@ -94,7 +94,7 @@ def test_stale_and_repeated_duties_are_rejected() -> None:
         ready.ends.run(0.02)
     assert ready.ends.device.truth.path_m == pytest.approx(travelled, abs=1e-4)
     ready.ends.run(1.0)
-    counters = ready.heard(LinkCounters)[-1]
+    counters = ready.received(LinkCounters)[-1]
     assert isinstance(counters, LinkCounters)
     assert counters.stale == 30
 

@@ -43,7 +43,7 @@ def test_streams_do_not_come_in_bursts() -> None:
     bench = LoneDevice()
     bench.join()
     bench.run(1.0, bench.ping)
-    assert max(Counter(t for t, m in bench.heard if t > 100_000).values()) <= 5
+    assert max(Counter(t for t, m in bench.received if t > 100_000).values()) <= 5
 
 
 def test_hello_is_sent_each_second_until_the_handshake() -> None:

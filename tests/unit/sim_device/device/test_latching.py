@@ -30,11 +30,11 @@ def test_it_drives_on_fresh_setpoints_and_stops_when_they_end() -> None:
     bench.run(2.0, look)
     assert last < moving[0] <= last + 250_000 + RAMP_US
     assert not bench.firmware.latch.latched, "an expired setpoint does not latch"
-    status = [m for _, m in bench.heard if isinstance(m, Status)][-1]
+    status = [m for _, m in bench.received if isinstance(m, Status)][-1]
     assert status.faults & Fault.SETPOINT_EXPIRED
     bench.run(0.5, bench.drive)
     assert bench.speed > 0.15, "fresh ones of the same session go on"
-    status = [m for _, m in bench.heard if isinstance(m, Status)][-1]
+    status = [m for _, m in bench.received if isinstance(m, Status)][-1]
     assert not status.faults & Fault.SETPOINT_EXPIRED
 
 
@@ -140,7 +140,7 @@ def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
         )
     bench.run(0.9)
     assert bench.device.truth.path_m == pytest.approx(path, abs=1e-4)
-    counters = [m for _, m in bench.heard if isinstance(m, LinkCounters)][-1]
+    counters = [m for _, m in bench.received if isinstance(m, LinkCounters)][-1]
     assert counters.stale == 30
     assert not bench.firmware.latch.latched
 
@@ -156,7 +156,7 @@ def test_clocks_that_wrap_stop_nothing() -> None:
     bench.run(3.0, bench.drive)  # the host's stamps are the bench's, and wrap with it
     assert bench.speed == pytest.approx(0.2, abs=0.02)
     assert not bench.firmware.latch.latched
-    counters = [m for _, m in bench.heard if isinstance(m, LinkCounters)][-1]
+    counters = [m for _, m in bench.received if isinstance(m, LinkCounters)][-1]
     assert counters.stale == 0
 
 

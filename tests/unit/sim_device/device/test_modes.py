@@ -106,7 +106,7 @@ def test_without_supply_or_before_the_boot_nothing_is_received(state: DeviceStat
     trial.host.join(9)
     trial.host.run(0.2)
     assert trial.state is state
-    assert not [m for at, _, m in trial.host.heard if at > 0]
+    assert not [m for at, _, m in trial.host.received if at > 0]
 
 
 class ModesMachine(RuleBasedStateMachine):

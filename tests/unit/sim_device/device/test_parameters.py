@@ -31,7 +31,7 @@ def test_every_parameter_can_be_listed() -> None:
     names = []
     for number in range(len(NUMBERS)):
         assert ready.ask(lambda i, n=number: GetParameter(i, n)) is None  # type: ignore[misc]
-        value = ready.heard(ParameterValue)[-1]
+        value = ready.received(ParameterValue)[-1]
         assert isinstance(value, ParameterValue)
         assert (value.parameter, value.parameter_count) == (number, len(NUMBERS))
         assert value.value == value.default
@@ -71,7 +71,7 @@ def test_a_repeated_get_gives_the_value_again() -> None:
     for _ in range(2):
         ready.send(GetParameter(900, NUMBERS["max_speed"]))
         ready.ends.run(0.05)
-    assert len(ready.heard(ParameterValue)) == 2
+    assert len(ready.received(ParameterValue)) == 2
 
 
 def test_a_repeated_set_is_carried_out_once() -> None:
@@ -171,7 +171,7 @@ def test_battery_low_uses_the_parameter() -> None:
     assert not ready.ends.device.firmware.faults & Fault.BATTERY_LOW
     assert ready.set("battery_low", 20.0) is None
     ready.ends.run(0.5)
-    status = ready.heard(Status)[-1]
+    status = ready.received(Status)[-1]
     assert isinstance(status, Status)
     assert status.faults & Fault.BATTERY_LOW
 

@@ -414,7 +414,7 @@ def test_a_crash_is_reported_to_the_next_host() -> None:
     bench.device.crash()
     assert not bench.drivers()
     bench.run(1.0)
-    bench.heard.clear()
+    bench.received.clear()
     bench.join(0x77)
     bench.run(0.5)
     assert bench.last(Hello).reset_cause == ResetCause.CRASH
@@ -422,7 +422,7 @@ def test_a_crash_is_reported_to_the_next_host() -> None:
     assert line.line == "crash after 1010 ms: pc 0x08004d2a, lr 0x08004c91, cfsr 0x00010000"
     bench.device.reset(ResetCause.PIN)
     bench.run(1.0)
-    bench.heard.clear()
+    bench.received.clear()
     bench.join(0x78)
     bench.run(0.5)
     assert not [m for m in bench.of(LogText) if m.line.startswith("crash")]
@@ -450,7 +450,7 @@ def test_a_save_is_acknowledged_if_it_reads_back(worn: bool) -> None:  # noqa: F
     bench.device.flash.worn = worn
     lines: list[str] = []
     for _ in range(2):
-        bench.heard.clear()
+        bench.received.clear()
         bench.send(SaveParameters(0x500))
         bench.run(0.5)
         (reply,) = [m for m in bench.of(Ack) + bench.of(Nack) if m.command_id == 0x500]
@@ -465,7 +465,7 @@ def test_a_stuck_bus_gives_no_samples_and_is_a_fault() -> None:
     bench = LoneDevice()
     bench.drive(2.5)
     bench.device.sensors.faults.i2c_stuck = True
-    bench.heard.clear()
+    bench.received.clear()
     bench.drive(1.0)
     assert bench.of(Imu) == []
     assert bench.faults & Fault.IMU
@@ -483,7 +483,7 @@ def test_an_imu_with_its_own_clock(share: float) -> None:
     bench = LoneDevice()
     bench.device.sensors.faults.imu_clock = share
     bench.run(1.0)
-    bench.heard.clear()
+    bench.received.clear()
     bench.run(10.0)
     assert len(bench.of(Imu)) == pytest.approx(1000 * (1 + min(share, 0.0)), abs=2)
     assert not bench.faults & Fault.IMU

@@ -52,13 +52,13 @@ def test_a_boot_takes_time_and_restarts_the_clock() -> None:
     known = len(ready.host.events)
     ready.ask(lambda i: Reboot(i, RebootKind.NORMAL))
     ready.ends.run(1.0)
-    heard = [
+    received = [
         (event.arrived_ns // 1000 - HOST_BOOT_US, event.received.frame.t_us)
         for event in ready.host.events[known:]
         if isinstance(event, Data)
     ]
-    assert not [at for at, _ in heard if asked_us + 40_000 < at < asked_us + BOOT_US]
-    anew = [(at, t_us) for at, t_us in heard if at >= asked_us + BOOT_US]
+    assert not [at for at, _ in received if asked_us + 40_000 < at < asked_us + BOOT_US]
+    anew = [(at, t_us) for at, t_us in received if at >= asked_us + BOOT_US]
     assert len(anew) > 50
     for at, t_us in anew:
         assert t_us <= at - asked_us - BOOT_US

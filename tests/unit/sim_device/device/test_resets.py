@@ -62,17 +62,17 @@ def test_a_reset_of_any_cause(cause: ResetCause, off_s: float) -> None:
     assert counts.left > 1000
     reset_us = host.now_us
     host.device.reset(cause, off_s=off_s)
-    host.heard.clear()
+    host.received.clear()
     silent_s = off_s + BOOT_US / 1e6 - 0.02
     host.run(silent_s)
-    assert not host.heard, "it neither receives nor sends while it boots"
+    assert not host.received, "it neither receives nor sends while it boots"
     host.run(0.1)
     hello = host.hello
     assert hello.reset_cause == cause
     assert hello.boot_id != before.boot_id
     assert hello.uid == before.uid
     assert hello.session_id == 0
-    (at_us, stamp_us, _), *_ = host.heard
+    (at_us, stamp_us, _), *_ = host.received
     assert at_us == pytest.approx(reset_us + off_s * 1e6 + BOOT_US, abs=10_000)
     assert stamp_us < 10_000, "its clock begins anew"
     host.join()
@@ -97,9 +97,9 @@ def test_a_reset_during_a_boot_restarts_it() -> None:
     host.device.reset(ResetCause.PIN)
     host.run(0.2)
     host.device.reset(ResetCause.SOFTWARE)
-    host.heard.clear()
+    host.received.clear()
     host.run(0.25)
-    assert not host.heard
+    assert not host.received
     host.run(0.2)
     assert host.hello.reset_cause == ResetCause.SOFTWARE
 
@@ -113,13 +113,13 @@ def test_a_firmware_that_hangs_is_reset_by_the_watchdog() -> None:
     hung_us = host.now_us
     path_m = host.device.truth.path_m
     host.device.hang()
-    host.heard.clear()
+    host.received.clear()
     assert host.run(1.0, lambda: host.device.state is DeviceState.BOOT)
     assert host.now_us - hung_us <= WATCHDOG_US + 20_000
     # Until then the bridges held their duty: it drove on, without control, for exactly that time.
     driven_m = host.device.truth.path_m - path_m
     assert 0.2 * 0.08 < driven_m < 0.2 * 0.13
-    assert not host.heard
+    assert not host.received
     host.run(0.5)
     assert host.hello.reset_cause == ResetCause.WATCHDOG
     assert speed(host) < REST_M_S
@@ -157,7 +157,7 @@ def test_a_rail_that_falls_switches_it_off_until_it_is_back(
     rail.volts = BROWN_OUT_V - 0.05
     host.run(0.02)
     assert host.device.state is DeviceState.OFF
-    host.heard.clear()
+    host.received.clear()
     rail.volts = SUPPLY_GOOD_V - 0.05
     host.run(2.0)
     assert host.device.state is DeviceState.OFF, "between the thresholds it stays off"
@@ -174,14 +174,14 @@ def test_a_rail_that_falls_again_while_it_boots(monkeypatch: pytest.MonkeyPatch)
     host = WireHost(sweeper())
     rail = _Rail(monkeypatch, host)
     host.run(0.1)
-    host.heard.clear()
+    host.received.clear()
     for _ in range(5):
         rail.volts = 3.0
         host.run(0.1)
         assert host.device.state is DeviceState.OFF
         rail.volts = 5.0
         host.run(0.25)
-    assert not host.heard
+    assert not host.received
     host.run(0.2)
     assert host.device.state is DeviceState.STOPPED
 
@@ -217,7 +217,7 @@ def test_a_save_is_answered_when_it_is_done_and_not_before() -> None:
     set_speed(host, 0.25)
     asked_us = host.now_us
     assert not [m for m in host.send(SaveParameters(7)) if isinstance(m, Ack)]
-    host.heard.clear()
+    host.received.clear()
     assert not host.send(SaveParameters(7)), "asked again: still at it"
     assert host.run(1.0, lambda: bool(host.of(Ack)))
     assert ERASE_MS <= (host.now_us - asked_us) / 1000 <= ERASE_MS + 30
@@ -331,9 +331,9 @@ def test_a_drifting_device_keeps_its_periods_by_its_own_clock(ppm: float) -> Non
     host.join()
     host.device.clock.drift_ppm = ppm
     host.run(1.0)
-    host.heard.clear()
+    host.received.clear()
     host.run(20.0)
-    samples = [(at, t) for at, t, m in host.heard if isinstance(m, Encoders)]
+    samples = [(at, t) for at, t, m in host.received if isinstance(m, Encoders)]
     assert len(samples) == pytest.approx(1000 * (1 + ppm * 1e-6), abs=1.5)
     (first, t_first), (last, t_last) = samples[0], samples[-1]
     assert (t_last - t_first) / (last - first) == pytest.approx(1 + ppm * 1e-6, abs=2e-6)
@@ -347,9 +347,9 @@ def test_a_setpoint_expires_after_its_time_to_live_of_the_devices_clock(ppm: flo
     host = free()
     host.device.clock.drift_ppm = ppm
     drive(host, 1.0)
-    host.heard.clear()
+    host.received.clear()
     host.run(0.5)
-    ends = next(at for at, _, m in host.heard if isinstance(m, Status) and m.faults)
+    ends = next(at for at, _, m in host.received if isinstance(m, Status) and m.faults)
     last_us = host.now_us - 500_000 - 20_000
     # 200 ms minus the delay by drift, at most 250 ppm of it aged, and a status period.
     assert 150_000 < ends - last_us < 200_000 * (1 - ppm * 1e-6) + 120_000
@@ -372,10 +372,10 @@ def test_stamps_jump_and_deadlines_do_not() -> None:
             moving_us = host.now_us
 
     host.each_step = look
-    host.heard.clear()
+    host.received.clear()
     host.run(2.0)
     assert last_us < moving_us <= last_us + 200_000 + RAMP_US, "not ten seconds later"
-    stamps = [t for _, t, m in host.heard if isinstance(m, Imu)]
+    stamps = [t for _, t, m in host.received if isinstance(m, Imu)]
     assert stamps
     assert all((t + 10_000_000) % 2**32 <= host.now_us for t in stamps)
     replies = [m for m in host.send(TimeRequest(1)) if isinstance(m, TimeReply)]
@@ -390,5 +390,5 @@ def test_a_jump_ends_with_the_boot_and_a_drift_does_not() -> None:
     host.run(0.5)
     assert host.device.clock.offset_us == 0
     assert host.device.clock.drift_ppm == 100.0
-    stamps = [t for _, t, m in host.heard if isinstance(m, Hello)]
+    stamps = [t for _, t, m in host.received if isinstance(m, Hello)]
     assert stamps[-1] < 10_000

@@ -154,7 +154,7 @@ def test_a_brown_out_is_silent_for_its_time() -> None:
 
 def stamps(drive: Drive) -> list[tuple[int, int]]:
     """Return arrival time and stamp of each sample."""
-    return [(h.at_us, h.t_us) for h in drive.heard if isinstance(h.message, Imu)]
+    return [(h.at_us, h.t_us) for h in drive.received if isinstance(h.message, Imu)]
 
 
 def test_a_clock_that_drifts() -> None:

@@ -30,7 +30,7 @@ def counters(made: Rig, seconds: float) -> list[LinkCounters]:
     """Run a session; the link counters that the host received."""
     drive = Drive(made)
     drive.run(seconds)
-    return [h.message for h in drive.heard if isinstance(h.message, LinkCounters)]
+    return [h.message for h in drive.received if isinstance(h.message, LinkCounters)]
 
 
 def of_the_line(message: LinkCounters) -> tuple[int, ...]:
@@ -87,9 +87,9 @@ def test_a_boot_begins_at_zero() -> None:
     drive = Drive(made)
     drive.run(7.0)
     made.device.reset(ResetCause.PIN)
-    before = len(drive.heard)
+    before = len(drive.received)
     drive.run(10.0)
-    after = [h.message for h in drive.heard[before:] if isinstance(h.message, LinkCounters)]
+    after = [h.message for h in drive.received[before:] if isinstance(h.message, LinkCounters)]
     assert of_the_line(after[-1]) == (0, 0, 0, 0, 0)
 
 

@@ -23,14 +23,14 @@ WRAP = 1 << 32
 
 class FakeLane:
     def __init__(self) -> None:
-        self.printed, self.heard = b"", b""
+        self.printed, self.received = b"", b""
 
     def read(self) -> bytes:
         printed, self.printed = self.printed, b""
         return printed
 
     def write(self, data: bytes) -> None:
-        self.heard += data
+        self.received += data
 
 
 class FakeQemu:
@@ -79,9 +79,9 @@ class Chip:
         numbers = (chip_us % WRAP, sample_us % WRAP, self.newest_us % WRAP, left, right, 7000, 1)
         return link.frame(link.FromChip.REQUEST, struct.pack("<IIIhhH?", *numbers))
 
-    def heard(self) -> list[tuple[int, bytes]]:
+    def received(self) -> list[tuple[int, bytes]]:
         """Return type and payload of the plant's messages since the last call."""
-        data, self.qemu.plant.heard = self.qemu.plant.heard, b""
+        data, self.qemu.plant.received = self.qemu.plant.received, b""
         frames = []
         while data:
             end = 3 + data[2]
@@ -91,7 +91,7 @@ class Chip:
 
     def boot(self, now_us: int = 0) -> None:
         self.step(now_us)
-        assert [kind for kind, _ in self.heard()][-1] == link.ToChip.IDENTITY
+        assert [kind for kind, _ in self.received()][-1] == link.ToChip.IDENTITY
 
 
 @pytest.fixture
@@ -113,7 +113,7 @@ def stamps(frames: list[tuple[int, bytes]]) -> list[int]:
 
 def test_a_chip_is_given_its_identity(chip: Chip) -> None:
     chip.step(0)
-    ((kind, payload),) = chip.heard()
+    ((kind, payload),) = chip.received()
     assert kind == link.ToChip.IDENTITY
     uid, boot_id, cause, node, chunks = struct.unpack("<12sIBBB", payload)
     assert (boot_id, cause, node, chunks) == (99, ResetCause.POWER_ON, 7, 0)
@@ -123,11 +123,11 @@ def test_a_chip_is_given_its_identity(chip: Chip) -> None:
 def test_readings_are_of_the_moment_that_was_asked_for(chip: Chip) -> None:
     chip.boot()
     chip.step(5_000, chip.request(302_000, 310_000))
-    assert stamps(chip.heard()) == [310_000]
+    assert stamps(chip.received()) == [310_000]
     assert chip.sweeper.plant.tick_ms == 13, "8 ms beyond the 5 ms at which the chip asked"
     chip.newest_us = 310_000
     chip.step(15_000, chip.request(312_000, 320_000, 5000, 5000))
-    assert stamps(chip.heard()) == [320_000]
+    assert stamps(chip.received()) == [320_000]
     assert chip.sweeper.plant.tick_ms == 23
     assert chip.sweeper.truth.left_rad > 0.0
     assert chip.sweeper.truth.right_rad > 0.0
@@ -138,14 +138,14 @@ def test_late_requests_do_not_queue_up(chip: Chip) -> None:
     """Readings are sent only after the last ones have arrived, and for the newest request."""
     chip.boot()
     chip.step(2_000, chip.request(2_000, 10_000))
-    assert stamps(chip.heard()) == [10_000]
+    assert stamps(chip.received()) == [10_000]
     chip.step(12_000, chip.request(12_000, 20_000))
-    assert stamps(chip.heard()) == [], "those of 10 ms are under way"
+    assert stamps(chip.received()) == [], "those of 10 ms are under way"
     chip.newest_us = 10_000
     chip.step(42_000, *(chip.request(at, at + 8_000) for at in (22_000, 32_000, 42_000)))
-    assert stamps(chip.heard()) == [50_000]
+    assert stamps(chip.received()) == [50_000]
     chip.step(280_000, chip.request(280_000, 288_000))
-    assert stamps(chip.heard()) == [288_000], "lost, as by a reset: sent anew"
+    assert stamps(chip.received()) == [288_000], "lost, as by a reset: sent anew"
 
 
 def test_the_plant_continues_over_a_wrap_of_the_chips_clock(chip: Chip) -> None:
@@ -156,7 +156,7 @@ def test_the_plant_continues_over_a_wrap_of_the_chips_clock(chip: Chip) -> None:
         chip.step(
             TURN_US * turn, chip.request(start_us + TURN_US * turn, start_us + TURN_US * turn)
         )
-        chip.newest_us = (stamps(chip.heard()) or [chip.newest_us])[-1]
+        chip.newest_us = (stamps(chip.received()) or [chip.newest_us])[-1]
         assert chip.sweeper.plant.tick_ms == 10 * turn
     assert chip.newest_us == 25_000
 
@@ -198,7 +198,7 @@ def test_flash_outlives_a_reset_and_the_link_sends_its_last_bytes(chip: Chip) ->
         link.frame(link.FromChip.WRITE, struct.pack("<BH", 1, 128) + content[128:]),
     )
     chip.step(2_000, chip.request(2_000, 10_000, 6000, 6000))
-    chip.heard()
+    chip.received()
     chip.qemu.wire.printed = b"an answer"
     reset = link.frame(link.FromChip.RESET, bytes([ResetCause.SOFTWARE]))
     assert chip.step(3_000, reset) == b"an answer"
@@ -206,7 +206,7 @@ def test_flash_outlives_a_reset_and_the_link_sends_its_last_bytes(chip: Chip) ->
     assert chip.step(4_000) == b""
     assert chip.sweeper.plant.motor_voltages_v == (0.0, 0.0)
     chip.step(5_000, link.frame(link.FromChip.BOOT, bytes([link.VERSION])))
-    *pages, (kind, identity) = chip.heard()
+    *pages, (kind, identity) = chip.received()
     assert [(k, p[:3]) for k, p in pages] == [
         (link.ToChip.PAGE, struct.pack("<BH", 1, 0)),
         (link.ToChip.PAGE, struct.pack("<BH", 1, 128)),
@@ -230,7 +230,7 @@ def test_a_brown_out_and_the_supply_that_comes_back(chip: Chip) -> None:
         chip.step(now_us)
     assert chip.qemu.orders == ["halt", "reset", "go on"]
     chip.step(410_000, link.frame(link.FromChip.BOOT, bytes([link.VERSION])))
-    _, identity = chip.heard()[-1]
+    _, identity = chip.received()[-1]
     assert identity[16] == ResetCause.BROWN_OUT
 
 

@@ -33,7 +33,7 @@ class Served:
     def __init__(self, port: TcpServerPort) -> None:
         self.port = port
         self.link = Link(Direction.DEVICE)
-        self.heard: list[Message] = []
+        self.received: list[Message] = []
 
     def turn(self, limit: int = 4096) -> None:
         """Wait for a client's bytes, and take them."""
@@ -41,10 +41,10 @@ class Served:
         assert ready, "nothing came"
         data = self.port.read(limit)
         assert len(data) <= limit
-        self.heard += [e.message for e in self.link.receive(data) if isinstance(e, Received)]
+        self.received += [e.message for e in self.link.receive(data) if isinstance(e, Received)]
 
     def until(self, message: Message) -> None:
-        while message not in self.heard:
+        while message not in self.received:
             self.turn()
 
     def connect(self, stack: ExitStack) -> socket.socket:
@@ -105,7 +105,7 @@ def test_only_a_stop_is_accepted_from_a_second_client(served: Served, stack: Exi
     served.until(STOP)
     host.sendall(wire(TimeRequest(3)))
     served.until(TimeRequest(3))
-    assert served.heard == [HELLO, STOP, TimeRequest(3)]
+    assert served.received == [HELLO, STOP, TimeRequest(3)]
     assert rest(other).startswith(b"refused: this sweeper has a host already, 127.0.0.1:")
 
 
@@ -138,5 +138,5 @@ def test_a_stop_uses_the_remaining_room_of_the_line(served: Served, stack: ExitS
     host, other = served.connect(stack), served.connect(stack)
     host.sendall(bytes(20_000))  # the line is full of the host's own bytes
     other.sendall(wire(STOP))
-    while STOP not in served.heard:
+    while STOP not in served.received:
         served.turn(limit=3)
