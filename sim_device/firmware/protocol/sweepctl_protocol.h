@@ -411,7 +411,7 @@ static inline size_t sp_stop_frame(
 }
 
 #if SP_WITH_VELOCITY_SETPOINT
-/* velocity_setpoint (0x02, host, 50 Hz): Body velocity to hold until its time to live
+/* velocity_setpoint (0x02, host, 50 Hz): Body velocity, valid until its time to live
  * expires. */
 #define SP_TYPE_VELOCITY_SETPOINT 0x02u
 #define SP_VELOCITY_SETPOINT_SIZE 6u
