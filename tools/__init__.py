@@ -1,1 +1,1 @@
-"""The ``sweepctl`` command, and the loop that joins host and virtual sweeper."""
+"""The ``sweepctl`` command, and the loop that connects host and virtual robot in virtual time."""

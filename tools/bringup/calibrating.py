@@ -1,4 +1,4 @@
-"""Shared code of the calibrations: an emulator's true pose, and writing the results."""
+"""Shared code of the calibration commands: read an emulator's true pose, and write the results."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Written(NamedTuple):
     """Where the results of a calibration were written."""
 
     file: str | None
-    """Robot file; None: none was written."""
+    """Robot file; None: no file was written."""
     device: tuple[str, ...]
     """Parameters that were set and saved on the device."""
     lacking: tuple[str, ...]
@@ -81,7 +81,7 @@ def write_results(
     robot: Path | None,
     robot_toml: str,
 ) -> Written:
-    """Show the changes, ask, and write them to the robot file and the device.
+    """Show the changes, ask for confirmation, and write them to the robot file and the device.
 
     Args:
         session: connection to the device.

@@ -26,7 +26,7 @@ _WORDS = {
 def measured(
     session: BringupSession, person: Person, name: str, distances_m: Sequence[float]
 ) -> list[Point]:
-    """Ask for a wall at each distance and measure it; a distance that is declined is skipped.
+    """Ask for a wall at each distance and measure its range; a declined distance is skipped.
 
     Args:
         session: connection to the device.

@@ -42,13 +42,14 @@ _LONG_S = 1e6
 def bringup_session(
     asked: PortAsked, log: BringupLog | None, model: RobotModel, robot_toml: str
 ) -> Iterator[BringupSession]:
-    """Open a session with the device on a port. Ctrl-C interrupts it, and its end stops the robot.
+    """Open a session with the device on a port; the end of the session stops the robot.
 
-    Cautions about the robot are printed first. Errors of the device or its link name the port.
+    Ctrl-C ends the session. Cautions about the robot are printed first. Errors of the device or its
+    link name the port.
 
     Args:
         asked: port and its options.
-        log: file for the traffic and all printed lines; None: no log.
+        log: file for the bytes of the link and all printed lines; None: no log.
         model: robot model, for the log.
         robot_toml: text of the robot file, for the log.
 
@@ -85,7 +86,7 @@ def bringup_session(
 
 @contextlib.contextmanager
 def _named(port: str) -> Iterator[None]:
-    """Prefix errors of the device or its link with the port, unless they name it."""
+    """Prefix errors of the device or its link with the port, unless the text names the port."""
     try:
         yield
     except (PortError, IncompatibleError, CommandRejectedError, StoppedForSafetyError) as error:
@@ -121,7 +122,7 @@ def _recorded(
     opened_ns = clock.now() + offset_ns
     extra = {"command": log.command}
     info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, model, robot_toml, None, extra)
-    # It runs in its own thread, because a slow disk must not delay the command that stops a wheel.
+    # In its own thread, because a slow disk must not delay the command that stops a wheel.
     recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
     records = BringupRecords(wire, recorder, offset_ns)
     try:
@@ -184,7 +185,7 @@ class Terminal:
                 return True
 
     def choose(self, text: str, answers: Mapping[str, str]) -> str:
-        """Ask for one of the keys of ``answers``; the end of the input counts as the last."""
+        """Ask for one of the keys of ``answers``; the end of the input counts as the last key."""
         self.show(text)
         for key, meaning in answers.items():
             self.show(f"  {key:3} {meaning}")
@@ -212,7 +213,10 @@ class Terminal:
                     return value
 
     def _line(self, prompt: str) -> str | None:
-        """Return a stripped line of input; None at its end. The session continues meanwhile."""
+        """Return a stripped line of input; None at the end of the input.
+
+        The session with the device continues while the user types.
+        """
         ask(prompt)
         answers: list[str] = []
         done = threading.Event()

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 MAX_MS = 1000.0
-"""Maximum delay that can be declared, ms. A longer one is a typing error."""
+"""Maximum delay that can be declared, ms. A longer delay is probably a typing error."""
 
 
 def adapter_delay_option(f: Callable[..., object]) -> Callable[..., object]:

@@ -16,7 +16,7 @@ def complete_room(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Return the rooms that ship with sweepctl, and room files."""
+    """Return the rooms of sweepctl, and room files."""
     from tools.cli.rooms import shipped_rooms
 
     return [*_beginning(shipped_rooms(), incomplete), *complete_files(incomplete, ".json")]
@@ -48,7 +48,7 @@ def complete_fault(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Return the kinds of fault, with which the text of a fault begins."""
+    """Return the kinds of fault; the text of a fault begins with its kind."""
     from sim_device.faults.kinds import KINDS
 
     return _beginning(KINDS, incomplete)
@@ -83,7 +83,7 @@ def complete_rooms(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    """Return lists of rooms: the shipped rooms, and room files."""
+    """Return lists of rooms: the rooms of sweepctl, and room files."""
     from tools.cli.rooms import shipped_rooms
 
     files = complete_files(incomplete.rpartition(",")[2], ".json")

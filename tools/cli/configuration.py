@@ -80,7 +80,7 @@ class Shared:
 
 @dataclass(frozen=True, slots=True)
 class Defaults(Shared):
-    """Table ``[defaults]``: values for options that the command line does not give."""
+    """Table ``[defaults]``: values for options that are not on the command line."""
 
     planner: str | None = _key("planner of `simulate`", built_in="recovery")
     noise: str | None = _key(
@@ -92,7 +92,7 @@ class Defaults(Shared):
 
 @dataclass(frozen=True, slots=True)
 class NamedRobot(Shared):
-    """Table ``[robots.NAME]``: the settings for NAME used as PORT."""
+    """Table ``[robots.NAME]``: the settings of a robot whose NAME is given as PORT."""
 
     port: str | None = _key("the port; required")
 
@@ -120,7 +120,7 @@ class Configuration:
 
 
 def config_files() -> list[Path]:
-    """Return the files that are read if they exist, the one with the lowest priority first."""
+    """Return the files that are read if they exist, in ascending order of priority."""
     named = os.environ.get(VARIABLE)
     if named is not None:
         return [Path(named)] if named else []
@@ -161,7 +161,7 @@ def _check_ports(robots: Mapping[str, Mapping[str, Value]]) -> None:
 
 
 def _read(path: Path) -> tuple[Defaults, dict[str, NamedRobot]] | None:
-    """Read one file; None: there is none."""
+    """Read one file; None: the file does not exist."""
     from bridge.errors import ConfigError
     from bridge.spelling import unknown_key
     from bridge.validation import fill
@@ -200,7 +200,7 @@ def _table(value: object, path: str, problems: list[str]) -> dict[str, Any]:
 
 
 def _content(path: Path) -> str | None:
-    """Return the text of a file; None: there is none, and none was named."""
+    """Return the text of a file; None: there is no file, and ``SWEEPCTL_CONFIG`` names none."""
     from bridge.errors import ConfigError
     from bridge.files import open_to_read
 
@@ -221,7 +221,7 @@ def _content(path: Path) -> str | None:
 
 
 def _values(path: Path, table: Defaults | NamedRobot) -> dict[str, Value]:
-    """Return the values in a file; relative paths begin at its folder."""
+    """Return the values in a file; relative paths begin at the folder of the file."""
     found: dict[str, Value] = {}
     for each in fields(table):
         value = getattr(table, each.name)
@@ -260,7 +260,7 @@ def port_of(ctx: click.Context, param: click.Parameter, value: str | None) -> st
     """Return the port of a named robot, or the value itself; for the argument PORT.
 
     Raises:
-        click.BadParameter: it resembles the name of a robot, and is neither name nor port.
+        click.BadParameter: the value resembles the name of a robot, and is neither name nor port.
 
     """
     from bridge.spelling import nearest
@@ -295,7 +295,7 @@ def ports_of(
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A robot of the command line: a port, or a name with what the files say about it."""
+    """A robot of the command line: a port, or a name with its values from the files."""
 
     given: str
     """The word of the command line."""
@@ -307,7 +307,7 @@ class Named:
 def robots_of(
     ctx: click.Context, param: click.Parameter, values: tuple[str, ...]
 ) -> tuple[Named, ...]:
-    """Return several names or ports with their values, each on its own.
+    """Return several names or ports, each with its own values.
 
     Raises:
         click.BadParameter: as for :func:`port_of`.
@@ -322,7 +322,7 @@ def robots_of(
 
 
 class ConfiguredOption(click.Option):
-    """Option whose default a configuration file may set: under its own name."""
+    """Option whose default a configuration file may set, under the name of the option."""
 
     takes_defaults = True
     """False: only the table of the named robot counts."""
@@ -348,7 +348,7 @@ class ConfiguredOption(click.Option):
 
 
 class RobotsOwnOption(ConfiguredOption):
-    """Option whose default is the named robot's own value, never one for all robots."""
+    """Option whose default is the value of the named robot, and never a value of ``[defaults]``."""
 
     takes_defaults = False
 
@@ -364,7 +364,7 @@ class RobotsOwnFile(click.Argument):
         """Return the value of the command line, else of the named robot.
 
         Raises:
-            click.MissingParameter: neither has one.
+            click.MissingParameter: neither of them has a value.
 
         """
         value, source = super().consume_value(ctx, opts)

@@ -55,7 +55,7 @@ def inform_lines(text: str) -> None:
 
 
 def print_error(text: str) -> None:
-    """Print a one-line error on stderr, after the name of the command."""
+    """Print a one-line error on stderr, with the name of the command in front."""
     click.echo(f"{click.style('sweepctl:', fg='red', bold=True)} {one_line(text)}", err=True)
 
 
@@ -72,7 +72,7 @@ def send(sequence: str) -> None:
 
 
 def drop_queued() -> None:
-    """Drop queued output that a terminal has not taken yet."""
+    """Drop queued output that has not been written to the terminal yet."""
     for stream in (err().file, plain_console().file):  # Rich may have replaced sys.stderr
         if isinstance(stream, QueuedStream) and stream.isatty():
             stream.drop_queued()
@@ -84,7 +84,7 @@ def write_line(*lines: str) -> None:
 
 
 def write_lines(text: str) -> None:
-    """Write text of several lines on stdout; its tabs and line ends are kept."""
+    """Write text of several lines on stdout, with its tabs and line ends unescaped."""
     sys.stdout.write(visible(text, keep="\n\t"))
 
 
@@ -116,7 +116,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
     style = _OUTCOME_STYLE.get(summary["outcome"], "")
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="dim")
-    table.add_column(overflow="fold")  # so that the log's name can be copied
+    table.add_column(overflow="fold")  # not cut, so that the log's name can be copied
     what = [one_line(str(summary[k])) for k in ("room", "planner") if summary[k] is not None]
     if summary["seed"] is not None:
         what.append(f"seed {summary['seed']}")

@@ -57,7 +57,7 @@ def export_file(job: ExportJob) -> Exported:
 
 
 def export_or_error(job: ExportJob) -> Exported | tuple[str, int]:
-    """Export one log; return an error as its line and exit status, for another process."""
+    """Export one log in a worker process; return an error as its line and exit status."""
     from tools.cli.remedies import error_line
 
     try:

@@ -31,7 +31,7 @@ class Findings:
         load: Callable[[], _T],
         warnings: Callable[[_T], Sequence[str]],
     ) -> Findings:
-        """Load a file and collect its problems; without any, its warnings."""
+        """Load a file and collect its problems; if there are none, collect its warnings."""
         from bridge.errors import ConfigError
 
         try:

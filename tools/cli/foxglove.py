@@ -1,4 +1,4 @@
-"""``--foxglove [HOST:]PORT``: the channels of a log, live."""
+"""``--foxglove [HOST:]PORT``: serve the channels of a log live to Foxglove."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def live_foxglove(
     """Serve a run to Foxglove; without an address do nothing.
 
     Yields:
-        The tap for the log's writer; None without an address.
+        The object that gets each chunk from the log's writer; None without an address.
 
     Raises:
         FoxgloveMissingError: foxglove-sdk is not installed.

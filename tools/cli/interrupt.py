@@ -1,7 +1,7 @@
-"""Ctrl-C while the command starts: deferred until no import is in progress.
+"""Handler for Ctrl-C that waits until no import is in progress.
 
-A ``KeyboardInterrupt`` during an import ends in a traceback; during the import of an extension
-module it can crash the interpreter. A Ctrl-C is therefore deferred until the import is done.
+A ``KeyboardInterrupt`` during an import prints a traceback. During the import of an extension
+module it can crash the interpreter. So the handler defers a Ctrl-C until the import is done.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 _AGAIN_S = 0.02
 """Delay after which a deferred signal is sent again, s."""
 _MAX_TIMES = 250
-"""Maximum number of times that a signal is deferred: 5 s in total. A longer import hangs."""
+"""Maximum number of times that a signal is deferred: 5 s in total. After this time the import is
+assumed to hang."""
 
 _LOADER = "importlib._bootstrap"
 """Prefix of the names of the modules that load code, which must not be interrupted."""
@@ -34,7 +35,7 @@ def install() -> None:
 
 
 def begin() -> None:
-    """Make Ctrl-C raise ``KeyboardInterrupt`` from now on: ``main`` catches it."""
+    """Make Ctrl-C raise ``KeyboardInterrupt`` from now on; ``main`` catches the exception."""
     global _has_begun  # noqa: PLW0603 - a signal handler gets no argument of ours
     _has_begun = True
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 KEY_BYTES = 16
-"""Length of a key, bytes: the protocol's."""
+"""Length of a key, bytes, as the protocol defines it."""
 MAX_FILE = 256
 """Maximum number of bytes read from a key file: the 32 digits and white space."""
 
@@ -29,7 +29,7 @@ def read_key(path: Path | None) -> bytes | None:
     """Return the key in a file, 32 hexadecimal digits; None without a file.
 
     Raises:
-        KeyFileError: the file cannot be read, other users can read it, or it holds no key.
+        KeyFileError: the file cannot be read, other users can read it, or it contains no key.
 
     """
     if path is None:

@@ -66,7 +66,7 @@ def newest_if_named(path: Path) -> Path:
 
 
 def complete_log(incomplete: str) -> list[str]:
-    """Return logs, folders, and `latest`, that begin with a text."""
+    """Return the logs and folders, and `latest`, whose names begin with ``incomplete``."""
     folder, slash, begun = incomplete.rpartition("/")
     numbered = [f"latest~{n}" for n in range(1, 10)] if begun.startswith("latest") else []
     names = [f"{folder}{slash}{name}" for name in ("latest", *numbered)]

@@ -73,7 +73,7 @@ _COMMANDS = {name: text for section in _SECTIONS.values() for name, text in sect
 class LazyGroup(click.Group):
     """Group that imports a command's module only when the command is used.
 
-    ``sweepctl --help`` therefore imports none of them.
+    So ``sweepctl --help`` imports no command.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's interface
@@ -112,7 +112,7 @@ class LazyGroup(click.Group):
 
 
 def _plugged() -> dict[str, sweepctl_plugins.Plugin]:
-    """Return the commands of plug-ins by name, by metadata alone."""
+    """Return the commands of plug-ins by name, from metadata without an import."""
     found = sweepctl_plugins.found("commands")
     return {name: plugin for name, plugin in found.items() if name not in _COMMANDS}
 
@@ -121,7 +121,8 @@ def _plugged_command(name: str) -> click.Command | None:
     """Import and return a plug-in's command; None if there is none.
 
     Raises:
-        click.ClickException: it cannot be imported or is no command, or two packages offer it.
+        click.ClickException: the plug-in cannot be imported or is no command, or two packages
+            use its name.
 
     """
     clash = sweepctl_plugins.clashes("commands").get(name)
@@ -190,7 +191,7 @@ def run(arguments: list[str] | None = None) -> int:
 def _unchanged_signals(*, is_process: bool) -> Iterator[None]:
     """Restore the signal handlers afterwards, unless the command is the whole process.
 
-    A run ignores signals while it ends, so that nothing cuts off its summary.
+    A run ignores signals while it ends, so that no signal interrupts its summary.
     """
     handlers = {} if is_process else {number: signal.getsignal(number) for number in _SIGNALS}
     try:
@@ -273,9 +274,9 @@ _UNWRITTEN = {errno.EPIPE, errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def _unwritten(error: OSError) -> int:
-    """Print why stdout could not be written, and redirect it to /dev/null.
+    """Print why stdout could not be written, and redirect stdout to /dev/null.
 
-    Without that the interpreter would try to write the rest again at its exit.
+    Without the redirection the interpreter would try to write the remaining text at its exit.
     """
     if error.errno not in {errno.EPIPE, errno.EIO}:  # those two: the reader has left
         print_error(f"cannot write the output: {error.strerror}")
@@ -284,7 +285,7 @@ def _unwritten(error: OSError) -> int:
 
 
 def _usage_text(error: click.ClickException) -> str | None:
-    """Return the error in the command line and the help to read; None: no command."""
+    """Return the error in the command line and the help command; None: no command was given."""
     text = error.format_message()
     if isinstance(error, click.exceptions.NoArgsIsHelpError):  # its text is the whole help
         return None
@@ -293,7 +294,7 @@ def _usage_text(error: click.ClickException) -> str | None:
 
 
 def _unusable(error: OSError) -> str | None:
-    """Return which path, or that the working directory, cannot be used; None: neither."""
+    """Return a text about the unusable path or working directory; None: another error."""
     if isinstance(error.filename, str | bytes):
         return f"cannot use {os.fsdecode(error.filename)}: {error.strerror}"
     try:
@@ -304,7 +305,7 @@ def _unusable(error: OSError) -> str | None:
 
 
 def _failed(arguments: list[str], text: str, status: int) -> int:
-    """Print why a command failed, with --json also as an object, and return ``status``."""
+    """Print why a command failed, with --json also as a JSON object, and return ``status``."""
     print_error(text)
     if "--json" in arguments:
         write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
@@ -317,8 +318,9 @@ def _nowhere() -> TextIO:
 
 def main() -> None:
     """Entry point."""
-    # Imports create tens of thousands of objects that stay. With the default thresholds the garbage
-    # collector would scan them again and again: a tenth of a short command's time.
+    # Imports create tens of thousands of objects that exist until the end. With the default
+    # thresholds the garbage collector would scan them many times: a tenth of the time of a short
+    # command.
     gc.set_threshold(50_000, 20, 20)
     # If the parent process closed stdout or stderr, a log must not get their descriptor.
     sys.stdout = sys.stdout or _nowhere()
@@ -332,7 +334,7 @@ def main() -> None:
     except KeyboardInterrupt:  # a second Ctrl-C while the first one was handled
         status = 0 if is_done() or _command_of(sys.argv[1:]) in _UNTIL_ENDED else 1
     if signal.getsignal(signal.SIGINT) in {signal.default_int_handler, interrupted}:
-        # From here on a Ctrl-C may end the process at once: nothing is left to clean up.
+        # From here on a Ctrl-C may end the process at once, because the cleanup is done.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    gc.freeze()  # skips the scan at the exit of the interpreter, which takes 0.1 s
+    gc.freeze()  # the interpreter then skips its scan at the exit, which takes 0.1 s
     sys.exit(status)

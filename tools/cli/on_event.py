@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 EVENTS = ("finished", "stopped-for-safety", "battery-low", "device-lost")
 """Values of :class:`bridge.run.notices.NoticeKind`, which is imported only by a run."""
 MAX_WAITING = 16
-"""Maximum number of commands that wait for their turn; more are dropped."""
+"""Maximum number of commands that wait; further commands are dropped."""
 MAX_RUN_S = 10.0
-"""Maximum time of one command, s; then it is killed."""
+"""Maximum time of one command, s. After this time the command is killed."""
 MAX_END_S = 20.0
-"""Maximum time at the end of a run for the commands that are left, s."""
+"""Maximum time for all remaining commands at the end of a run, s."""
 _POLL_S = 0.2
 """Interval at which the end of the run is checked while a command runs, s."""
 _KEPT_BYTES = 1000
-"""Number of bytes at the end of a command's output from which its last line is taken."""
+"""Number of bytes at the end of a command's output that are searched for its last line."""
 
 Commands = tuple[tuple[str, str], ...]
 """Pairs of an event and a command line."""
@@ -66,7 +66,7 @@ def _complete_event(
 class EventCommands:
     """Runs the commands of ``--on`` one after the other in a separate thread.
 
-    A context manager: leaving it waits for the commands, at most :data:`MAX_END_S`.
+    A context manager: its end waits for the commands, for at most :data:`MAX_END_S`.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class EventCommands:
             facts: keys of the run for every event: port and log.
             report: called in any thread with a line about a command that failed.
             max_run_s: maximum time of one command, s.
-            max_end_s: maximum time at the end for all commands that are left, s.
+            max_end_s: maximum time for all remaining commands at the end, s.
 
         """
         self._commands = commands
@@ -107,7 +107,7 @@ class EventCommands:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Wait for the commands; kill and report the remaining ones."""
+        """Wait for the commands; kill and report the commands that have not ended in time."""
         thread = self._thread
         if thread is None:
             return
@@ -152,7 +152,7 @@ class EventCommands:
     def _run(self, command: str, notice: Notice) -> str | None:
         """Run one command; return an error text, or None."""
         event = json.dumps({**self._facts, **notice.to_dict()}, default=str) + "\n"
-        # Files instead of pipes: the command need not read, and nothing waits for it.
+        # Files instead of pipes, so that a command that does not read its input blocks nothing.
         with tempfile.TemporaryFile() as given, tempfile.TemporaryFile() as printed:
             given.write(event.encode())
             given.seek(0)

@@ -46,7 +46,7 @@ class Number(click.FloatRange):
 
 
 class Baud(click.IntRange):
-    """Parameter type: a baud rate, or 0 for a line without pacing."""
+    """Parameter type: a baud rate, or 0 for a link that does not limit the data rate."""
 
     def __init__(self) -> None:
         super().__init__(0, 12_000_000)
@@ -65,7 +65,7 @@ class Baud(click.IntRange):
 
 
 _MIN_BAUD = 1200
-"""Minimum baud rate of the virtual line, baud: the minimum of ``--baud`` for a real port."""
+"""Minimum rate of the virtual serial line, baud: equal to the minimum for a real port."""
 
 
 def _faults(
@@ -113,7 +113,7 @@ def _pose(ctx: click.Context, param: click.Parameter, text: str | None) -> Pose2
 
 
 _MAX_START = 1000.0
-"""Maximum value in a start pose, m or degrees; the room's own limits are narrower."""
+"""Maximum value in a start pose, m or degrees. The room itself limits the pose more strictly."""
 
 
 def plan_options(f: Callable[..., object]) -> Callable[..., object]:
@@ -269,10 +269,10 @@ def _no_dash(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     value: Path | None,
 ) -> Path | None:
-    """Reject ``-``: a log is a file.
+    """Reject ``-``, because a log must be a file.
 
     Raises:
-        click.BadParameter: it is ``-``.
+        click.BadParameter: the path is ``-``.
 
     """
     if value == Path("-"):

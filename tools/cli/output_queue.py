@@ -1,7 +1,7 @@
-"""Output that never blocks its writer: a bounded queue, and a thread that writes it.
+"""Output that never blocks its writer: a bounded queue, and a thread that writes its content.
 
-A full pipe, or a terminal that is paused with Ctrl-S or hangs, blocks ``write`` without a limit.
-A loop that drives a robot must not wait for it.
+If a pipe is full, or a terminal hangs or is paused with Ctrl-S, ``write`` blocks without a limit.
+A loop that drives a robot must not block in ``write``.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 QUEUE_BYTES = {True: 1 << 16, False: 1 << 22}
-"""Size of the queue for a terminal (True) and for a pipe or file (False), bytes. A terminal holds
-the last few screens; a pipe 4 s of ``monitor --lines`` on a fully used link at 3 Mbaud."""
+"""Size of the queue for a terminal (True) and for a pipe or file (False), bytes. For a terminal it
+is enough for the last few screens. For a pipe it is enough for 4 s of ``monitor --lines`` on a
+fully used link at 3 Mbaud."""
 _PIECE = 512
-"""Number of bytes per system call. It is small, so that a slow reader still shows progress: at 9600
-baud it takes 0.53 s."""
+"""Number of bytes per system call. The number is small, so that progress is visible even with a
+slow reader: at 9600 baud a call takes 0.53 s."""
 IDLE_S = 0.6
-"""Time without progress after which a command no longer waits for its reader at the end, s. It is
-longer than ``_PIECE`` takes at 9600 baud."""
+"""Time without progress after which a command no longer waits for its reader at the end, s. The
+time is longer than the 0.53 s that ``_PIECE`` takes at 9600 baud."""
 _END_S = 5.0
 """Maximum time that the end of a command waits for a slow reader, s."""
 
@@ -33,8 +34,8 @@ _END_S = 5.0
 class QueuedStream(io.TextIOBase):
     """A text stream over a file descriptor whose ``write`` never blocks.
 
-    If the queue is full, whole writes are dropped and counted. The count is printed when the reader
-    reads again.
+    If the queue is full, each further write is dropped completely and counted. The count is printed
+    when the reader reads again.
     """
 
     def __init__(
@@ -44,7 +45,7 @@ class QueuedStream(io.TextIOBase):
 
         Args:
             stream: where the text goes; it must have a file descriptor.
-            raises: after a write has failed, each further one raises the same error.
+            raises: after a write has failed, each further write raises this error.
             notices: where the count of dropped lines is printed; None: this stream.
 
         """
@@ -115,7 +116,7 @@ class QueuedStream(io.TextIOBase):
         return len(text)
 
     def drop_queued(self) -> None:
-        """Drop the queued writes, such as screens that newer ones replace.
+        """Drop the queued writes, such as old screens of a display.
 
         A write that has begun is completed.
         """

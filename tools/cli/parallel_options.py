@@ -82,7 +82,7 @@ def in_order(
 
 
 def _ignore_signals() -> None:
-    """Leave Ctrl-C to the parent, which ends the processes."""
+    """Ignore Ctrl-C, because the parent process handles it and ends its workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from tools.cli.signals import unblock_signals
 

@@ -1,4 +1,4 @@
-"""``--planner``: the project's planners, those of plug-ins, and ``module:callable``."""
+"""``--planner``: the planners of sweepctl, the planners of plug-ins, and ``module:callable``."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class PlannerList(_Names):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> list[str]:
-        """Check that each of them names a planner."""
+        """Check that each text of the list names a planner."""
         if isinstance(value, list):  # click converts a default again
             return value
         names = [name.strip() for name in str(value).split(",") if name.strip()]
@@ -123,10 +123,10 @@ def make(
     options: Sequence[str] = (),
     option: str = "--planner",
 ) -> Planner:
-    """Make a planner and check its interface, before anything moves.
+    """Make a planner and check its interface, before the robot moves.
 
     Raises:
-        click.BadParameter: it cannot be made; the text names it and the missing part.
+        click.BadParameter: the planner cannot be made; the text names planner and missing part.
 
     """
     from bridge.coverage.planner import PlannerError

@@ -1,7 +1,7 @@
 """Parallel work on many items: in processes of this machine, or on a Dask cluster.
 
-Both return futures of :mod:`concurrent.futures`, so that one loop can collect the results of
-either.
+Both kinds of pool return futures of :mod:`concurrent.futures`, so that the same loop can collect
+their results.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class ClusterMissingError(BridgeError):
 
 
 _ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss)://)?[\w.\-\[\]:]{1,255}:\d{1,5}/?", re.ASCII)
-"""Valid addresses of a scheduler. Dask's client may hang on others."""
+"""Valid addresses of a scheduler. Dask's client may hang on an invalid address."""
 
 
 class ClusterError(BridgeError):
@@ -147,7 +147,7 @@ class LocalPool:
 class ClusterPool:
     """Workers of a Dask cluster.
 
-    If a worker dies, the scheduler gives its items to another one.
+    If a worker dies, the scheduler gives its items to another worker.
     """
 
     def __init__(self, address: str) -> None:
@@ -185,7 +185,7 @@ class ClusterPool:
         return made
 
     def abandon(self) -> None:
-        """Cancel the items that wait. Calls that run end on their workers, unheard."""
+        """Cancel the waiting items. Running calls end on their workers; their results are lost."""
         for future in self._futures:
             future.cancel()
 
@@ -199,7 +199,7 @@ class ClusterPool:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the connection; the cluster goes on."""
+        """Close the connection; the cluster continues."""
         self._client.close()
 
 
@@ -213,8 +213,8 @@ def results(
 
     Args:
         pool: where the calls run.
-        function: called with what ``items`` contains; it must be importable on a worker.
-        items: begun in this order.
+        function: called with each item; it must be importable on a worker.
+        items: the calls start in this order.
         ended: checked several times a second; True ends the iteration early.
 
     Raises:
@@ -249,7 +249,8 @@ def _connected(address: str) -> Any:  # noqa: ANN401 - distributed is optional
         raise ClusterMissingError
     import distributed
 
-    # Its log lines about lost workers would tear the progress. Each logger has a level of its own.
+    # The log lines of distributed about lost workers would disturb the progress display. Each of
+    # its loggers has its own level.
     for name in ["distributed", *logging.root.manager.loggerDict]:
         if name.partition(".")[0] == "distributed":
             logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -33,7 +33,7 @@ class PortAsked:
         """Key that signs motion commands and changes; None: they are not signed.
 
         Raises:
-            KeyFileError: the file cannot be read or holds no key.
+            KeyFileError: the file cannot be read or contains no key.
 
         """
         from tools.cli.keyfile import read_key
@@ -44,8 +44,8 @@ class PortAsked:
         """Open the port.
 
         Raises:
-            PortBusyError: another program has it open.
-            PortError: it does not exist, access is denied, or it is not a port.
+            PortBusyError: another program has the port open.
+            PortError: the port does not exist, access is denied, or the name is not a port.
 
         """
         from bridge.io.reopening import Opener, PortOptions

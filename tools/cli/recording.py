@@ -62,10 +62,10 @@ def check_unrecorded(
     force: bool,
     views: bool,
 ) -> None:
-    """Reject the options that need a log, with ``--no-record``.
+    """With ``--no-record``, reject the options that need a log.
 
     Raises:
-        click.UsageError: one was given.
+        click.UsageError: an option that needs a log was given.
 
     """
     from bridge.record.policy import RecordOptions

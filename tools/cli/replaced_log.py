@@ -17,7 +17,8 @@ class ReplacedLog:
         """Rename the existing file, if ``force`` allows it to be replaced."""
         self._log = log
         self._kept: Path | None = None
-        # A symbolic link is written through, and a device file has no content to keep.
+        # Not a symbolic link, because the new log is written to its target. Not a device file,
+        # because it has no content.
         if log is not None and force and log.is_file() and not log.is_symlink():
             kept = log.with_name(f"{log.name}.{os.getpid()}.replaced")
             with contextlib.suppress(OSError):  # opening the log will report why

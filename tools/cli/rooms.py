@@ -26,7 +26,7 @@ def load_room(room: str, radius_m: float | None = None, start: Pose2 | None = No
     Args:
         room: path of a file, or name of a room.
         radius_m: radius of a robot that must fit at the start, m; None: no check.
-        start: start pose that replaces the room's.
+        start: start pose that replaces the start of the room.
 
     Raises:
         FloorPlanError: there is no such room, or its file is invalid.

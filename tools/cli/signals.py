@@ -45,8 +45,8 @@ def signals_blocked() -> Iterator[None]:
     """Block the ending signals in processes that this thread starts in the meantime.
 
     A child process inherits the blocked signals. It calls :func:`unblock_signals` after its
-    handlers are installed. Before that, a signal would end it silently or with a traceback. Other
-    threads of this process may still get the signals, which makes no difference to the handlers.
+    handlers are installed. An earlier signal would end the child silently or with a traceback.
+    Other threads of this process may still get the signals; the handlers run all the same.
     """
     if sys.platform == "win32":  # Windows cannot block signals
         yield

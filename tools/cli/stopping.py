@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 def stop_port(port: str, node: int | None, how: Mapping[str, Any]) -> dict[str, Any]:
     """Stop every robot on a port; return the confirmation as in ``stop --json``.
 
-    If another process has the port open, it stops the robot and ends its run. Otherwise the port is
-    opened and the stop is sent.
+    If another process has the port open, that process stops the robot and ends its run. Otherwise
+    this function opens the port and sends the stop.
 
     Args:
         port: name of the port.
-        node: device that must confirm the stop; None: every device that was detected.
-        how: options by which the port is opened.
+        node: device that must confirm the stop; None: every detected device.
+        how: options with which the port is opened.
 
     Raises:
         PortError: the port cannot be opened.

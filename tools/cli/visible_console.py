@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from rich.console import ConsoleOptions, RenderableType
 
 _SIZES = frozenset({"COLUMNS", "LINES", "JUPYTER_COLUMNS", "JUPYTER_LINES"})
-"""Environment variables from which Rich takes the size of a terminal."""
+"""Environment variables from which Rich reads the size of a terminal."""
 _SIZE = re.compile("[1-9][0-9]*")
 _MAX_DIGITS = 6
-"""Maximum number of digits of a size that are read: no screen has more."""
+"""Number of digits that are read of the size of a terminal. A real size has fewer digits."""
 _KEPT = "\n\t"
-"""Characters that Rich lays out itself: line ends and tabs."""
+"""Characters that are not escaped, because Rich handles them: line ends and tabs."""
 MAX_COLUMNS, MAX_ROWS = 500, 200
 """Maximum size of the drawn area, characters. A screen of 3840 pixels has about 480 by 140. A
 terminal may report 65 535 by 65 535: one screen would then take 4 GB."""
@@ -48,7 +48,7 @@ class VisibleConsole(Console):
 
     @size.setter
     def size(self, new_size: tuple[int, int]) -> None:
-        """Use another size than the terminal's."""
+        """Set a size that replaces the size of the terminal."""
         self.width, self.height = new_size
 
     def render(
@@ -61,7 +61,7 @@ class VisibleConsole(Console):
         elif isinstance(cast, Text):
             cast = _visible(cast)
         for segment in super().render(cast, options):
-            # Rich's own terminal sequences are control segments; they pass.
+            # Rich's own terminal sequences are control segments; they are not escaped.
             if segment.control is None and not segment.text.isprintable():
                 yield Segment(visible(segment.text, keep="\n"), segment.style)
             else:

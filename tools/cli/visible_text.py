@@ -1,8 +1,9 @@
-"""Escaping of external text, so that it cannot act on the terminal or hide anything.
+"""Escaping of external text, so that it cannot control the terminal or contain hidden characters.
 
 Names, log texts and file names come from devices, files and arguments. A control character in
-them can move the cursor or write the clipboard, a bidirectional control reorders the following
-text, and a zero-width character is invisible. Each becomes a backslash escape, as in ``repr``.
+such a text can move the cursor or write the clipboard. A bidirectional control reorders the
+following text. A zero-width character is invisible. Each of these characters becomes a backslash
+escape, as in ``repr``.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def _check_plot(path: Path) -> None:
     """Check that the plot can be written, before a wheel turns.
 
     Raises:
-        click.UsageError: matplotlib is missing, or it does not write this format.
+        click.UsageError: matplotlib is missing, or does not support the format of the file.
 
     """
     from importlib.util import find_spec

@@ -27,7 +27,7 @@ _DISTANCES_M = {
     "infrared-left": (0.06, 0.12, 0.20),
     "infrared-right": (0.06, 0.12, 0.20),
 }
-"""Default distances of the wall from each sensor's face, m: spread over its measuring range."""
+"""Default distances of the wall from each sensor's face, m, spread over the sensor's range."""
 
 
 @click.group("calibrate", epilog="Example:  sweepctl calibrate gyro /dev/ttyUSB0")

@@ -32,6 +32,7 @@ def command(*, shell: str) -> int:
     kind = get_completion_class(shell)
     assert kind is not None  # noqa: S101 - the choices are click's own
     made = kind(cli, {}, "sweepctl", VARIABLE)
-    # Not source(), which requires bash on this machine: the script may be for another one.
+    # Not source(), because it requires bash on this machine, and the script may be for another
+    # machine.
     write_lines(made.source_template % made.source_vars() + "\n")
     return 0

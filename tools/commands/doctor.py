@@ -112,10 +112,10 @@ def command(  # noqa: PLR0913 - the options of a port
 
 
 def _check(target: str, path: Path, *, listen: bool, find_baud: bool) -> None:
-    """Check that the options suit the target.
+    """Check that the options are valid for the target.
 
     Raises:
-        click.UsageError: they do not.
+        click.UsageError: an option is not valid for the target.
         LogReadError: the target is a file that does not exist.
 
     """

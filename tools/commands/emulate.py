@@ -210,7 +210,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     except FirmwareCrashError as error:
         core_target.print_trace(error)
         raise BridgeError(str(error)) from None
-    for number in ending_signals():  # a second one, as `timeout` sends, must not change the status
+    for number in ending_signals():  # a second signal (from `timeout`) must not change the status
         signal.signal(number, signal.SIG_IGN)
     return 0
 
@@ -218,7 +218,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 def _device(
     stack: ExitStack, target: str, wanted: Wanted, firmware: Path | None, *, gdb: bool
 ) -> tuple[RiggedDevice, QemuSweeper | None]:
-    """Make the device, which runs until ``stack`` is closed; second, the chip in QEMU, if any."""
+    """Return the device, which runs until ``stack`` is closed, and the chip in QEMU or None."""
     from tools.virtual import core_target, qemu_target
     from tools.virtual.wanted import python_sweeper
 

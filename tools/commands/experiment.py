@@ -254,7 +254,7 @@ def _check_use(
     """Reject options that belong to another experiment.
 
     Raises:
-        click.UsageError: one was given.
+        click.UsageError: an option of another experiment was given.
 
     """
     for name in ("against", "zimablue"):
@@ -276,7 +276,7 @@ def _constants(names: list[str] | None) -> list[str]:
     """Return the constants of these names and groups.
 
     Raises:
-        click.BadParameter: there is none of a name.
+        click.BadParameter: no constant or group has one of the names.
 
     """
     from bridge.spelling import unknown_key
@@ -293,7 +293,7 @@ def _constants(names: list[str] | None) -> list[str]:
 
 
 def _check_planners(trials: Sequence[Trial]) -> None:
-    """Make each planner from outside the project once, so that a broken one is reported now.
+    """Make each planner of a plug-in or file once, so that an error is reported before the runs.
 
     Raises:
         click.BadParameter: a planner cannot be made.
@@ -305,7 +305,7 @@ def _check_planners(trials: Sequence[Trial]) -> None:
 
     outside = {trial.planner: trial for trial in trials if trial.planner not in PLANNERS}
     for name, trial in outside.items():
-        if name in planner_names() or ":" in name:  # not one of zimablue
+        if name in planner_names() or ":" in name:  # not a planner of zimablue
             make(name, trial.model, random.Random(0), option="--planners")
 
 
@@ -313,7 +313,7 @@ def _reject_grid(ctx: click.Context) -> None:
     """Reject the options that the paper's experiments would ignore.
 
     Raises:
-        click.UsageError: one was given.
+        click.UsageError: such an option was given.
 
     """
     given = [

@@ -89,7 +89,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 def _several(
     made: Sequence[ExportJob], out: Path, jobs: int | None, scheduler: str | None, *, as_json: bool
 ) -> int:
-    """Export several logs in parallel; one that fails is named, and the others go on."""
+    """Export several logs in parallel; a failure is reported, and the other exports continue."""
     from tools.cli.exporting import export_or_error
 
     total: dict[str, Any] = {"messages": 0, "files": {}, "problems": [], "failed": []}

@@ -62,7 +62,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     found: dict[str, Any] = {}
     try:
         checks = [f"check {spec}" for spec in specs]
-        for line in checks + lines:  # an invalid one must not leave others started
+        for line in checks + lines:  # all are checked before the first fault starts
             reply = ask_control(control, line)
             if not reply["ok"]:
                 raise click.BadParameter(str(reply.get("error")))
@@ -87,10 +87,10 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _one_line(text: str) -> str:
-    """Return the text of a fault; it must not contain a second request.
+    """Return the text of a fault; check that it does not contain a second request.
 
     Raises:
-        click.UsageError: it has several lines or is not UTF-8.
+        click.UsageError: the text has several lines or is not UTF-8.
 
     """
     if "\n" in text or "\r" in text:

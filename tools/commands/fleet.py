@@ -103,7 +103,7 @@ def _check_files(
     """Read every robot file, the room and the planner before a process starts.
 
     Raises:
-        BridgeError: one of them is invalid; the text names it.
+        BridgeError: a file, the room or the planner is invalid; the text names it.
 
     """
     import random

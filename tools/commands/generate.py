@@ -16,7 +16,7 @@ from tools.cli.outputs import check_outputs
 
 
 class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs only
-    """Scale of an IMU's counts; an omitted part is nominal."""
+    """Parameter type: scale of an IMU's counts; an omitted part has its nominal value."""
 
     name = "scale"
     _KEYS: ClassVar = {

@@ -64,7 +64,7 @@ def command(
                 new.unlink()  # the robot does not have the key
             raise
         except BaseException:
-            if new is not None:  # the robot may have the key: without the file it would be lost
+            if new is not None:  # keep the file, because the robot may have stored the key
                 inform(
                     f"the robot may have stored the key, so {new} is kept; if the robot rejects "
                     f"--key-file {new}, delete the file"

@@ -149,7 +149,7 @@ def _listen(
     view: Nothing | JsonLines | MonitorLines | RateTable,
     duration_s: float | None,
 ) -> None:
-    """Show the traffic until a signal comes or the time is over."""
+    """Show the traffic until a signal arrives or the time is over."""
     from bridge.io import clock
     from bridge.io.port_loop import Listening, serve
     from protocol.clock import HostNs
@@ -180,7 +180,7 @@ def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> No
     """Reject the options that do not work if another process owns the port.
 
     Raises:
-        click.UsageError: one was given.
+        click.UsageError: TYPE, --raw or --node was given.
 
     """
     asked = [*(f"TYPE ({name})" for name in types[:1]), *(["--raw"] if raw else [])]
@@ -193,10 +193,10 @@ def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> No
 
 
 def _states(robot: Robot) -> Iterator[dict[str, Any]]:
-    """Yield the state of a robot of this process until its session ends.
+    """Yield the state of a robot that this process is connected to, until the session ends.
 
     Raises:
-        DeviceLostError: the device was lost for good.
+        DeviceLostError: the device was lost and did not return.
 
     """
     from bridge.errors import DeviceLostError
@@ -211,7 +211,7 @@ def _states(robot: Robot) -> Iterator[dict[str, Any]]:
 
 
 class _Looker:
-    """Shows the state of a robot until a signal comes or the time is over."""
+    """Shows the state of a robot until a signal arrives or the time is over."""
 
     def __init__(
         self, port: str, duration_s: float | None, *, as_json: bool, jsonl: bool, lines: bool
@@ -233,14 +233,14 @@ class _Looker:
         self._print(watch(self._port, hz=_STATES_HZ), "owner")
 
     def look_on_device(self, port: PortAsked, robot_file: Path | None) -> None:
-        """Connect to an idle device and show its state; nothing moves.
+        """Connect to an idle device and show its state; the robot does not move.
 
         Raises:
             RobotFileError: the robot file is invalid.
             PortError: the port cannot be opened.
             NoDeviceError: no device answered.
             IncompatibleError: the device is incompatible.
-            DeviceLostError: the device was lost for good.
+            DeviceLostError: the device was lost and did not return.
 
         """
         import bridge
@@ -296,7 +296,7 @@ class _Looker:
             write_json({"port": self._port, key: newest})
 
     def _until_end(self, states: Iterator[S]) -> Iterator[S]:
-        """Yield states until a signal comes or the time is over."""
+        """Yield states until a signal arrives or the time is over."""
         from bridge.io import clock
         from tools.cli.signals import until_signalled
 

@@ -191,7 +191,7 @@ def _change(
     save: bool,
     as_json: bool,
 ) -> None:
-    """Set parameters, save them if wanted, and report both values of each."""
+    """Set parameters, save them if requested, and report the old and new value of each."""
     after = [
         robot.set_parameter(parameter.number, value)
         for parameter, value in zip(before, values, strict=True)
@@ -237,7 +237,7 @@ def _show(parameters: Sequence[Parameter], *, as_json: bool) -> None:
 def _state(p: Parameter) -> str:
     if p.read_only:
         return "read-only"
-    if p.changed:  # if it needs a reboot, the device still uses the value of its boot
+    if p.changed:  # a device that needs a reboot for it still uses the value from its boot
         return "needs save and reboot" if p.needs_reboot else "not saved"
     return "stored" if p.stored else ""
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Probe(click.Choice[str]):
-    """Values of ``--probe``. Without a value, the option takes the following word as its value."""
+    """Values of ``--probe``. If the value is missing, click reads the next argument as value."""
 
     def get_invalid_choice_message(self, value: object, ctx: click.Context | None) -> str:
         """Add a hint for a port name after ``--probe``."""

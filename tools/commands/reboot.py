@@ -54,7 +54,7 @@ def _awaited(port: str, robot: Reached, before: dict[str, Any]) -> dict[str, Any
     """Wait for the device and return its description after the boot.
 
     Raises:
-        DeviceLostError: it did not come back within ``BACK_S``.
+        DeviceLostError: the device did not return within ``BACK_S``.
 
     """
     from bridge.errors import DeviceLostError

@@ -102,10 +102,10 @@ def command(  # noqa: PLR0913 - one parameter per option
 def _check_usage(
     link: str | None, pty_link: Path | None, *, check: bool, as_json: bool, is_viewed: bool
 ) -> None:
-    """Check that the options go together.
+    """Check that the options can be combined.
 
     Raises:
-        click.UsageError: they do not.
+        click.UsageError: the options cannot be combined.
 
     """
     if pty_link is not None and link is None:
@@ -166,7 +166,7 @@ def _serve(log: Path, pty_link: Path | None) -> int:
 def _foxglove(
     log: Path, address: tuple[str, int], speed: float, span_s: tuple[float, float | None]
 ) -> int:
-    """Play a log to Foxglove, then serve its end until a signal."""
+    """Play a log to Foxglove, then serve its last state until a signal arrives."""
     import threading
 
     from bridge.record.names import ROBOT_ATTACHMENT

@@ -41,7 +41,7 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     if not file.name:
         raise click.UsageError("FILE is empty")
     default = default_path(file)
-    # Only the picture was requested, and the page exists already.
+    # The page is not written if only the picture was requested and the page exists already.
     keeps = out is None and png is not None and is_there(default) and not force
     page = None if keeps else out or default
     check_outputs((page, png), [file], force=force)

@@ -87,7 +87,7 @@ def _known_tags(
     try:
         library.refresh()
         runs = library.select(Selection())
-    except BridgeError:  # completion prints no error
+    except BridgeError:  # completion must not print errors
         return []
     tags = {tag for run in runs for tag in run.values["tags"].split()}
     return [tag for tag in sorted(tags) if tag.startswith(incomplete)]
@@ -417,7 +417,7 @@ def _select(
 
 @contextmanager
 def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show the progress on a terminal, once it is more than a few logs."""
+    """Show the progress on a terminal, if there are more than a few logs."""
     if not sys.stderr.isatty():
         yield lambda _done, _all: None
         return
@@ -440,7 +440,7 @@ def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
 
 _SHOWN_FROM = 50
-"""Number of logs from which the progress is shown; fewer take a fraction of a second."""
+"""Minimum number of logs for which the progress is shown. Fewer logs take less than a second."""
 
 
 def _in_words(folders: tuple[Path, ...], selection: Selection) -> str:
@@ -485,7 +485,7 @@ _RIGHT = frozenset({"seed", "swept", "time", "path", "coll.", "events", "lost", 
 
 
 def _aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Align the columns; a table of a library would take seconds for 10 000 rows."""
+    """Align the columns. A table of Rich would take seconds for 10 000 rows."""
     from tools.cli.visible_text import one_line
 
     lines = [tuple(map(one_line, row)) for row in (head, *rows)]

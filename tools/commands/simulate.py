@@ -169,7 +169,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         for record in caution_records(model, plan, EPOCH_NS):
             writer.write(record)
         with (
-            _interruptible() as ended,  # a signal must not cut off the summary either
+            _interruptible() as ended,  # a signal must not interrupt the summary either
             EventCommands(on_events, facts, print_error) as commands,
         ):
             notices = NoticeSink(writer, model, load_supervise(robot).battery, commands.notify)
@@ -263,7 +263,7 @@ def _runner(
 
 
 def check_faults(plan: FloorPlan, faults: tuple[FaultSpec, ...], target: str) -> None:
-    """Check that the device supports the faults and the room has what they need, before a log.
+    """Before a log is opened, check that device and room support the faults.
 
     Raises:
         click.BadParameter: the target does not support a fault, or a fault moves an obstacle that
@@ -286,7 +286,7 @@ def check_faults(plan: FloorPlan, faults: tuple[FaultSpec, ...], target: str) ->
 
 
 def _line(baud: int | None, latency_ms: float | None) -> LineSettings | None:
-    """Return the line of ``--baud`` and ``--latency-ms``; None: the plain delay of 1 ms."""
+    """Return the link of ``--baud`` and ``--latency-ms``; None: a constant delay of 1 ms."""
     if baud is None and latency_ms is None:
         return None
     from sim_device.line.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
@@ -318,7 +318,7 @@ def _interruptible() -> Iterator[Callable[[], Ending | None]]:
         yield ending
     finally:
         for number, handler in handlers.items():
-            # The run is ending as requested: another signal must not cut off log and summary.
+            # The run is ending as requested. Another signal must not interrupt log and summary.
             signal.signal(number, signal.SIG_IGN if asked else handler)
 
 

@@ -51,7 +51,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.cli.outputs import PNG, RERUN, check_format, check_outputs
 
     with readable(file) as log:
-        LogReader(log)  # report a file that is not a log before a missing display
+        LogReader(log)  # a file that is no log is reported first, then a missing display
         check_outputs((save, png, screenshot), [file], force=force)
         check_format("--save", save, *RERUN)
         check_format("--png", png, *PNG)

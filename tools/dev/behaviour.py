@@ -1,6 +1,7 @@
 """Behaviour of both ends of the protocol, collected from their code, for PROTOCOL.md.
 
-States are the transition tables of both ends; the states of the device's latch are found by trial.
+The states come from the transition tables of host and device. The transitions of the device's latch
+are found by calling it with every cause.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     .venv/bin/python -m tools.dev.behaviour_pictures --out docs/images
 
-Every run is in virtual time, in a shipped room, with a fixed seed. So the same code draws the same
-pictures. ``--only NAME`` draws one of them. Needs the extra ``plot``.
+Every run is in virtual time, in a room of sweepctl, with a fixed seed. So equal code draws equal
+pictures. ``--only NAME`` draws only one picture. The program needs the extra ``plot``.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 MODEL = RobotModel()
 _DPI = 90
 _SHORT_M = 0.05
-"""Minimum length of a piece of the path that is drawn, m."""
+"""Minimum length of a drawn piece of the path, m."""
 _GREY, _BLUE, _GREEN, _ORANGE, _RED = "#8a919c", "#1f4e79", "#2a8c63", "#d9822b", "#b03a48"
 _VIOLET, _SWEPT, _FORBIDDEN = "#7a4ea3", "#d9efe5", "#f3c9a0"
 _ROBOT: dict[str, Any] = {"fill": False, "ec": "#30343b", "lw": 1.2, "zorder": 7}
@@ -150,14 +150,14 @@ class MapView(NamedTuple):
 
 
 class _Recorder(PlanRunner):
-    """Keeps every control step of a plan."""
+    """Runs a plan and stores every control step."""
 
     def __init__(self, run: PicturedRun) -> None:
         super().__init__(run.planner, MODEL)
         self._run = run
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """As the plan's, put on record."""
+        """Execute a control step of the plan and store it."""
         command = super().step(obs)
         t_s = obs.time_s - HOST_BOOT_NS * 1e-9
         sample = Sample(t_s, obs, command, self.target, self.executor.leg, self.state.state)
@@ -205,7 +205,7 @@ def recovery_run(room: str, noise: str = "typical", seed: int = 1) -> PicturedRu
 def legs_run(
     legs: Sequence[Leg], room: str = "empty", start: Pose2 | None = None, noise: str = "typical"
 ) -> PicturedRun:
-    """Some legs in a room that ships, from its start pose or another."""
+    """Return a run of these legs in a shipped room, from its start pose or another pose."""
     plan = load_room(room, MODEL.radius_m)
     plan = plan if start is None else replace(plan, start=start)
     return _simulate(plan, _Legs(legs), noise, 1)
@@ -257,7 +257,7 @@ def _swept(axes: Axes, run: PicturedRun, end_s: float) -> None:
 
 
 def _robot(axes: Axes, pose: Pose2, *, colour: str = "#30343b", mouth: bool = True) -> None:
-    """The footprint, its heading and the mouth."""
+    """Draw the footprint, the heading and the mouth."""
     from matplotlib.patches import Circle
 
     axes.add_patch(Circle(pose[:2], MODEL.radius_m, **{**_ROBOT, "ec": colour}))
@@ -297,7 +297,7 @@ def _by_state(axes: Axes, samples: Sequence[Sample], *, states: Sequence[str] = 
 
 
 def _mark(axes: Axes, x_m: float, y_m: float, text: str, to: tuple[float, float]) -> None:
-    """A note with an arrow; ``to``: the text's offset in points."""
+    """Draw a note with an arrow; ``to`` is the offset of the text in points."""
     axes.annotate(
         text,
         (x_m, y_m),
@@ -328,7 +328,7 @@ def _title(axes: Axes, text: str) -> None:
 
 
 def _map(axes: Axes, view: MapView) -> None:
-    """Occupied and forbidden cells."""
+    """Draw occupied and forbidden cells."""
     from matplotlib.colors import ListedColormap
 
     layers = np.where(view.occupied, 2, np.where(view.forbidden > 0, 1, 0))
@@ -358,7 +358,7 @@ def _map_legend() -> list[Artist]:
 
 
 class Estimates(NamedTuple):
-    """Estimates from a run's samples, at each encoder sample."""
+    """Poses that two estimators compute from the messages of one run, at each encoder sample."""
 
     t_s: list[float]
     pose: list[Pose2]
@@ -417,7 +417,7 @@ def _estimates(room: str, noise: str, seed: int) -> Estimates:
 
 
 def estimation_path() -> Figure:
-    """Path and error with and without wall measurements."""
+    """Draw path and position error with and without wall measurements."""
     run, est = recovery_run("two-rooms", "harsh", 1), _estimates("two-rooms", "harsh", 1)
     figure, (floor, errors) = _panels(8.2, 3.5, 2, width_ratios=[1.25, 1.0])
     _floor(floor, run.plan)
@@ -460,7 +460,7 @@ def estimation_path() -> Figure:
 
 
 def estimation_walls() -> Figure:
-    """The infrared's hits and the walls that the filter keeps."""
+    """Draw the infrared hits and the walls in the state of the filter."""
     run, est = recovery_run("case-2", "typical", 1), _estimates("case-2", "typical", 1)
     figure, (floor, near) = _panels(8.2, 4.0, 2)
     hits: list[tuple[float, float]] = []
@@ -514,7 +514,7 @@ def estimation_walls() -> Figure:
 
 
 def estimation_bias() -> Figure:
-    """The gyro's bias, measured at standstill."""
+    """Draw the standard deviation of the gyro bias, which is measured at standstill."""
     est = _estimates("two-rooms", "harsh", 1)
     figure, (axes,) = _panels(7.2, 2.9, 1)
     end_s = 420.0
@@ -546,14 +546,14 @@ def _drive_span(run: PicturedRun, kind: type[Leg]) -> list[Sample]:
 
 @cache
 def _drive_run() -> PicturedRun:
-    """Towards a wall, from a heading 60° off."""
+    """Return a drive towards a wall that starts with a heading error of 60°."""
     room = load_room("empty", MODEL.radius_m)
     start = room.start._replace(x_m=0.6, y_m=1.0, theta_rad=math.radians(60.0))
     return legs_run([Drive(0.0, stop_range_m=0.048)], start=start)
 
 
 def control_drive() -> Figure:
-    """Lane keeping from a wrong heading, and the stop before a wall."""
+    """Draw the return to a lane after a heading error, and the stop before a wall."""
     run = _drive_run()
     samples = _drive_span(run, Drive)
     figure, (line, speeds) = _panels(8.2, 3.1, 2)
@@ -584,7 +584,7 @@ def control_drive() -> Figure:
 
 
 def control_turn() -> Figure:
-    """A turn that ends at rest, one that flows on, and a drive to a point."""
+    """Draw a turn that ends at rest, a flowing turn, and a drive to a point."""
     room = load_room("empty", MODEL.radius_m)
     start = room.start._replace(x_m=1.0, y_m=1.0, theta_rad=0.0)
     figure, (rates, floor) = _panels(8.2, 3.3, 2, width_ratios=[1.25, 1.0])
@@ -634,7 +634,7 @@ def control_turn() -> Figure:
 
 
 def _coloured(axes: Axes, samples: Sequence[Sample], *, top_m_s: float = 0.3) -> Any:  # noqa: ANN401 - matplotlib's
-    """The path, coloured by the speed."""
+    """Draw the path, coloured by the speed."""
     from matplotlib.collections import LineCollection
 
     samples = samples[::4]
@@ -658,7 +658,7 @@ def _norm(top_m_s: float) -> Any:  # noqa: ANN401 - matplotlib's
 
 
 def control_follow() -> Figure:
-    """Wall following around the corners of a box."""
+    """Draw wall following around the corners of a box."""
     run = recovery_run("case-1")
     begin_s = run.first("perimeter-begin", run.first("perimeter-end")[0])[0]
     end_s = run.first("perimeter-end", begin_s)[0]
@@ -693,7 +693,7 @@ def control_follow() -> Figure:
 
 
 def control_limits() -> Figure:
-    """Draw the speed limits for known obstacles, and for those that left the ultrasonic's cone."""
+    """Draw the speed limits for known obstacles and for obstacles that left the ultrasonic cone."""
     run = recovery_run("table-and-chair")
     begin_s, end_s = run.first("start")[0], run.first("finish")[0]
     figure, (floor, curve) = _panels(8.2, 3.6, 2, width_ratios=[1.25, 1.0])
@@ -740,7 +740,7 @@ def control_limits() -> Figure:
 
 
 def recovery_phases() -> Figure:
-    """Perimeter passes first, lanes between them after."""
+    """Draw the perimeter passes, and the lanes that follow."""
     run = recovery_run("case-2")
     first_end_s = run.first("perimeter-end")[0]
     end_s = run.first("finish")[0]
@@ -757,7 +757,7 @@ def recovery_phases() -> Figure:
 
 
 def recovery_occluded() -> Figure:
-    """Draw a lane that an obstacle cut, and the return to the occluded region."""
+    """Draw a lane that an obstacle ended early, and the return to the occluded region."""
     from matplotlib.patches import Polygon
 
     run = recovery_run("case-2")
@@ -833,7 +833,7 @@ def recovery_bump() -> Figure:
 
 
 def recovery_heading() -> Figure:
-    """A heading fix along a known wall."""
+    """Draw a heading fix along a known wall."""
     run = recovery_run("two-rooms", "harsh", 1)
     along_s = next(sample.t_s for sample in run.samples if sample.state == "heading-fix")
     fixes = [(t, e) for t, e in run.events if e.kind == "heading-fix" and t <= along_s]
@@ -888,7 +888,7 @@ def _cliff_run() -> PicturedRun:
 
 
 def recovery_cliff() -> Figure:
-    """A pit: lanes drive up to it, nothing follows it."""
+    """Draw a pit: lanes end at the pit, and the robot never follows its edge."""
     run = _cliff_run()
     end_s = run.first("finish")[0]
     figure, (floor, near) = _panels(8.2, 4.0, 2, width_ratios=[1.2, 1.0])
@@ -912,7 +912,7 @@ def recovery_cliff() -> Figure:
 
 
 def recovery_stuck() -> Figure:
-    """Two contacts at one place, and the path along the obstacle."""
+    """Draw two contacts at one place, and the path along the obstacle."""
     run = recovery_run("comprehensive")
     shut_s, shut = run.first("passage-shut")
     end_s = run.first("perimeter-end", shut_s)[0]
@@ -949,7 +949,7 @@ def recovery_stuck() -> Figure:
 
 
 def paper_lanes() -> Figure:
-    """The paper's lanes, and its return to the region that a box occluded."""
+    """Draw the lanes of the planner ``paper``, and its return to the region that a box occluded."""
     room = load_room("case-1", MODEL.radius_m)
     run = _simulate(room, make_planner("paper", MODEL, random.Random(1)), "paper", 1)
     back_s = run.first("recovery-begin")[0]
@@ -967,7 +967,7 @@ def paper_lanes() -> Figure:
 
 
 def _named(*groups: Sequence[Artist]) -> list[Artist]:
-    """Handles of all panels, one of each name."""
+    """Return the legend handles of all panels, one handle for each name."""
     return list({str(artist.get_label()): artist for group in groups for artist in group}.values())
 
 

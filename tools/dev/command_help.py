@@ -1,4 +1,4 @@
-"""The command's reference, docs/commands.md, from the commands themselves.
+"""Generator of docs/commands.md, the reference of the command line, from the click commands.
 
 ``python -m tools.dev.command_help`` writes it; a test checks that it is current.
 """
@@ -78,7 +78,7 @@ def reference() -> str:
     """Return the whole page."""
     from tools.cli.main import cli
 
-    # With its settings, because a command keeps the help option of its first context.
+    # With the command's settings, because a command stores the help option of its first context.
     context = click.Context(cli, info_name="sweepctl", **cli.context_settings)
     parts = [_HEAD, "## All commands\n", _index(cli, context)]
     for name, command in _commands(cli, context):

@@ -1,4 +1,4 @@
-"""The keys of robot and room files as reference pages, from their declarations.
+"""Generator of the reference pages of robot and room files, from the declarations of the keys.
 
 ``python -m tools.dev.file_reference`` writes docs/robot-file.md and the tables of docs/rooms.md; a
 test checks that they are current.

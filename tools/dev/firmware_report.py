@@ -37,13 +37,13 @@ class Board(NamedTuple):
 BOARDS = {
     "board_f429": Board(
         "STM32F429IGT6",
-        512 * KIB,  # the first bank: the second holds the parameters
+        512 * KIB,  # the first bank; the second bank contains the parameters
         192 * KIB,
         _F429,
     ),
     "board_nucleo_f429zi": Board(
         "NUCLEO-F429ZI",
-        1024 * KIB,  # likewise
+        1024 * KIB,  # the first bank
         192 * KIB,
         _F429,
     ),
@@ -74,7 +74,7 @@ def taken(build: Path, name: str, cross: str = "arm-none-eabi-") -> Taken:
 
     Raises:
         UnboundedStackError: the stack has no bound.
-        OSError: no compiler, or no such build.
+        OSError: the compiler or the folder of the build is missing.
         subprocess.CalledProcessError: the folder contains no build.
 
     """

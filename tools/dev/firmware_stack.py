@@ -2,8 +2,9 @@
 
 GCC writes a call graph with each function's own frame (``-fcallgraph-info=su``). Functions of the C
 library are read from the disassembly: the bytes that their instructions push and reserve.
-Interrupts are added, one on each priority level. Each includes the frame that the processor itself
-pushes (PM0214, section 2.3.7: 26 words with the floating point registers, and one for alignment).
+Interrupts are added, one for each priority level. The size of an interrupt includes the frame that
+the processor itself pushes (PM0214, section 2.3.7: 26 words with the floating point registers, and
+one word for alignment).
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Calls:
     calls: dict[str, set[str]] = field(default_factory=dict)
 
     def read_graph(self, text: str) -> None:
-        """Take one translation unit's call graph.
+        """Read the call graph of one translation unit.
 
         Raises:
             UnboundedStackError: a function's frame has no fixed size.
@@ -73,7 +74,8 @@ class Calls:
         """Return the bytes of the deepest chain of calls from a function, and the chain.
 
         Raises:
-            UnboundedStackError: it calls itself, an unknown function, or through a pointer.
+            UnboundedStackError: a function of the chain calls itself, an unknown function, or a
+                function by its pointer.
 
         """
         return self._deepest(root, [], {})

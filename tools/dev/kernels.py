@@ -2,9 +2,9 @@
 
     python -m tools.dev.kernels        exits with 1 if a module is not built or is stale
 
-``pyproject.toml`` lists the modules. In addition there is the firmware core, a shared library of C
-sources. ``setup.py`` writes a digest of the inputs into each compiled file, which ``is_stale``
-finds again.
+``pyproject.toml`` lists the modules. The firmware core, a shared library of C sources, is also
+compiled ahead of time. ``setup.py`` writes a digest of the inputs into each compiled file, and
+``is_stale`` compares this digest with the present inputs.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = "bridge/motion/array_views.py"
-"""Path of the source that the module with Cython's own array code would have; it does not exist.
+"""Path that stands for the source of the module with Cython's own array code; no such file exists.
 
-All kernels use that module. Without it each kernel would contain the code, and take twice as long
-to compile. """
+All kernels use this module. Without the module each kernel would contain the array code, and take
+twice as long to compile. """
 _MADE_WITH = ("setup.py", "requirements-build.lock")
 """Further inputs of every compiled module. The lock file has the version of Cython."""
 
@@ -29,7 +29,7 @@ _ARRAYS = "bridge/motion/arrays.pxd"
 """Further input of a kernel that declares its own types."""
 _CIMPORT = re.compile(r"^from ([\w.]+) cimport (\w+)", re.MULTILINE)
 CORE = "sim_device/core/core_library.py"
-"""Path of the source that the core would have as a module; its C sources are in ``FIRMWARE``."""
+"""Path that stands for the source of the firmware core; its C sources are in ``FIRMWARE``."""
 FIRMWARE = "sim_device/firmware"
 CORE_FOLDERS = ("board_library", "board_virtual", "core", "include", "protocol")
 """Folders of ``FIRMWARE`` with the sources of the core."""
@@ -54,7 +54,7 @@ def module_name(source: Path) -> str:
 
 
 def types(source: Path) -> Path:
-    """Return the file with the C types of a source, if the source does not contain them."""
+    """Return the path of the .pxd file of a source, for sources that do not declare C types."""
     return source.with_suffix(".pxd")
 
 
@@ -73,7 +73,7 @@ def stamp(source: Path) -> str:
 
 
 def _with_cimported(declared: Path) -> list[Path]:
-    """Return a .pxd file and all files that it takes types from, at any depth."""
+    """Return a .pxd file and all files from which it imports types, directly or indirectly."""
     found, open_ = {declared}, [declared]
     while open_:
         for package, name in _CIMPORT.findall(open_.pop().read_text(encoding="utf-8")):
@@ -104,7 +104,7 @@ def stale(of: list[Path]) -> list[Path]:
 
 
 def complaint(of: list[Path]) -> str | None:
-    """Return the stale modules, core included, and the remedy as one line; None: all current."""
+    """Return one line with the stale modules (also the core) and the remedy; None: all current."""
     names = [module_name(source) for source in stale([*of, ROOT / CORE])]
     if not names:
         return None

@@ -81,8 +81,8 @@ def defined_names(source: str) -> Iterator[Name]:
 def retired_in(name: str, words: Iterable[str]) -> list[str]:
     """Return the retired words of an identifier.
 
-    An entry of two words matches the two words side by side. An entry that ends with ``_`` matches
-    only at the beginning of an identifier of several words.
+    An entry of two words matches if the identifier contains the two words side by side. An entry
+    that ends with ``_`` matches only at the beginning of an identifier of several words.
     """
     parts = [part.lower() for part in _WORD.findall(name)]
     joined = f" {' '.join(parts)} "
