@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def shared(rows: Sequence[Row]) -> list[Row]:
-    """Return the runs whose room and seed both zimablue and our planners have."""
+    """Return the runs with a room and seed for which zimablue and our planners have results."""
     theirs = {(row["room"], row["seed"]) for row in rows if row["kind"] == TrialKind.ZIMABLUE}
     ours = {(row["room"], row["seed"]) for row in rows if row["kind"] != TrialKind.ZIMABLUE}
     both = theirs & ours

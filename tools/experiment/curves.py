@@ -29,8 +29,8 @@ def over_time(
 ) -> list[float | None]:
     """Return the coverage at multiples of the reference time.
 
-    After the end of the run the coverage stays constant. If the run was ``cut`` short, the later
-    points are unknown: None.
+    After the end of the run the coverage is constant. If the run was ended before its planner had
+    finished (``cut``), the coverage at later points is unknown: None.
     """
     times = [multiple * report.reference_time_s for multiple in MULTIPLES]
     shares = meter.share_at(report, times)
@@ -74,7 +74,7 @@ def over_energy(
 def over_path(
     meter: CoverageMeter, report: CoverageReport, track: Track, *, cut: bool = False
 ) -> list[float | None]:
-    """Return the coverage at multiples of the reference path, at any speed."""
+    """Return the coverage at multiples of the reference path; it does not depend on the speed."""
     steps = [math.dist(a[1:3], b[1:3]) for a, b in pairwise(track)]
     path_m = np.concatenate([[0.0], np.cumsum(steps)]) if track else np.zeros(1)
     begun = track[0][0] if track else 0.0
@@ -91,7 +91,7 @@ def over_path(
 
 
 def thinned(places: list[tuple[float, float]]) -> list[list[float]]:
-    """Return a path without the points that a picture does not show."""
+    """Return a path without the points that are closer than ``_PATH_STEP_M``."""
     kept: list[list[float]] = []
     for x, y in places:
         if not kept or abs(x - kept[-1][0]) + abs(y - kept[-1][1]) >= _PATH_STEP_M:

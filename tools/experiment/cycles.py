@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 PAPER_END_MM = 7.0
 """Offset after seven cycles in the paper, mm: section 5.1."""
 _SHOWN_S = 24.0
-"""Part of the first cycle in Fig. 12, s: a lane, the turns and the lane back."""
+"""Duration of the part of the first cycle in Fig. 12, s: a lane, the turns and the lane back."""
 
 
 class _CyclesPlanner(ScriptedPlanner):

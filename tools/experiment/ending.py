@@ -1,9 +1,9 @@
-"""The end of a worker process on SIGTERM: during a trial, never while it writes a result.
+"""End of a worker process on SIGTERM: at once during a trial, but never while it writes a result.
 
-A process that dies while it writes to the pool's pipe blocks the reader, and with it the whole
-command. During a trial a worker does not use the pipe, so it can exit at once. An exception from
-the signal handler is no alternative, because an extension module may be loading. A worker that
-writes a result or waits for a trial gets a grace period.
+If a process dies while it writes to the pool's pipe, the reader of the pipe blocks, and with it the
+whole command. During a trial a worker does not use the pipe, so it can exit at once. The signal
+handler cannot raise an exception instead, because an extension module may be loading. If a worker
+writes a result or waits for a trial, it gets a grace period.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 GRACE_S = 5.0
-"""Grace period after SIGTERM, s: enough to write a result and to find that no trial is left."""
+"""Grace period after SIGTERM, s: enough to write a result and to detect that no trial remains."""
 
 
 class EndedEarlyError(Exception):
@@ -58,7 +58,7 @@ def run_until_ended(trial: Trial) -> dict[str, Any]:
     """Run a trial; in a process of the local pool SIGTERM ends it.
 
     Raises:
-        EndedEarlyError: SIGTERM came before the trial.
+        EndedEarlyError: SIGTERM arrived before the trial.
 
     """
     EarlyEnd.busy = True

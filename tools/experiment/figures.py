@@ -1,4 +1,4 @@
-"""The figures of the report as SVG text: curves, and paths in rooms (Figs. 14, 16 to 18)."""
+"""Figures of the report as SVG text: curves, and paths in rooms (paper: Figs. 14, 16 to 18)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CAUSE_COLOURS = ("#7b4fa3", "#c0504d", "#1f4e79", "#7fa7cc", "#c98a1b")
 
 
 def check() -> None:
-    """Check that figures can be drawn, before hours of runs.
+    """Check, before the runs start, that figures can be drawn.
 
     Raises:
         PlotMissingError: matplotlib is not installed.
@@ -78,7 +78,7 @@ def zimablue_curves(rows: Sequence[Row]) -> str:
 
 
 def versions_figure(pairs: Sequence[Pair]) -> str:
-    """Draw coverage and time ratio of each run against the values of the same run before."""
+    """Draw coverage and time ratio of each run against the values with the earlier version."""
     figure = blank(9.6, 4.4)
     for axes, name, scale, unit in zip(
         figure.subplots(1, 2),
@@ -194,7 +194,7 @@ def path_picture(row: Row) -> str:
     """Draw the path of a run in its room."""
     figure = blank(4.2, 4.2)
     axes = figure.add_subplot()
-    if row["room"] != OPEN_FLOOR:  # its walls are 10 m away
+    if row["room"] != OPEN_FLOOR:  # the walls of this room are 10 m away
         _room(axes, row["room"])
     xs, ys = zip(*row["path"], strict=True) if row["path"] else ((), ())
     colour = _COLOURS.get(row["planner"].partition(",")[0], _OTHER)

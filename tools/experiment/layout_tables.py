@@ -1,4 +1,4 @@
-"""Tables of where the paper's algorithm fails: in the layouts, and with range noise."""
+"""Tables of the paper's algorithm in the layouts in which it fails, and with range noise."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 _NOTED_COST = 8.0
-"""Expected loss from 1 cm of range noise with 1 cm of tolerance, percentage points: computed
-beforehand."""
+"""Loss of coverage that was expected from 1 cm of range noise with 1 cm of tolerance, percentage
+points. The value was computed before the runs."""
 
 
 def layout_table(rows: Sequence[Row]) -> Table:
-    """Return the coverage in each layout: expected, two readings of the paper, and recovery."""
+    """Return the coverage in each layout: expected, two variants of ``paper``, and ``recovery``."""
     lines = []
     for (room,), runs in group(_of(rows, TrialKind.LAYOUT), "room").items():
         layout = LAYOUTS[room.removeprefix(LAYOUT)]
@@ -43,7 +43,7 @@ def layout_table(rows: Sequence[Row]) -> Table:
 
 
 def range_table(rows: Sequence[Row]) -> Table:
-    """Return the cost of 1 cm of range noise, for two ways to count T and two tolerances."""
+    """Return the loss by 1 cm of range noise, for two ways to count T and two tolerances."""
     lines = []
     for (planner,), runs in group(_of(rows, TrialKind.RANGES), "planner").items():
         options, counting = TOLERANCES[planner]

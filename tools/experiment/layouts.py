@@ -1,9 +1,9 @@
 """Layouts in which the paper's algorithm fails, as floor plans (rooms ``layout:NAME``).
 
-The algorithm remembers one obstacle and steps to one side only, which is not enough for these
-layouts. Only the shapes have a source. The sizes are our choice, with sides of 3 to 5 m. The robot
-starts in the lower left corner and heads along the lower wall, as in the paper's rooms. Only
-layouts that test the start pose differ.
+The algorithm stores one obstacle and steps to one side only, which is not enough for these layouts.
+The shapes have a source, but the sizes are our choice, with sides of 3 to 5 m. The robot starts in
+the lower left corner and heads along the lower wall, as in the paper's rooms. Only the layouts that
+test the start pose have another start.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ LAYOUT = "layout:"
 _CORNER = Pose2(0.18, 0.18, 0.0)
 """Start pose with 2 cm between the footprint and two walls, as in the paper's rooms."""
 _MANY_SIDES = 64
-"""Number of sides of the polygon for a round column; it is at most 1 mm off a circle."""
+"""Number of sides of the polygon for a round column. The polygon differs from a circle by at most
+1 mm."""
 
 
 @dataclass(frozen=True, slots=True)

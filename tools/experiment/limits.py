@@ -26,7 +26,7 @@ CAUSES = {
     "lane gap": "elsewhere, in a piece into which no disc of 4 cm radius fits",
     "early end": "the rest: free in the map, but not swept when the run ended",
 }
-"""Causes of lost coverage in the order of their tests. The first cause that applies counts."""
+"""Causes of lost coverage, in the order in which they are tested. The first that applies counts."""
 _CONTACT_M = 0.02
 """Clearance of the footprint to a wall below which a loss is a wall gap, m."""
 _SLIVER_M = 0.04
@@ -36,10 +36,10 @@ _MAP_SLACK_M = 0.025
 
 
 class TruePose:
-    """The host's estimator with the plant's true pose instead of the estimated one."""
+    """The host's estimator, with the true pose instead of the estimated pose."""
 
     def __init__(self, inner: PoseEstimator, device: RiggedDevice) -> None:
-        """Wrap ``inner``, which gets all measurements and gives all values except the pose."""
+        """Wrap the estimator ``inner``: it gets all measurements and returns all other values."""
         self._inner, self._device = inner, device
 
     @property
@@ -124,7 +124,7 @@ def forbidden_axle(planner: object, raster: Raster) -> Mask | None:
 def _unreachable(
     raster: Raster, forbidden: Mask | None, end_m: tuple[float, float], half_m: float
 ) -> Mask:
-    """Return the cells that cannot be swept from where the robot ended, by the planner's map."""
+    """Return the cells that, by the planner's map, the robot cannot sweep from its last pose."""
     if forbidden is None or forbidden.all():
         return raster.empty()
     labels, _ = ndimage.label(~forbidden)
@@ -155,5 +155,5 @@ def _thick(mask: Mask, cells: float) -> Mask:
 
 
 def rounded(loss: dict[str, float]) -> dict[str, float]:
-    """Round the shares to a millionth, for a file."""
+    """Round the shares to a millionth, before they are written to a file."""
     return {name: round(value, 6) for name, value in loss.items() if math.isfinite(value)}

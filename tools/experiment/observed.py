@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 BOOT_S = HOST_BOOT_NS / 1e9
 """Host time minus device time, s. All times in this module are device time."""
 _ROUNDING_S = 1e-6
-"""Rounding error of that difference, s. The last energy sample may be at the end of the drive."""
+"""Rounding error of the difference between host and device time, s. It matters for an energy sample
+at the end of the drive."""
 
 
 class _TruthSink(NullSink):

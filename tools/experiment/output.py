@@ -36,7 +36,7 @@ def write_results(
 ) -> list[Table]:
     """Write all files of the results and return the tables.
 
-    ``before``: results of another version of the code, which are compared run by run.
+    ``before`` contains results of another version of the code. They are compared run by run.
     """
     write_csv(out / "runs.csv", rows)
     swept = [row for row in rows if "curve" in row]

@@ -16,18 +16,20 @@ if TYPE_CHECKING:
 
 FROM = 1.5
 """Minimum multiple of the reference that is compared. At smaller multiples no planner is near its
-end, so its figure depends on the order of its lanes."""
+end, and its coverage depends mostly on the order of its lanes."""
 _COLUMNS = tuple(k for k, multiple in enumerate(MULTIPLES) if multiple >= FROM)
 _UNITS = {"coverage": "time", "by_energy": "energy"}
 
 
 def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
-    """Return in how many pairs of runs the leader is behind at equal time or energy, and how far.
+    """Return the number of pairs in which the leader swept less, and the smallest difference.
+
+    The coverage is compared at equal time or energy.
 
     Args:
         rows: runs of all planners.
-        curve: ``coverage`` (time) or ``by_energy``, which zimablue's runs do not have.
-        leader: planner that is compared with each other one.
+        curve: ``coverage`` (over time) or ``by_energy``; runs of zimablue have no energy.
+        leader: planner that is compared with each other planner.
 
     """
     lines = []
@@ -56,13 +58,16 @@ def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
 def _pairs(
     rows: Sequence[Row], others: Sequence[Row], leader: str
 ) -> dict[tuple[str, str], list[tuple[Row, Row]]]:
-    """Return pairs of runs, the leader's first, by the other planner and the leader's noise."""
+    """Return pairs of runs by the other planner and the leader's noise level.
+
+    The first run of a pair is the leader's run.
+    """
     found: dict[tuple[str, str], list[tuple[Row, Row]]] = {}
     mine = [row for row in rows if row["planner"] == leader]
     for (planner,), theirs in group(others, "planner").items():
         for (noise,), at_level in group(mine, "noise").items():
             by_seed = {(row["room"], row["seed"], row["robot"]): row for row in at_level}
-            # without noise there is one run, because it is the same for every seed
+            # without noise there is only one run, because every seed gives an equal run
             once = (
                 {(row["room"], row["robot"]): row for row in at_level} if noise in NOISELESS else {}
             )
@@ -79,7 +84,7 @@ def _pairs(
 
 
 def _cell(pairs: Sequence[tuple[float | None, float | None]]) -> str:
-    """Return in how many pairs the first is less than the second, and the minimum difference."""
+    """Return the number of pairs with a smaller first value, and the minimum difference."""
     margins = [mine - theirs for mine, theirs in pairs if mine is not None and theirs is not None]
     if len(margins) < len(pairs):
         return "-"

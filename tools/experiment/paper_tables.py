@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 TABLE_2_M2 = (3.659, 3.588, 3.686, 3.621, 3.607)
-"""Table 2: area covered in the five tests of case 1, of 3.837 m²."""
+"""Area covered in the five tests of case 1, m², of 3.837 m²: Table 2 of the paper."""
 TABLE_2_FLOOR_M2 = 3.837
-"""Floor area of case 1, m²: Table 2."""
+"""Floor area of case 1, m²: Table 2 of the paper."""
 PAPER_SHARES = {
     "case-1": (fmean(TABLE_2_M2) / TABLE_2_FLOOR_M2, "Table 2, mean of five by division"),
     "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
@@ -29,7 +29,7 @@ PAPER_SHARES = {
 
 
 def paper_table(rows: Sequence[Row]) -> Table:
-    """Return the paper's three experiments: its coverage, and ours by its formula (eq. 9)."""
+    """Return the coverage in the paper's three experiments: the paper's, and ours by equation 9."""
     lines = []
     for (room, planner, noise), runs in group(rows, "room", "planner", "noise").items():
         if room not in PAPER_SHARES or planner != "paper":
@@ -69,7 +69,7 @@ def paper_table(rows: Sequence[Row]) -> Table:
 
 
 def beside_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return the runs to compare in the comprehensive room; none without another planner."""
+    """Return the runs to compare in the comprehensive room; empty without other planners."""
     others = [row for row in rows if row["kind"] == TrialKind.BESIDE]
     levels = {row["noise"] for row in others}
     papers = [
@@ -82,7 +82,7 @@ def beside_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def beside_table(rows: Sequence[Row]) -> Table:
-    """Return section 5.3: the paper's algorithm, the U-shaped path, the random path and ours."""
+    """Return the comparison of section 5.3: paper's algorithm, U-shaped path, random path, ours."""
     lines = []
     for (planner,), runs in group(beside_rows(rows), "planner").items():
         bodies = values(runs, "body_free")
@@ -134,7 +134,7 @@ def cycle_spread(rows: Sequence[Row], key: str = "offset_mm") -> list[tuple[floa
 
 
 def cycle_table(rows: Sequence[Row]) -> Table:
-    """Return Fig. 15: the offset at the end of each U-shaped cycle."""
+    """Return the table for Fig. 15: the offset at the end of each U-shaped cycle."""
     offsets = cycle_spread(rows)
     along, across = cycle_spread(rows, "along_mm"), cycle_spread(rows, "across_mm")
     lines = [

@@ -1,4 +1,4 @@
-"""Trials of ``experiment paper``: the paper's experiments, and where its algorithm fails."""
+"""Trials of ``experiment paper``: the paper's experiments, and layouts in which ``paper`` fails."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BESIDE = ("u-shape", "random", "recovery")
 """Planners that are compared with the paper's algorithm in the comprehensive room."""
 
 STRICT_END = "paper, strict end"
-"""Reading of the paper in which the first blocked side step ends the run."""
+"""Name of a variant of ``paper``: the first blocked side step ends the run."""
 RANGE_LEVEL = NoiseLevel(name="range 1 cm", ultrasonic_sigma_m=0.01)
 """Noise level ``none`` with 1 cm of noise in the ultrasonic range."""
 
@@ -40,7 +40,7 @@ READINGS: dict[str, PaperOptions] = {
     STRICT_END: PaperOptions(end="blocked_step"),
     **{name: options for name, (options, _) in TOLERANCES.items()},
 }
-"""Options of the other readings of the paper, by the planner's name in a trial."""
+"""Options of the variants of ``paper``, by the planner's name in a trial."""
 
 
 def paper_trials(max_time_s: float | None) -> list[Trial]:

@@ -36,7 +36,7 @@ class Parts:
         written: set[str] = set()
         for path in sorted(self._folder.glob("part-*.parquet")):
             keys = _keys(path)
-            if not keys <= rows.keys():  # of results that were discarded
+            if not keys <= rows.keys():  # the part contains results that were discarded
                 path.unlink()
                 continue
             written |= keys
@@ -44,7 +44,7 @@ class Parts:
         self._pending = [row for key, row in rows.items() if key not in written]
 
     def add(self, row: Row) -> None:
-        """Take a result; write a part when it is full."""
+        """Add a result; write a part when it is full."""
         if self._usable:
             self._pending.append(row)
             if len(self._pending) >= PART_ROWS:
@@ -72,7 +72,7 @@ def _keys(path: Path) -> set[str]:
 
 
 def _table(rows: list[Row]) -> Any:  # noqa: ANN401 - pyarrow has no types
-    """Return results as a table: a column for each plain value, and the rest as JSON."""
+    """Return results as a table: a column for each plain value, and a JSON column for the rest."""
     import pyarrow as pa
 
     plain = (str, int, float, bool, type(None))

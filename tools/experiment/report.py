@@ -94,7 +94,7 @@ def render(
 ) -> str:
     """Return the HTML page with the tables and the figures of the rows.
 
-    ``pairs``: each run with the same run of another version.
+    ``pairs`` contains each run with the same run of another version of the code.
     """
     facts = [
         ("runs", len(rows)),

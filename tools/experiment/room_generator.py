@@ -1,4 +1,4 @@
-"""Random floor plans of the kinds that homes consist of.
+"""Random floor plans that resemble the rooms of homes.
 
 A plan has outer walls (box, L, corridor with rooms), inner walls with doors, and furniture (boxes
 at and off walls, rotated boxes, columns, table legs, pockets). Equal generators give equal rooms.
@@ -46,8 +46,8 @@ def generate_room(
         seed: number in the room's name; it does not affect the room.
         rng: source of randomness.
         kind: one of ``KINDS``; None: a random one.
-        radius_m: radius of the footprint, m; only one larger than the paper's robot's moves the
-            start.
+        radius_m: radius of the footprint, m; a radius larger than that of the paper's robot moves
+            the start.
 
     Raises:
         KeyError: ``kind`` is not one of ``KINDS``.
@@ -130,7 +130,7 @@ def _box_corners(
 def _boxes(
     rng: RandomSource, count: int, area: tuple[float, float, float, float], *, angled: bool = False
 ) -> list[Polygon]:
-    """Return random boxes in an area, at its walls or not; they may overlap."""
+    """Return random boxes in an area, some of them at its walls; the boxes may overlap."""
     x0, y0, x1, y1 = area
     boxes: list[Polygon] = []
     for _ in range(count):

@@ -57,11 +57,11 @@ def run_all(
 ) -> TrialsOutcome:
     """Run the trials that the store lacks. A failed trial is reported, and the others continue.
 
-    Ctrl-C or SIGTERM ends the runs. The signal is polled, not raised. An exception during the start
-    or the end of the pool would leave processes that wait for each other forever.
+    Ctrl-C or SIGTERM ends the runs. The signal is polled and raises no exception. An exception
+    during the start or the end of the pool would leave processes that wait for each other forever.
 
     Args:
-        store: takes the results.
+        store: stores the results.
         trials: what to run.
         jobs: number of processes; None: one per core.
         scheduler: address of the scheduler of a Dask cluster; None: processes of this machine.

@@ -1,4 +1,4 @@
-"""Runs with other values of the tuned constants, and their effect, run by run."""
+"""Runs with other values of the tuned constants, and the effect of each value, run by run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def sensitivity_trials(
     trials: Sequence[Trial], names: Iterable[str], factors: Iterable[float]
 ) -> list[Trial]:
-    """Return the trials, and each of them with every constant changed by every factor."""
+    """Return the trials, and each trial again with each constant multiplied by each factor."""
     made = list(trials)
     factors = list(factors)
     for name in names:
@@ -48,7 +48,7 @@ def sensitivity_table(rows: Sequence[Row]) -> Table:
     for options, mine in pairs.items():
         name, _, value = options.partition("=")
         mouth, time = difference(mine, "mouth_sweepable"), difference(mine, "time_ratio")
-        # a percentage point of the floor counts as much as a tenth of the reference time
+        # A percentage point of coverage has the same weight as a tenth of the reference time.
         effect = max(100.0 * abs(mouth.mean), 10.0 * abs(time.mean))
         effects[name] = max(effects.get(name, 0.0), effect)
         default = defaults.get(name)

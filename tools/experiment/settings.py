@@ -1,7 +1,7 @@
 """The tuned constants of planner, controllers and filter, and runs with other values of them.
 
-Every field of the config dataclasses that is a number is a constant. Its name is that of its group
-and field, such as ``planner.min_rate``.
+Every numeric field of the config dataclasses is a constant. The name of a constant consists of its
+group and its field, such as ``planner.min_rate``.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _groups(settings: Settings) -> dict[str, Any]:
 
 
 def scaled(name: str, factor: float) -> float:
-    """Return another value of a constant; one that counts something stays whole."""
+    """Return a constant multiplied by a factor; the result is an integer if the constant is one."""
     value = constants()[name]
     if not isinstance(value, int):
         return value * factor
@@ -57,7 +57,7 @@ def scaled(name: str, factor: float) -> float:
 
 
 def settings_of(options: str) -> Settings:
-    """Return the settings that a trial's text names, ``NAME=VALUE`` and so on; empty: defaults."""
+    """Return the settings from ``NAME=VALUE`` texts, separated by commas; empty: the defaults."""
     settings = Settings()
     for part in filter(None, options.split(",")):
         name, _, text = part.partition("=")

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from tools.experiment.trials import Trial
 
 _ONE_AT_A_TIME = threading.Lock()
-"""Lock against two runs in one worker with several threads: slower, and not tested."""
+"""Lock that prevents two runs at the same time in one worker with several threads: such runs are
+slower, and not tested."""
 
 
 class WorkerVersionError(BridgeError):

@@ -1,4 +1,4 @@
-"""The end of a trial: when its planner ends, or at the end of the comparison."""
+"""End of a trial: when its planner ends, or at the last compared multiple of the references."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ this limit."""
 _STRAIGHT_S = 22.0
 """Duration of the straight drive that measures the cruise power, s."""
 _STEADY_S = 2.0
-"""Part of that drive that is left out at its start, s: the acceleration."""
+"""Time at the start of the straight drive that is not measured, s: the acceleration."""
 _S_PER_H = 3600.0
 """Seconds in an hour."""
 
@@ -51,7 +51,7 @@ def planner_of(trial: Trial, model: RobotModel) -> Planner:
 
 
 def limit_s(trial: Trial, meter: CoverageMeter) -> float:
-    """Return the time limit of a trial, s: the requested one, else an hour or more."""
+    """Return the time limit of a trial, s: the requested limit, else an hour or more."""
     if trial.max_time_s is not None:
         return trial.max_time_s
     return max(HOUR_S, round(_LONGEST * meter.reference_time_s, 1))
@@ -60,9 +60,9 @@ def limit_s(trial: Trial, meter: CoverageMeter) -> float:
 def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], bool]:
     """Return a function that decides whether to end a run.
 
-    Its arguments are the time of the drive, s, and the energy drawn since boot, Wh. Only ``random``
-    needs it, because that planner never ends by itself. Its run ends after the last multiple of the
-    reference time and energy.
+    The arguments of the function are the time of the drive, s, and the energy drawn since boot, Wh.
+    Only the planner ``random`` needs the function, because it never ends by itself. A run of
+    ``random`` ends after the last multiple of the reference time and energy.
     """
     if not isinstance(planner, RandomPlanner):
         return lambda _time_s, _energy_wh: False

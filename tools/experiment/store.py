@@ -41,7 +41,7 @@ def code_version(planners: Iterable[str] = ()) -> str:
     """Return release and hash of the code, so that results of different code are not mixed.
 
     Args:
-        planners: names of planners; the module of one from outside the project counts too.
+        planners: names of planners; the hash includes the modules of plug-ins and files.
 
     """
     digest = hashlib.sha256()

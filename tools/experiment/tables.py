@@ -83,7 +83,7 @@ def planner_table(rows: Sequence[Row]) -> Table:
 
 
 def robot_table(rows: Sequence[Row]) -> Table:
-    """Return the figures of each planner with each robot; no line without a robot file."""
+    """Return the figures of each planner with each robot file; no line for the default robot."""
     named = rows if any(row["robot"] for row in rows) else []
     lines = [
         (
@@ -182,7 +182,7 @@ def _unit_mwh_m2(rows: Sequence[Row]) -> str:
 
 
 def at_multiples(runs: Sequence[Row], curve: str) -> list[str]:
-    """Return the mean of a curve, %, at each multiple; a dash if a run was cut short before."""
+    """Return the mean of a curve, %, at each multiple; a dash if a run was ended earlier."""
     cells = []
     for k in _COLUMNS:
         shares = [run["curve"][curve][k] for run in runs]
@@ -195,10 +195,10 @@ _COLUMNS = range(len(MULTIPLES))
 
 
 def energy_table(rows: Sequence[Row], shares: Sequence[float] = (0.5, 0.8, 0.9, 0.95)) -> Table:
-    """Return the median energy per sweepable square metre to reach a share.
+    """Return the median energy per sweepable square metre to reach each share of the floor.
 
-    The median is over all runs; a run that never reached the share counts as infinite. Otherwise a
-    planner would look better by failing in the most expensive rooms.
+    The median is over all runs. If a run never reached the share, its energy counts as infinite.
+    Otherwise a planner that fails in the rooms with the highest energy would have a better median.
     """
     lines = [
         (planner, noise, str(len(runs)), *(_median_energy(runs, share) for share in shares))
@@ -259,7 +259,7 @@ def spread(values: Sequence[float]) -> str:
 
 
 def room_file(room: str, robot: str) -> str:
-    """Return the name of the file of a generated room; its start may depend on the robot."""
+    """Return the file name of a generated room; the start of the room may depend on the robot."""
     of_robot = f"-{robot_label(robot)}" if robot else ""
     return f"{room.replace(':', '-')}{of_robot}.json"
 
@@ -291,11 +291,12 @@ WORST_BY: tuple[tuple[str, bool, str, Callable[[float], str]], ...] = (
     ("largest_hole_cm2", True, "largest hole, cm²", "{:.0f}".format),
     ("time_ratio", True, "time ratio", "{:.2f}".format),
 )
-"""Figures by which the worst runs are listed: column, whether more is worse, name, format."""
+"""Figures by which the worst runs are listed: column, whether a higher value is worse, name,
+format."""
 
 
 def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Table:
-    """Return the worst runs by three figures, with the command that repeats each."""
+    """Return the worst runs by three figures, each with the command that repeats the run."""
     lines = []
     for key, more_is_worse, name, form in WORST_BY:
         known = [row for row in rows if row.get(key) is not None and row["noise"] != PERFECT]

@@ -29,17 +29,19 @@ if TYPE_CHECKING:
 GENERATED = "generated:"
 """Prefix of the names of generated rooms, ``generated:KIND:N``."""
 OPEN_FLOOR = "open-floor"
-"""Empty room of 20 m by 20 m with the start in the middle: no wall corrects the estimate."""
+"""Name of an empty room of 20 m by 20 m with the start in the middle, where the robot measures no
+wall."""
 HOUR_S = 3600.0
 """Default time limit of a run, s."""
 PERFECT = "perfect"
-"""Noise level ``none`` with the true pose for planner and controllers."""
+"""Name of the noise level ``none`` with the true pose for planner and controllers."""
 NOISELESS = frozenset({PERFECT, "none"})
-"""Noise levels at which a run is the same for every seed, except with ``RANDOM``."""
+"""Noise levels at which every seed gives an equal run, except with the planner ``RANDOM``."""
 RANDOM = "random"
-"""Planner that uses the seed itself."""
+"""Name of the planner that uses the seed itself."""
 _DRAWN_FROM = 0x5EED
-"""First part of the seeds of generated rooms, so that they differ from other uses of the number."""
+"""First part of the seeds of generated rooms. It makes them differ from other seeds with equal
+number."""
 
 
 class TrialKind(StrEnum):
@@ -56,7 +58,7 @@ class TrialKind(StrEnum):
     BESIDE = "beside"
     """A run of another planner in the paper's comprehensive room (section 5.3)."""
     LAYOUT = "layout"
-    """A run in a layout in which the paper's algorithm fails, some with another reading of it."""
+    """A run in a layout in which the paper's algorithm fails; some with a variant of ``paper``."""
     SENSITIVITY = "sensitivity"
     """A run with another value of a tuned constant."""
     RANGES = "ranges"
@@ -83,9 +85,9 @@ class Trial:
     robot: str = ""
     """Robot file; empty: the default robot."""
     robot_hash: str = ""
-    """Hash of that file's content, so that results of another content are not reused."""
+    """Hash of the robot file's content, so that results with other content are not reused."""
     options: str = ""
-    """Tuned constants with other values, ``NAME=VALUE`` each, separated by commas."""
+    """Changed tuned constants as ``NAME=VALUE``, separated by commas; empty: none is changed."""
 
     @property
     def key(self) -> str:
@@ -155,7 +157,10 @@ def grid_trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the 
     max_time_s: float | None,
     kind: TrialKind = TrialKind.RUN,
 ) -> list[Trial]:
-    """Return every combination of room, planner, level and seed; one seed where all are equal."""
+    """Return every combination of room, planner, level and seed.
+
+    If every seed gives an equal run, only one seed is used.
+    """
     seeds = list(seeds)
     return [
         Trial(room, planner, level, seed, max_time_s, kind)
@@ -172,7 +177,7 @@ def generated_rooms(count: int) -> list[str]:
 def room_of(name: str, radius_m: float = 0.0) -> FloorPlan:
     """Read or generate a room by its name in a trial.
 
-    A generated room has its start where a footprint of ``radius_m`` fits, m.
+    In a generated room, a footprint with the radius ``radius_m`` (m) fits at the start.
 
     Raises:
         FloorPlanError: there is no such room, or its file is invalid.
@@ -212,6 +217,6 @@ def work(trial: Trial, plan: FloorPlan) -> float:
             return 6.0 * (x1 - x0) * (y1 - y0)
         case _:
             area_m2 = (x1 - x0) * (y1 - y0)
-            if trial.planner == RANDOM:  # runs to the end of the comparison in every room
+            if trial.planner == RANDOM:  # its run lasts to the last multiple in every room
                 return 1.2 * area_m2
             return math.sqrt(1.0 + area_m2)

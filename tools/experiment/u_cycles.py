@@ -1,7 +1,7 @@
 """The paper's test of path keeping (section 5.1, Figs. 14 and 15): U-shaped cycles as legs.
 
-A cycle is a lane, a side step, the lane back and a side step. Its planned end is known; the
-distance of the robot from it is the paper's Fig. 15.
+A cycle is a lane, a side step, the lane back and a side step. Fig. 15 of the paper shows the
+distance of the robot from the planned end of each cycle.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 PAPER_CYCLES = 7
 """Number of cycles in the paper's test."""
 PAPER_LANE_M = 1.77
-"""Length of a lane, m. The paper does not give it; with side steps of 0.16 m, seven cycles then
-have the 27 m that the paper's robot drives in 160 s."""
+"""Length of a lane, m. The paper does not give the length. It is chosen so that seven cycles with
+side steps of 0.16 m have 27 m, the distance that the paper's robot drives in 160 s."""
 
 
 class CycleOffset(NamedTuple):

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 Pair = tuple["Row", "Row"]
-"""A run before, and the same run after."""
+"""Results of a run with the first version or value, and of the same run with the second."""
 _SAME = ("kind", "room", "planner", "noise", "seed", "robot_hash", "options")
-"""Parameters that are equal in a pair. A robot file is compared by its content."""
+"""Parameters that are equal in both runs of a pair. A robot file is compared by its content."""
 EQUAL = 1e-4
 """Difference of the swept share below which two runs are equal."""
 _LOSSES = 10
@@ -54,7 +54,7 @@ class PairedDifference(NamedTuple):
 
 
 def difference(pairs: Sequence[Pair], figure: str) -> PairedDifference:
-    """Return the mean difference of a figure; runs without it are left out."""
+    """Return the mean difference of a figure; runs without this figure are ignored."""
     found = [
         after[figure] - before[figure]
         for before, after in pairs
@@ -72,7 +72,7 @@ def read_rows(folder: Path) -> list[Row]:
     """Read the results of an experiment, from any version of the code.
 
     Raises:
-        ExperimentFolderError: there are none.
+        ExperimentFolderError: the folder contains no results.
 
     """
     path = folder / LINES
@@ -99,7 +99,7 @@ def version_of(rows: Iterable[Row]) -> str:
 
 
 def matched(before: Iterable[Row], after: Iterable[Row]) -> list[Pair]:
-    """Return the pairs of runs that both have, in the order of ``after``."""
+    """Return the pairs of runs that are in both lists, in the order of ``after``."""
     known = {_identity(row): row for row in before if "mouth_sweepable" in row}
     return [
         (known[_identity(row)], row)
@@ -161,7 +161,7 @@ def _outcomes(pairs: Sequence[Pair]) -> str:
 
 
 def losses_table(pairs: Sequence[Pair]) -> Table:
-    """Return the pairs that lost most coverage, and those that took longer."""
+    """Return the pairs with the largest loss of coverage, and the pairs with a longer time."""
     ordered = sorted(
         pairs,
         key=lambda pair: (
@@ -187,7 +187,7 @@ def losses_table(pairs: Sequence[Pair]) -> Table:
 
 
 def versions_tables(pairs: Sequence[Pair], was: str, now: str) -> list[Table]:
-    """Return the tables of two versions; one that says so if they have no run in common."""
+    """Return the tables of two versions, or a note in a table if they have no run in common."""
     if not pairs:
         note = "No room, robot, planner, noise and seed is in both results."
         return [Table(f"{now} against {was}, run by run", ("pairs",), [("0",)], note)]

@@ -24,7 +24,7 @@ def run_trial(trial: Trial) -> dict[str, Any]:
 
     Raises:
         FloorPlanError: the room is invalid.
-        CompareMissingError: the planner is zimablue's, which is not installed.
+        CompareMissingError: the planner is from zimablue, and zimablue is not installed.
 
     """
     match trial.kind:
@@ -61,7 +61,7 @@ class _Driven(NamedTuple):
 
 
 def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
-    """Run the planner of a trial in its room to the end of the comparison."""
+    """Run the planner of a trial in its room, to the last compared multiple at most."""
     model, plan = trial.model, trial.plan
     planner, meter = planner_of(trial, model), CoverageMeter(plan, model, 0.01)
     perfect = trial.noise == PERFECT
@@ -86,7 +86,7 @@ def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
 
 
 def _reading(trial: Trial) -> dict[str, Any]:
-    """Run a trial of another reading of the paper, or of range noise alone."""
+    """Run a trial with a variant of ``paper``, or a trial with only range noise."""
     from tools.experiment.paper_trials import RANGE_LEVEL, READINGS
 
     model, plan, reading = trial.model, trial.plan, READINGS.get(trial.planner)
@@ -126,7 +126,7 @@ def _figures(trial: Trial, driven: _Driven) -> dict[str, Any]:
             "coverage": by_time,
             "by_path": curves.over_path(meter, report, observed.truth, cut=cut),
             "by_energy": curves.over_energy(meter, report, drawn, unit_wh, cut=cut),
-            # after the end of the run the robot stands still: sweeping draws no more energy
+            # Constant after the end of the run, because the robot no longer sweeps.
             "energy_wh": [
                 None
                 if share is None

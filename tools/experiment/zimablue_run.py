@@ -1,12 +1,13 @@
 """Online planners of the package ``zimablue``, run in its simulation with its own robot.
 
-The comparison is made fair as follows. zimablue's robot is wider than ours: 56.6 cm over its
-corners with a head of 34 cm, compared with 32 cm and 16 cm. So each floor plan is enlarged by the
-ratio of the two bodies. Every door, gap and table leg is then equally tight for both robots.
-zimablue keeps its own robot, sensors, noise, estimator, speeds and contact model. Our metrics
-measure its coverage from its true pose, with its head as a segment on the axle. The coverage is the
-share of the floor that the head can reach. It is given at multiples of that area / (head width ·
-cruise speed). A run ends with its planner, or after six times that reference time.
+The zimablue robot is wider than ours: 56.6 cm over its corners with a cleaning head of 34 cm,
+compared with 32 cm and 16 cm. For a fair comparison, each floor plan is enlarged by the ratio of
+the two widths. Every door, gap and table leg is then equally narrow for both robots. zimablue uses
+its own robot, sensors, noise, estimator, speeds and contact model. Our metrics measure its coverage
+from its true pose, with its head as a segment on the axle. The coverage is the swept share of the
+floor that the head can reach. It is given at multiples of the reference time, which is the area
+of this floor / (head width · cruise speed). A run ends when its planner ends, or after six times
+the reference time.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Polygon
 
 PLANNERS = {"ba_star": "BA*", "epsilon_star": "ε*", "bsa": "BSA", "spiral_stc": "STC"}
-"""Names of the literature by zimablue's names of its planners."""
+"""Names of the planners in the literature, by their names in zimablue."""
 _ROBOT = "tracked"
-"""zimablue's name of its robot."""
+"""Name of the robot in zimablue."""
 LONGEST = 6.0
 """Time limit of a run, in multiples of the reference time."""
 _SAMPLE_STEPS = 5
@@ -48,7 +49,7 @@ class CompareMissingError(BridgeError):
 
 
 def check() -> None:
-    """Check that zimablue is installed, before hours of runs.
+    """Check, before the runs start, that zimablue is installed.
 
     Raises:
         CompareMissingError: zimablue is not installed.
@@ -150,7 +151,7 @@ def enlarged(plan: FloorPlan, scale: float) -> FloorPlan:
 
 
 def _pool(plan: FloorPlan) -> Any:  # noqa: ANN401 - zimablue has no types
-    """Return the room as a pool of constant depth with solids in it."""
+    """Return the room as zimablue's model: a pool of constant depth with solids in it."""
     shape: Any = import_module("shapely.geometry").Polygon
     features: Any = import_module("zimablue.pool.features")
     solids = [

@@ -1,1 +1,1 @@
-"""Several robots at once: a process each, one dashboard, one stop."""
+"""Several robots at the same time, with a process for each robot, one dashboard and one stop."""

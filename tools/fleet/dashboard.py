@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _KEPT_EVENTS = 200
 _MIN_EVENTS = 3
-"""Minimum height of the events with their frame, rows."""
+"""Minimum height of the list of events with its frame, rows."""
 _WIDE = 110
 """Width from which the table also has the pose and the log, columns."""
 _MIDDLE = 80
@@ -35,7 +35,7 @@ _NARROW = 60
 """Width from which the table also has battery and speed, columns."""
 _KEYS = "space s: STOP ALL   Ctrl-C: end all"
 _ORDERLY = {"none", "session_end"}
-"""Names of stop causes that are not stops for safety."""
+"""Names of the stop causes that are not a stop for safety."""
 
 
 class ShownMember(Protocol):
@@ -93,7 +93,7 @@ class FleetDashboard:
         self._lines.append((label, one_line(line)))
 
     def start(self) -> None:
-        """Take the screen and begin to draw."""
+        """Switch to a full screen and begin to draw."""
         self._live.start()
 
     def stop(self) -> None:
@@ -172,7 +172,7 @@ def _cells(member: ShownMember) -> dict[str, Text]:
     dim = "dim" if member.ended is not None else ""
     pose, power = status.get("pose"), status.get("power")
     path_m = status.get("path_m")
-    # The estimate of a robot that is not heard is old.
+    # Without messages from the robot, the estimate is old.
     speed = status.get("v_m_s") if status.get("session") == "ready" and not dim else None
     shown_pose = "-"
     if pose is not None:

@@ -17,11 +17,11 @@ GRAVITY = (3, 5, 4, 2, 1, 0)
 """Exit statuses from the most severe one to success. The fleet's exit status is the most severe
 status of its robots."""
 STOP_S = 30.0
-"""Maximum time to wait for each robot's stop, s. A robot's own limit is shorter."""
+"""Maximum time to wait for each robot's stop, s. The limit of the stop itself is shorter."""
 
 
 class Fleet:
-    """Several members, none of which can delay another."""
+    """Several members; no member can delay another member."""
 
     def __init__(
         self,
@@ -45,13 +45,13 @@ class Fleet:
         )
 
     def end(self) -> None:
-        """Ask every process for a clean end; does not wait."""
+        """Request a clean end of every process; does not wait for it."""
         self.message = "ending: the robots stop, then the logs are closed"
         for member in self.members:
             member.end()
 
     def stop(self) -> None:
-        """Stop every robot, even if its process has ended; does not wait."""
+        """Stop every robot, even if its process has ended; does not wait for the confirmations."""
         with self._stopping:
             if any(thread.is_alive() for thread in self._stoppers):
                 return

@@ -49,7 +49,7 @@ class Target:
     """Options with which the port is opened."""
     log: Path
     own: tuple[str, ...] = ()
-    """Options of ``connect`` for this robot alone."""
+    """Options of ``connect`` for this robot only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class Member:
         self._lock = threading.Lock()
         paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
         words = ["connect", target.given, "--json", "--quiet", "--out", str(target.log)]
-        # -P: a folder `tools` in the user's working directory must not hide ours.
+        # -P, so that Python does not import a folder `tools` in the user's working directory.
         self._process = subprocess.Popen(  # noqa: S603 - our own command
             [sys.executable, "-P", "-m", "tools.sweepctl", *words, *target.own, *arguments],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
@@ -122,7 +122,7 @@ class Member:
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            start_new_session=True,  # Ctrl-C is handled by the fleet
+            start_new_session=True,  # so that only the fleet gets Ctrl-C
         )
         self._over = threading.Event()
         self.last_error = ""
@@ -140,7 +140,7 @@ class Member:
         return self._over.wait(timeout_s)
 
     def end(self) -> None:
-        """Ask the process for a clean end: the robot stops, then the log is closed."""
+        """Request a clean end of the process: the robot stops, then the log is closed."""
         if not self._over.is_set():
             with contextlib.suppress(ProcessLookupError):
                 self._process.send_signal(signal.SIGINT)
@@ -211,7 +211,8 @@ class Member:
             reason = self.last_error if summary is None else str(summary.get("reason"))
             self.ended = Ended(code, reason, summary if "path_m" in (summary or {}) else None)
             return
-        # Killed: the device stops by itself when its host is silent; do not rely on it.
+        # The process was killed. The device stops by itself when its host is silent, but do not
+        # rely on this.
         reason = f"its process was killed by signal {-code}"
         self._on_line(self.target.label, f"{reason}; stopping the robot", is_error=True)
         if self.stop().confirmed:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _POLL_S = 0.05
 """Period at which the state of the session is polled, s."""
 _READING_S = 0.1
-"""Interval at which ranges are read, s. It is longer than the period of the messages, so that no
+"""Interval at which ranges are read, s. It is longer than the interval of the messages, so that no
 message is read twice."""
 _READINGS = 9
 """Number of readings whose median is compared: odd, and enough to ignore a few wrong echoes."""

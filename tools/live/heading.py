@@ -53,7 +53,7 @@ class RunFacts:
     log: str = ""
     """Path of the log."""
     page: str = ""
-    """Address of the viewer's page; empty: none is served."""
+    """Address of the viewer's page; empty: no page is served."""
     planner: str = ""
     """Name of the planner; empty: none."""
     plan: FloorPlan | None = None
@@ -70,7 +70,7 @@ class RunFacts:
     """Address for Foxglove; empty: the run is not served."""
 
     def follow(self, x_m: float, y_m: float) -> None:
-        """Append a position to the path if it is a step from the newest one."""
+        """Append a position if it is more than ``TRAIL_STEP_M`` from the newest position."""
         trail = self.trail
         if not trail or math.dist(trail[-1], (x_m, y_m)) > TRAIL_STEP_M:
             trail.append((x_m, y_m))
@@ -80,7 +80,7 @@ class LiveCoverage:
     """Coverage of a run in progress, from poses that the run's loop appends."""
 
     def __init__(self, plan: FloorPlan, model: RobotModel, poses: array[float]) -> None:
-        """Prepare the metric, which takes 0.1 s: make this object before the run.
+        """Prepare the metric. This takes 0.1 s, so make this object before the run.
 
         Args:
             plan: the room.
@@ -101,7 +101,7 @@ class LiveCoverage:
         with self._lock:
             if now_s - self._counted_s >= _PERIOD_S:
                 self._counted_s = now_s
-                until = len(self._poses) // 4 * 4  # complete poses only: another thread appends
+                until = len(self._poses) // 4 * 4  # complete poses only, as another thread appends
                 values = iter(self._poses[self._taken : until])
                 self._taken = until
                 for pose in zip(values, values, values, values, strict=True):
@@ -145,7 +145,7 @@ def _laid_out(parts: list[tuple[str, str]], width: int, lines: int) -> Text:
         if number:
             text.append("\n")
         for place, (name, value) in enumerate(row):
-            # In a narrow window the name is left out, so that an address can be copied completely.
+            # In a narrow window the name is omitted, so that an address can be copied completely.
             if place or len(name) + 1 + len(value) <= width:
                 text.append(f"{_GAP if place else ''}{name} ", style="dim")
             text.append(value, style="bold" if name == "viewer" else "")

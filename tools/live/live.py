@@ -60,17 +60,17 @@ _NARROW = 110
 _LOW = 22
 """Height of the tables' area below which one compact table replaces the four tables, rows."""
 _LOWEST = 15
-"""Height of the window below which heading and events are left out, rows."""
+"""Height of the window below which heading and events are omitted, rows."""
 _FOOTER = 2
 """Height of the footer, rows: the message and the keys."""
 _COLUMN = 44
-"""Width of a column of tables, columns."""
+"""Width of a column of tables, characters."""
 _TABLE = 46
-"""Width of the compact table, columns."""
+"""Width of the compact table, characters."""
 _MIN_MAP = 10
-"""Width below which the map is left out, columns."""
+"""Width below which the map is omitted, characters."""
 _MIN_ROWS = 6
-"""Height of the map below which its legend is left out, rows."""
+"""Height of the map below which its legend is omitted, rows."""
 _TALL = 24
 """Height of the window from which the heading may have three lines instead of two, rows."""
 
@@ -124,7 +124,7 @@ class EventLines:
 
 
 def _ends_run(event: EventRecord) -> bool:
-    """Return whether an event is a failure of the session: the run's last line repeats it."""
+    """Return whether an event is a failure of the session, which the run's last line repeats."""
     return event.source == "session" and (
         event.kind == EventKind.FAILED or event.severity is Severity.ERROR
     )
@@ -157,14 +157,14 @@ class Dashboard:
         self._live = Live(self, console=err(), refresh_per_second=3, screen=True)
 
     def start(self) -> None:
-        """Take the screen and begin to draw."""
+        """Switch to a full screen and begin to draw."""
         if self._facts.began_ns is None:
             self._facts.began_ns = clock.now()
         self._live.start()
 
     def stop(self) -> None:
         """Stop drawing and restore the screen."""
-        drop_queued()  # older frames: the sequence that restores the terminal needs room
+        drop_queued()  # drops older frames, so that the sequence that restores the terminal fits
         self._live.stop()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -172,7 +172,7 @@ class Dashboard:
         width, height = options.max_width, options.height or console.height
         try:
             self._rates.look(clock.now())
-            # Rendered here: an exception in Rich's drawing thread would end that thread.
+            # Rendered here, because an exception in Rich's drawing thread would end the thread.
             drawn = list(console.render(self.layout(width, height), options))
         except Exception as error:  # noqa: BLE001 - the drawing thread must continue
             yield Text(f"the dashboard cannot be drawn: {one_line(described(error))}", "red")

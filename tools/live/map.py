@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _MARGIN_M = 0.1
 """Margin around everything that is drawn, m."""
 _FINEST_M = 0.02
-"""Minimum size of a map cell, m: finer than the swept map adds nothing."""
+"""Minimum size of a map cell, m. Smaller cells show no more detail of the swept floor."""
 _ARROWS = "→↗↑↖←↙↓↘"
 """Symbols of the robot by its heading, in steps of 45° from the x axis."""
 
@@ -75,7 +75,7 @@ def _swept(host: Snapshot) -> NDArray[np.float64]:
 
 
 def _room_points(plan: FloorPlan, size_m: float) -> list[tuple[NDArray[np.float64], int]]:
-    """Return points along every edge of the room, with their ink, half a cell apart."""
+    """Return points along every edge of the room, half a cell apart, and the ink of each edge."""
     polygons = [
         (plan.walls, _WALL),
         *((obstacle, _WALL) for obstacle in plan.obstacles),

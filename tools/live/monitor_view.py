@@ -87,7 +87,7 @@ class MonitorLines(Nothing):
                 inform(_stranger(node, value))
         if now_ns - self._rates_ns >= _RATES_NS:
             rates = _rates(monitor)
-            if self._rates_ns and rates != self._rates:  # a silence is reported once
+            if self._rates_ns and rates != self._rates:  # a silence is reported only once
                 inform(rates)
                 self._rates = rates if rates.startswith(_SILENCE) else ""
             self._rates_ns = now_ns
@@ -203,7 +203,7 @@ class RateTable(Nothing):
         trace: TracebackType | None,
     ) -> None:
         """Draw the last state and restore the terminal."""
-        drop_queued()  # older tables
+        drop_queued()  # drops older tables
         with contextlib.suppress(OSError):
             self._live.update(self.picture(self._console), refresh=True)
             self._live.stop()

@@ -89,7 +89,7 @@ class Operating:
 
     @property
     def note(self) -> str:
-        """Line above the keys: the condition that the run waits for, or the newest key's effect."""
+        """Line above the keys: what the run waits for, or the effect of the newest key."""
         seen = self._pump.snapshot
         if seen.mission.asking or seen.holding:
             return "the run is waiting: look at the robot, then press r to resume"
@@ -205,7 +205,7 @@ class Operating:
             self.message = f"{what} starts after the gyro measurement at rest"
 
     def _reason_against(self) -> str | None:
-        """Return why a start is impossible, which is also the message; None: it is possible."""
+        """Return the message why a start is impossible; None: a start is possible."""
         status = self._pump.snapshot.state.status
         if status is None:
             self.message = "no status from the device yet"

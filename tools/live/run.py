@@ -1,4 +1,4 @@
-"""A live run on a port: open, record, show, end and sum up."""
+"""A live run on a port: open the port, record, show, end and summarise the run."""
 
 from __future__ import annotations
 
@@ -97,13 +97,13 @@ class LiveOptions:
     plan: FloorPlan | None
     """The room, if it is known."""
     planner: str | None
-    """Planner on the host; None: none."""
+    """Planner on the host; None: no planner."""
     onboard: OnboardPlanner | None
-    """Planner on the device, which the host supervises; None: none."""
+    """Planner on the device, which the host supervises; None: no planner."""
     supervise: SuperviseSettings | None
     """Rules for a run that moves; None: the host does not supervise it."""
     resume: Resume
-    """Reaction when a lost device is back."""
+    """Reaction to the return of a lost device."""
     duration_s: float | None
     """Time after which the run ends, s; None: no limit."""
     node: int | None
@@ -118,7 +118,7 @@ class LiveOptions:
     speed_m_s: float = HAND_M_S
     """Speed of manual driving, m/s."""
     gamepad: str | None = None
-    """Joystick device; None: none."""
+    """Joystick device; None: no gamepad."""
     key: bytes | None = None
     """Key that signs motion commands, if the device requires it."""
     adapter_delay_ns: tuple[int, int] = (0, 0)
@@ -133,7 +133,7 @@ class LiveOptions:
     quiet: bool = False
     """Print no line with the state every 5 s if there is no terminal."""
     foxglove: tuple[str, int] | None = None
-    """Address on which the run is served to Foxglove; None: it is not."""
+    """Address on which the run is served to Foxglove; None: the run is not served."""
     on_events: Commands = ()
     """Commands that the run starts at its events."""
     battery: BatteryRule = field(default_factory=BatteryRule)
@@ -241,7 +241,7 @@ def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
         pump.end_after(asked.duration_s)
     with commands:
         try:
-            with _endings(pump, operating, asked.gamepad):  # a signal must not cut off the summary
+            with _endings(pump, operating, asked.gamepad):  # a signal must not end the summary
                 with (
                     live_view(asked.log, view=asked.view, serve=asked.serve) as facts.page,
                     _owner(asked, pump, opened, SharedPage(events, facts)),
@@ -262,7 +262,7 @@ def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
 
 
 def _on_facts(asked: LiveOptions) -> dict[str, Any]:
-    """Return what every event of ``--on`` says about the run."""
+    """Return the data about the run that every event of ``--on`` contains."""
     return {"port": asked.port, "log": _text(asked.log)}
 
 
@@ -370,7 +370,7 @@ def _recorder(
 def _close_log(
     asked: LiveOptions, recorder: ThreadedRecorder, pump: Pump, replaced: ReplacedLog
 ) -> None:
-    """Close the log; put back the one that it replaced if there was no robot to record."""
+    """Close the log; if no robot was recorded, restore the log that it replaced."""
     recorder.close()
     is_ours = not isinstance(recorder.error, LogGoneError)
     if pump.host.hello is None and pump.crash is None and is_ours and asked.log is not None:
@@ -380,7 +380,7 @@ def _close_log(
 
 
 def _discard(log: Path) -> None:
-    """Remove the log of a run without a handshake: it contains nothing of a robot."""
+    """Remove the log of a run without a handshake, because it contains no data of a robot."""
     with contextlib.suppress(LogReadError, OSError):
         for part in parts_of(log):
             if part.is_file():  # never remove a device file such as /dev/null
@@ -410,7 +410,7 @@ def _result(
 def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[None]:
     """Handle signals, keys and gamepad during a run; a signal stops the robot and ends the run.
 
-    Afterwards the signals are ignored, so that they do not cut off log and summary.
+    Afterwards the signals are ignored, so that they do not interrupt log and summary.
     """
 
     def interrupted(number: int, _frame: object) -> None:
@@ -425,7 +425,7 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
             if gamepad is not None:
                 stack.enter_context(_gamepad(gamepad, operating))
             on_key = operating.on_key if is_drawable() else _answered(operating)
-            # Without a dashboard the terminal gets no control sequences, so no query either.
+            # Without a dashboard the terminal gets no control sequences, so also no query.
             keyboard = stack.enter_context(Keyboard(on_key, releases=is_drawable()))
             operating.dead_man.releases = keyboard.releases
             yield
@@ -435,7 +435,7 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
 
 
 def _answered(operating: Operating) -> Callable[[Key], None]:
-    """Return a key handler that prints the effect of each key: there is no dashboard."""
+    """Return a key handler that prints the effect of each key, for a run without a dashboard."""
 
     def on_key(key: Key) -> None:
         before = operating.message
@@ -461,7 +461,7 @@ def _gamepad(path: str, operating: Operating) -> Gamepad:
 def _keep_path(
     asked: LiveOptions, facts: RunFacts, path: array[float]
 ) -> Callable[[float, Pose2], None]:
-    """Return what appends a pose to the path that is drawn, and to that of the report."""
+    """Return a function that appends a pose to the drawn path and to the path of the report."""
 
     def keep(time_s: float, pose: Pose2) -> None:
         facts.follow(pose.x_m, pose.y_m)

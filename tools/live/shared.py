@@ -59,7 +59,7 @@ class ReportedCoverage:
     """The coverage that an owner reports."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Begin without a reported coverage."""
         self.newest = 0.0
 
     def share(self, now_s: float) -> float:  # noqa: ARG002 - the interface of a coverage
@@ -71,11 +71,11 @@ class OwnerPicture:
     """The newest state of a run that another process owns."""
 
     def __init__(self, port: str, hz: float) -> None:
-        """Ask the owner of ``port``, and wait for the first state.
+        """Connect to the owner of ``port``, and wait for the first state.
 
         Raises:
-            NoOwnerError: the port has no owner, or one of another version.
-            OwnerRejectedError: the owner does not have this request.
+            NoOwnerError: the port has no owner, or the owner has another version of sweepctl.
+            OwnerRejectedError: the owner does not support the request.
 
         """
         about: dict[str, Any] = ask(port, {"do": "about"})["about"]
@@ -104,7 +104,7 @@ class OwnerPicture:
             raise NoOwnerError(text) from None
 
     def follow(self) -> Iterator[None]:
-        """Take each new state, until the owner ends."""
+        """Read each new state, until the owner ends."""
         yield
         for data in self._states:
             self._take(data)

@@ -87,7 +87,7 @@ _Rows = list[tuple[str, str | Text]]
 def _rows(rows: _Rows) -> Table:
     table = Table(show_header=False, box=None, pad_edge=False)
     names = max((len(name) for name, _ in rows), default=0)
-    table.add_column(style="dim", no_wrap=True, min_width=names)  # values are cut, names are not
+    table.add_column(style="dim", no_wrap=True, min_width=names)  # long values are cut, not names
     table.add_column(overflow="ellipsis", no_wrap=True)
     for name, value in rows:
         # Some values come from the device: Text takes them without markup.
@@ -109,7 +109,7 @@ def _session(host: Snapshot, now_s: float) -> Text:
 def _speed(host: Snapshot, now_s: float) -> str | None:
     """Return speed and yaw rate; None without recent encoder counts.
 
-    The estimate would still contain the last speed.
+    Without new counts, the estimate still contains the last speed.
     """
     at_s = host.state.arrived_s.get(Encoders)
     if host.session.state is not State.READY or at_s is None or now_s - at_s > _FROZEN_S:
@@ -239,8 +239,8 @@ def compact_table(host: Snapshot, rates: Rates, now_s: float) -> Table:
 
 
 def _battery(volts: float, nominal_v: float) -> Text:
-    # Empty at 3/4 of the nominal voltage, full at the nominal one: 12 V and 16 V of the paper's
-    # battery.
+    # The battery is empty at 3/4 of the nominal voltage, and full at the nominal voltage: 12 V and
+    # 16 V with the paper's battery.
     share = (volts / nominal_v - 0.75) / 0.25
     style = "red" if share < 0.2 else "yellow" if share < 0.4 else "green"  # noqa: PLR2004 - fifths
     return Text.assemble(f"{volts:.2f} V ", (_bar(share, 10), style))
@@ -350,7 +350,7 @@ def _fields(spec: MessageSpec, message: Message) -> list[tuple[str, str]]:
 
 
 def _device_link(counters: LinkCounters | None, *, troubles_only: bool = False) -> _Rows:
-    """Return the rows of what the device counts at its end of the link."""
+    """Return the rows with the link counters of the device."""
     if counters is None:
         return [] if troubles_only else _shown([("device", None)])
     dropped = (counters.receive_dropped or 0) + (counters.send_dropped or 0)

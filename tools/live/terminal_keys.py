@@ -1,9 +1,10 @@
-"""Keys of a terminal as events: presses everywhere, releases if the terminal reports them.
+"""Keys of a terminal as events: key presses, and key releases if the terminal reports them.
 
-Releases need the kitty keyboard protocol (progressive enhancement of its specification). The query
-``CSI ? u`` is followed by a request for the terminal's attributes (``CSI c``), which every
-terminal answers. A terminal that also answers the first one supports the protocol, and is set to
-report presses, repeats and releases of all keys. At the end the setting is restored.
+Releases need the kitty keyboard protocol (progressive enhancement of its specification). To find
+out if a terminal supports the protocol, the query ``CSI ? u`` is sent, and then a request for the
+terminal's attributes (``CSI c``), which every terminal answers. If the terminal also answers the
+query, it supports the protocol, and is set to report presses, repeats and releases of all keys. At
+the end the setting is restored.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _LETTERS = {"A": "up", "B": "down", "C": "right", "D": "left", "H": "home", "F":
 _CODES = {27: "escape", 13: "enter", 9: "tab", 32: "space", 127: "backspace"}
 _KINDS = {"1": "press", "2": "repeat", "3": "release"}
 _CONTROL = 4
-"""Bit of the control key in the modifiers, which are sent plus one."""
+"""Bit of the control key in the modifiers. The terminal sends the modifiers plus one."""
 
 
 class Key(NamedTuple):
@@ -51,7 +52,7 @@ class Key(NamedTuple):
 
 
 class KeyDecoder:
-    """Decodes a terminal's bytes into keys; keeps an incomplete sequence."""
+    """Decodes a terminal's bytes into keys; stores an incomplete sequence until it is complete."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -75,11 +76,11 @@ class KeyDecoder:
 
     @property
     def waiting(self) -> bool:
-        """True if an incomplete sequence is stored."""
+        """Whether an incomplete sequence is stored."""
         return bool(self._rest)
 
     def flush(self) -> list[Key]:
-        """Drop an incomplete sequence; a lone escape byte is the escape key."""
+        """Drop an incomplete sequence; a single escape byte is the escape key."""
         rest, self._rest = self._rest, b""
         return [Key("escape")] if rest == b"\x1b" else []
 
@@ -173,7 +174,7 @@ class Keyboard:
         self._out = None if sys.stderr.isatty() else QueuedStream(sys.stdin)
         self._before = termios.tcgetattr(self._in)
         self._end_read, self._end_write = os.pipe()
-        # Ctrl-C stays a signal. TCSANOW, because draining the output would wait for the terminal.
+        # Ctrl-C remains a signal. TCSANOW, because other modes would wait for the terminal.
         tty.setcbreak(self._in, termios.TCSANOW)
         termios.tcflush(self._in, termios.TCIFLUSH)
         if self._ask:

@@ -22,10 +22,10 @@ DEBUGGER = Path("/proc/self/status")
 
 
 def check(target: str, firmware: Path | None, *, gdb: bool, in_real_time: bool = True) -> None:
-    """Check that the options of the target go together.
+    """Check that the options of the target can be combined.
 
     Raises:
-        click.UsageError: they do not.
+        click.UsageError: the options cannot be combined.
 
     """
     if target == "qemu" and not in_real_time:
@@ -58,7 +58,7 @@ def device(
 
     Raises:
         click.BadParameter: ``firmware`` is no firmware library.
-        BridgeError: it crashed as it was loaded or booted.
+        BridgeError: the firmware crashed while it was loaded or booted.
 
     """
     from bridge.errors import BridgeError
@@ -91,11 +91,11 @@ def make(
         firmware: shared library to run, in a separate process; None: the C core of sweepctl, in
             this process.
         started: called with the id of the process that runs the firmware, before its first boot.
-        debugged: the firmware may take any time.
+        debugged: no time limit for a call of the firmware, because a debugger may stop it.
 
     Raises:
         FirmwareLibraryError: ``firmware`` is no firmware library.
-        FirmwareCrashError: it crashed as it was loaded or booted.
+        FirmwareCrashError: the firmware crashed while it was loaded or booted.
 
     """
     from sim_device.core.chip import LocalChip
@@ -106,7 +106,7 @@ def make(
         if firmware is not None:
             return CoreProcess(answer, firmware, debugged=debugged, started=started)
         chip = LocalChip(answer)
-        started(os.getpid())  # it is loaded: a debugger finds its functions
+        started(os.getpid())  # the core is loaded, so a debugger finds its functions
         return chip
 
     return CoreSweeper(
@@ -141,7 +141,7 @@ def running(
 
 
 def print_trace(error: Exception) -> None:
-    """Print the backtrace of a firmware's crash; another error has none."""
+    """Print the backtrace of a firmware's crash; other errors have no backtrace."""
     from sim_device.core.chip import FirmwareCrashError
     from tools.cli.console import inform
 
@@ -150,7 +150,7 @@ def print_trace(error: Exception) -> None:
 
 
 def _await_debugger(notify: Callable[[str], None], pid: int) -> None:
-    """Tell how to attach, and wait."""
+    """Print the command that attaches a debugger, and wait until a debugger has attached."""
     from sim_device.ports.core_process import await_debugger
 
     program = sys.executable

@@ -33,7 +33,8 @@ class EmulatorProcess:
             truth: log of true poses and faults to write; None: none.
 
         Raises:
-            EmulatorError: its arguments are invalid, it cannot open its port, or it is too slow.
+            EmulatorError: the arguments are invalid, the emulator cannot open its port, or its
+                start takes too long.
 
         """
         arguments = ["emulate", settings.room, "--link", settings.link, "--noise", settings.noise]
@@ -45,7 +46,7 @@ class EmulatorProcess:
             arguments += ["--fault", fault]
         if truth is not None:
             arguments += ["--truth", str(truth.absolute())]
-        # -P: a folder `tools` in the user's working directory must not hide ours.
+        # -P, so that Python does not import a folder `tools` in the user's working directory.
         self._process = subprocess.Popen(  # noqa: S603 - our own command
             [sys.executable, "-P", "-m", "tools.sweepctl", *arguments],
             env={**os.environ, "PYTHONPATH": _python_path()},

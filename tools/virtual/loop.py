@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 HOST_BOOT_NS = 5_000_000_000
-"""Host clock at the device's boot, ns. It is not 0, so that mixed-up clocks become visible."""
+"""Host clock at the device's boot, ns. It is not 0, so that a mix-up of the clocks shows."""
 LATENCY_US = 1_000
-"""One-way delay of a byte, µs: as with a USB adapter whose latency timer is 1 ms."""
+"""One-way delay of a byte, µs: equal to a USB adapter with a latency timer of 1 ms."""
 _TICKS_KEPT = 32
 """Number of true poses kept, one for each control period: 0.32 s, more than any message's delay."""
 
@@ -29,7 +29,7 @@ def host_ns(now_us: int) -> HostNs:
 
 
 class VirtualLoop:
-    """Host, device and the bytes between them. Its memory does not grow with the run."""
+    """Host, device and the bytes between them. Its memory does not grow during a run."""
 
     def __init__(
         self,

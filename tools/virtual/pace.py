@@ -1,4 +1,4 @@
-"""A run in virtual time at a limited speed, for spectators."""
+"""A run in virtual time at a limited speed, so that people can watch it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bridge.session.records import Record
 
 _AHEAD_NS = 20_000_000
-"""Maximum lead over the speed, ns of real time."""
+"""Maximum time by which a record may be early at the requested speed, ns of real time."""
 
 
 class PacedSink:
@@ -34,7 +34,7 @@ class PacedSink:
         self._begun_ns = 0
 
     def write(self, record: Record) -> None:
-        """Wait if it is too early for the record; pass it on."""
+        """Wait if it is too early for the record, then pass the record on."""
         log_ns = record[0]
         if self._first_ns is None:
             self._first_ns, self._begun_ns = log_ns, self._now()

@@ -19,10 +19,10 @@ SERIAL = {"pty", "tcp"}
 
 
 def check(target: str, link: str) -> None:
-    """Check that the options of the target go together.
+    """Check that the options of the target can be combined.
 
     Raises:
-        click.UsageError: they do not.
+        click.UsageError: the options cannot be combined.
 
     """
     if target == "qemu" and link not in SERIAL:
@@ -34,7 +34,9 @@ def check(target: str, link: str) -> None:
 def device(
     stack: ExitStack, wanted: Wanted, firmware: Path | None, notify: Callable[[str], None]
 ) -> QemuSweeper:
-    """Start a chip that runs until ``stack`` is closed; without ``firmware`` build ours.
+    """Start a chip that runs until ``stack`` is closed.
+
+    Without ``firmware`` it runs the reference firmware, which is built if necessary.
 
     Raises:
         PortUnavailableError: QEMU, the compiler or the firmware is missing or does not work.

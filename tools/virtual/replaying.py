@@ -26,7 +26,7 @@ def serve(device: ReplayDevice, port: DevicePort, stopper: Stopper) -> None:
         if data:
             device.receive(data, now_ns)
         device.poll(now_ns)
-        # Bytes without a reader are dropped, as on a line without a receiver.
+        # Bytes without a reader are dropped, as on a serial line without a receiver.
         waiting = device.data_to_send()
         if waiting:
             port.write(waiting)

@@ -52,7 +52,7 @@ seeds give equal logs."""
 CONFIRM_S = 1.0
 """Time in which the device must confirm the stop after a crash of the loop, s."""
 _CRASH_STOP_ID = 0xC0DE
-"""Command id of that stop: far from the ids that the host has used."""
+"""Command id of the stop after a crash of the loop, far from the ids that the host has used."""
 _TRUTH_PERIOD_MS = 40
 """Period of the true poses in the log, ms: 25 Hz, above the 20 Hz that the log format promises."""
 
@@ -102,24 +102,24 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
         plan: the room.
         model: the robot.
         planner: name of the planner on the host; None: nothing moves.
-        sink: takes every record of the run.
+        sink: gets every record of the run.
         seed: seed of everything random.
         noise: noise level, by name or as an object.
         max_time_s: time limit of the run, simulated seconds.
         progress: called about once a simulated second with the time, s, and the host.
-        ended: called as often; returns how to end the run early, or None.
+        ended: called as often as ``progress``; returns how to end the run early, or None.
         faults: faults to inject.
         line: properties of the link; None: a plain delay of 1 ms in each direction.
         prepare: called before the first byte; may change both ends.
         runner: replaces the planner.
         onboard: planner of the device, which replaces ``planner`` and ``runner``.
-        resume: what to do after a lost device is back.
+        resume: reaction to the return of a lost device.
         supervise: settings of the supervision; None: the run is not supervised.
         link: link of both ends: UART or CAN.
         crash_ends: an exception of the loop stops the robot and ends the run as a fault, as in a
-            live run; else it is raised.
-        device: the virtual sweeper, made with the same room, robot, seed, noise and link; None: one
-            with the firmware's model in Python.
+            live run; otherwise the exception is raised.
+        device: the virtual sweeper, made with the same room, robot, seed, noise and link; None: a
+            sweeper with the firmware's model in Python.
         drift: noise model of the filter; None: the default.
 
     Raises:

@@ -67,7 +67,7 @@ ENABLE_S = 12.0
 _TRUTH_MS = 20
 """Period of the true poses in ``path``, ms."""
 _STATUS_S = 0.25
-"""Time after a stop until the device's status shows it, s: two periods of the status."""
+"""Time after a stop until the device's status shows the stop, s: two periods of the status."""
 T = TypeVar("T", bound="Message")
 
 
@@ -90,7 +90,7 @@ class Newest(Generic[T]):
 
 
 class SimulatedSweeper:
-    """Virtual device, line, faults and host. After construction it is connected and at rest."""
+    """Virtual device, link, faults and host; connected and at rest after the construction."""
 
     def __init__(
         self, settings: SweeperSettings | None = None, *, sink: Sink | None = None
@@ -99,7 +99,7 @@ class SimulatedSweeper:
 
         Args:
             settings: properties of the virtual sweeper; None: the defaults.
-            sink: takes every record of the host; None: nothing is recorded.
+            sink: gets every record of the host; None: nothing is recorded.
 
         Raises:
             FloorPlanError: no such room, or the robot does not fit at its start.
@@ -215,13 +215,13 @@ class SimulatedSweeper:
 
     @property
     def stop_cause(self) -> StopCause:
-        """Latched stop of the newest status; ``NONE``: the device may move."""
+        """Cause of the latched stop in the newest status; ``NONE``: the device may move."""
         status = self.status.latest
         return StopCause.NONE if status is None else StopCause(status.stop_cause)
 
     @property
     def ending(self) -> Ending | None:
-        """How the run ended; None: it has not."""
+        """How the run ended; None: the run has not ended."""
         return self.host.mission.ending
 
     # ---- time -----------------------------------------------------------------------------
@@ -249,7 +249,7 @@ class SimulatedSweeper:
 
         Raises:
             StoppedForSafetyError: a latched stop needs ``clear_stop``, or the device rejected the
-                command or does not answer; the text says which.
+                command or does not answer; the text contains the reason.
 
         """
         self._begin()
@@ -357,7 +357,7 @@ class SimulatedSweeper:
 
         Raises:
             UnknownPlannerError: no planner has this name.
-            PlannerError: your planner lacks a method; nothing has moved.
+            PlannerError: your planner lacks a method; the robot has not moved.
 
         """
         name = planner if isinstance(planner, str) else type(planner).__name__
@@ -465,7 +465,7 @@ class SimulatedSweeper:
     # ---- faults ---------------------------------------------------------------------------
 
     def fault(self, text: str) -> None:
-        """Start a fault: ``kind`` alone at once, ``kind@+2`` in two seconds.
+        """Start a fault: ``kind`` starts it at once, ``kind@+2`` in two seconds.
 
         Raises:
             FaultSpecError: the text is invalid, or this device does not support the fault.
@@ -474,7 +474,7 @@ class SimulatedSweeper:
         self.rig.faults.start(text)
 
     def clear_faults(self, kind: str | None = None) -> None:
-        """End the faults of this kind, or all.
+        """End the faults of this kind; without ``kind`` end all faults.
 
         Raises:
             FaultSpecError: no kind has this name.
