@@ -1,6 +1,6 @@
-"""Entry point of ``sweepctl``, which handles Ctrl-C from the first import on.
+"""Entry point of ``sweepctl``. It handles Ctrl-C from the first import on.
 
-The start takes 0.1 s or more, nearly all of it for imports.
+The start takes 0.1 s or more, mostly for imports.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Version of the distribution; the packaging reads it here."""
+"""Version of the distribution. ``pyproject.toml`` reads it from this module."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ def run(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit status.
 
     Args:
-        arguments: words after ``sweepctl``; None: those of this process.
+        arguments: words after ``sweepctl``; None: the arguments of this process.
 
     """
     given = sys.argv[1:] if arguments is None else arguments
@@ -217,7 +217,7 @@ def _run(arguments: list[str]) -> int:
         if command == _STOP:  # for a script, status 0 means that the robot has stopped
             text = "interrupted: the stop is not confirmed; check that the robot stands still"
             return _failed(arguments, text, 3)
-        # click replaces the KeyboardInterrupt by an exception of its own.
+        # click replaces the KeyboardInterrupt by its own exception.
         notes = getattr(error.__cause__ or error, "__notes__", ["the command was not done"])
         return _failed(arguments, f"interrupted: {'; '.join(notes)}", 1)
     except Exception as error:
@@ -278,7 +278,7 @@ def _unwritten(error: OSError) -> int:
 
     Without the redirection the interpreter would try to write the remaining text at its exit.
     """
-    if error.errno not in {errno.EPIPE, errno.EIO}:  # those two: the reader has left
+    if error.errno not in {errno.EPIPE, errno.EIO}:  # these two mean that the reader has left
         print_error(f"cannot write the output: {error.strerror}")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1

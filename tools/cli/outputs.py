@@ -26,7 +26,7 @@ _FORMATS = frozenset(
 
 
 def check_format(option: str, path: Path | None, *endings: str) -> None:
-    """Reject a file name whose suffix is that of another format.
+    """Reject a file name with the suffix of another format.
 
     Raises:
         click.UsageError: the suffix names another format.

@@ -1,4 +1,4 @@
-"""The log that a new log replaces, kept until the new log has recorded a device."""
+"""Existing log that a new log replaces. It is removed when the new log has recorded a device."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ if sys.platform != "win32":
 def ending_signals() -> list[signal.Signals]:
     """Return the signals that end a command: SIGINT, SIGTERM and SIGHUP.
 
-    SIGHUP is left out if it is ignored, as ``nohup`` does.
+    SIGHUP is not included if it is ignored, for example because of ``nohup``.
     """
     numbers = [signal.SIGINT, signal.SIGTERM]
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:

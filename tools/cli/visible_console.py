@@ -81,7 +81,7 @@ def _environment() -> dict[str, str]:
 
 
 def _visible(text: Text) -> Text:
-    """Return the text with escapes, with its styles on the same characters."""
+    """Return the text with escapes; each character and its escape have the same style."""
     plain = visible(text.plain, keep=_KEPT)
     if plain == text.plain:
         return text

@@ -16,12 +16,13 @@ MAX_WORD = 400
 MAX_LINE = 2000
 """Maximum length of a line that is not shortened, characters: about 20 rows of a terminal."""
 _HEAD = 80
-"""Length of the start of a shortened word or line that is kept, characters."""
+"""Number of characters at the start of a shortened word or line that are not removed."""
 _WORD_TAIL = 40
-"""Length of the end of a shortened word that is kept, characters. Paths differ at their end."""
+"""Number of characters at the end of a shortened word that are not removed: paths differ at their
+end."""
 _LINE_TAIL = 400
-"""Length of the end of a shortened line that is kept, characters. The text after a quoted value
-names the error."""
+"""Number of characters at the end of a shortened line that are not removed: the text after a quoted
+value names the error."""
 _LONG_WORD = re.compile(rf"\S{{{MAX_WORD + 1},}}")
 _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0")
 """Letters and marks without a glyph: Unicode's default ignorable code points that have an ordinary

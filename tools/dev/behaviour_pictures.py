@@ -235,7 +235,7 @@ def _floor(axes: Axes, plan: FloorPlan, margin_m: float = 0.06) -> None:
 
 
 def _swept(axes: Axes, run: PicturedRun, end_s: float) -> None:
-    """Draw the floor that the mouth had swept at a time."""
+    """Draw the floor that the mouth had swept until a time."""
     from matplotlib.colors import ListedColormap
 
     from bridge.evaluation.metrics import CoverageMeter

@@ -50,7 +50,7 @@ class Hit(NamedTuple):
 
 
 def retired_words(glossary: str) -> dict[str, str]:
-    """Read the table under "Retired words": each word and what to use instead."""
+    """Read the table under "Retired words": each word and its replacement."""
     _, _, section = glossary.partition("## Retired words")
     rows = (_ROW.match(line) for line in section.splitlines())
     return {row[1]: row[2] for row in rows if row}

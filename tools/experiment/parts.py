@@ -26,7 +26,7 @@ class Parts:
     """The dataset of one experiment. Without pyarrow nothing is written."""
 
     def __init__(self, folder: Path, rows: Mapping[str, Row]) -> None:
-        """Open the dataset and find which of these results are missing, by key."""
+        """Open the dataset, and find the results (by key) that it does not contain."""
         self._folder = folder / FOLDER
         self._pending: list[Row] = []
         self._number = 0

@@ -35,7 +35,7 @@ _S_PER_H = 3600.0
 
 
 def planner_of(trial: Trial, model: RobotModel) -> Planner:
-    """Make the planner of a trial; ``random`` has no separate time limit.
+    """Make the planner of a trial; the planner ``random`` gets no time limit.
 
     Raises:
         UnknownPlannerError: no planner has this name.
