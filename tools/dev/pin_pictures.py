@@ -1,4 +1,4 @@
-"""The pins of the firmware's boards as pictures for docs/, read from the firmware's own headers.
+"""Pictures of the pins of the firmware's boards for docs/, drawn from the headers of the firmware.
 
     .venv/bin/python -m tools.dev.pin_pictures --out docs/images
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "sim_device" / "firmware"
 BOARDS = {"pins-f429": "board_f429", "pins-nucleo-f429zi": "board_nucleo_f429zi"}
-"""Folder of the board that each picture shows."""
+"""Folder of the board by the name of the picture."""
 TITLES = {"pins-f429": "STM32F429IGT6", "pins-nucleo-f429zi": "NUCLEO-F429ZI (pin, connector)"}
 _ROW_IN, _WIDTH_IN = 0.2, 7.4
 """Height of a row and width of the picture, inches."""
@@ -56,7 +56,7 @@ FIXED = (
     Wire("bumper", "left, to ground", "PF3"),
     Wire("bumper", "right, to ground", "PF4"),
 )
-"""Pins of every board: ``f429.h``."""
+"""Connections that every board has, from ``f429.h``."""
 _NAMED = {
     "ENCODER_LEFT_A": ("left encoder", "A"),
     "ENCODER_LEFT_B": ("left encoder", "B"),
@@ -115,7 +115,7 @@ def wires(board: str) -> list[Wire]:
 
 
 def connectors(board: str) -> dict[str, str]:
-    """Return the connector of each pin, from the table in the board's README; {} without one."""
+    """Return the connector of each pin, from the table in the board's README; else {}."""
     page = FIRMWARE / board / "README.md"
     rows = page.read_text("utf-8").splitlines() if page.exists() else []
     found: dict[str, str] = {}
