@@ -107,7 +107,7 @@ def check_planner(planner: object) -> None:
 
     Raises:
         PlannerError: the object lacks a method or an attribute, or has only one of ``observe`` and
-        ``speed_limit_m_s``.
+            ``speed_limit_m_s``.
 
     """
     kind = type(planner).__name__

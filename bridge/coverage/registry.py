@@ -96,7 +96,7 @@ def make_planner(
         UnknownPlannerError: no planner has this name.
         PlannerOptionError: the planner has no such option, or the value is invalid.
         PlannerError: a plug-in or ``module:callable`` cannot be loaded or raises an exception, or
-        its result lacks a method. The text names the planner.
+            its result lacks a method. The text names the planner.
 
     """
     if name in _FACTORIES:

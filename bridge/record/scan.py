@@ -149,7 +149,7 @@ def records(
         position: Offset of the first record.
         indexes: Also yield message indexes, which are 90 % of all records.
         search: Search that several calls share if they read parts of the same bytes. No range is
-        then searched twice.
+            then searched twice.
 
     """
     size = len(data)

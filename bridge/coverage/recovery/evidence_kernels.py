@@ -4,9 +4,9 @@ Each layer is an array with one byte per cell and the shape (rows, columns), so 
 
 - ``swept``: the mouth has passed the cell's centre.
 - ``wall``: number of contacts and echoes in the cell, minus the number of beams that passed through
-the cell. The cell counts as occupied if this value is ``SURE`` or more.
+  the cell. The cell counts as occupied if this value is ``SURE`` or more.
 - ``inflated``: number of occupied cells within the footprint's radius. If it is not 0, the axle
-cannot be in the cell.
+  cannot be in the cell.
 - ``blocked``: a bump showed that the axle cannot be in the cell.
 - ``visited``: the axle was in the cell. This overrides ``inflated`` and ``blocked``.
 """

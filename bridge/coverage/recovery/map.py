@@ -200,7 +200,7 @@ class EvidenceMap:
         Args:
             result: end of the leg.
             beside: side of a followed wall, left (1) or right (-1). The contact is not with this
-            wall.
+                wall.
 
         """
         left, right = result.bumper_left, result.bumper_right
@@ -341,7 +341,7 @@ class EvidenceMap:
             following: side of a followed wall, left (1) or right (-1); 0: none. It may be touched.
             brake: braking distance of the robot.
             straight: True if the followed wall is straight. Older evidence of this wall then does
-            not count. It may be some centimetres wrong because of a pose correction.
+                not count. It may be some centimetres wrong because of a pose correction.
 
 
         """

@@ -34,10 +34,10 @@ class PointToPointController:
     The paper's formulas do not work as written. This controller differs from them:
 
     - The paper's distance error e = 0 - r with a positive gain drives *away* from the point. Here e
-    = r.
+      = r.
     - ``atan2`` replaces the paper's arctan, and the bearing error is wrapped to ±π.
     - The paper's transform gives a lateral velocity, which a differential drive cannot follow. Only
-    vx = v·cos(bearing error) is used. It slows the robot down while the robot points elsewhere.
+      vx = v·cos(bearing error) is used. It slows the robot down while the robot points elsewhere.
     - If the bearing error is larger than 45°, the robot turns in place.
     """
 

@@ -128,7 +128,7 @@ class WallFollower:
 
         Raises:
             ValueError: the distance is negative or beyond the sensor's range, or the speed is not
-            positive.
+                positive.
 
         """
         self._side = side
