@@ -14,9 +14,9 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 class Pose2(NamedTuple):
-    """A pose in the plane: position of the axle's centre and heading.
+    """A pose in the plane: position of the axle's centre, and heading.
 
-    Metres and radians; ``theta_rad`` counts counter-clockwise from +x.
+    Units are m and rad. ``theta_rad`` is counter-clockwise from +x.
     """
 
     x_m: float
@@ -24,10 +24,10 @@ class Pose2(NamedTuple):
     theta_rad: float
 
     def transform(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Map a point of the body frame to the frame of this pose (paper eq. 1)."""
+        """Transform a point of the body frame to the frame of this pose (paper eq. 1)."""
         c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
         return self.x_m + c * x_m - s * y_m, self.y_m + s * x_m + c * y_m
 
     def distance_m(self, other: Pose2) -> float:
-        """Straight-line distance between the two positions."""
+        """Return the straight-line distance between the two positions, m."""
         return math.hypot(other.x_m - self.x_m, other.y_m - self.y_m)

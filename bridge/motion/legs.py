@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Drive along a heading line through the position at the start of the leg.
+    """Drive along a line in the direction of a heading. The line starts at the robot's position.
 
-    This is the paper's "set the target's x to infinity". The distance is only a limit; without it
-    the robot follows the line until a sensor stops it.
+    This is the paper's "set the target's x to infinity". The distance is only a limit. Without a
+    distance the robot follows the line until a sensor stops it.
     """
 
     heading_rad: float
@@ -24,16 +24,16 @@ class Drive:
     speed_m_s: float | None = None
     """Speed, m/s; None: the robot's cruise speed."""
     stop_range_m: float | None = None
-    """Ultrasonic range at which the leg stops, m; None: no such stop."""
+    """Ultrasonic range at which the leg stops, m; None: the range does not stop the leg."""
     timeout_s: float | None = None
-    """Time limit, s. None: twice the expected time plus 5 s, or 600 s without a distance."""
+    """Time limit, s. None: twice the expected time plus 5 s, or 600 s if there is no distance."""
     end_m_s: float = 0.0
-    """Maximum speed at which the leg may end at its distance, m/s. The next leg then follows at
-    once. 0: the leg ends at rest."""
+    """Maximum speed at the end of the leg, m/s. The next leg then follows immediately. 0: the leg
+    ends at standstill."""
     wary: bool = False
     """True: slow down for obstacles that have left the ultrasonic cone."""
     purpose: str = "drive"
-    """Purpose, for events and lane lengths; it does not affect the motion."""
+    """Purpose of the leg, for events and lane lengths. It does not affect the motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +42,15 @@ class Turn:
 
     heading_rad: float
     flowing: bool = False
-    """True: end within ``MotionTuning.flow_rad`` of the heading, still turning. The next leg steers
-    and follows at once."""
+    """True: end the leg during the turn, within ``MotionTuning.flow_rad`` of the heading. The next
+    leg follows immediately and steers to the heading."""
     timeout_s: float = 15.0
     purpose: str = "turn"
 
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Drive to a point in a straight line, after a turn in place if it is far off the heading."""
+    """Drive straight to a point. If the point is far off the heading, turn in place first."""
 
     x_m: float
     y_m: float
@@ -70,10 +70,10 @@ class Rest:
 
 @dataclass(frozen=True, slots=True)
 class FollowWall:
-    """Drive along the wall on one side, with that side's infrared sensor.
+    """Follow the wall on one side with the infrared sensor of that side.
 
-    The leg ends at an obstacle ahead, when the wall is lost, after ``distance_m``, or when the
-    planner cancels it.
+    The leg ends at an obstacle ahead, if the wall is lost, after ``distance_m``, or if the planner
+    cancels it.
     """
 
     left: bool
@@ -81,7 +81,8 @@ class FollowWall:
     gap_m: float
     """Gap between rim and wall, m; 0: light contact."""
     touching: bool = False
-    """True: begin with a contact on that side, even if the infrared sensor does not detect it."""
+    """True: begin with a contact on that side, even if the infrared sensor does not detect the
+    wall."""
     distance_m: float | None = None
     speed_m_s: float | None = None
     timeout_s: float = 600.0
@@ -95,9 +96,9 @@ class StopReason(enum.StrEnum):
     """Reason why a leg ended."""
 
     DONE = "done"
-    """The heading or the point was reached, or the rest is over."""
+    """The robot has reached the heading or the point, or the standstill is over."""
     DISTANCE = "distance"
-    """The distance was driven."""
+    """The robot has driven the distance."""
     RANGE = "range"
     """The ultrasonic range has reached the stop range."""
     BUMPER = "bumper"
@@ -112,7 +113,7 @@ class StopReason(enum.StrEnum):
 
     @property
     def blocked(self) -> bool:
-        """True if an obstacle, a cliff or a missing wall ended the leg, not its own goal."""
+        """True if an obstacle, a cliff or a missing wall ended the leg before its goal."""
         return self not in _GOALS
 
 
@@ -123,7 +124,7 @@ _GOALS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class LegResult:
-    """Result of a leg. The robot is at rest, except after a flowing or a cancelled leg."""
+    """Result of a leg. The robot stands, except after a flowing or a cancelled leg."""
 
     leg: Leg
     reason: StopReason

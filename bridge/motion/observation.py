@@ -9,28 +9,28 @@ if TYPE_CHECKING:
 
 
 class Observation(NamedTuple):
-    """Sensor readings and estimate at one control step."""
+    """Sensor readings and estimate in one control step."""
 
     time_s: float
-    """Time of this step, s; only differences matter."""
+    """Time of this control step, s; only differences matter."""
     pose: Pose2
     """Estimated pose."""
     v_m_s: float
     """Estimated forward speed, m/s."""
     yaw_rate_rad_s: float
     ultrasonic_m: float | None
-    """Ultrasonic range from the sensor, m; None: no echo."""
+    """Range of the ultrasonic sensor, m; None: no echo."""
     infrared_left_m: float | None
-    """Range of the left infrared sensor, m; None: nothing is in range."""
+    """Range of the left infrared sensor, m; None: nothing in range."""
     infrared_right_m: float | None
     bumper_left: bool
     bumper_right: bool
     cliff: bool
     gyro_bias_sigma_rad_s: float = 0.0
-    """Standard deviation of the gyro bias, rad/s; a standstill reduces it."""
+    """Standard deviation of the gyro bias, rad/s. A standstill reduces it."""
     heading_sigma_rad: float = 0.0
-    """Standard deviation of the heading relative to the orthogonal walls, rad; a drive along one of
-    them reduces it. 0: no such walls."""
+    """Standard deviation of the heading relative to the orthogonal walls, rad. A drive along such a
+    wall reduces it. 0: no such walls."""
 
 
 class VelocityCommand(NamedTuple):

@@ -1,7 +1,8 @@
 """The robot's dimensions, limits and sensor mounts.
 
-Defaults are the paper's values. Values that the paper does not give are those of common parts of
-a robot of this size. A robot file (TOML) may override any of them, see ``bridge.config``.
+The defaults are the paper's values. The paper does not give all values; the other defaults are for
+common parts of a robot of this size. A robot file (TOML) may override all of them, see
+``bridge.config``.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import Any
 
 
 def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """Declare a number with default, range, unit and meaning, for the reference of robot files."""
+    """Declare a number with default, limits, unit and meaning, for the reference of robot files."""
     return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
 def _limited(low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """Declare a number with range, unit and meaning, but no default."""
+    """Declare a number with limits, unit and meaning, but without a default."""
     return field(metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
@@ -25,7 +26,7 @@ def _limited(low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: 
 class RangerMount:
     """Mount and limits of a range sensor.
 
-    Positions are in the robot's frame: x forward, y left, from the axle's centre.
+    Positions are in the body frame: x forward, y left, from the axle's centre.
     """
 
     x_m: float = _limited(-1.0, 1.0, "m", "position ahead of the axle's centre")
@@ -47,13 +48,13 @@ class RangerMount:
 
     @property
     def center_distance_m(self) -> float:
-        """Distance of the sensor from the axle's centre."""
+        """Distance of the sensor from the axle's centre, m."""
         return math.hypot(self.x_m, self.y_m)
 
     def hull_distance_m(self, radius_m: float) -> float:
         """Return the distance along the beam from the sensor to the rim, m.
 
-        A wall in contact has this range. The mount must be inside the footprint.
+        This is the range of a wall in contact. The sensor must be mounted inside the footprint.
         """
         ahead_x, ahead_y = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         along = self.x_m * ahead_x + self.y_m * ahead_y
@@ -92,7 +93,7 @@ LOST = {
 
 @dataclass(frozen=True, slots=True)
 class RobotModel:
-    """Robot parameters on which host and virtual device must agree."""
+    """Robot parameters. Host and virtual device must use the same values."""
 
     name: str = field(default="sweeper", metadata={"meaning": "name for people"})
     robot_diameter_m: float = _in(
@@ -163,20 +164,20 @@ class RobotModel:
 
     @property
     def metres_per_count(self) -> float:
-        """Wheel travel of one encoder count (eq. 3 with N = 1)."""
+        """Path of a wheel per encoder count, m (paper eq. 3 with N = 1)."""
         return math.pi * self.wheel_diameter_m / self.counts_per_turn
 
     @property
     def left_metres_per_count(self) -> float:
-        """The same of the left wheel (Borenstein's c_l = 2/(E_d + 1))."""
+        """Path of the left wheel per encoder count, m (Borenstein's c_l = 2/(E_d + 1))."""
         return self.metres_per_count * 2.0 / (1.0 + self.wheel_ratio)
 
     @property
     def right_metres_per_count(self) -> float:
-        """The same of the right wheel (c_r = 2/(1/E_d + 1))."""
+        """Path of the right wheel per encoder count, m (Borenstein's c_r = 2/(1/E_d + 1))."""
         return self.metres_per_count * 2.0 * self.wheel_ratio / (1.0 + self.wheel_ratio)
 
     def wheel_speeds_m_s(self, v_m_s: float, yaw_rate_rad_s: float) -> tuple[float, float]:
-        """Left and right wheel speed for a body velocity (inverse of eq. 4)."""
+        """Return left and right wheel speed for a body velocity (inverse of the paper's eq. 4)."""
         half = 0.5 * self.wheel_base_m * yaw_rate_rad_s
         return v_m_s - half, v_m_s + half

@@ -1,4 +1,4 @@
-"""A step response and its figures."""
+"""A step response and its characteristic values."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ STEP_S = 0.02
 
 
 class StepResponse(NamedTuple):
-    """One closed-loop step, every 20 ms."""
+    """One closed-loop step response, with a sample every 20 ms."""
 
     time_s: list[float]
     value: list[float]
     """Controlled quantity: yaw (rad) or distance (m)."""
     command: list[float]
-    """Velocity sent: rad/s or m/s."""
+    """Velocity command: rad/s or m/s."""
     target: float
 
     @property
@@ -25,12 +25,12 @@ class StepResponse(NamedTuple):
 
     @property
     def rise_s(self) -> float:
-        """Rise time from 10 to 90 % of the target, s; infinite if it is never reached."""
+        """Rise time from 10 to 90 % of the target, s; infinite if 90 % is never reached."""
         late = self._first_s(0.9)
         return late - self._first_s(0.1) if math.isfinite(late) else math.inf
 
     def settled_s(self, band: float) -> float:
-        """Return the time after which the value stays within ``band`` of the target, s; or inf."""
+        """Return the time after which the value stays within ``band``, s; infinite: never."""
         outside = [
             t for t, v in zip(self.time_s, self.value, strict=True) if abs(v - self.target) > band
         ]

@@ -1,9 +1,10 @@
-"""Effect of contact on the estimate: the wheels measure a path that an obstacle prevents.
+"""Effect of contacts on the estimate: the wheels turn, but an obstacle prevents the motion.
 
-A robot that presses one bumper switch against a wall moves along the wall, not into it. Such a wall
-is about 80° off the heading, because a wall closer to the heading stops the robot. So cos 80° of
-the wheels' path is missing towards the wall during the contact. The filter subtracts this share.
-The remaining error is constant during a contact, so it inflates the covariance once.
+A robot that presses one bumper switch against a wall moves along the wall, not into it. The wall's
+normal is then about 80° off the heading, because a wall with a smaller angle stops the robot. So
+the motion towards the wall is missing: a share of cos 80° of the wheels' path. The filter subtracts
+this share. The remaining error is constant during a contact, so the covariance is inflated only
+once.
 """
 
 from __future__ import annotations
@@ -16,25 +17,27 @@ if TYPE_CHECKING:
 
 BUMP_SIGMA_M = 0.01
 BUMP_SIGMA_RAD = math.radians(0.5)
-"""Standard deviation (m, rad) of the motion in a contact that the wheels do not measure."""
+"""Standard deviation (m, rad) of the motion in a contact that the wheels do not measure. It is used
+without an accelerometer."""
 FELT_SIGMA_M = 0.0012
 FELT_SIGMA_RAD = math.radians(0.05)
-"""Standard deviation (m, rad) of that motion if the accelerometer measures hard contacts, so that
-only soft contacts remain."""
+"""Standard deviation (m, rad) of this motion if there is an accelerometer. It measures hard
+contacts, so the error comes from soft contacts only."""
 SLIDE_ASIDE = 0.18
-"""Share of the wheels' path by which the robot moves sideways while one switch is pressed. Measured
-in 700 contacts; equal at ``typical`` and ``harsh`` noise."""
+"""Sideways motion while one switch is pressed, as a share of the wheels' path. It was measured in
+700 contacts and is equal at ``typical`` and ``harsh`` noise."""
 SLIDE_AHEAD = 0.05
-"""Share of the wheels' path that is missing ahead in the same contacts."""
+"""Share of the wheels' path that the robot does not drive forward in these contacts."""
 SLIDE_SHARE = 0.1
-"""Standard deviation of the remaining error with one switch pressed, as a share of the path."""
+"""Standard deviation of the remaining error while one switch is pressed, as a share of the path."""
 PRESS_SHARE = 0.3
-"""The same share with both switches pressed, or without an accelerometer."""
+"""Standard deviation of the remaining error with both switches pressed, or without an
+accelerometer, as a share of the path."""
 GRAZE_M_SQRT_M = 0.0007
 """Standard deviation per √m while the robot grazes a wall at nominal slip, m. The wall pushes the
-robot sideways, and its friction holds it back."""
+robot sideways, and friction slows it down."""
 _READING_M = 0.02
-"""Maximum path between two readings, m."""
+"""Maximum path between two readings that counts, m."""
 _STUCK_M = 0.3
 """Maximum path of a contact, m. A switch that stays pressed for longer is stuck."""
 _FREE_READINGS = 4
@@ -45,7 +48,7 @@ class ContactUncertainty:
     """Corrects the pose and inflates the covariance during contacts."""
 
     def __init__(self, estimator: PoseEstimator) -> None:
-        """Correct ``estimator``."""
+        """Create a correction for ``estimator``."""
         self._estimator = estimator
         self._pressed = (False, False)
         self._pressed_m = 0.0
@@ -54,10 +57,10 @@ class ContactUncertainty:
         self._last = estimator.odometry
 
     def update(self, *, left: bool, right: bool, grazing: bool) -> float:
-        """Use the state of the bumper switches, and whether the robot grazes a wall beside it.
+        """Use the bumper switches. ``grazing``: the robot grazes a wall beside it.
 
         Returns:
-            Path since the last reading, m, before the correction.
+            Path since the last reading before the correction, m.
 
         """
         estimator = self._estimator
@@ -77,10 +80,10 @@ class ContactUncertainty:
         return path_m
 
     def _see_release(self, *, pressed: bool) -> None:
-        """End bridging after a released bumper switch.
+        """End the inertial motion after a bumper switch is released.
 
-        Without a contact the switches do not count, because the bumper may be stuck or may pass
-        over a sill.
+        Switches without a measured bump do not count. The bumper may be stuck, or may pass over a
+        sill.
         """
         estimator = self._estimator
         self._free = 0 if pressed else self._free + 1
@@ -94,8 +97,8 @@ class ContactUncertainty:
     def _ahead_m(self) -> float:
         """Return the forward path since the last reading, m.
 
-        After a gap in the readings only one reading's path counts, because the time of the contact
-        is unknown.
+        After a gap in the readings, only the path of one reading counts, because the time of the
+        contact is unknown.
         """
         here, last = self._estimator.odometry, self._last
         c, s = math.cos(here.theta_rad), math.sin(here.theta_rad)
@@ -121,6 +124,6 @@ class ContactUncertainty:
             estimator.ekf.shift(-SLIDE_AHEAD * path_m, aside_m)
         share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
         # The error is constant during the contact. So its standard deviation grows with the path,
-        # not with the root of the path.
+        # not with the square root of the path.
         grown_m = math.sqrt(self._pressed_m**2 - before_m**2)
         estimator.ekf.inflate(share * grown_m, 0.0)

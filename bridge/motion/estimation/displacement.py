@@ -1,11 +1,12 @@
-"""Detection of a robot that was moved without a measurement by its sensors. Pure.
+"""Detection that the robot was moved without a measurement by its sensors. No I/O.
 
-The filter cannot detect this: it takes a wall that does not fit for a new wall, and continues. Two
-observations contradict the estimate. The side infrared finds a wall on floor that the robot has
-driven over, or the robot drives through a wall of the map. A moved chair or a person has the same
-effect, but only in one place, and the known walls around it still fit. So the evidence must extend
-over more than a piece of furniture, with no known wall found in between. A wall confirms the
-estimate only across its own direction, so it removes only evidence across that direction.
+The filter cannot detect this. It takes a wall at a wrong place for a new wall, and continues. Two
+observations contradict the estimate: the side infrared detects a wall on floor that the robot has
+driven over, or the robot drives through a wall of the map. A moved chair or a person causes the
+same observations, but only in one place, and the known walls around it still fit. So the evidence
+must extend over more than a piece of furniture, and no known wall may be found in between. A known
+wall confirms the estimate only across the wall's direction. So it removes only evidence across that
+direction.
 """
 
 from __future__ import annotations
@@ -29,16 +30,19 @@ class Walls(Protocol):
         """Yield every wall with the direction of its normal, rad, and its offset, m."""
 
     def take_found(self) -> tuple[Wall, float] | None:
-        """Return the wall that was last found again, and its normal, rad; once."""
+        """Return the wall that was last measured again, and its normal, rad.
+
+        Return it only once.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class DisplacementTuning:
-    """Limits that tell moved furniture from a moved robot. The source is ``campaign.changes``."""
+    """Limits that separate moved furniture from a moved robot. Tuned with ``campaign.changes``."""
 
     core: float = 0.5
     """Share of the footprint's radius within which driven floor is free. The rest allows for the
-    error of the estimate."""
+    estimate's error."""
     max_range_m: float = 0.22
     """Infrared range beyond which a hit is too uncertain, m."""
     min_cells: int = 8
@@ -48,26 +52,27 @@ class DisplacementTuning:
     min_wall_m: float = 0.5
     """Minimum measured length of a wall that the robot cannot drive through, m."""
     known_m: float = 1.0
-    """Path after which a new wall of the map counts as known, m."""
+    """Path after which a new wall of the map counts as a known wall, m."""
     steady_rad_s: float = 0.3
     """Yaw rate above which infrared hits do not count, rad/s."""
 
 
 _FREE_M = 0.05
-"""Edge of a cell of the driven floor, m."""
+"""Length of a cell's edge in the map of the driven floor, m."""
 _CELL_M = 0.10
-"""Edge of a cell of the evidence, m."""
+"""Length of a cell's edge in the map of the evidence, m."""
 _STEP_M = 0.025
-"""Path between two entries of the driven floor, m."""
+"""Path between two entries in the map of the driven floor, m."""
 _END_M = 0.1
-"""Length at each end of a measured wall that does not count, m. The estimate may be too long."""
+"""Length at each end of a measured wall that does not count, m. The estimated wall may be too
+long."""
 _FAR_M = 10.0
-"""Path that no robot drives between two readings, m. A longer one means that the estimate was
-reset."""
+"""Path that is too long for the time between two readings, m. A longer path means that the estimate
+was reset."""
 
 
 class DisplacementCheck:
-    """Collects evidence that the estimate is wrong, and removes it as known walls are found."""
+    """Collects evidence that the estimate is wrong. Removes it when known walls are found again."""
 
     def __init__(self, model: RobotModel, tuning: DisplacementTuning | None = None) -> None:
         """Begin without evidence."""
@@ -76,16 +81,15 @@ class DisplacementCheck:
         self._core_m = self._tuning.core * model.radius_m
         self._free: set[tuple[int, int]] = set()
         self._evidence: dict[tuple[int, int], float] = {}
-        """Cells with evidence, each with the direction across which it contradicts the estimate,
-        rad."""
+        """Cells with evidence. Each has the direction across the contradicting wall, rad."""
         self._last: Pose2 | None = None
         self._path_m = 0.0
         self._since_m = 0.0
         """Path at the first evidence, m."""
         self._known: dict[int, float] = {}
-        """Path at which each wall was first found again, m, by the wall's number."""
+        """Path at which each wall was first measured again, m, by the wall's number."""
         self._crossed: set[bool] = set()
-        """Directions confirmed since the last confirmation: along x or along y of the map."""
+        """Directions confirmed since the estimate was last confirmed: along x, along y, or both."""
 
     @property
     def evidence(self) -> tuple[int, float]:
@@ -107,15 +111,15 @@ class DisplacementCheck:
         ranges_m: tuple[float | None, float | None],
         walls: Walls,
     ) -> bool:
-        """Use a reading of the side infrared. Return True if the estimate is confirmed now.
+        """Use a reading of the side infrared. Return True if it confirms the estimate.
 
-        It is confirmed if no evidence contradicts it and known walls in both directions were found
-        since the last confirmation.
+        The estimate is confirmed if there is no evidence, and known walls in both directions were
+        measured since the last confirmation.
 
         Args:
             pose: estimated pose.
             yaw_rate_rad_s: yaw rate, rad/s.
-            ranges_m: left and right infrared range, m; None: nothing is near.
+            ranges_m: left and right infrared range, m; None: nothing in range.
             walls: the walls of the estimate, after this reading.
 
         """
@@ -134,10 +138,10 @@ class DisplacementCheck:
         self._enter(pose)
         return confirmed
 
-    # -- inside ------------------------------------------------------------------------------
+    # -- internal ------------------------------------------------------------------------------
 
     def _take_matches(self, walls: Walls) -> bool:
-        """Remove evidence across the direction of a known wall that was just found again."""
+        """Remove evidence across the direction of a known wall that was just measured again."""
         found = walls.take_found()
         if found is None:
             return False
@@ -181,7 +185,7 @@ class DisplacementCheck:
         self._evidence.setdefault(cell, across_rad)
 
     def _enter(self, pose: Pose2) -> None:
-        """Enter the floor that the robot stands on."""
+        """Add the floor under the robot."""
         reach = math.ceil(self._core_m / _FREE_M)
         column, row = math.floor(pose.x_m / _FREE_M), math.floor(pose.y_m / _FREE_M)
         for i in range(column - reach, column + reach + 1):

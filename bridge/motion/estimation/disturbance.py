@@ -1,15 +1,16 @@
-"""Detection of slip and bumps by the disagreement of encoders, gyro and accelerometer.
+"""Detection of slip and bumps from differences between encoders, gyro and accelerometer.
 
-- A *bump* is a jerk: within one sample of 10 ms the robot loses speed faster than its motors could
-  brake. The wheels still turn, so the encoders measure a path that the robot did not drive. For a
-  short time after a bump, the integrated accelerometer measures the velocity much better
+- A *bump* is a jerk: within one sample of 10 ms the robot loses speed faster than its motors can
+  brake. The wheels still turn, so the encoders measure a path that the robot does not drive. For a
+  short time after a bump, the integrated acceleration gives a much better velocity
   (``InertialBridge``), including slip along the wall.
-- A *stall* is a bump that does not end: the robot stands while its wheels turn. If the robot gains
-  speed with its wheels, it is not a stall.
-- A *slip* of one wheel shows as a difference between encoders and gyro. The slipping wheel measures
-  too long a path, so the other wheel is used.
+- A *stall* is a bump that does not end: the robot stands while its wheels turn. It is not a stall
+  if the robot accelerates with its wheels.
+- A *slip* of one wheel causes a difference between encoders and gyro. The encoder of the slipping
+  wheel measures too long a path, so only the other wheel is used.
 
-These sensors cannot detect a gentle, equal slip of both wheels. Known walls can show it later.
+These sensors cannot detect a small slip that is equal for both wheels. Known walls may reveal it
+later.
 """
 
 from __future__ import annotations
@@ -21,45 +22,50 @@ from typing import NamedTuple
 BUMP_M_S2 = 1.8
 """Minimum jerk of a bump, m/s²: a contact at 2 cm/s. A normal stop reaches 1 m/s²."""
 BUMP_SIGMAS = 6.0
-"""Minimum jerk in standard deviations of the vibration, which is learned in motion."""
+"""Minimum jerk of a bump, in standard deviations of the vibration. The vibration is measured during
+motion."""
 _VIBRATION_M_S2 = 0.15
 """Initial vibration, m/s²."""
 _VIBRATION_SHARE = 0.01
-"""Share of the newest sample in the vibration of the threshold."""
+"""Weight of the newest sample in the vibration for the threshold."""
 _LASTING_SHARE = 0.001
-"""Share of the newest sample in the lasting vibration, so that a short graze does not count."""
+"""Weight of the newest sample in the long-term vibration. It is small, so that a short graze has
+little effect."""
 _RINGS = 15
-"""Number of samples after a jerk that do not count for the vibration."""
+"""Number of samples after a jerk that are ignored in the vibration."""
 _REST_SHARE = 0.01
-"""Share of the newest sample in the accelerometer's offset at rest: 100 samples."""
+"""Weight of the newest sample in the accelerometer's offset at standstill: 100 samples."""
 _HELD = 5
-"""Number of newest samples at rest that are held back, because the start may affect them."""
+"""Number of newest samples at standstill that are not used yet. The start of a motion may affect
+them."""
 AGREE_M_S = 0.025
-"""Difference of speed below which encoders and accelerometer agree again, m/s."""
+"""Speed difference below which encoders and accelerometer agree after a bump, m/s."""
 AGREE_S = 0.05
-"""Time for which they must agree, s."""
+"""Time for which encoders and accelerometer must agree, s."""
 AWAY_M_S = 0.01
-"""Minimum speed of wheels that turn away from the obstacle, m/s. Nothing holds the robot then, but
-such a gentle start looks like a standstill."""
+"""Minimum speed of wheels that turn away from the obstacle, m/s. The obstacle does not stop the
+robot then, but the accelerometer cannot distinguish such a slow start from a standstill."""
 STANDS_M_S = 0.012
-"""Inertial speed below which the robot stands after a bump, m/s. It covers the integrated error of
-the offset."""
+"""Inertial speed below which the robot counts as standing after a bump, m/s. It allows for the
+integrated error of the offset."""
 STALL_S = 0.5
 """Minimum time of standstill with turning wheels in a stall, s."""
 GAIN_M_S = 0.05
-"""Gain of the wheels' speed during a stall that allows a check, m/s. The accelerometer measures the
-same gain if the robot follows its wheels, and no gain if it stands."""
+"""Minimum speed gain of the wheels during a stall for a check, m/s. The accelerometer measures the
+same gain if the robot follows its wheels, and no gain if the robot stands."""
 _MIN_SHARE, _MAX_SHARE = 0.5, 2.0
-"""Limits of the measured share of that gain at which the robot follows."""
+"""Limits of the ratio of the measured gain to the wheels' gain for a robot that follows its
+wheels."""
 LONGEST_S = 2.0
-"""Maximum time of inertial motion, s. Later the offset's error dominates the velocity."""
+"""Maximum time of the inertial motion, s. After it, the velocity error due to the offset is too
+large."""
 SLIP_M_S = 0.02
-"""Difference between gyro and encoders that is slip, m/s at the rim: ten times that of a hard
-floor at cruise speed."""
+"""Minimum difference between gyro and encoders that is slip, m/s at the rim. It is ten times the
+difference on a hard floor at cruise speed."""
 SLIP_S = 0.06
-"""Minimum time of the difference, s."""
+"""Minimum duration of this difference, s."""
 FULL_SCALE_M_S2 = 19.0
-"""Acceleration just below the ±2 g range, m/s². A larger sample is clipped."""
+"""Acceleration just below the limit of the ±2 g range, m/s². A larger sample is clipped."""
 
 
 class DisturbanceKind(enum.StrEnum):
@@ -72,13 +78,13 @@ class DisturbanceKind(enum.StrEnum):
 
 
 class Disturbance(NamedTuple):
-    """The onset of a disturbance."""
+    """The beginning of a disturbance."""
 
     kind: DisturbanceKind
     t_s: float
     size: float
-    """Speed, m/s: change within one sample (bump), speed of the wheels (stall), or difference
-    between wheels and gyro (slip)."""
+    """Speed, m/s. Bump: change within one sample. Stall: speed of the wheels. Slip: difference
+    between wheels and gyro."""
 
 
 class BumpDetector:
@@ -106,7 +112,7 @@ class BumpDetector:
 
     @property
     def ready(self) -> bool:
-        """True once a standstill has measured the offset: bias, and gravity on a sloping floor."""
+        """True after a standstill has measured the offset: bias, and gravity on a sloping floor."""
         return self._rests > 0
 
     @property
@@ -120,7 +126,7 @@ class BumpDetector:
         return math.sqrt(self._lasting)
 
     def rest(self, accel_x: float, accel_y: float) -> None:
-        """Take a sample at rest, m/s²."""
+        """Process a sample at standstill, m/s²."""
         self._held.append((accel_x, accel_y))
         if len(self._held) <= _HELD:
             return
@@ -131,7 +137,7 @@ class BumpDetector:
         self._offset_y += share * (ripe_y - self._offset_y)
 
     def leave_rest(self) -> None:
-        """Discard the newest samples, which the start may affect."""
+        """Discard the newest samples at standstill. The start of the motion may affect them."""
         self._held.clear()
 
     def level(self, accel_x: float, accel_y: float) -> tuple[float, float]:
@@ -139,17 +145,18 @@ class BumpDetector:
         return accel_x - self._offset_x, accel_y - self._offset_y
 
     def moving(self, ahead: float, aside: float) -> bool:
-        """Use a sample in motion, minus the offset, m/s². Return True if it is a bump."""
+        """Process a sample in motion minus the offset, m/s². Return True if it is a bump."""
         if not self.ready:
             return False
-        # The jerk is the difference of two samples: the robot's own slow accelerations cancel.
+        # The jerk is the difference of two samples. The robot's own slow accelerations cancel in
+        # it.
         by_x, by_y = ahead - self._last_x, aside - self._last_y
         self._last_x, self._last_y = ahead, aside
         if math.hypot(ahead, aside) > self.threshold_m_s2:
             self._ringing = _RINGS
             return True
         if self._ringing:
-            # the other flank of the jerk and its ringing are no vibration of the drive
+            # the end of the jerk and the ringing after it are not vibration of the drive
             self._ringing -= 1
             return False
         power = 0.25 * (by_x * by_x + by_y * by_y)
@@ -169,12 +176,12 @@ class SlipDetector:
         self._side = 0
 
     def update(self, left_m: float, right_m: float, turn_m: float, dt_s: float) -> int:
-        """Return the slipping wheel: -1 left, +1 right, 0 none.
+        """Return the slipping wheel: -1: left, +1: right, 0: none.
 
         Args:
-            left_m: Path of the left wheel by its encoder, m.
-            right_m: Path of the right wheel by its encoder, m.
-            turn_m: Rotation by the gyro, times the wheel base, m.
+            left_m: Path of the left wheel from its encoder, m.
+            right_m: Path of the right wheel from its encoder, m.
+            turn_m: Rotation from the gyro, times the wheel base, m.
             dt_s: Duration of these motions, s.
 
         """
@@ -185,7 +192,7 @@ class SlipDetector:
             self._lasting_s = 0.0
             self._side = 0
             return 0
-        # The wheel whose count is too high in its direction of rotation.
+        # Find the wheel whose count is too high in its direction of rotation.
         right_over = excess * right_m > 0.0
         left_over = -excess * left_m > 0.0
         if right_over and left_over:
@@ -200,7 +207,7 @@ class SlipDetector:
 
 
 class InertialBridge:
-    """Inertial velocity after a bump, until wheels and accelerometer agree again."""
+    """Inertial velocity after a bump. It is used until wheels and accelerometer agree again."""
 
     __slots__ = (
         "_agreed_s",
@@ -224,27 +231,29 @@ class InertialBridge:
         self.vx_m_s, self.vy_m_s = v_m_s, 0.0
         self.age_s = 0.0
         self.cut = False
-        """Whether a sample was clipped, so that the bump was harder than measured."""
+        """True if a sample was clipped. The bump was then harder than measured."""
         self.stalled = False
         self.given_back_m = 0.0
-        """Path by the wheels that was withheld, and was driven, m."""
+        """Wheel path that was not added during a stall although the robot drove it, m."""
         self.unmade_m = 0.0
-        """Path by the wheels that the accelerometer does not confirm, since the last contact, m."""
+        """Wheel path since the last contact that the accelerometer does not confirm, m."""
         self._agreed_s = self._away_s = self._away_m = 0.0
         self._into = math.copysign(1.0, v_m_s) if abs(v_m_s) > AWAY_M_S else 0.0
         self._wheels_m_s = self._gain_m_s = self._withheld_m = 0.0
-        """Wheel speed at the stall's beginning, inertial gain and wheel path since."""
+        """Values of a stall: wheel speed at its beginning, inertial speed gain since, wheel path
+        since."""
 
     def push(self, ahead: float, aside: float, yaw_rate: float, dt_s: float) -> tuple[float, float]:
-        """Take a levelled sample and return the path ahead and aside, m."""
+        """Process a sample minus the offset. Return the path ahead and to the left, m."""
         self.age_s += dt_s
         self.cut = self.cut or abs(ahead) > FULL_SCALE_M_S2 or abs(aside) > FULL_SCALE_M_S2
         before_x, before_y = self.vx_m_s, self.vy_m_s
-        # In the turning frame of the body: v' = a - ω × v
+        # In the rotating body frame: v' = a - ω × v
         self.vx_m_s += (ahead + yaw_rate * before_y) * dt_s
         self.vy_m_s += (aside - yaw_rate * before_x) * dt_s
         if self.cut and self.vx_m_s * before_x < before_x * before_x:
-            # harder than measurable: the remaining forward speed may not be real
+            # the bump was harder than the sensor can measure: the remaining forward speed may be
+            # wrong
             self.vx_m_s *= 0.5
         if self.stalled:
             self._gain_m_s += ahead * dt_s
@@ -254,7 +263,7 @@ class InertialBridge:
         return self.vx_m_s * dt_s, self.vy_m_s * dt_s
 
     def over(self, v_m_s: float, dt_s: float) -> bool:
-        """Take the wheels' speed, m/s; whether it agrees with the inertial speed again."""
+        """Use the wheels' speed, m/s. Return True if it agrees with the inertial speed again."""
         self.unmade_m += v_m_s * dt_s
         if self.stalled:
             self._withheld_m += v_m_s * dt_s

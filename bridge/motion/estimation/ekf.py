@@ -1,9 +1,10 @@
 """The extended Kalman filter: mean and covariance of the robot's states and of its landmarks.
 
-States: x, y, θ; the gyro bias at rest, b; the shift of that bias by vibration in motion, m, which
-only walls observe; the gyro's scale error, k; the wheels' scale error, s (a count is 1 + s times
-its nominal path); the slope of b with the chip's temperature, c. The landmarks of ``wall_map``
-follow. The filter has no samples and no clock; the estimator calls ``predict`` and ``update``.
+The states are: x, y, θ; the gyro bias at standstill, b; the shift of this bias by vibration in
+motion, m, which only wall measurements observe; the gyro's scale error, k; the wheels' scale error,
+s (the path of a count is 1 + s times its nominal path); the slope of b with the chip's temperature,
+c. The landmarks of ``wall_map`` follow. The filter contains no samples and no clock. The estimator
+calls its methods.
 """
 
 from __future__ import annotations
@@ -35,10 +36,12 @@ Covariance = tuple[
 X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE, BIAS_SLOPE = range(8)
 STATES = 8
 _VIBRATION_BIAS_POWER = 0.6
-"""Exponent of the gyro's vibration share with which the bias in motion and the scale error grow.
-From ``typical`` to ``harsh`` (2.7 times the vibration) they grow threefold."""
+"""Exponent of the vibration share (:func:`gyro_share`) in the growth of the bias in motion and of
+the scale error. From ``typical`` to ``harsh`` noise (2.7 times the vibration) they grow
+threefold."""
 _VIBRATION_WALK_POWER = 1.5
-"""Exponent of that share with which the angle random walk grows: by a factor of 19."""
+"""Exponent of the vibration share in the growth of the angle random walk by vibration. From
+``typical`` to ``harsh`` noise this part grows by a factor of 19."""
 UPDATE_DELAY_S = 0.1
 """Maximum age of the covariance, s."""
 
@@ -50,12 +53,12 @@ class Due:
     dx: float = 0.0
     dy: float = 0.0
     way_cc: float = 0.0
-    """Path times cos² of the heading, m. The three sums separate noise along and across the
+    """Path times cos² of the heading, m. Three such sums separate the noise along and across the
     path."""
     way_cs: float = 0.0
     way_ss: float = 0.0
     wheel_rotation: float = 0.0
-    """Sum of the turns that were measured by the wheels because the gyro was silent, rad."""
+    """Sum of the turns that the wheels measured because gyro samples were missing, rad."""
     turned: float = 0.0
     turning_s: float = 0.0
     rotation: float = 0.0
@@ -68,7 +71,7 @@ class Ekf:
     """Mean and covariance of the pose, the sensor errors and the walls."""
 
     def __init__(self, start: Pose2, drift: DriftModel | None = None) -> None:
-        """Begin at an exact pose, which is the frame of all poses."""
+        """Begin at an exact pose. It defines the frame of all poses."""
         self.drift = noise = drift or DriftModel()
         self.joint_covariance = JointCovariance(
             (
@@ -83,9 +86,9 @@ class Ekf:
             )
         )
         self.walls: list[float] = []
-        """Means of the landmarks, as ``wall_map`` defines them."""
+        """Means of the landmarks; see ``wall_map``."""
         self.yaw_noise, self.way_noise = NoiseScale(25.0), NoiseScale(25.0)
-        """Factors on the model's noise of gyro and wheels, learned from wall measurements."""
+        """Factors on the modelled noise of gyro and wheels, estimated from wall measurements."""
         self.slip_monitor = SlipMonitor(noise.along_m_sqrt_m)
         self.x_m, self.y_m, self.theta_rad = start
         self.heading_mark_rad = self.theta_rad
@@ -103,22 +106,22 @@ class Ekf:
 
     @property
     def pose(self) -> Pose2:
-        """Position at the newest encoder sample, heading at the newest gyro sample."""
+        """Position at the newest encoder sample, and heading at the newest gyro sample."""
         return Pose2(self.x_m, self.y_m, wrap_angle(self.theta_rad))
 
     @property
     def odometry(self) -> Pose2:
-        """Pose from dead reckoning without corrections. Its frame drifts."""
+        """Pose from dead reckoning without corrections. It drifts."""
         return self._odometry
 
     @property
     def gyro_bias_sigma_rad_s(self) -> float:
-        """Standard deviation of the gyro bias, rad/s; large until the first standstill."""
+        """Standard deviation of the gyro bias, rad/s. It is large until the first standstill."""
         return math.sqrt(max(float(self.joint_covariance.p[BIAS, BIAS]), 0.0))
 
     @property
     def wheel_scale(self) -> float:
-        """Ratio of the true to the nominal path of a count, about 1."""
+        """Ratio of the true path of a count to its nominal path, about 1."""
         return 1.0 + self.wheel_scale_error
 
     @property
@@ -180,7 +183,7 @@ class Ekf:
     # -- motion ----------------------------------------------------------------------------
 
     def restart(self, pose: Pose2) -> None:
-        """Set an exact pose; landmarks are marginalised, the sensors' errors are kept."""
+        """Set an exact pose. Landmarks are marginalised; the estimated sensor errors stay."""
         if self.walls:
             self.joint_covariance.marginalise(STATES, len(self.walls))
             self.walls.clear()
@@ -198,14 +201,14 @@ class Ekf:
     def advance(
         self, chord: float, rotation: float, time_s: float, turning_s: float, *, by_wheels: bool
     ) -> None:
-        """Predict the position along a chord (eq. 5) that ends at the present heading.
+        """Predict the position along a chord (paper eq. 5) that ends at the present heading.
 
         Args:
-            chord: length of the chord, m; negative backwards.
-            rotation: turn of the heading during the chord, rad; the mean already contains it.
+            chord: length of the chord, m; negative: backwards.
+            rotation: turn of the heading during the chord, rad. The mean already contains it.
             time_s: duration, s.
-            turning_s: part of it in which the gyro was integrated, s.
-            by_wheels: whether the rotation comes from the wheels and not from the gyro.
+            turning_s: time in which the gyro was integrated, s.
+            by_wheels: True if the rotation comes from the wheels and not from the gyro.
 
         """
         mid = self.heading_mark_rad - 0.5 * rotation
@@ -242,8 +245,8 @@ class Ekf:
     def propagate_covariance(self) -> None:
         """Predict the covariance up to the newest encoder sample: P ← F P Fᵀ + Q.
 
-        One call covers several samples, since it costs more than they do. Every update calls it
-        first.
+        One call covers several samples, because it takes more time than processing the samples.
+        Every update calls it first.
         """
         due = self._due
         if due.time_s == 0.0 and due.turning_s == 0.0:
@@ -275,7 +278,7 @@ class Ekf:
         self.joint_covariance.propagate(f, q)
 
     def _inflate_for_wheels(self) -> None:
-        """Add variance to the wheel scale when the wheels slip more than ever before."""
+        """Add variance to the wheel scale if the wheels slip more than ever before."""
         most = self.slip_monitor.mean_slippery
         if most > self._worst_slip:
             grown = most * most - self._worst_slip * self._worst_slip
@@ -283,7 +286,7 @@ class Ekf:
             self._worst_slip = most
 
     def warm(self, change_c: float) -> None:
-        """Move the gyro bias with a change of the chip's temperature, °C."""
+        """Change the gyro bias with a change of the chip's temperature, °C."""
         self.gyro_bias_rad_s += self._bias_slope * change_c
         self._due.warmed_c += change_c
 
@@ -298,7 +301,10 @@ class Ekf:
             self._odometry = Pose2(x + way * math.cos(turned), y + way * math.sin(turned), theta)
 
     def inflate_for_vibration(self, vibration_m_s2: float) -> None:
-        """Scale the gyro's noise to the vibration, m/s²; new maxima inflate its bias and scale."""
+        """Scale the gyro's noise with the vibration, m/s².
+
+        A new maximum inflates its bias and scale.
+        """
         share = gyro_share(vibration_m_s2)
         most = max(self._worst_shaken, share**_VIBRATION_BIAS_POWER)
         if most > self._worst_shaken:

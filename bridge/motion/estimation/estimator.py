@@ -1,17 +1,17 @@
-"""The pose estimator, sans-I/O: samples of encoders and IMU in, pose and covariance out.
+"""The pose estimator: from samples of encoders and IMU to pose and covariance, without I/O.
 
-An extended Kalman filter over
+It is an extended Kalman filter with the states
 
     x, y, θ   pose
-    b         gyro bias, as it is at rest
-    m         shift of that bias in motion (vibration), which only walls observe
+    b         gyro bias at standstill
+    m         shift of the bias in motion (vibration), which only wall measurements observe
     k         gyro scale error
-    s         wheel scale error: a count is worth (1 + s) times its nominal path
+    s         wheel scale error: the path of a count is (1 + s) times its nominal path
     c         slope of b with the chip's temperature: b' = c·T'
 
-followed by the walls of ``wall_map``. The gyro turns the heading, θ' = (g - b - m)(1 - k); the
-encoders move the position along the arc (eq. 5); a standstill measures the bias (zero-velocity
-update).
+and the walls of ``wall_map``. The gyro turns the heading: θ' = (g - b - m)(1 - k), with its
+measured rate g. The encoders move the position along an arc (paper eq. 5). A standstill measures
+the bias (zero-velocity update).
 """
 
 from __future__ import annotations
@@ -36,61 +36,62 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ENCODER_GAP_S = 10.0
-"""Maximum gap between encoder samples, s. In a longer gap a 16-bit counter may turn by more than
+"""Maximum time between encoder samples, s. In a longer time a 16-bit counter may count more than
 half its range (4.3 m), which is ambiguous."""
 IMU_GAP_S = 0.1
-"""Maximum gap between gyro samples, s. After a longer gap the wheels measure the heading."""
+"""Maximum time between gyro samples, s. In a longer gap the wheels measure the heading."""
 _FIRST_BIAS_SAMPLES = 25
-"""Number of samples at rest before the gyro is used. Until then the wheels measure the heading."""
+"""Number of samples at standstill before the gyro is used. Before that the wheels measure the
+heading."""
 _REST_BATCH = 5
-"""Number of samples at rest that are averaged for one update, to save time."""
+"""Number of samples at standstill that are averaged for one update, to save processor time."""
 _LARGEST_BIAS_RAD_S = 0.4
-"""Maximum bias, rad/s: the data sheet's ±20 °/s. A larger first sample means that the robot
-moves."""
+"""Maximum bias, rad/s: the data sheet's ±20 °/s. A larger first sample means that the robot is
+moving."""
 _BRIDGE_M = 0.0015
-"""Standard deviation of the position after a bump that the accelerometer measured completely, m."""
+"""Standard deviation of the position after a bump with valid acceleration samples, m."""
 _BRIDGE_CUT_M = 0.006
-"""Standard deviation of the position after a bump with clipped samples, m."""
+"""Standard deviation of the position after a bump with clipped acceleration samples, m."""
 _BRIDGE_RAD = math.radians(0.05)
-"""Standard deviation that a bump adds to the heading, rad."""
+"""Standard deviation of the heading that a bump adds, rad."""
 _BRIDGE_M_S = 0.012
 """Initial standard deviation of the inertial velocity, m/s."""
 _BRIDGE_M_S2 = 0.02
-"""Growth of the standard deviation of the inertial velocity, m/s²."""
+"""Increase of the inertial velocity's standard deviation per time, m/s²."""
 _SLIP_SHARE = 0.5
-"""Standard deviation of the correction for a slipping wheel, as a share of the corrected path."""
+"""Standard deviation of the correction for a slipping wheel, as a share of the correction."""
 _RELEASE_SHARE = 0.3
-"""Standard deviation of the path that is restored after a release, as a share of that path. The
-time of the release is known only to one reading of the bumper."""
+"""Standard deviation of the path that is added again after a release, as a share of that path. The
+time of the release has an uncertainty of one bumper reading."""
 _ONSET_S = 1.0
-"""Time within which repeated disturbances of one kind count as one, s."""
+"""Time within which repeated disturbances of one kind count as one disturbance, s."""
 _KEPT = 64
-"""Maximum number of kept disturbances."""
+"""Maximum number of stored disturbances."""
 _WARMING_LOWPASS = 0.02
-"""Weight of the newest sample in the filtered temperature. The register is noisy."""
+"""Weight of the newest sample in the low-pass of the temperature, because the register is noisy."""
 _WARMING_JUMP_C = 2.0
-"""Minimum change of the temperature between samples that means a restarted device, °C."""
+"""Minimum change of the temperature between samples that means that the device restarted, °C."""
 _SPEED_LOWPASS = 0.5
 """Weight of the newest interval in the speed. One count in 20 ms is 6.5 mm/s."""
 _STILL_M_S = 1e-3
-"""Maximum speed of a standstill while no count arrives, m/s."""
+"""Maximum speed of a standstill without new counts, m/s."""
 
 
 class PoseEstimator:
-    """Feeds an extended Kalman filter with the samples of encoders, gyro and accelerometer.
+    """Passes the samples of encoders, gyro and accelerometer to an extended Kalman filter.
 
-    Samples should arrive in the order of their stamps; an old gyro sample is ignored. All times are
-    from one clock, s; only differences matter. The first encoder sample is the reference. The
-    wheels give the heading (eq. 4) before the first 25 gyro samples at rest, and while no gyro
-    sample arrives for 0.1 s.
+    Samples should arrive in the order of their time stamps; an old gyro sample is ignored. All
+    times come from one clock, s; only differences matter. The first encoder sample is the
+    reference. The wheels give the heading (paper eq. 4) before the first 25 gyro samples at
+    standstill, and after 0.1 s without a gyro sample.
     """
 
     def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
-        """Begin at an exact pose, which is the frame of all poses."""
+        """Begin at an exact pose. It defines the frame of all poses."""
         self.ekf = Ekf(start, drift)
         self._model = model
         self._left_m, self._right_m = model.left_metres_per_count, model.right_metres_per_count
-        """Path per count of each wheel, m, before the estimated scale."""
+        """Path per count of each wheel, m, without the estimated scale error."""
         self.ekf.gyro_bias_rad_s = model.gyro_bias_rad_s
         self._standstill = Standstill()
         self._counts: tuple[int, int] | None = None
@@ -111,12 +112,12 @@ class PoseEstimator:
 
     @property
     def pose(self) -> Pose2:
-        """Position at the newest encoder sample, heading at the newest gyro sample."""
+        """Position at the newest encoder sample, and heading at the newest gyro sample."""
         return self.ekf.pose
 
     @property
     def odometry(self) -> Pose2:
-        """Pose from dead reckoning without corrections. Its frame drifts."""
+        """Pose from dead reckoning without corrections. It drifts."""
         return self.ekf.odometry
 
     @property
@@ -131,16 +132,16 @@ class PoseEstimator:
 
     @property
     def gyro_bias_sigma_rad_s(self) -> float:
-        """Standard deviation of the gyro bias, rad/s; large until the robot has stood still."""
+        """Standard deviation of the gyro bias, rad/s. It is large until the first standstill."""
         return self.ekf.gyro_bias_sigma_rad_s
 
     @property
     def wheel_scale(self) -> float:
-        """Ratio of the true to the nominal path of a count, about 1."""
+        """Ratio of the true path of a count to its nominal path, about 1."""
         return self.ekf.wheel_scale
 
     def pose_at(self, t_s: float) -> Pose2:
-        """Extrapolate the pose at the present speed to a time near the newest encoder sample, s."""
+        """Extrapolate the pose to a time near the newest encoder sample, s, with the speed."""
         ahead_s = t_s - self._encoder_s
         if self._counts is None or not -IMU_GAP_S <= ahead_s <= IMU_GAP_S:
             return self.ekf.pose
@@ -153,22 +154,22 @@ class PoseEstimator:
 
     @property
     def v_m_s(self) -> float:
-        """Forward speed from the encoders, lightly smoothed, m/s."""
+        """Forward speed from the encoders with a low-pass, m/s."""
         return self._speed
 
     @property
     def yaw_rate_rad_s(self) -> float:
-        """Yaw rate from the gyro less its bias, or from the wheels while it is silent, rad/s."""
+        """Yaw rate from the gyro minus its bias, or from the wheels without gyro samples, rad/s."""
         return self._yaw_rate
 
     @property
     def known(self) -> bool:
-        """False after an encoder gap above 10 s, until :meth:`reset`."""
+        """True if the pose is valid. False after an encoder gap above 10 s, until :meth:`reset`."""
         return self._known
 
     @property
     def at_rest(self) -> bool:
-        """Whether the last gyro sample was taken as one at rest."""
+        """True if the last gyro sample was used as a sample at standstill."""
         return self._resting
 
     @property
@@ -178,21 +179,21 @@ class PoseEstimator:
 
     @property
     def feels(self) -> bool:
-        """Whether an accelerometer is calibrated, so that bumps are detected."""
+        """True if the accelerometer is calibrated, so that bumps are detected."""
         return self._bumps.ready
 
     @property
     def bridging(self) -> bool:
-        """Whether the accelerometer moves the position, after a bump."""
+        """True if the position comes from the accelerometer, after a bump."""
         return self._bridge is not None
 
     @property
     def stands(self) -> bool:
-        """Whether the wheels turn while the robot stands, by the accelerometer."""
+        """True if the wheels turn but the robot stands, according to the accelerometer."""
         return self._bridge is not None and self._bridge.stalled
 
     def reset(self, pose: Pose2) -> None:
-        """Set an exact pose; landmarks are marginalised, the sensors' errors are kept."""
+        """Set an exact pose. Landmarks are marginalised; the estimated sensor errors stay."""
         self.ekf.restart(pose)
         self._known = True
         self._speed = 0.0
@@ -201,7 +202,7 @@ class PoseEstimator:
         self._bridge = None
 
     def release(self) -> None:
-        """End the bridging of a bump: the robot is free, so its wheels count again."""
+        """End the inertial motion after a bump. The robot is free, so the wheels are used again."""
         bridge = self._bridge
         if bridge is None:
             return
@@ -210,7 +211,7 @@ class PoseEstimator:
         self._end_bridge(bridge)
 
     def hold(self) -> None:
-        """Discard the wheel counts since a bump: the contact lasts."""
+        """Discard the wheel counts since a bump, because the contact continues."""
         if self._bridge is not None:
             self._bridge.unmade_m = 0.0
 
@@ -224,16 +225,16 @@ class PoseEstimator:
         accel_y_m_s2: float | None = None,
         temperature_c: float | None = None,
     ) -> None:
-        """Take an IMU sample.
+        """Process an IMU sample.
 
         Args:
             t_s: time of the sample, s.
-            gyro_z_rad_s: yaw rate as measured, rad/s, counter-clockwise positive; the mean since
-                the last sample, as the chip's low-pass makes it.
-            accel_x_m_s2: acceleration ahead at the axle's centre, m/s². Its bias and the share of
-                gravity are learned at rest. With it, bumps are detected and bridged.
+            gyro_z_rad_s: measured yaw rate, rad/s, counter-clockwise positive. It is the mean since
+                the last sample, because the chip has a low-pass.
+            accel_x_m_s2: forward acceleration at the axle's centre, m/s². Its bias and its share of
+                gravity are measured at standstill. It is used to detect bumps.
             accel_y_m_s2: acceleration to the left, m/s².
-            temperature_c: the chip's temperature, °C, which the bias follows.
+            temperature_c: temperature of the chip, °C. The bias depends on it.
 
         """
         previous_s = self._imu_s
@@ -263,10 +264,10 @@ class PoseEstimator:
                 self._bumps.rest(accel_x_m_s2, accel_y_m_s2)
             return
         self._bumps.leave_rest()
-        # The last of these samples may belong to the start, which counts show up to 20 ms late.
+        # The start may affect the last of these samples, because counts arrive up to 20 ms late.
         self._rest_sum, self._rest_count, self._rest_mean = 0.0, 0, None
         if not trusted:
-            # The rest was too short: its few samples may belong to the start.
+            # The standstill was too short. The start may affect its few samples.
             self._rest_samples = 0
             self.ekf.gyro_bias_rad_s = self._model.gyro_bias_rad_s
             self.ekf.joint_covariance.reset((BIAS,), (self.ekf.drift.bias_prior_rad_s**2,))
@@ -281,7 +282,7 @@ class PoseEstimator:
             self._feel(t_s, dt, *self._bumps.level(accel_x_m_s2, accel_y_m_s2))
 
     def on_encoders(self, t_s: float, left: int, right: int) -> None:
-        """Take one encoder sample: absolute 16-bit counts, wrapping."""
+        """Process one encoder sample: absolute 16-bit counts, which wrap around."""
         counts, last_s = self._counts, self._encoder_s
         self._counts = (left, right)
         self._encoder_s = t_s
@@ -304,7 +305,7 @@ class PoseEstimator:
             t_s, dt, scale * self._left_m * left_counts, scale * self._right_m * right_counts
         )
 
-    # -- inside ----------------------------------------------------------------------------
+    # -- internal ------------------------------------------------------------------------------
 
     def _warm_to(self, temperature_c: float) -> None:
         before_c = self._chip_c
@@ -339,7 +340,10 @@ class PoseEstimator:
             self.ekf.wait(dt)
 
     def _rotation(self, t_s: float, dt_s: float, wheel_turn: float) -> tuple[float, bool]:
-        """Return the turn since the last encoder sample, rad, and whether the wheels gave it."""
+        """Return the turn since the last encoder sample, rad.
+
+        The flag is True if the wheels gave it.
+        """
         mark = self.ekf.heading_mark_rad
         by_wheels = (
             self._imu_s is None
@@ -358,13 +362,17 @@ class PoseEstimator:
         return now - mark, by_wheels
 
     def _feel(self, t_s: float, dt: float, ahead: float, aside: float) -> None:
-        """Detect a bump; after one, move by the accelerometer and not by the wheels."""
+        """Detect a bump.
+
+        After a bump, the accelerometer moves the position instead of the wheels.
+        """
         bridge = self._bridge
         if self._bumps.moving(ahead, aside) and bridge is None:
             size = math.hypot(ahead, aside) * dt
             self._note(DisturbanceKind.BUMP, t_s, size)
             self._bridge = bridge = InertialBridge(self._speed)
-            # Up to the bump the wheels were right; their last count is up to 20 ms old.
+            # The wheels were right until the bump. Their last count is up to 20 ms older than the
+            # bump.
             before_s = min(max(t_s - 0.5 * dt - self._encoder_s, 0.0), IMU_GAP_S)
             self.ekf.shift(self._speed * before_s, 0.0)
         self.ekf.inflate_for_vibration(self._bumps.vibration_m_s2)
@@ -372,7 +380,7 @@ class PoseEstimator:
             return
         way_ahead, way_aside = bridge.push(ahead, aside, self._yaw_rate, dt)
         self.ekf.shift(way_ahead, way_aside)
-        # A velocity error σ gives the position a variance of (σt)²: 2σ²t·dt in each step.
+        # A velocity error σ causes a position variance of (σt)². It grows by 2σ²t·dt in each step.
         sigma = _BRIDGE_M_S + _BRIDGE_M_S2 * bridge.age_s
         self.ekf.inflate(sigma * math.sqrt(2.0 * bridge.age_s * dt), 0.0)
 
@@ -382,7 +390,7 @@ class PoseEstimator:
         self._bridge = None
 
     def _gripping(self, t_s: float, dt: float, left: float, right: float, rotation: float) -> float:
-        """Return the path ahead, m, by the wheel that grips if the other slips."""
+        """Return the forward path, m. If a wheel slips, only the other wheel is used."""
         turn = rotation * self._model.wheel_base_m
         self.ekf.slip_monitor.update(left, right, turn)
         side = self._slips.update(left, right, turn, dt)
@@ -404,7 +412,7 @@ class PoseEstimator:
             del self._disturbances[:-_KEPT]
 
     def _zero_velocity(self) -> None:
-        """Update with the mean of the gyro at rest, which is its bias."""
+        """Update the bias with the mean of the gyro samples at standstill."""
         ripe, self._rest_mean = self._rest_mean, self._rest_sum / self._rest_count
         self._rest_sum, self._rest_count = 0.0, 0
         if ripe is None:

@@ -1,11 +1,11 @@
-"""Range ahead: ultrasonic readings, smoothed with the driven path."""
+"""Range ahead: ultrasonic readings, combined with the driven path."""
 
 from __future__ import annotations
 
 _GAIN = 0.4
-"""Weight of a new reading. At constant speed the estimate has half the reading's σ."""
+"""Weight of a new reading. At constant speed the estimate has half the σ of a reading."""
 _GATE_M = 0.05
-"""Innovation above which a reading is an outlier or a new obstacle, m."""
+"""Innovation above which a reading is an outlier or of a new obstacle, m."""
 _DROPOUT_S = 0.3
 """Time without an echo after which the path ahead counts as free, s: six readings at 20 Hz."""
 
@@ -13,31 +13,34 @@ _DROPOUT_S = 0.3
 class RangeAhead:
     """Present range to an obstacle ahead.
 
-    Readings arrive at 20 Hz and control steps at 50 Hz, so a raw reading is up to 50 ms old and 1
-    cm wrong. Between readings the estimate decreases by the driven path. A new reading, one that
-    differs from the last, corrects it by a share. A single outlier is ignored; two outliers in a
-    row that agree are used.
+    Readings arrive at 20 Hz, but control steps run at 50 Hz. So a reading is up to 50 ms old and 1
+    cm wrong. Between readings the estimate decreases by the driven path. A reading that differs
+    from the last one is new. It corrects the estimate by a share of the difference. A single
+    outlier is ignored; two similar outliers in a row are used.
     """
 
     __slots__ = ("_last_raw_m", "_pending_m", "_silent_s", "range_m")
 
     def __init__(self) -> None:
-        """Begin with nothing ahead."""
+        """Begin with no obstacle ahead."""
         self.range_m: float | None = None
-        """Present estimate, m; None: nothing is ahead."""
+        """Present estimate, m; None: no obstacle ahead."""
         self._last_raw_m: float | None = None
         self._pending_m: float | None = None
         self._silent_s = 0.0
 
     def reset(self) -> None:
-        """Begin again."""
+        """Reset to the initial state."""
         self.range_m = None
         self._last_raw_m = None
         self._pending_m = None
         self._silent_s = 0.0
 
     def update(self, raw_m: float | None, travel_m: float, dt_s: float) -> float | None:
-        """Return the range, m, after a path of ``travel_m`` in ``dt_s`` with the newest reading."""
+        """Return the range, m, after a path of ``travel_m`` in ``dt_s``.
+
+        ``raw_m`` is the last reading.
+        """
         estimate = self.range_m
         if estimate is not None:
             estimate = max(estimate - travel_m, 0.0)

@@ -1,4 +1,4 @@
-"""Relocalisation: measurements of known walls update heading and position of the estimate."""
+"""Relocalisation: measurements of known walls update the estimated heading and position."""
 
 from __future__ import annotations
 
@@ -25,37 +25,37 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ECHO_AGE_S = 0.03
-"""Age of a new ultrasonic range if the device does not send the age, s. The sensor pings every 60
-ms, and the stream samples its result. A repeated range is older and is not used."""
+"""Assumed age of a new ultrasonic range if the device does not send the age, s. The sensor pings
+every 60 ms, and the stream samples its result. A repeated range is older and is not used."""
 ECHO_AGE_SIGMA_S = 0.02
-"""Standard deviation of the age, s. It is equivalent to an error of 4 mm at cruise speed. An age
-that the device sends is exact to a few ms, but 3 ms here left coverage and pose error the same in
-60 paired runs."""
+"""Standard deviation of the age, s. At cruise speed this is an error of 4 mm. An age that the
+device sends is exact to a few ms. But a value of 3 ms gave the same coverage and pose error in 60
+paired runs."""
 SAME_PULSE_S = 0.005
-"""Maximum time difference at which two messages have the same pulse, s. The age is sent in
+"""Maximum time difference at which two messages contain the same pulse, s. The age is sent in
 milliseconds, and no ultrasonic sensor pings every 5 ms."""
 MAX_ECHO_AGE_S = IMU_GAP_S
-"""Maximum age of an ultrasonic range that is used, s: the limit of the pose extrapolation."""
+"""Maximum age of an ultrasonic range that is used, s. It is the limit of the pose extrapolation."""
 GRAZE_M = 0.005
 """Gap between the rim and a wall beside the robot below which the robot may graze the wall, m."""
 _READINGS = 5
 RUB_M = 0.0005
-"""Mean gap below which grazing may turn the measured direction towards the heading, m."""
+"""Mean gap below which grazing may turn the measured wall direction towards the heading, m."""
 RUB_RAD = math.radians(1.5)
-"""Standard deviation of the direction with such a gap, rad. Grazing turns it seldom, by up to 1.4°.
-It turns the measurement on the other side as well."""
+"""Standard deviation of the wall direction with a gap below ``RUB_M``, rad. Grazing seldom turns
+the direction, but by up to 1.4°. It affects a measurement on the other side of the robot too."""
 GRAZE_RAD = math.radians(0.4)
-"""Standard deviation of the direction with a larger gap, rad. Occasional grazing turns it by 0.2 to
-0.36°."""
+"""Standard deviation of the wall direction with a gap above ``RUB_M``, rad. Occasional grazing
+turns the direction by 0.2 to 0.36°."""
 GRAZED_M = 0.01
-"""Gap from which a measured wall cannot be the grazed wall, m."""
+"""Minimum gap at which a measured wall cannot be the grazed wall, m."""
 
 
 class Relocaliser:
     """Updates an estimator with wall measurements."""
 
     def __init__(self, model: RobotModel, estimator: PoseEstimator) -> None:
-        """Update ``estimator``."""
+        """Create an object that updates ``estimator``."""
         self._estimator = estimator
         self._ultrasonic = model.ultrasonic
         self._graze_m = tuple(
@@ -70,7 +70,7 @@ class Relocaliser:
         self.walls = WallMap(estimator.ekf)
         self._echo_m: float | None = None
         self._pulse_s = -math.inf
-        """Time of the newest ultrasonic pulse with a sent age, s."""
+        """Time of the newest ultrasonic pulse whose age was sent, s."""
         self._contact = ContactUncertainty(estimator)
         self.yaw_fixes = 0
         self.position_fixes = 0
@@ -86,11 +86,11 @@ class Relocaliser:
         t_s: float | None = None,
         ultrasonic_age_s: float | None = None,
     ) -> None:
-        """Use readings of range sensors and bumper.
+        """Use the readings of range sensors and bumper.
 
         ``t_s`` is the time of the infrared ranges on the clock of the estimator's samples, s.
-        Without it, the time of the newest encoder sample is used, with an error of up to 4 mm at
-        cruise speed. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``. Without
+        Without ``t_s``, the time of the newest encoder sample is used; at cruise speed the error is
+        up to 4 mm. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``. Without
         it, a mean age is used.
         """
         estimator = self._estimator
@@ -130,7 +130,7 @@ class Relocaliser:
     def _echo(
         self, ultrasonic_m: float | None, t_s: float | None, age_s: float | None
     ) -> tuple[bool, float]:
-        """Return whether a range is new, and its age, s."""
+        """Return True if a range is new, and its age, s."""
         if t_s is None or age_s is None:
             fresh = ultrasonic_m != self._echo_m
             self._echo_m = ultrasonic_m
@@ -158,7 +158,10 @@ class Relocaliser:
 
 
 class _Nearness:
-    """Median of a side's last readings, so that noise alone is no contact."""
+    """Median of the last readings on one side.
+
+    A single noisy reading then does not mean contact.
+    """
 
     __slots__ = ("_last",)
 
@@ -166,7 +169,7 @@ class _Nearness:
         self._last: deque[float] = deque(maxlen=_READINGS)
 
     def take(self, range_m: float | None) -> float:
-        """Take a range, m, and return the median; infinite while nothing is near."""
+        """Use a range, m, and return the median; infinite if nothing is near."""
         self._last.append(math.inf if range_m is None else range_m)
         return sorted(self._last)[len(self._last) // 2]
 
@@ -177,6 +180,6 @@ def _mean_m(line: LineMeasurement) -> float:
 
 
 def _ahead_m(then: Pose2, now: Pose2) -> float:
-    """Return the path from one pose to another along the heading of the first, m."""
+    """Return the path from one pose to another along the heading of the first pose, m."""
     c, s = math.cos(then.theta_rad), math.sin(then.theta_rad)
     return (now.x_m - then.x_m) * c + (now.y_m - then.y_m) * s

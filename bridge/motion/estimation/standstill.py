@@ -6,34 +6,35 @@ import math
 
 
 class Standstill:
-    """Detects standstill from the encoders; the gyro can veto it.
+    """Detects standstill from the encoders. The gyro can disprove it.
 
-    The robot is at rest from the start until the first count. After a motion it is at rest when the
-    counts have not changed for ``settling_s``: the gearbox play and the run-out have then ended.
+    The robot stands still from the start until the first count. After a motion, it stands still
+    when the counts have not changed for ``settling_s``. In this time the gearbox play and the
+    run-out end.
     """
 
     __slots__ = ("_last_count_s", "_last_sample_s", "_settling_s")
 
     RATE_VETO_RAD_S = 0.05
-    """Maximum yaw rate minus the bias at rest, rad/s (3 °/s). It excludes a robot that a person
-    turns while its wheels stand still."""
+    """Maximum yaw rate minus the bias at standstill, rad/s (3 °/s). A higher rate means that a
+    person turns the robot while its wheels stand still."""
     STALE_S = 0.2
-    """Time without encoder samples after which the robot no longer counts as at rest, s."""
+    """Time without encoder samples after which the robot no longer counts as standing still, s."""
 
     def __init__(self, settling_s: float = 0.3) -> None:
-        """Wait ``settling_s`` after the last count."""
+        """Create a detector that waits ``settling_s`` after the last count."""
         self._settling_s = settling_s
         self._last_count_s = -math.inf
         self._last_sample_s: float | None = None
 
     def on_encoders(self, t_s: float, *, moved: bool) -> None:
-        """Take the time of an encoder sample, s, and whether a count changed."""
+        """Process the time of an encoder sample, s. ``moved``: a count has changed."""
         self._last_sample_s = t_s
         if moved:
             self._last_count_s = t_s
 
     def at_rest(self, t_s: float) -> bool:
-        """True if the wheels stand still at a time, s."""
+        """Return True if the wheels stand still at a time, s."""
         if self._last_sample_s is None:
             return True
         return (

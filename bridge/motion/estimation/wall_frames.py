@@ -1,8 +1,8 @@
-"""Frames of orthogonal walls: the walls of a frame share their direction.
+"""Frames of walls: the walls of a frame are parallel or orthogonal.
 
-Rooms are mostly rectilinear, but boxes in them may be oblique. So orthogonality needs evidence: the
-angle between two walls must be known better than ``SQUARE_SURE_RAD`` and agree with a multiple of
-90°. The walls of an oblique box form their own frame.
+Most rooms have right angles, but boxes in them may be oblique. So orthogonality needs evidence: the
+standard deviation of the angle between two walls must be less than ``SQUARE_SURE_RAD``, and the
+angle must agree with a multiple of 90°. The walls of an oblique box have their own frame.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ NEW_SPAN_M = 0.15
 """Length below which a wall's direction counts as unknown, m."""
 SQUARE_SURE_RAD = math.radians(0.9)
 SQUARE_RAD = math.radians(0.15)
-"""Standard deviation of right angles in a well-built room, rad."""
+"""Standard deviation of the right angles in a well-built room, rad."""
 SQUARE_SIGMAS = 2.5
 SQUARE_GATE_RAD = math.radians(1.6)
 LONG_M = 0.5
-"""Minimum length at which the weaker limits ``LONG_SURE_RAD`` and ``LONG_GATE_RAD`` apply, m."""
+"""Minimum wall length for the weaker limits ``LONG_SURE_RAD`` and ``LONG_GATE_RAD``, m."""
 LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
-"""Limits for long walls, rad: of the angle's standard deviation, and of its difference from a
+"""Limits for long walls, rad: the standard deviation of the angle, and its difference from a
 multiple of 90°. They are weaker than for short walls, because a slightly oblique box rarely has
 long walls."""
 _QUARTER = 0.5 * math.pi
@@ -35,44 +35,44 @@ _QUARTER = 0.5 * math.pi
 
 @dataclass(slots=True)
 class Wall:
-    """Data of a wall, without its states in the filter: direction and distance."""
+    """Data of a wall. Its direction and distance are states of the filter."""
 
     anchor_x_m: float
     anchor_y_m: float
     low_m: float
-    """Start of the measured part of the wall, along (-sin α, cos α) from the anchor, m."""
+    """Start of the measured part of the wall, m, along (-sin α, cos α) from the anchor point."""
     high_m: float
-    """End of the measured part, m."""
+    """End of the measured part of the wall, m."""
     seen_m: float = 0.0
     measurements: int = 0
     frame: int = -1
-    """Number of the frame; walls of one frame are orthogonal. -1: none."""
+    """Number of the wall's frame; -1: no frame."""
     number: int = 0
-    """Number of the wall: walls are numbered in the order in which they are first measured."""
+    """Number of the wall. Walls are numbered in the order of their first measurement."""
 
 
 class Frames:
     """Groups walls into frames."""
 
     def __init__(self, walls: list[Wall]) -> None:
-        """Group the walls of this list, which the map owns."""
+        """Group the walls of this list. The list belongs to the map."""
         self._walls = walls
         self._newest = -1
         self.widest = -1
-        """Index of a wall in the frame with the greatest measured length; -1: no frame."""
+        """Index of a wall in the frame with the largest measured length; -1: no frame."""
 
     def partner(
         self, i: int, alphas: Sequence[float], p: NDArray[np.float64]
     ) -> tuple[int, float] | None:
-        """Return the longest wall that is orthogonal or parallel to a wall, but not in its frame.
+        """Return the longest wall that is orthogonal or parallel to a wall but not in its frame.
 
-        The second value is the difference of their angle from a multiple of 90°, rad. The result is
-        None if there is no such wall.
+        The second value is the difference of their angle from a multiple of 90°, rad. Return None
+        if there is no such wall.
 
         Args:
-            i: the wall.
+            i: index of the wall.
             alphas: direction of each wall's normal, rad.
-            p: their covariance, ``(walls, walls)``, rad².
+            p: covariance of these directions, ``(walls, walls)``, rad².
 
         """
         wall = self._walls[i]
@@ -105,7 +105,7 @@ class Frames:
         self.count()
 
     def count(self) -> None:
-        """Determine the frame with the greatest length after walls were joined or marginalised."""
+        """Find the frame with the largest length, after walls were joined or marginalised."""
         seen_m: dict[int, float] = {}
         for wall in self._walls:
             if wall.frame >= 0:

@@ -1,10 +1,10 @@
-"""The walls of the estimate: straight lines as landmarks of the filter.
+"""The walls of the estimate: straight lines, which are landmarks of the filter.
 
 A wall is the line n·(p - a) = ρ. Its normal n = (cos α, sin α) points into the wall. The fixed
-anchor a is near the first measurement, so a change of α turns the wall about that place. α and ρ
-are states of the filter and stay correlated with the uncertain pose of the first measurement. So a
-later measurement of the wall removes only the drift since then. ``wall_frames`` decides which walls
-are orthogonal.
+anchor point a is near the first measurement, so a change of α turns the wall about that point. α
+and ρ are states of the filter. They stay correlated with the uncertain pose of the first
+measurement. So a later measurement of the wall removes only the drift since then. ``wall_frames``
+decides which walls are orthogonal.
 """
 
 from __future__ import annotations
@@ -36,35 +36,38 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 SAME_CHI2, SAME_CHI1 = 9.2, 6.6
-"""Maximum squared innovation of the same wall, with two values and with one value: 99 %."""
+"""Maximum normalised squared innovation of the same wall, for two values and for one value (99
+%)."""
 OTHER_CHI2, OTHER_CHI1 = 30.0, 25.0
-"""Squared innovations from which a surface is another wall. Between the two gates it is ignored."""
+"""Normalised squared innovations from which a surface is another wall, for two values and for one
+value. A surface between the two gates is ignored."""
 SAME_SHARE, SAME_M, SAME_RAD = 0.7, 0.03, math.radians(2.5)
-"""Limits at which a measured piece belongs to a known wall: share of the piece that lies in front
-of the wall, distance (m) and direction (rad)."""
+"""Limits at which a measured piece belongs to a known wall: share of the piece in front of the
+wall, distance (m) and direction (rad)."""
 STEP_M = 0.003
 """Maximum step in a flat wall, m."""
 GATE_M, GATE_SIGMAS = 0.06, 2.5
-"""Maximum innovation of a known wall: a distance (m), or a number of standard deviations if that is
-larger."""
+"""Maximum innovation of a known wall: a distance (m) or a number of standard deviations, whichever
+is larger."""
 GATE_RAD = math.radians(5.0)
 NEW_SIGMA_RAD = math.radians(1.2)
 APART_M = 0.5
-"""Distance from the known part of a wall beyond which a piece in line may be another wall, m."""
+"""Distance beyond the known part of a wall from which a piece in line may be another wall, m."""
 APART_SHORT_M = 0.1
-"""The same for a piece below ``NEW_SPAN_M``, which may be part of a column, m."""
+"""Distance beyond the known part of a wall from which a piece shorter than ``NEW_SPAN_M`` may be
+another wall, m. Such a piece may be part of a column."""
 FRONT_MARGIN_M = 0.2
 FRONT_CONE_RAD = math.radians(7.0)
 FRONT_NEW_RAD = math.radians(4.3)
-"""Standard deviation of the direction of a surface that only the ultrasonic sensor measured, rad:
-uniform over its cone."""
+"""Standard deviation of the direction of a surface that only the ultrasonic sensor measured, rad.
+The direction is uniform over the sensor's cone."""
 SKEW = 0.7
-"""Factor on the error of an oblique wall. With an angle δ to the normal, the range decreases by
-less than the path, by δ²/2 of the path."""
+"""Factor on the error due to an oblique wall. If the angle to the normal is δ, the range decreases
+less than the path, by a share of δ²/2."""
 FRONT_NEW_M = 1.0
 FRONT_SQUARE_RAD = math.radians(6.0)
-"""Maximum angle to a known wall's normal at which a surface that only the ultrasonic sensor
-measured counts, rad."""
+"""Maximum angle to the normal of a known wall, rad. A surface that only the ultrasonic sensor
+measured is used within this angle."""
 MAX_WALLS = 40
 _QUARTER = 0.5 * math.pi
 
@@ -73,18 +76,18 @@ class _Match(NamedTuple):
     wall: int
     chi2: float
     second_chi2: float
-    """Squared innovation of the second-best wall."""
+    """Normalised squared innovation of the second-best wall."""
     rows: Floats
     innovation: Floats
     """Innovation of direction (rad) and distance (m)."""
     expected: Floats
     """Covariance of the innovation."""
     noise: Floats
-    """Covariance of the measurement alone."""
+    """Covariance of the measurement only."""
 
 
 class WallMap:
-    """Associates measurements with walls and updates the filter."""
+    """Associates measurements with walls, and updates the filter."""
 
     def __init__(self, ekf: Ekf) -> None:
         """Store the walls as landmarks of ``ekf``."""
@@ -94,7 +97,7 @@ class WallMap:
         self._made = 0
         """Number of walls added so far."""
         self._found: Wall | None = None
-        """Last wall that was measured again since the last call of :meth:`take_found`."""
+        """Wall that was last measured again, until :meth:`take_found` returns it."""
 
     # -- present estimate -------------------------------------------------------------------
 
@@ -114,7 +117,10 @@ class WallMap:
                 yield wall, values[2 * i], values[2 * i + 1]
 
     def take_found(self) -> tuple[Wall, float] | None:
-        """Return the wall that was measured again last, and its normal, rad; then forget it."""
+        """Return the wall that was measured again last, and its normal, rad.
+
+        Return it only once.
+        """
         wall, self._found = self._found, None
         if wall is None or not any(wall is each for each in self.walls):
             return None
@@ -124,8 +130,8 @@ class WallMap:
     def heading_sigma_rad(self) -> float:
         """Standard deviation of the heading relative to orthogonal walls, rad; 0: no walls.
 
-        These walls are correlated with each other, so one wall of the longest frame represents all.
-        The value is at most 0.1 s old, like the covariance.
+        The walls of a frame are correlated, so one wall of the longest frame represents all. The
+        value is at most 0.1 s old, because the covariance is.
         """
         i = self._frames.widest
         if i < 0 or 2 * len(self.walls) != len(self._ekf.walls):
@@ -134,12 +140,12 @@ class WallMap:
         p = self._ekf.joint_covariance.p
         return math.sqrt(max(p.item(THETA, THETA) + p.item(k, k) - 2.0 * p.item(THETA, k), 0.0))
 
-    # -- sights ----------------------------------------------------------------------------
+    # -- measurements --------------------------------------------------------------------------
 
     def see_line(self, measurement: LineMeasurement) -> bool:
-        """Use a line measured at the present pose. Return True if it is a known wall.
+        """Use a line that was measured at the present pose. Return True if it is a known wall.
 
-        A line that may be one of two surfaces updates only the heading.
+        If the line may be one of two surfaces, it updates only the heading.
         """
         self._check()
         ekf, pose = self._ekf, self._ekf.pose
@@ -168,7 +174,7 @@ class WallMap:
         if best.chi2 > SAME_CHI2:
             if not same:
                 return False
-            # Nothing else can stand there: it is the estimate that was too sure of itself.
+            # No other surface can be at this place. So the estimate was over-confident.
             ekf.inflate(abs(off_m), abs(off_rad))
         ekf.update(self._index(best.wall), best.rows, best.innovation, noise)
         self._extend(best.wall, measurement, ekf.pose)
@@ -177,9 +183,9 @@ class WallMap:
         return True
 
     def _take_direction(self, match: _Match) -> None:
-        """Take only the direction of a line that may be a wall or another surface nearby.
+        """Use only the direction of a line that may be a wall or another surface near the wall.
 
-        Such a surface is parallel to the wall, so the heading does not depend on the choice.
+        The other surface is parallel to the wall, so the heading is right in both cases.
         """
         ekf, wall = self._ekf, self.walls[match.wall]
         off_rad, variance = float(match.innovation[0]), float(match.expected[0, 0])
@@ -193,7 +199,7 @@ class WallMap:
         )
 
     def see_front(self, measurement: FrontMeasurement, mount: RangerMount) -> bool:
-        """Take a distance to a surface ahead; whether it was known."""
+        """Use a distance to a surface ahead. Return True if the surface is a known wall."""
         self._check()
         ekf = self._ekf
         pose = ekf.pose
@@ -242,17 +248,17 @@ class WallMap:
         self._square(best.wall)
         return True
 
-    # -- inside ----------------------------------------------------------------------------
+    # -- internal ------------------------------------------------------------------------------
 
     def _check(self) -> None:
-        """Drop the walls if the filter has marginalised them."""
+        """Remove the walls from the list if the filter has marginalised them."""
         self._ekf.propagate_covariance()
         if 2 * len(self.walls) != len(self._ekf.walls):
             self.walls.clear()
             self._frames.count()
 
     def _match(self, measurement: LineMeasurement, pose: Pose2, noise: Floats) -> _Match | None:
-        """Return the wall with the smallest squared innovation, and that of the next other wall."""
+        """Return the wall with the smallest squared innovation, and the innovation of the next."""
         found: list[_Match] = []
         for i, wall in enumerate(self.walls):
             off = math.remainder(
@@ -271,7 +277,7 @@ class WallMap:
         return self._choose(found, SAME_CHI2)
 
     def _choose(self, found: list[_Match], same_chi2: float) -> _Match | None:
-        """Return the best match with the innovation of the next other wall; prefer a long wall."""
+        """Return the best match, with the innovation of the next other wall. Prefer a long wall."""
         if not found:
             return None
         best = min(found, key=lambda match: match.chi2)
@@ -286,9 +292,9 @@ class WallMap:
         return best._replace(second_chi2=min(others, default=math.inf))
 
     def _straight_on(self, direction_rad: float) -> bool:
-        """Return whether a direction is normal to a known wall; true if none is known.
+        """Return True if a direction is normal to a known wall, or if no wall is known.
 
-        An oblique echo may come from a corner, whose place changes with the pose.
+        An oblique echo may come from a corner, and its position changes with the robot's pose.
         """
         framed = [i for i, wall in enumerate(self.walls) if wall.frame >= 0]
         return not framed or any(
@@ -302,7 +308,7 @@ class WallMap:
         return (X, Y, THETA, first, first + 1)
 
     def _line_rows(self, i: int, pose: Pose2) -> tuple[Floats, float]:
-        """Return the rows of (normal, distance) and the expected distance, m."""
+        """Return the rows of H for (normal, distance), and the expected distance, m."""
         wall, alpha = self.walls[i], self.normal_rad(i)
         c, s = math.cos(alpha), math.sin(alpha)
         dx, dy = pose.x_m - wall.anchor_x_m, pose.y_m - wall.anchor_y_m
@@ -312,11 +318,11 @@ class WallMap:
     def _front_rows(
         self, i: int, pose: Pose2, mount: RangerMount, sensor: tuple[float, float]
     ) -> tuple[Floats, float, float]:
-        """Return the row of a distance ahead, its expected value and the error of an oblique wall.
+        """Return the row of H for a distance ahead, its expected value and the obliqueness error.
 
-        The angles are in the row, but held (Schmidt's filter): their variance counts in each
-        measurement, but a millimetre of range must not change a wall's direction and turn the
-        robot by degrees.
+        The row contains the angles, but they are held (Schmidt's filter). So their variance is used
+        in each measurement, but they do not change. Otherwise a range error of a millimetre would
+        change a wall's direction and turn the robot's heading by degrees.
         """
         wall, alpha = self.walls[i], self.normal_rad(i)
         c, s = math.cos(alpha), math.sin(alpha)
@@ -331,11 +337,12 @@ class WallMap:
         return rows, self.offset_m(i) - dx * c - dy * s, variance
 
     def _is_one(self, i: int, j: int) -> bool:
-        """Whether two walls with the same normal are one wall, seen at two places in line.
+        """Return True if two walls with one normal are one wall, measured at two places in line.
 
-        A place that only the ultrasonic saw, without a known direction, is one with a wall in line
-        if it lies within that wall's known part or a little beyond. A cupboard's front a little
-        before the wall is not part of it: the uncertainty of the step decides.
+        A place that only the ultrasonic sensor measured has no known direction. It belongs to a
+        wall in line with it if it lies within the known part of the wall or just beyond. The front
+        of a cupboard just before a wall is not part of the wall. The uncertainty of the step
+        between them decides.
         """
         if self.walls[i].seen_m < NEW_SPAN_M:
             i, j = j, i
@@ -365,7 +372,7 @@ class WallMap:
         )
 
     def _hides(self, i: int, measurement: LineMeasurement, pose: Pose2, innovation: Floats) -> bool:
-        """Whether a measurement can only be the wall itself: no other is seen there."""
+        """Return True if a measurement can only be this wall: no other is visible there."""
         if abs(innovation[0]) > SAME_RAD or abs(innovation[1]) > SAME_M:
             return False
         wall = self.walls[i]
@@ -407,7 +414,8 @@ class WallMap:
         sensor = pose.transform(mount.x_m, mount.y_m)
         ahead = measurement.range_m
         wall = Wall(sensor[0] + ahead * c, sensor[1] + ahead * s, -0.05, 0.05, 0.0, 1)
-        # The unknown direction turns about the place that was hit: ρ there does not feel it.
+        # A change of the unknown direction turns the wall about the hit point. There it does not
+        # change ρ.
         lever_x, lever_y = sensor[0] - pose.x_m, sensor[1] - pose.y_m
         by_theta = lever_x * s - lever_y * c  # of the range alone: 0 for a sensor on the axis
         rows = np.array([[0.0, 0.0, 1.0], [c, s, by_theta]])
@@ -424,7 +432,7 @@ class WallMap:
         self._square(len(self.walls) - 1)
 
     def _drop(self) -> None:
-        """Marginalise the wall with the fewest measurements."""
+        """Marginalise the wall with the smallest number of measurements."""
         i = min(
             range(len(self.walls)), key=lambda k: (self.walls[k].measurements, self.walls[k].seen_m)
         )
@@ -434,7 +442,7 @@ class WallMap:
         self._frames.count()
 
     def _square(self, i: int) -> None:
-        """Tie a wall's direction to that of the longest orthogonal wall."""
+        """Constrain a wall's direction to the direction of the longest orthogonal wall."""
         joint_covariance, alphas = self._ekf.joint_covariance, self._ekf.walls[::2]
         found = self._frames.partner(i, alphas, joint_covariance.p[STATES::2, STATES::2])
         if found is None:
@@ -447,6 +455,6 @@ class WallMap:
 
 
 def _along(wall: Wall, alpha: float, point: tuple[float, float]) -> float:
-    """Return the position of a point along the wall from its anchor, m."""
+    """Return the position of a point along the wall, m, relative to the wall's anchor point."""
     dx, dy = point[0] - wall.anchor_x_m, point[1] - wall.anchor_y_m
     return dy * math.cos(alpha) - dx * math.sin(alpha)

@@ -1,7 +1,7 @@
 """Measurements of flat walls: lines from the side infrared, distances from the ultrasonic sensor.
 
-A measurement is in the robot's frame at the time of its completion. Its hits are collected along
-the odometry, so that updates of the estimate do not bend the line.
+A measurement is in the robot's frame at the time when it is complete. Its hits are collected in the
+frame of the odometry, so that updates of the estimate do not bend the line.
 """
 
 from __future__ import annotations
@@ -17,26 +17,27 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount
 
 MIN_SPAN_M = 0.09
-"""Minimum length of a fitted line, m. When the robot moves to the next lane, by one cleaning width,
+"""Minimum length of a fitted line, m. When the robot moves by one cleaning width to the next lane,
 it measures 0.12 m of the wall."""
 MAX_SPAN_M = 0.40
 MIN_HITS = 7
 MAX_CHI2 = 11.0
-"""Maximum mean squared residual of a flat wall, per degree of freedom, after the estimated sensor
-noise is subtracted. If the sensor is noisier than assumed, the measurement gets less weight."""
+"""Maximum mean squared residual of a flat wall per degree of freedom, after subtraction of the
+estimated sensor noise. If the sensor is noisier than assumed, the measurement has less weight."""
 MAX_BOW_M = 0.003
-"""Maximum bow of a flat wall, m: a column of 0.7 m diameter bows 5 mm over 0.12 m."""
+"""Maximum bow of a flat wall, m. The surface of a column of 0.7 m diameter bows by 5 mm over 0.12
+m."""
 WANDER_BOW = 1.5 * 5.0 / math.sqrt(210.0)
-"""Ratio of the standard deviation of a flat wall's apparent bow to that of the lateral slip that
-causes it: 0.52. It is the second Legendre coefficient of a Brownian path."""
+"""Ratio of two standard deviations: the apparent bow of a flat wall, and the lateral slip that
+causes this bow. Its value is 0.52, from the second Legendre coefficient of a Brownian path."""
 JUMP_M = 0.012
 GAP_M, GAP_RAD = 0.08, math.radians(15.0)
-"""Maximum distance (m) and turn (rad) between two hits of a line. Beyond them the sensor may
-measure another wall."""
+"""Maximum distance (m) and turn (rad) between two hits of a line. Beyond these limits the sensor
+may measure another wall."""
 STEADY_RAD_S = 0.30
 MOVING_M_S = 0.02
 FLAT_M, FLAT_RAD = 0.0008, math.radians(0.07)
-"""Standard deviations (m, rad) that averaging does not reduce. Walls are not perfectly flat, and
+"""Standard deviations (m, rad) that averaging does not reduce: walls are not perfectly flat, and
 sensors are not perfectly aligned."""
 FRONT_HITS = 5
 """Number of ultrasonic readings for one measurement: 0.25 s at 20 Hz."""
@@ -45,28 +46,29 @@ FRONT_SPREAD_M = 0.025
 or two surfaces."""
 FRONT_SIGMA_M = 0.003
 _RANGE_SHARE = 0.43
-"""Mean ratio of the standard deviation of five normal values to their range."""
+"""Mean ratio of the standard deviation to the range (maximum minus minimum) of five normally
+distributed values."""
 CONE_SHARE = 0.005
-"""Standard deviation as a share of the range. The range is up to 0.9 % too long if a corner at the
-edge of the cone returns the echo."""
+"""Standard deviation of the measured range, as a share of the range. The range is up to 0.9 % too
+long if a corner at the edge of the cone returns the echo."""
 FRONT_MAX_M = 1.2
 FRONT_STEP_M = 0.03
-"""Minimum motion between two measurements, m. At rest the errors repeat."""
+"""Minimum motion between two measurements, m. At standstill the errors repeat."""
 
 
 class LineMeasurement(NamedTuple):
-    """A straight piece of wall, in the robot's frame."""
+    """A straight piece of a wall, in the robot's frame."""
 
     normal_rad: float
-    """Direction of the normal from the robot into the wall, rad."""
+    """Direction of the normal, which points from the robot into the wall, rad."""
     distance_m: float
     """Distance from the axle's centre along the normal, m."""
     var_normal: float
     covar: float
     var_distance: float
     low_m: float
-    """Start of the piece, m. Positions along the wall count from the foot of the normal. They
-    increase counter-clockwise as seen from the robot."""
+    """Start of the piece, m. Positions along the wall are measured from the foot of the normal.
+    They increase counter-clockwise, as seen from the robot."""
     high_m: float
     """End of the piece, m."""
 
@@ -90,7 +92,7 @@ class FrontMeasurement(NamedTuple):
     """A flat surface ahead of the ultrasonic sensor."""
 
     range_m: float
-    """Distance from the sensor along the surface's normal, m; the normal lies within the cone."""
+    """Distance from the sensor along the surface's normal, m. The normal is within the cone."""
     variance: float
 
 
@@ -103,18 +105,18 @@ class _Hit(NamedTuple):
 class SideMeasurement:
     """Collects the hits of one infrared sensor.
 
-    When the wall ends or the line is long enough, it fits a line to them.
+    It fits a line to the hits when the wall ends or the line is long enough.
     """
 
     def __init__(self, mount: RangerMount) -> None:
-        """Collect the hits of a sensor at this mount."""
+        """Collect the hits of a sensor with this mount."""
         self._mount = mount
         self._hits: list[_Hit] = []
         self._newest_m: deque[float] = deque(maxlen=3)
         """Newest readings of the line, m."""
         self._jumped = False
-        """True if the newest reading was dropped: one reading far off is noise, two are another
-        surface."""
+        """True if the newest reading was dropped. A single distant reading is noise; two in a row
+        are another surface."""
         self._last = Pose2(0.0, 0.0, 0.0)
         """Odometry at the last hit."""
 
@@ -127,11 +129,12 @@ class SideMeasurement:
         steady: bool,
         wander_m_sqrt_m: float = 0.0,
     ) -> LineMeasurement | None:
-        """Use a reading; return the measurement that it completes, if any.
+        """Use a reading. Return the measurement that it completes; None: not complete.
 
-        Readings in a quick turn are skipped. A short turn does not end the line, because a noisy
-        infrared sensor makes the robot turn to and fro along a wall. At a corner the robot turns
-        further in one direction. A turn above ``GAP_RAD`` between two hits ends the line.
+        Readings during a fast turn are ignored. A short turn does not end the line, because with a
+        noisy infrared sensor the robot often turns a little along a wall. At a corner the robot
+        turns farther in one direction. A turn of more than ``GAP_RAD`` between two hits ends the
+        line.
 
         ``wander_m_sqrt_m`` is the standard deviation of lateral slip, m per square root of the path
         in metres.
@@ -176,7 +179,7 @@ class SideMeasurement:
 
 
 def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineMeasurement | None:
-    """Fit a line by weighted total least squares; ``None`` if the hits are no flat wall."""
+    """Fit a line by weighted total least squares. Return None if the hits are not a flat wall."""
     total = sum(h.weight for h in hits)
     mean_x = sum(h.weight * h.x_m for h in hits) / total
     mean_y = sum(h.weight * h.y_m for h in hits) / total
@@ -185,7 +188,7 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
     sxy = sum(h.weight * (h.x_m - mean_x) * (h.y_m - mean_y) for h in hits)
     angle = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
     to_x, to_y = mean_x - odometry.x_m, mean_y - odometry.y_m
-    if to_y * math.cos(angle) - to_x * math.sin(angle) < 0.0:  # the normal, left of it, looks away
+    if to_y * math.cos(angle) - to_x * math.sin(angle) < 0.0:  # the normal points to the robot
         angle += math.pi
     c, s = math.cos(angle), math.sin(angle)
     along = [(h.x_m - mean_x) * c + (h.y_m - mean_y) * s for h in hits]
@@ -200,7 +203,7 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
     wander = WANDER_BOW * wander_m_sqrt_m * math.sqrt(high - low)
     if abs(bow) > max(MAX_BOW_M, 3.0 * math.hypot(noise, wander)):
         return None
-    # Distance along the wall: a turn about the hits' mean moves the normal's foot.
+    # Position along the wall: a rotation about the mean of the hits moves the foot of the normal.
     ahead = to_x * c + to_y * s
     var_angle = max(chi2, 1.0) / moment + FLAT_RAD**2
     return LineMeasurement(
@@ -215,10 +218,10 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
 
 
 def _noise_chi2(hits: list[_Hit], across: list[float]) -> float:
-    """Return the mean squared residual of the sensor's noise, from successive differences.
+    """Return the mean squared residual due to sensor noise, from successive differences.
 
-    Noise of one reading does not depend on the reading before; the shape of a surface does
-    (J. von Neumann, 1941).
+    The noise of successive readings is independent. The shape of the surface is not (J. von
+    Neumann, 1941).
     """
     squares = [
         hit.weight * (there - here) ** 2
@@ -241,10 +244,10 @@ def _bow(hits: list[_Hit], along: list[float], across: list[float]) -> tuple[flo
 
 
 class FrontMeasurements:
-    """Combines ultrasonic readings that agree with the driven path into one measurement."""
+    """Combines ultrasonic readings into one measurement if they agree with the driven path."""
 
     def __init__(self, mount: RangerMount) -> None:
-        """Combine readings of a sensor at this mount, which faces ahead."""
+        """Combine the readings of a sensor with this mount, which faces ahead."""
         self._mount = mount
         self._places: list[float] = []
         self._from = Pose2(0.0, 0.0, 0.0)
@@ -253,7 +256,10 @@ class FrontMeasurements:
     def add(
         self, odometry: Pose2, range_m: float | None, *, steady: bool
     ) -> FrontMeasurement | None:
-        """Take a reading at this odometry and return the measurement that it completes, if any."""
+        """Use a reading at this odometry pose.
+
+        Return the measurement that it completes; None: none.
+        """
         if range_m is None or not steady or not self._mount.min_range_m < range_m < FRONT_MAX_M:
             self._places.clear()
             return None

@@ -1,13 +1,13 @@
 """Distance and direction of a wall beside the robot, from successive readings of one sensor.
 
-One reading gives one distance. Readings along a path also give the direction. A Kalman filter has
-two states:
+One reading gives only a distance. Several readings along a path also give the direction. A Kalman
+filter estimates two states:
 
     d: distance from the axle's centre to the wall, along the wall's normal (m)
-    ψ: heading minus the wall's direction, positive if the robot points into the wall (rad)
+    ψ: heading minus the wall's direction (rad); positive: the robot points into the wall
 
-With u the side (+1 left, -1 right), a motion (ds ahead, dθ) gives ψ' = ψ + u·dθ and d' = d - ds·sin
-ψ. The beam leaves abeam from (mx, my); its hit lies on the wall where
+The side is u (+1 left, -1 right). A motion (ds ahead, dθ) gives ψ' = ψ + u·dθ and d' = d - ds·sin
+ψ. The beam starts sideways at (mx, my), with the range r. Its hit is on the wall if
 
     mx·sin ψ + (|my| + r)·cos ψ = d.
 """
@@ -21,25 +21,26 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount
 
 _NEAR_SIGMA_M = 0.0012
-"""Standard deviation of every reading, m: calibration, and the protocol's resolution of 1.25 mm."""
+"""Standard deviation of every reading, m: calibration error, and the protocol's resolution of 1.25
+mm."""
 _SIGMA_M = 0.0015
-"""Additional standard deviation of a reading at 10 cm, m. It grows with the square of the range
-(triangulation)."""
+"""Additional standard deviation of a reading at 10 cm, m. It grows with the square of the range,
+because the sensor triangulates."""
 _SIGMA_AT_M = 0.10
 _WAY_SIGMA = 0.02
-"""Standard deviation of d relative to the path. It covers the wheels and walls that are not
+"""Standard deviation of d, as a share of the path. It covers wheel errors and walls that are not
 flat."""
 _BEND_RAD_SQRT_M = 0.25
-"""Standard deviation of ψ per √m along a curved wall, rad. A column of 0.3 m radius turns by 0.4
-rad in 12 cm."""
+"""Standard deviation of ψ per √m along a curved wall, rad. Along a column of 0.3 m radius, the
+direction turns by 0.4 rad in 12 cm."""
 _FIRST_RAD = 0.3
 """Standard deviation of ψ for a new wall, rad."""
 MAX_YAW_RAD = math.radians(60.0)
-"""Maximum angle between beam and normal, rad. A flatter beam measures almost nothing."""
+"""Maximum angle between beam and normal, rad. A beam at a larger angle measures almost nothing."""
 
 
 def infrared_sigma_m(range_m: float) -> float:
-    """Return the standard deviation of a reading of a triangulating infrared, m."""
+    """Return the standard deviation of a reading of a triangulating infrared sensor, m."""
     return math.hypot(_NEAR_SIGMA_M, _SIGMA_M * (range_m / _SIGMA_AT_M) ** 2)
 
 
@@ -49,13 +50,13 @@ class WallTrack:
     __slots__ = ("_arm_m", "_pdd", "_pdy", "_pyy", "_reach_m", "distance_m", "yaw_rad")
 
     def __init__(self, mount: RangerMount) -> None:
-        """Track with a range sensor that faces sideways."""
+        """Create a filter for a range sensor that faces sideways."""
         self._reach_m = mount.x_m
         self._arm_m = abs(mount.y_m)
         self.clear()
 
     def clear(self) -> None:
-        """Forget the wall."""
+        """Remove the wall from the filter."""
         self.distance_m: float | None = None
         self.yaw_rad = 0.0
         self._pdd = self._pdy = self._pyy = 0.0
@@ -71,7 +72,7 @@ class WallTrack:
         return math.sqrt(self._pdd)
 
     def begin(self, range_m: float, yaw_rad: float = 0.0, sigma_rad: float = _FIRST_RAD) -> None:
-        """Begin with a reading of a wall whose direction is only roughly known."""
+        """Begin with a reading of a wall. The wall's direction is only roughly known."""
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         self.yaw_rad = yaw_rad
         self.distance_m = self._reach_m * s + (self._arm_m + range_m) * c
@@ -83,10 +84,10 @@ class WallTrack:
     def move(self, ahead_m: float, into_rad: float, min_m: float = 0.0) -> None:
         """Predict a motion of ``ahead_m``, m, and a turn of ``into_rad`` towards the wall, rad.
 
-        In contact, at ``min_m``, the robot moves along the wall. A constant distance then gives no
-        information about the direction. At a corner the robot may be closer than ``min_m`` to the
-        line of a wall that only begins there. The limit does not apply then, because no motion
-        reaches the line.
+        In contact, at the distance ``min_m``, the robot moves along the wall. A constant distance
+        then gives no information about the direction. At a corner the robot may be closer than
+        ``min_m`` to the line of a wall that begins beyond the corner. The limit does not apply
+        then, because the robot cannot reach that line.
         """
         if self.distance_m is None:
             return
@@ -101,14 +102,17 @@ class WallTrack:
         self._pyy += _BEND_RAD_SQRT_M**2 * way
 
     def expected_m(self) -> float | None:
-        """Expected reading, m; None: no wall, or the beam is too flat."""
+        """Expected reading, m; None: no wall, or the angle of the beam is too large."""
         if self.distance_m is None or abs(self.yaw_rad) > MAX_YAW_RAD:
             return None
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return (self.distance_m - self._reach_m * s) / c - self._arm_m
 
     def take(self, range_m: float, gate_sigmas: float, min_gate_m: float) -> bool:
-        """Update with a reading. Return False, without an update, if it is from another surface."""
+        """Update with a reading.
+
+        If the reading is of another surface, return False and do not update.
+        """
         expected = self.expected_m()
         if expected is None or self.distance_m is None:
             return False
