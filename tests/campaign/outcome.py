@@ -109,12 +109,12 @@ class Alarms:
         """For a disagreement over D: return whether the device's D is wrong by the truth too."""
         if "D_m" not in data or "for_s" not in data:
             return False
-        path_m = lane_way_m(self._poses, at_s - float(data["for_s"]), at_s)
+        path_m = lane_path_m(self._poses, at_s - float(data["for_s"]), at_s)
         off_m = abs(float(data["D_m"]) - path_m)
         return off_m > SuperviseSettings().disagreement.distance_m
 
 
-def lane_way_m(poses: list[tuple[float, Pose2]], begun_s: float, end_s: float) -> float:
+def lane_path_m(poses: list[tuple[float, Pose2]], begun_s: float, end_s: float) -> float:
     """Return the true length of a straight lane, m; nan if unknown."""
     within = [pose for at_s, pose in poses if begun_s <= at_s <= end_s]
     if not within:

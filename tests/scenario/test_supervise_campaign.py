@@ -10,7 +10,7 @@ from bridge.motion.geometry import Pose2
 from bridge.session.records import EventRecord, Severity, TruthRecord
 from bridge.supervise.settings import SuperviseSettings
 from campaign.hazards import HAZARDS, ROOMS
-from campaign.outcome import Alarm, Alarms, Job, Outcome, lane_way_m
+from campaign.outcome import Alarm, Alarms, Job, Outcome, lane_path_m
 from campaign.supervise import hazard_jobs, keep, kept_at, recalled, run
 from campaign.supervise_page import page
 from tools.cli.rooms import shipped_rooms
@@ -76,7 +76,7 @@ def test_an_alarm_about_d_is_compared_with_the_true_lane(reported_m: float, *, t
     sink.write(EventRecord(at_ns, Severity.INFO, "supervise", "disagreement", "", data))
     sink.write(EventRecord(at_ns, Severity.INFO, "supervise", "bump", "", {"count": 18}))
     assert [alarm.true for alarm in sink.found] == [true, False]
-    assert lane_way_m([], 0.0, 1.0) != lane_way_m([], 0.0, 1.0), "nan: not known"
+    assert lane_path_m([], 0.0, 1.0) != lane_path_m([], 0.0, 1.0), "nan: not known"
 
 
 def test_an_interrupted_campaign_continues(tmp_path: Path) -> None:

@@ -59,15 +59,15 @@ class SlipMonitor:
         "_excess_m",
         "_mean",
         "_nominal_m",
+        "_path_m",
         "_turn_m",
-        "_way_m",
         "_windows",
         "variance_per_m",
     )
 
     def __init__(self, along_m_sqrt_m: float) -> None:
         """Begin with a standard deviation, m/√m. It has the weight of about 2 m of path."""
-        self._way_m = self._excess_m = self._turn_m = 0.0
+        self._path_m = self._excess_m = self._turn_m = 0.0
         self._mean = 0.0
         self._windows = 0
         self._nominal_m = along_m_sqrt_m
@@ -92,22 +92,22 @@ class SlipMonitor:
 
     def update(self, left_m: float, right_m: float, turn_m: float) -> None:
         """Use the wheels' paths, and the gyro's turn times the wheel base; all in m."""
-        self._way_m += 0.5 * abs(left_m + right_m)
+        self._path_m += 0.5 * abs(left_m + right_m)
         self._excess_m += right_m - left_m - turn_m
         self._turn_m += abs(turn_m)
-        if self._way_m < _WINDOW_M:
+        if self._path_m < _WINDOW_M:
             if self._turn_m > _WINDOW_M:
-                self._way_m = self._excess_m = self._turn_m = 0.0
+                self._path_m = self._excess_m = self._turn_m = 0.0
             return
-        if self._turn_m < _STRAIGHT_SHARE * self._way_m:
-            rate = self._excess_m / self._way_m  # constant if the wheels differ in size
+        if self._turn_m < _STRAIGHT_SHARE * self._path_m:
+            rate = self._excess_m / self._path_m  # constant if the wheels differ in size
             self._windows += 1
             self._mean += max(1.0 / self._windows, _MEAN_SHARE) * (rate - self._mean)
             if self._windows > 1:
                 # The mean of both wheels has half the standard deviation of their difference.
-                off = 0.5 * (rate - self._mean) * self._way_m
-                self.variance_per_m += _SHARE * (off * off / self._way_m - self.variance_per_m)
-        self._way_m = self._excess_m = self._turn_m = 0.0
+                off = 0.5 * (rate - self._mean) * self._path_m
+                self.variance_per_m += _SHARE * (off * off / self._path_m - self.variance_per_m)
+        self._path_m = self._excess_m = self._turn_m = 0.0
 
 
 class RangingNoise:
