@@ -8,7 +8,7 @@ from protocol.messages.device import Hello
 from protocol.messages.values import Capability, ResetCause
 
 NAME = "virtual sweeper"
-VERSION = (0, 1, 0)
+VERSION = (0, 2, 0)
 CAPABILITIES = (
     Capability.ENCODERS
     | Capability.IMU
