@@ -119,6 +119,7 @@ static void the_bus_where_the_clock_is_good(void)
     CHECK((RCC->pllcfgr & (RCC_PLLCFGR_SRC_HSE | 0x3Fu)) == (RCC_PLLCFGR_SRC_HSE | BOARD_HSE_MHZ));
     CHECK(((RCC->cr & RCC_CR_HSEBYP) != 0) == BOARD_HSE_BYPASS);
     CHECK((DBGMCU_APB1_FZ & DBGMCU_APB1_FZ_IWDG) != 0);
+    CHECK((GPIO(PORT_A)->moder >> 24 & 3u) == 1u); /* PA12 is an output: ES0206 */
 }
 
 /* ---- flash ---------------------------------------------------------------------------------- */
@@ -244,13 +245,23 @@ static void the_sensor_is_set_up(void)
     }
 }
 
+/* The last stop has been sent, and the pin reports a new sample. */
+static void data_ready(void)
+{
+    I2C1->cr1 &= ~I2C_CR1_STOP;
+    exti9_5_handler();
+}
+
 static const uint8_t level[14] = {0, 1, 0, 2, 0x40, 0, 0, 3, 0, 4, 0, 5, 0, 6};
 
 static void a_sample_is_stamped_by_its_pin(void)
 {
     board_imu_t imu;
-    clock_us = 500000;
+    CHECK((I2C1->cr1 & I2C_CR1_STOP) != 0);
     exti9_5_handler();
+    CHECK(!started()); /* the stop is not yet sent */
+    clock_us = 500000;
+    data_ready();
     CHECK(asked_for() == 0x3B);
     answers(level, sizeof level);
     board_imu(NULL, &imu);
@@ -263,7 +274,7 @@ static void a_sample_that_begins_under_the_tick_goes_on(void)
 {
     board_imu_t imu;
     clock_us += 9000;
-    before_masking = exti9_5_handler;
+    before_masking = data_ready;
     const uint32_t from_us = clock_us;
     imu_millisecond();
     CHECK(asked_for() == 0x3B);
@@ -276,7 +287,7 @@ static void only_a_bus_error_is_spurious(void)
 {
     board_imu_t imu;
     clock_us += 9000;
-    exti9_5_handler();
+    data_ready();
     CHECK(asked_for() == 0x3B);
     I2C1->sr1 = I2C_SR1_BERR;
     i2c1_error_handler();
@@ -286,7 +297,7 @@ static void only_a_bus_error_is_spurious(void)
     board_imu(NULL, &imu);
     CHECK(from_us - imu.sampled_us < 100);
     clock_us += 9000;
-    exti9_5_handler();
+    data_ready();
     CHECK(asked_for() == 0x3B);
     I2C1->sr1 = 1u << 10; /* no acknowledge: there is no sensor */
     i2c1_error_handler();

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "board.h"
+#include "flash_store.h"
 #include "inbox.h"
 #include "line.h"
 #include "period.h"
@@ -26,6 +27,8 @@ static struct {
     size_t can_room;
     size_t can_written;
     sp_can_frame_t can_last;
+    unsigned flash_wait; /* calls until the flash is idle */
+    unsigned erased;
 } parts;
 
 uint32_t board_now_us(board_t *board) { return 1000; }
@@ -47,6 +50,30 @@ bool board_can_write(board_t *board, const sp_can_frame_t *frame)
     parts.can_written++;
     parts.can_last = *frame;
     return true;
+}
+
+const uint8_t *board_flash_page(board_t *board, unsigned page) { return NULL; }
+
+void board_flash_erase(board_t *board, unsigned page)
+{
+    CHECK(parts.flash_wait == 0);
+    parts.erased++;
+    parts.flash_wait = 3;
+}
+
+void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length)
+{
+}
+
+bool board_flash_busy(board_t *board) { return parts.flash_wait != 0; }
+void board_watchdog_feed(board_t *board) { parts.flash_wait--; }
+
+/* A factory reset waits for a save that still runs: the chip ignores an erase while it is busy. */
+static void a_factory_reset_waits_for_the_flash(void)
+{
+    parts.flash_wait = 5;
+    flash_store_erase(NULL);
+    CHECK(parts.erased == BOARD_FLASH_PAGES && parts.flash_wait == 0);
 }
 
 /* A zero keeps the time of its interrupt, however late the main loop reads it. */
@@ -255,6 +282,7 @@ static void missed_periods_lose_nothing(void)
 int main(void)
 {
     missed_periods_lose_nothing();
+    a_factory_reset_waits_for_the_flash();
     zeros_keep_their_moment();
     a_full_inbox_drops();
     can_frames_wait_in_order();

@@ -118,6 +118,9 @@ flash_result_t flash_store_step(flash_store_t *store, board_t *board)
 
 void flash_store_erase(board_t *board)
 {
+    while (board_flash_busy(board)) { /* a save that was accepted after the reboot command */
+        board_watchdog_feed(board);
+    }
     for (unsigned page = 0; page < BOARD_FLASH_PAGES; page++) {
         board_flash_erase(board, page);
         while (board_flash_busy(board)) {

@@ -17,6 +17,8 @@ firmware_t *device;
 static board_identity_t identity;
 static uint32_t slept_us;
 
+#define UNUSABLE PORT_A, 12
+
 /* A debugger's halt stops the watchdog too (38.16.4), and the motors then keep their last duty:
  * debug with the wheels off the floor. */
 static void watchdog_start(void) {
@@ -32,6 +34,10 @@ void board_start(firmware_t *firmware) {
     device = firmware;
     const bool precise = clocks_start();
     motors_start(); /* first of all: the bridges' inputs are low */
+    /* ES0206, "PA12 GPIO limitation" (revisions before 3): a signal at PA12 can corrupt data that
+     * is read from flash. So the pin is an output and low, and nothing may be connected to it. */
+    pin_write(UNUSABLE, false);
+    pin_output(UNUSABLE);
     identity.reset_cause = reset_cause();
     identity.crash = startup_take_crash();
     if (identity.reset_cause != SP_RESET_CAUSE_SOFTWARE) {

@@ -92,7 +92,8 @@ static void begin(uint32_t now_us, phase_t first) {
 void exti9_5_handler(void) {
     EXTI->pr = 1u << DATA_READY;
     ready_us = uptime_us();
-    if (phase == REST && identified && setting == SETTINGS) {
+    /* 27.6.1: no write to CR1 before the last STOP was sent. The poll below then reads the sample. */
+    if (phase == REST && identified && setting == SETTINGS && (I2C1->cr1 & I2C_CR1_STOP) == 0) {
         stamp_us = ready_us;
         begin(ready_us, WRITING);
     }
@@ -169,6 +170,7 @@ void dma1_stream0_handler(void) {
 
 static void restart(void) {
     DMA1->stream[0].cr = 0;
+    I2C1->cr1 = 0; /* the peripheral itself must not hold SDA low during the clocks */
     bus_free();
     failed = identified = false;
     setting = 0;
