@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 AT_ONCE = 8
-"""Maximum number of parameter requests at once: half of the replies that a device remembers."""
+"""Maximum number of open parameter requests. It is half of the number of replies that a device
+stores."""
 _TRIES = 3
 """Number of requests for a parameter. Its value may be lost although its acknowledgement
 arrives."""
@@ -105,7 +106,8 @@ class Exchange(Protocol):
         """Run ``begin`` in the session's thread and wait until it calls its argument.
 
         Raises:
-            DeviceLostError: no call in time; the text names the command ``what``.
+            DeviceLostError: the argument was not called in time; the text names the command
+                ``what``.
 
         """
 

@@ -68,7 +68,7 @@ def release(runner: object) -> None:
 
 @runtime_checkable
 class Planned(Protocol):
-    """A runner that reports whether a plan drives the robot. An operator may drive it instead."""
+    """A runner that reports whether a plan or an operator drives the robot."""
 
     @property
     def follows_plan(self) -> bool:

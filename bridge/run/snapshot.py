@@ -1,7 +1,7 @@
 """Immutable state of a robot, for other threads and processes.
 
-The loop replaces its :class:`Snapshot` as a whole and never changes one. Other threads read the
-newest one, not the host. Its attributes have the names of the host's.
+The loop replaces its :class:`Snapshot` as a whole and never changes it. Other threads read the
+newest snapshot instead of the host. Its attributes have the same names as the host's attributes.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class MissionSnapshot(NamedTuple):
     ending: Ending | None
     runner: RunnerSnapshot | None
     asking: bool
-    """The device is back, and the operator must decide whether to continue."""
+    """The device has returned, and the operator must decide whether the run continues."""
     link: LinkTrouble | None
     """Reason why the link allows no motion; None: motion is allowed."""
     ends_s: float | None
@@ -127,7 +127,7 @@ class Swept(Protocol):
     """The swept floor, for drawing."""
 
     revision: int
-    """Grows with every change."""
+    """Number that increases with every change."""
 
     @property
     def swept_m2(self) -> float:
@@ -153,7 +153,7 @@ class Snapshot(NamedTuple):
     holding: bool
     """Supervision has paused the run until the operator continues it."""
     swept: Swept
-    """The loop's own map: other threads may only copy it and read its area."""
+    """The loop's own map. Other threads may only copy it and read its area."""
 
 
 def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
@@ -217,7 +217,7 @@ def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
 
 
 def _counters(counters: LinkCounters) -> dict[str, int | None]:
-    """Return the device's counters by name; None for one that an older device lacks."""
+    """Return the device's counters by name; a counter is None if an older device lacks it."""
     names = [field.name for field in CATALOGUE.spec(LinkCounters).fields]
     return dict(zip(names, counters, strict=True))
 
