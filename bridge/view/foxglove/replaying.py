@@ -29,7 +29,7 @@ class LogFeed:
         tap.begin()
 
     def take(self, messages: Sequence[LogMessage]) -> None:
-        """Pass messages on."""
+        """Pass messages to the tap."""
         for begin in range(0, len(messages), _MAX_MESSAGES):
             declared: list[bytes] = []
             part = messages[begin : begin + _MAX_MESSAGES]
