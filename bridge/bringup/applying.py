@@ -1,4 +1,4 @@
-"""Writes a confirmed calibration to the device."""
+"""Writing of a confirmed calibration to the device."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Change:
     parameter: str
     """Name of the device's parameter."""
     key: str
-    """Key in the robot file; a key of a table has a dot: ``ultrasonic.scale``."""
+    """Key in the robot file. A key in a table has a dot, as in ``ultrasonic.scale``."""
     unit: str
     old: float
     new: float
@@ -44,7 +44,7 @@ class Applied:
 
 
 def set_on_device(session: BringupSession, changes: Sequence[Change]) -> Applied:
-    """Set and save the parameters; return which were set and which the device lacks.
+    """Set and save the parameters; return the parameters that were set and that the device lacks.
 
     Raises:
         BridgeError: a value is out of range, or the device rejected it or was lost.
