@@ -172,7 +172,7 @@ class Drivable(Protocol):
 
 
 class OwnPlanner:
-    """The device's own planner, without supervision; ``sweepctl connect --supervise`` has it.
+    """The device's own planner. Only ``sweepctl connect --supervise`` supervises it.
 
     Every method raises :class:`CommandRejectedError` if the device rejects the command, and
     :class:`DeviceLostError` if the device does not answer.

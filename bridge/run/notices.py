@@ -36,8 +36,7 @@ class NoticeKind(StrEnum):
     STOPPED_FOR_SAFETY = "stopped-for-safety"
     """The device has latched a stop other than a clean end, or the run ended with exit status 5."""
     BATTERY_LOW = "battery-low"
-    """The battery voltage is below a limit of the supervision rule ``battery``; at most once per
-    run."""
+    """The battery's voltage is low, by the supervision rule `battery`; at most once per run."""
     DEVICE_LOST = "device-lost"
     """The device is silent or its port is gone; the run searches for it again."""
 

@@ -115,7 +115,7 @@ class StallRule(Rule):
 
 @dataclass(frozen=True, slots=True)
 class SlipRule(Rule):
-    """The wheels measure another motion than the gyro or the ultrasonic sensor."""
+    """The motion by the wheels differs from that by gyro or ultrasonic sensor."""
 
     reaction: Level = Level.SLOW
     after_s: float = _after(0.3)
@@ -223,7 +223,7 @@ class FenceRule(Rule):
 
 @dataclass(frozen=True, slots=True)
 class DisagreementRule(Rule):
-    """The device's planner reports values that contradict the measured values."""
+    """The device's planner reports values that contradict the measured ones."""
 
     reaction: Level = Level.PAUSE
     then_s: float = _then(5.0)
