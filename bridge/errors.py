@@ -27,7 +27,7 @@ class Remedy(Enum):
 
 
 class BridgeError(Exception):
-    """Base of all errors that the host raises on purpose."""
+    """Base class of all errors that the host raises itself."""
 
     exit_status = 1
     remedy: Remedy | None = None

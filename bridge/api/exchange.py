@@ -67,7 +67,7 @@ class LoopExchange:
 
         Raises:
             DeviceLostError: the loop has ended or does not respond.
-            Exception: whatever ``action`` raises.
+            Exception: any exception of ``action``.
 
         """
         answer = self._call(action)

@@ -25,7 +25,7 @@ class Change:
 
     @property
     def line(self) -> str:
-        """The change as a line for people."""
+        """Return the change as a line for people."""
         share = "" if self.old == 0.0 else f" ({100 * (self.new / self.old - 1):+.3f} %)"
         unit = "" if self.unit == "ratio" else f" {self.unit}"
         return f"{self.parameter}: {self.old:.7g} -> {self.new:.7g}{unit}{share}"

@@ -97,7 +97,7 @@ class FirstPower:
         self._clear_stop = clear_stop
 
     def results(self) -> Iterator[CheckResult]:
-        """Run the checks in order, and yield their results up to the first that is not passed.
+        """Run the checks in order. Yield their results, and stop after a check that is not passed.
 
         Raises:
             DeviceLostError: the device was lost.

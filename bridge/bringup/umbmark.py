@@ -13,7 +13,7 @@ numbers. So the equations are listed here by their result, in the order of the d
   α = (y_cw - y_ccw)/(-4L), β = (y_cw + y_ccw)/(-4L); the two are averaged;
 - the arc's radius R = (L/2)/sin(β/2), hence E_d = (R + b/2)/(R - b/2);
 - E_b = 90°/(90° - α);
-- the correction keeps the mean diameter: c_l = 2/(E_d + 1), c_r = 2/(1/E_d + 1).
+- the correction does not change the mean diameter: c_l = 2/(E_d + 1), c_r = 2/(1/E_d + 1).
 
 These equations are of first order. For errors of 1 %, the remaining error of E_b is a few tenths of
 a per cent. ``refine`` starts from their result and fits E_d and E_b to the same ε. It integrates

@@ -71,7 +71,7 @@ def _turn(came: _Corner, step: _Corner) -> int:
 def simplified(polygon: Sequence[Point], tolerance_m: float) -> Polygon:
     """Remove corners within a tolerance of the remaining outline (Douglas and Peucker).
 
-    A polygon that would vanish, such as a single cell of a map, is kept unchanged.
+    If no area would remain, for example of a single cell, the polygon is not changed.
     """
     points = np.asarray(polygon, dtype=np.float64)
     whole = tuple((float(x), float(y)) for x, y in points)

@@ -534,7 +534,9 @@ class _Recoverer:
         self._keep(offset, record, content, parts if is_sound else None)
 
     def _content(self, parts: ChunkParts) -> tuple[bytes, bool]:
-        """Unpack a chunk with a valid CRC. Also return True if its packed bytes can be copied.
+        """Unpack a chunk with a valid CRC.
+
+        The second value is True if its packed bytes can be copied.
 
         Raises:
             Exception: any error that the libraries raise on damage.

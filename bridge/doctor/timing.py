@@ -260,7 +260,7 @@ def _grown(trips: list[tuple[float, float]], at_s: float) -> float | None:
 
 
 def _robust_slope(x: Floats, y: Floats) -> float:
-    """Return the median slope between points half the span apart (a thinned Theil-Sen fit)."""
+    """Return the median slope of point pairs half the span apart (a reduced Theil-Sen fit)."""
     half = len(x) // 2
     return float(np.median((y[half:] - y[: len(y) - half]) / (x[half:] - x[: len(x) - half])))
 
@@ -269,10 +269,10 @@ def _slope_error(x: Floats, y: Floats, slope: float) -> float | None:
     """Return the uncertainty of the slope; None for too few points.
 
     σ follows from the median of the residuals. Each of the n/2 pairs has an error of √2·σ over half
-    the span. The error of their median is smaller by the factor 1.25/√(n/2). Correlated residuals
-    do not average out. An example is the beat between a host that reads every millisecond and the
-    device's stamps. So the uncertainty is at least 1.5 times the range of the residuals over the
-    span. The factor is 1.5, because the fit has reduced that range.
+    the span. The error of their median is 1.25/√(n/2) times this error. Correlated residuals do not
+    average out. An example is the beat between a host that reads every millisecond and the device's
+    stamps. So the uncertainty is at least 1.5 times the range of the residuals over the span. The
+    factor is 1.5, because the fit has reduced that range.
     """
     count = len(x)
     if count < DRIFT_BUCKETS:

@@ -1,6 +1,6 @@
 """Examination of a link's bytes: frames, damage, losses, round trips and boots.
 
-It uses every byte of both directions with its time. It keeps statistics, not the bytes.
+It uses every byte of both directions with its time. It stores statistics, not the bytes.
 """
 
 from __future__ import annotations

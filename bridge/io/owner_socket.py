@@ -332,7 +332,7 @@ class OwnerSocket:
             client.requests.append(request if isinstance(request, dict) else None)
 
     def _serve_done(self) -> None:
-        """Continue with the clients whose answers are sent."""
+        """Continue with the clients to which an answer was sent."""
         with suppress(IndexError):
             while True:
                 client, kind = self._done.popleft()

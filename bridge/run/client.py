@@ -66,7 +66,7 @@ R = TypeVar("R")
 
 @contextmanager
 def noted(what: str | None) -> Iterator[None]:
-    """Add a note to Ctrl-C that the result of command ``what`` is unknown; None: no note."""
+    """On Ctrl-C, add the note that the result of command ``what`` is unknown; None: no note."""
     try:
         yield
     except KeyboardInterrupt as error:
@@ -98,7 +98,7 @@ class Exchange(Protocol):
 
         Raises:
             DeviceLostError: the session's thread has ended or does not respond.
-            Exception: whatever ``action`` raises.
+            Exception: any exception of ``action``.
 
         """
 

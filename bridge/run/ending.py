@@ -63,7 +63,7 @@ CRASH_CAUSE = StopCause.SUPERVISE
 
 
 def crash_ending(error: BaseException, cause: StopCause, confirmed: StopCause | None) -> Ending:
-    """Return the end of a run whose loop failed; ``confirmed`` is None without a device."""
+    """Return the end of a run after its loop failed; ``confirmed`` is None without a device."""
     if confirmed is None:
         how = "no device was connected"
     elif confirmed < cause:

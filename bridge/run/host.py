@@ -151,15 +151,15 @@ class Host:
         self._counted_ns = 0
         """Time of the last copy of the link's counts."""
         self._slow = False
-        """The last check found the link too slow for motion."""
+        """True if the link was too slow for motion at the last check."""
         self.mission.link = self.session.round_trip.trouble(HostNs(0))
         self._jumps = 0
         """Number of jumps of the device's clock that the estimator has handled."""
         self._missing: list[str] = []
-        """Messages that driving requires and the device lacks."""
+        """Names of the messages that driving requires but the device lacks."""
         self._imu = ImuReader()
         self._partial = True
-        """Messages may lack fields that the host expects."""
+        """True if messages may lack fields that the host expects."""
         self._listeners: dict[type[Message], Callable[[Any, DeviceUs, HostNs], None]] = {
             Imu: self.localisation.imu,
             Encoders: self.localisation.encoders,
@@ -210,7 +210,7 @@ class Host:
         self.wire.queue((events, now_ns))
 
     def poll(self, now_ns: HostNs) -> None:
-        """Do what is due at ``now_ns``, including the control step."""
+        """Handle all due tasks at ``now_ns``, including the control step."""
         events = self.session.poll(now_ns)
         if events:
             self._digest(events, now_ns)

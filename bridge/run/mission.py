@@ -86,7 +86,7 @@ _BEFORE_MOTION = {Phase.WAITING, Phase.CLEARING, Phase.ENABLING, Phase.SETTLING}
 
 
 def _too_slow(link: LinkTrouble) -> Ending:
-    """Return the end of a run whose link does not allow motion."""
+    """Return the end of a run because its link does not allow motion."""
     return Ending("stopped", link.text, 5, StopCause.LINK)
 
 
@@ -122,15 +122,16 @@ class Mission:
         self.confirmed = StopCause.NONE
         """Highest cause of the stops that the device has confirmed at the run's end."""
         self.signed = False
-        """Commands are signed with a key. The key may differ from the device's key."""
+        """True if commands are signed with a key. The key may differ from the device's key."""
         self.link: LinkTrouble | None = None
         """Reason why the link allows no motion; the host updates it at each control step."""
         self.asking = False
-        """The device has returned, and the operator must decide whether the run continues."""
+        """True if the device has returned and the operator must decide whether the run
+        continues."""
         self._resume = resume
         self._resumed = False
-        """The operator has continued the run, so the stop that the device latched at the loss may
-        be cleared."""
+        """True if the operator has continued the run. Then the stop that the device latched at the
+        loss may be cleared."""
         self._clear_any = clear_stop
         self._max_time_s = max_time_s
         self._at_rest_s = at_rest_s
@@ -142,7 +143,7 @@ class Mission:
         self._ready = False
         self._was_ready = False
         self._latched = False
-        """The device's newest status has a latched stop."""
+        """True if the device's newest status has a latched stop."""
         self.pending: list[Request] = []
         """Requests that are not fetched yet. Public because the loop checks it in every pass."""
 
@@ -385,7 +386,7 @@ class Mission:
         self._finish(now_s)
 
     def _await_quicker(self, link: LinkTrouble, now_s: float) -> None:
-        """End a run whose link stays too slow before the first move."""
+        """End the run if the link stays too slow before the first move."""
         if self.runner is None or not self._ready or self.phase not in _BEFORE_MOTION:
             self._slow_s = None
         elif self._slow_s is None:

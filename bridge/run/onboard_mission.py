@@ -1,7 +1,7 @@
 """Run in which the device's own planner drives; the host starts, monitors and ends it.
 
-The host sends no velocity. It keeps the session alive, estimates the pose from telemetry as in any
-run, and ends the run when the device's planner ends or on request.
+The host sends no velocity. It keeps the session open and estimates the pose from telemetry, as in
+any run. It ends the run on request, or when the device's planner has ended.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ _NEEDED: dict[type[Message], int] = {
     ClearStop: 2,
     SetMode: 2,
 }
-"""Messages that the host needs in order to drive, with the number of leading fields that it reads.
+"""Messages that the host requires for driving, with the number of leading fields that it reads.
 """
 _READ: dict[type[Message], int] = {**_NEEDED, Power: 1, LogText: 2}
 """Messages that the host reads, with the number of leading fields; all others are only recorded."""

@@ -48,7 +48,7 @@ class Pausable(Protocol):
     """A runner that can pause its plan."""
 
     def pause(self) -> None:
-        """Stop moving and keep the plan."""
+        """Stop the robot; the plan can be continued later."""
 
     def resume(self) -> None:
         """Continue the plan."""

@@ -59,7 +59,7 @@ class StateSnapshot(NamedTuple):
     """Numbers of frames that the device has received and dropped."""
 
     def newest(self, kind: type[M]) -> M | None:
-        """Return the newest message of a plug-in's class; None before the first."""
+        """Return the newest message of a plug-in's class; None if none has arrived."""
         message = self.plugged.get(kind)
         return message if isinstance(message, kind) else None
 
@@ -79,7 +79,7 @@ class MissionSnapshot(NamedTuple):
     ending: Ending | None
     runner: RunnerSnapshot | None
     asking: bool
-    """The device has returned, and the operator must decide whether the run continues."""
+    """True if the device has returned and the operator must decide whether the run continues."""
     link: LinkTrouble | None
     """Reason why the link allows no motion; None: motion is allowed."""
     ends_s: float | None
@@ -105,7 +105,7 @@ class SessionSnapshot(NamedTuple):
     node: int | None
     link: LinkSnapshot
     signs: bool
-    """Motion commands are signed: a key is set and its challenge has arrived."""
+    """True if motion commands are signed: a key is set and its challenge has arrived."""
 
 
 class EstimatorSnapshot(NamedTuple):
@@ -151,7 +151,7 @@ class Snapshot(NamedTuple):
     hello: Hello | None
     path_m: float
     holding: bool
-    """Supervision has paused the run until the operator continues it."""
+    """True if supervision has paused the run. The operator must continue it."""
     swept: Swept
     """The loop's own map. Other threads may only copy it and read its area."""
 

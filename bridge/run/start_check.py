@@ -32,7 +32,7 @@ _BEHIND_M = 0.01
 """Minimum distance of a hidden wall behind the wall that hides it, m."""
 _RAYS = 15
 """Number of rays that cover the ultrasonic cone and the heading error. They are 2° apart for a cone
-of ±15°."""
+of 15°."""
 
 
 def contradictions(
@@ -41,7 +41,7 @@ def contradictions(
     pose: Pose2,
     readings: Sequence[tuple[Reading, Reading, Reading]],
 ) -> list[str]:
-    """Return the sensors whose samples cannot come from ``pose``, each with both distances.
+    """Return the sensors that contradict ``pose``, each with measured and expected distance.
 
     Args:
         plan: The room.
@@ -130,7 +130,7 @@ def _ray_m(origin: Point, heading: float, a: Point, b: Point) -> float:
 
 
 def _square(origin: Point, heading: float, half: float, a: Point, b: Point) -> tuple[float, float]:
-    """Return distance and direction of a wall whose normal is well inside the cone, or ``inf``."""
+    """Return distance and direction of a wall with its normal well inside the cone, or ``inf``."""
     ex, ey = b[0] - a[0], b[1] - a[1]
     length2 = ex * ex + ey * ey
     if length2 == 0.0:

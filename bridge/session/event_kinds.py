@@ -1,7 +1,7 @@
 """Kinds of the events that a host records in the topic ``/events``; they are codes for programs.
 
-The text of an event is for people and may change, so no program compares it. Four sources define
-their own kinds. ``planner`` records a planner's decisions, ``supervise`` a rule's findings;
+The text of an event is for people and may change, so programs must not compare it. Four sources
+define their own kinds. ``planner`` records a planner's decisions, ``supervise`` a rule's findings;
 plug-ins may add kinds to both. ``estimator`` has the kinds of
 :class:`~bridge.motion.estimation.disturbance.DisturbanceKind`. ``fault`` has the emulator's faults.
 """

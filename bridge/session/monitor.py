@@ -79,7 +79,7 @@ class TypeCount:
 
 
 class Monitor:
-    """Decodes both directions of a link and keeps counts."""
+    """Decodes both directions of a link and counts the messages."""
 
     def __init__(
         self,
@@ -89,7 +89,9 @@ class Monitor:
         node: int | None = None,
         catalogue: Catalogue = CATALOGUE,
     ) -> None:
-        """Create a monitor. It counts all messages and returns those in ``types`` (empty: all).
+        """Create a monitor.
+
+        It counts all messages, but returns only messages in ``types`` (empty: all).
 
         Raises:
             UnknownTypeError: the catalogue has no message of a name in ``types``.
@@ -124,7 +126,7 @@ class Monitor:
         self._now_ns = now_ns
         self.bytes += len(data)
         found: list[Seen] = []
-        # Split at frame ends, so that both directions keep their order.
+        # Split at frame ends, so that the frames of both directions stay in order.
         for chunk in _cuts(data, self._device_link.medium):
             events = self._device_link.receive(chunk, now_ns // 1000)
             # The first link reports damaged and unknown frames. The second link would report them

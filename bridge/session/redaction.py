@@ -88,7 +88,7 @@ class KeyRedactor:
 
 
 def _redacted(piece: bytes) -> bytes:
-    """Return a frame of equal length that keeps only the header."""
+    """Return a frame of equal length with the original header and filler bytes."""
     try:
         body = cobs.decode(piece)
     except cobs.DecodeError:

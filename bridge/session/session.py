@@ -121,15 +121,15 @@ class Session:
         self._name = name
         self._negotiation = SchemaNegotiation(catalogue, made)
         self._joined = False
-        """The device has confirmed this session."""
+        """True if the device has confirmed this session."""
         self._pace = Pace(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
         self._greeted = False
-        """The host's hello of this handshake is sent. If False, the hello waits for the rate
-        limit."""
+        """True if the host's hello of this handshake is sent. If False, the hello waits for the
+        rate limit."""
         self._renew = False
-        """The next handshake gets a new session id."""
+        """True if the next handshake needs a new session id."""
         self._restless = False
-        """The device restarts so often that handshakes are rate-limited."""
+        """True if the device restarts so often that handshakes are rate-limited."""
         self._answers = Answers()
         self._opened_ns = 0
         self._next_ns = 0
@@ -142,7 +142,7 @@ class Session:
         self._outbox = Outbox(made, node)
         self._catalogue = catalogue
         self._open_stop: int | None = None
-        """Highest cause of an unconfirmed stop; kept while the link is lost."""
+        """Highest cause of an unconfirmed stop. It is not cleared if the link is lost."""
         self._pings = 0
         self.round_trip = RoundTrip()
         """Round-trip times since the session became ready."""

@@ -255,7 +255,7 @@ def _around(corners: list[tuple[int, int]], at_us: int, base_ns: int) -> list[tu
 def _slopes(
     upper: list[tuple[float, float]], lower: list[tuple[float, float]]
 ) -> tuple[float, float]:
-    """Return the minimum and maximum drift of a line that meets all constraints."""
+    """Return the minimum and maximum drift of the lines that satisfy all constraints."""
     fast = MAX_DRIFT_PPM * 1e-6
     slow = -fast
     for upper_at, upper_ns in upper:

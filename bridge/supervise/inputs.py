@@ -72,7 +72,7 @@ class RuleInputs(NamedTuple):
     """Newest message of each class of a plug-in."""
 
     def newest(self, kind: type[M]) -> M | None:
-        """Return the newest message of a plug-in's class; None before the first."""
+        """Return the newest message of a plug-in's class; None if none has arrived."""
         message = self.plugged.get(kind)
         return message if isinstance(message, kind) else None
 
@@ -88,4 +88,4 @@ class Reaction(NamedTuple):
     data: dict[str, Scalar]
     """Measured values."""
     factor: float = 1.0
-    """For ``SLOW``: factor of all speeds."""
+    """Factor of all speeds, if the reaction is ``SLOW``."""

@@ -38,7 +38,7 @@ Point = tuple[float, float]
 
 
 class Level(enum.IntEnum):
-    """Severity of a reaction; a higher level includes the lower ones."""
+    """Severity of a reaction; a higher level includes the lower levels."""
 
     OFF = 0
     """The rule is off."""
@@ -304,7 +304,7 @@ limited = _in
 
 @functools.cache
 def default_settings() -> SuperviseSettings:
-    """Return the defaults of every rule: the project's own, and those of plug-ins."""
+    """Return the defaults of every rule: the project's own rules, and the rules of plug-ins."""
     own = {field.name for field in dataclasses.fields(SuperviseSettings)}
     made: list[tuple[str, type, Any]] = []
     for plugin, kind in sweepctl_plugins.usable("rules"):

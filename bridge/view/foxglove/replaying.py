@@ -1,4 +1,4 @@
-"""Feeds the messages of a recorded log to the live server."""
+"""Transfer of a recorded log's messages to the live server."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def draw_run(log: Path, png: Path) -> Path:
         frameon=False,
         fontsize=9,
     )
-    write(png, as_png(figure, dpi=120))  # a PNG, whatever the file's suffix is
+    write(png, as_png(figure, dpi=120))  # always a PNG, for any suffix of the file
     return png
 
 

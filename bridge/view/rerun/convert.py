@@ -265,5 +265,5 @@ class _LinkHealth:
         self._losses.add(message.sequence)
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         self._series.send(recording)

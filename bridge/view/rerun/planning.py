@@ -166,7 +166,7 @@ class Covariance:
         )
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         self._strips.send(recording)
 
 

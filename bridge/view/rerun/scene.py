@@ -136,7 +136,7 @@ def path_track() -> Track:
 
 
 def whole_track() -> Track:
-    """Return the whole estimated path, drawn faintly below its last minute."""
+    """Return the whole estimated path. It is drawn in a faint colour below its last minute."""
     return Track(paths.WHOLE_PATH, paths.FAINT, _Z_WHOLE, 0.6)
 
 
@@ -158,7 +158,7 @@ class Motion:
         self._poses.append((x_m, y_m, theta_rad))
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         poses = np.array(self._poses, dtype=np.float64)
@@ -192,7 +192,7 @@ class Ray:
             self._rays.append([[x_m, y_m, _Z_ROBOT], end])
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         recording.style(
@@ -221,7 +221,7 @@ class TargetPoint:
             self._points.append([*point, _Z_ROBOT])
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         recording.style(

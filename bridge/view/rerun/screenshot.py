@@ -32,7 +32,7 @@ def save_screenshot(path: Path, png: Path) -> LogReader:
         ViewerMissingError: Rerun is not installed.
         LogReadError: the log cannot be read.
         LogWriteError: the picture cannot be written.
-        ViewerFailedError: the viewer has no graphics driver, or its picture kept changing.
+        ViewerFailedError: the viewer has no graphics driver, or its picture did not become stable.
 
     """
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
