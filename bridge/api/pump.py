@@ -259,7 +259,7 @@ class Pump:
             )
 
     def _highest_cause(self, cause: StopCause) -> StopCause:
-        """Return the highest cause so far: this one, the run's, or a requested one."""
+        """Return the highest cause so far: ``cause``, the run's cause, or a requested cause."""
         cause = max(cause, self.host.mission.stop_cause)
         while self._endings:
             cause = max(cause, self._endings.popleft().cause)

@@ -199,7 +199,7 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
 
 
 class _Recoverer:
-    """Recovers one of the joined files; usually there is one."""
+    """Recovers one of the joined files. Usually a source has only one file."""
 
     def __init__(
         self,

@@ -156,7 +156,7 @@ def _decode(
             if template is None and length and not few:
                 template = form.template(data[first : first + length])
             if template is None:
-                # If a message gives no template, the next message may still give one.
+                # If a message gives no template, the next message may still give a template.
                 single.append(places if few else places[:1])
                 places = places[:0] if few else places[1:]
                 shapes += not few

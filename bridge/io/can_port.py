@@ -67,7 +67,7 @@ class CanPort:
 
         Args:
             port: Name of the port.
-            bitrate: Bit rate of the adapter, bit/s; ignored by interfaces that do not set one.
+            bitrate: Bit rate of the adapter, bit/s; ignored by interfaces without a setting for it.
             lan: Let a UDP multicast bus leave this machine.
 
         Raises:

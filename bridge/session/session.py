@@ -163,7 +163,7 @@ class Session:
     # ---- input and output ------------------------------------------------------------------
 
     def open(self, now_ns: HostNs) -> None:
-        """Start to search for a device; discard the data of the previous one."""
+        """Start to search for a device; discard the data of the previous device."""
         if self.state is not State.CLOSED:
             return
         self._opened_ns = self._next_ns = now_ns

@@ -61,7 +61,7 @@ class Follower:
 
     def next_file(self) -> bool:
         """Continue with the next file of the run. Return False if there is none."""
-        for _ in range(_TRIES):  # the recorder creates the next file after the end of this one
+        for _ in range(_TRIES):  # the recorder creates the next file after this file's end
             following = part_after(self._first, self._number)
             if following is not None:
                 self.path, self.ended, self._position = following, False, None

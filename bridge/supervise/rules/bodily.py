@@ -162,7 +162,7 @@ class Bump:
         return self._held_s >= self._rule.held_s or len(self._onsets) >= self._rule.count
 
     def _follows(self, now_s: float, distance_m: float) -> bool:
-        """Return True if a contact continues the last one."""
+        """Return True if a contact continues the last contact."""
         if self._touch is None:
             return False
         before_s, before_m = self._touch

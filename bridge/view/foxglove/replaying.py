@@ -41,7 +41,7 @@ class LogFeed:
                 self._tap.take(b"".join(declared), chunk_record(closed), closed.messages)
 
     def _id(self, channel: LogChannel, declared: list[bytes]) -> int:
-        """Return the number of a channel, and declare a new one."""
+        """Return the number of a channel. Declare the channel if it is new."""
         key = channel.topic, channel.message_encoding, channel.schema_name
         number = self._ids.get(key)
         if number is not None:

@@ -109,7 +109,7 @@ class States:
         self._last: str | None = None
 
     def add(self, time_ns: int, state: str) -> None:
-        """Add the state if it differs from the previous one."""
+        """Add the state if it differs from the previous state."""
         if self._last != state:
             self._last = state
             self._times.append(time_ns)
