@@ -2,9 +2,9 @@
 
 Source: J. Borenstein and L. Feng, "Measurement and Correction of Systematic Odometry Errors in
 Mobile Robots", IEEE Transactions on Robotics and Automation 12(6), 1996 (and the report
-UM-MEAM-94-22). Its symbols: L the square's side, b the wheel base, E_d = D_R/D_L, E_b =
-b_actual/b_nominal, ε = (absolute position - odometry's position) at the end of a run, c.g. the
-centre of gravity of all runs in one direction. The report and the paper have different equation
+UM-MEAM-94-22). The symbols are the source's: L the square's side, b the wheel base, E_d = D_R/D_L,
+E_b = b_actual/b_nominal, ε = (absolute position - odometry's position) at the end of a run, c.g.
+the centre of gravity of all runs in one direction. The report and the paper have different equation
 numbers. So the equations are listed here by their result, in the order of the derivation:
 
 - type A (wheel base): each turn has the same error α: x_cw = x_ccw = -2Lα;

@@ -1,8 +1,8 @@
 """Examination of a recorded log.
 
 A log of sweepctl contains raw bytes, which are examined like a live link. A log of another program
-may contain only decoded messages. Then the robot and its sensors are examined, and a finding states
-that link and clock are not. For an unknown topic, only pauses are reported.
+may contain only decoded messages. Then only the robot and its sensors are examined, and a finding
+states this. For an unknown topic, only pauses are reported.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Notices of a run: the few events that other programs can act on (``--on``)."""
+"""Notices of a run: events that can start other programs (option ``--on``)."""
 
 from __future__ import annotations
 

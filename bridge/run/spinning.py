@@ -1,9 +1,9 @@
 """Detection of wheels that turn while the robot stands still. No I/O.
 
-The encoders of spinning wheels count a distance that the robot does not drive. The planner uses
-this distance, so it does not detect the error. Three measurements show the error. In a turn, the
-gyro measures no rotation. On a straight line, the range ahead stays constant. If nothing is in
-range, the accelerometer measures that the robot stops while its wheels turn.
+The encoders of spinning wheels count a distance that the robot does not drive. The estimator and
+the planner use this distance, so they do not detect the error. Three measurements show the error.
+In a turn, the gyro measures no rotation. On a straight line, the range ahead stays constant. If
+nothing is in range, the accelerometer measures that the robot stops while its wheels turn.
 """
 
 from __future__ import annotations

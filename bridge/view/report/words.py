@@ -35,7 +35,7 @@ def title(data: RunData) -> str:
 
 
 def when(data: RunData) -> str:
-    """Return date and time of the start, UTC; for a simulation they have no meaning."""
+    """Return date and time of the start, UTC. For a simulation they have no meaning."""
     if not data.start_ns:
         return "an empty log"
     if data.metadata.get("port") == VIRTUAL_PORT:

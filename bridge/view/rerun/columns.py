@@ -1,7 +1,7 @@
-"""Collectors that send a log's values to Rerun in columns, which is faster than in rows.
+"""Collectors that send a log's values to Rerun in columns.
 
-Columns are a thousand times faster. A collector discards the values that it has sent, so it also
-works for a live run.
+Columns are a thousand times faster than rows. A collector discards the values that it has sent, so
+it also works for a live run.
 """
 
 from __future__ import annotations
