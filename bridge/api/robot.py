@@ -500,7 +500,8 @@ class Robot:
         It causes no motion. After a stop that ended the session, it opens the port again.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because the cause persists.
+            CommandRejectedError: the device rejected the command, for example because the cause
+                persists.
             DeviceLostError: the device did not answer.
             PortError: the port cannot be opened again, or no device answers.
 
@@ -553,7 +554,8 @@ class Robot:
         """Save the current values, so that they survive a reboot.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """
@@ -583,7 +585,8 @@ class Robot:
             factory_reset: Delete the saved parameters.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """

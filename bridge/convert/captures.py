@@ -63,7 +63,7 @@ def convert(source: Path, target: Path) -> None:
     """Convert a capture to a log: raw bytes, device messages, clock and estimate.
 
     Raises:
-        LogReadError: it cannot be read, or has no frame of a device.
+        LogReadError: the file cannot be read, or has no frame of a device.
         LogWriteError: the log cannot be written.
 
     """

@@ -632,7 +632,7 @@ class _Recoverer:
         return known is not None and bytes_of(known)[HEAD.size :] == content
 
     def _index(self, _offset: int, content: bytes) -> None:
-        """Count a lost chunk's messages from the index after it."""
+        """Count a lost chunk's messages from the message index after the chunk."""
         if self._loss is None:
             return
         index = parse(MessageIndex, content)

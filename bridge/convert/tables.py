@@ -57,7 +57,7 @@ class TableWriter:
         """Create the file.
 
         Raises:
-            OSError: it cannot be created.
+            OSError: the file cannot be created.
 
         """
         self._columns = tuple(columns)

@@ -41,7 +41,7 @@ class MulticastBus(can.BusABC):
         """Join the group. If ``lan`` is False, no datagram leaves or enters this machine.
 
         Raises:
-            OSError: no such group, or no route to it.
+            OSError: the group is invalid, or there is no route to it.
             can.CanInterfaceNotImplementedError: the package msgpack is not installed.
 
         """

@@ -65,7 +65,7 @@ def watch(port: str, *, hz: float = 4.0, of: str = "status") -> Iterator[dict[st
 
 
 def _part(port: str, answer: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return a part of an answer; an owner of an older version may not have it."""
+    """Return a part of an answer. An owner with an older version may not send this part."""
     part = answer.get(name)
     if not isinstance(part, dict):
         raise NoOwnerError(f"the owner of {port} is another version of sweepctl")

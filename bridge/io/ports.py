@@ -64,8 +64,8 @@ class SerialPort:
             rts: State of RTS.
 
         Raises:
-            PortBusyError: another program uses it.
-            PortError: it does not exist, cannot be opened, or is not a port.
+            PortBusyError: another program uses the port.
+            PortError: the port does not exist, cannot be opened, or is not a port.
 
         """
         self.name = url
@@ -226,8 +226,8 @@ def open_port(  # noqa: PLR0913 - the options of both kinds of port
         lan: Let a UDP multicast bus leave this machine.
 
     Raises:
-        PortBusyError: another program uses it.
-        PortError: it does not exist, cannot be opened, or is not a port.
+        PortBusyError: another program uses the port.
+        PortError: the port does not exist, cannot be opened, or is not a port.
 
     """
     if not is_can(port):

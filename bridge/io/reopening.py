@@ -48,8 +48,8 @@ class Opener:
         """Open the port.
 
         Raises:
-            PortBusyError: another program uses it.
-            PortError: it does not exist, cannot be opened, or is not a port.
+            PortBusyError: another program uses the port.
+            PortError: the port does not exist, cannot be opened, or is not a port.
 
         """
         asked = self._options

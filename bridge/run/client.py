@@ -1,7 +1,7 @@
 """Acknowledged commands to a device; each call waits for its answer.
 
-The Python API, the owner's socket and the bring-up procedures use it. An :class:`Exchange` defines
-how a call waits.
+The Python API, the owner's socket and the bring-up procedures use this module. An :class:`Exchange`
+defines how a call waits.
 """
 
 from __future__ import annotations
@@ -203,7 +203,8 @@ class DeviceClient:
         """Save the current values, so that they survive a reboot.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """
@@ -285,7 +286,8 @@ class DeviceClient:
         """Reboot the device; ``factory_reset`` deletes its saved parameters and keys.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """
@@ -296,7 +298,8 @@ class DeviceClient:
 
         Raises:
             BridgeError: no status received yet.
-            CommandRejectedError: the device rejected it, for example because the cause persists.
+            CommandRejectedError: the device rejected the command, for example because the cause
+                persists.
             DeviceLostError: the device did not answer.
 
         """

@@ -93,7 +93,10 @@ class Localisation:
         return found
 
     def see_walls(self, message: Range, device_us: DeviceUs) -> bool:
-        """Update the estimate with a range sample; return whether known walls confirm it."""
+        """Update the estimate with a range sample.
+
+        Return True if known walls confirm the estimate.
+        """
         self._walls.update(
             message.ultrasonic_m,
             message.infrared_left_m,

@@ -137,9 +137,9 @@ class Mission:
         self._at_rest_s = at_rest_s
         self._since_s = 0.0
         self._asked_s: float | None = None
-        """Time since which a runner waits for the device's status."""
+        """Start time of a runner's wait for the device's status."""
         self._slow_s: float | None = None
-        """Time since which the link is too slow for the first move."""
+        """Start of the time for which the link is too slow for the first move."""
         self._ready = False
         self._was_ready = False
         self._latched = False
@@ -510,7 +510,7 @@ class Mission:
         reason = f"{ending.reason}; the device did not confirm the stop"
         self.ending = replace(ending, reason=reason)
         if self._latched:
-            return  # its status shows that it has stopped
+            return  # the status shows that the device has stopped
         # This includes a clean end before the first move, because motion may be enabled.
         if self.drive_started_s is not None or not (self.runner is None or ending.exit_status):
             self.ending = replace(self.ending, outcome="fault", exit_status=3)

@@ -56,7 +56,7 @@ class OnboardRun:
         self._events: list[PlannerEvent] = []
 
     def take(self, message: PlannerState) -> None:
-        """Handle a planner state; repeated calls with the same one have no effect."""
+        """Handle a planner state. Repeated calls with the same state have no effect."""
         before, self._last_state = self._last_state, message
         if message is before:
             return

@@ -18,7 +18,7 @@ class Runner(Protocol):
 
     @property
     def finish_reason(self) -> str | None:
-        """Reason of the end; None before it."""
+        """Reason of the runner's end; None before its end."""
 
     @property
     def turns(self) -> int:

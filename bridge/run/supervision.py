@@ -208,7 +208,7 @@ class Supervision:
         )
 
     def _ended(self, what: str, outcome: Outcome | None) -> None:
-        """End the run if the device rejected a command that slows or pauses it."""
+        """End the run if the device rejected a command that slows or pauses the device."""
         if outcome is not None and outcome.accepted:
             return
         reason = None if outcome is None else outcome.reason

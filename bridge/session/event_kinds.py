@@ -37,7 +37,7 @@ class EventKind(StrEnum):
     ECHO = "echo"
     """Only the host's own messages were received."""
     WORDS = "words"
-    """The peer sent a line of text."""
+    """The peer sent a line of text instead of frames."""
     VERSION = "version"
     """The device uses another protocol version."""
     TRANSMIT_ONLY = "transmit_only"

@@ -50,7 +50,7 @@ class SchemaNegotiation:
         return [] if comparison is None else comparison.questions(QUESTIONS_AT_ONCE)
 
     def answer(self, reply: Reply) -> bool:
-        """Handle a reply. Return False if no question asked for it."""
+        """Handle a reply. Return False if the reply belongs to no question."""
         return self._comparison is not None and self._comparison.answer(reply)
 
     def apply(self) -> str | None:
