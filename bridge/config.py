@@ -1,7 +1,7 @@
-"""The robot file: TOML to a checked :class:`RobotModel`.
+"""Conversion of a robot file (TOML) to a checked :class:`RobotModel`.
 
-The file may contain every key of the model, and a table for each range sensor. Rules of
-supervision are in tables ``[supervise.NAME]`` (:mod:`bridge.supervise.settings`)::
+The file may contain any key of the model, and a table for each range sensor. Supervision rules are
+in tables ``[supervise.NAME]`` (:mod:`bridge.supervise.settings`)::
 
     name = "my sweeper"
     wheel_diameter_m = 0.0648
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 MAX_FILE_BYTES = 64 * 1024
 ROUNDING_M = 1e-6
-"""Length that counts as zero, m: the rounding of numbers in a robot file."""
+"""Maximum length that counts as zero, m. It allows for rounded numbers in a robot file."""
 MAX_OVERHANG = 0.5
-"""Maximum distance of a sensor outside the hull, as a share of the radius. A longer bracket is
+"""Maximum distance of a sensor outside the hull, as a share of the radius. A larger distance is
 probably a typing error."""
 
 
@@ -117,14 +117,14 @@ def parse_robot(text: str) -> RobotModel:
     """Read a robot file's text.
 
     Raises:
-        ConfigError: not TOML, unknown keys, values out of their ranges, or a robot that
-            cannot work; the text names all of them.
+        ConfigError: the text is not TOML, keys are unknown, values are out of range, or the robot
+            cannot work. The error text lists all errors.
 
     """
     data = _tables(text)
     problems: list[str] = []
     try:
-        # a wrong rule must be reported before the run, not during it
+        # an invalid rule must be reported before the run, not during the run
         settings_from(data.pop(SUPERVISE, {}))
     except ConfigError as error:
         problems += error.problems
@@ -136,9 +136,9 @@ def parse_robot(text: str) -> RobotModel:
 
 
 def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
-    """Return combinations that are impossible although each value is in its range.
+    """Return combinations of values that are impossible although each value is in its range.
 
-    A value in ``wrong`` is unknown, so nothing that depends on it is checked.
+    A value in ``wrong`` is unknown, so combinations with this value are not checked.
     """
     found: list[str] = []
 
@@ -205,7 +205,7 @@ def _tables(text: str) -> dict[str, Any]:
 
 
 def to_toml(model: RobotModel) -> str:
-    """The model as a robot file that :func:`parse_robot` reads back."""
+    """Return the model as the text of a robot file, for :func:`parse_robot`."""
     plain: list[str] = []
     tables: list[str] = []
     for field in dataclasses.fields(model):
@@ -219,9 +219,9 @@ def to_toml(model: RobotModel) -> str:
 
 
 def template() -> str:
-    """A robot file of the default robot in which each key has its unit, range and meaning.
+    """Return a robot file of the default robot. Each key has its unit, range and meaning.
 
-    The rules of supervision are comments: their defaults rarely need a change.
+    The supervision rules are commented out, because their defaults rarely need a change.
     """
     model, rules = RobotModel(), SuperviseSettings()
     plain = [
@@ -265,5 +265,5 @@ def _line(field: dataclasses.Field[Any], value: object) -> str:
 
 
 def _sentence(table: object) -> str:
-    """First line of a table's docstring."""
+    """Return the first line of a table's docstring."""
     return (type(table).__doc__ or "").splitlines()[0]

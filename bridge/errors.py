@@ -1,4 +1,4 @@
-"""Errors of the host, grouped by the user's remedy; each is one line and an exit status."""
+"""Errors of the host, grouped by the user's remedy. Each error is one line and an exit status."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Remedy(Enum):
     """
 
     CLEAR_STOP = ", then call enable(clear_stop=True)"
-    """A stop is latched for safety; a person who has checked the robot may clear it."""
+    """A stop is latched for safety. A person may clear it after a check of the robot."""
     KEY = ": give it as bridge.open(port, key=...)"
-    """The robot has a key, and the session does not sign with it."""
+    """The robot has a key, but the session does not sign with this key."""
     NODE = "; choose one with bridge.open(port, node=N)"
     """Several devices answer."""
     FORCE = ", or force=True to replace it"
@@ -27,7 +27,7 @@ class Remedy(Enum):
 
 
 class BridgeError(Exception):
-    """Base of all errors that the host raises on purpose."""
+    """Base class of all errors that the host raises itself."""
 
     exit_status = 1
     remedy: Remedy | None = None
@@ -35,7 +35,7 @@ class BridgeError(Exception):
 
     @property
     def bare(self) -> str:
-        """The error without the remedy. The command line has its own text for the remedy."""
+        """Return the error without the remedy. The command line has its own text for the remedy."""
         return super().__str__()
 
     def __str__(self) -> str:
@@ -44,7 +44,7 @@ class BridgeError(Exception):
 
 
 class ConfigError(BridgeError):
-    """A settings file that cannot be used; the text names every wrong key."""
+    """A settings file cannot be used. The text lists every wrong key."""
 
     exit_status = 2
 
@@ -52,8 +52,8 @@ class ConfigError(BridgeError):
         """Store the errors.
 
         Args:
-            problems: One text for each error; it starts with the key.
-            source: The file, which the text names first.
+            problems: One text for each error. It starts with the key.
+            source: Name of the file, which is the start of the text.
 
         """
         self.problems = problems
@@ -62,7 +62,7 @@ class ConfigError(BridgeError):
 
 
 MAX_PROBLEMS = 12
-"""Maximum number of problems in the text. A file may have thousands of wrong keys."""
+"""Maximum number of problems in an error text. A file may have thousands of wrong keys."""
 
 
 def together(problems: Sequence[str]) -> str:
@@ -75,13 +75,13 @@ def together(problems: Sequence[str]) -> str:
 
 
 class ArgumentError(BridgeError, ValueError):
-    """An argument of the wrong type or range; the text names it, its value and the valid values."""
+    """An argument has the wrong type or range. The text has its name, value and valid values."""
 
     exit_status = 2
 
 
 class ParameterError(BridgeError):
-    """An unknown parameter, or a value that the parameter does not accept."""
+    """A parameter is unknown, or does not accept a value."""
 
     exit_status = 2
 
@@ -92,7 +92,7 @@ class OutputExistsError(BridgeError):
     remedy: Remedy | None = Remedy.FORCE
 
     def __init__(self, path: Path, *, can_replace: bool = True) -> None:
-        """``can_replace``: the caller has an option to replace the file."""
+        """Create the error. ``can_replace``: the caller has an option to replace the file."""
         super().__init__(f"{path} exists; give another name")
         self.path = path
         if not can_replace:
@@ -106,7 +106,7 @@ class PortError(BridgeError):
 
 
 class PortBusyError(PortError):
-    """Another program has the port."""
+    """Another program uses the port."""
 
     def __init__(self, port: str, pid: int | None) -> None:
         owner = f"process {pid}" if pid else "another program"
@@ -161,7 +161,7 @@ class CommandRejectedError(BridgeError):
 
 
 class KeyExposedError(BridgeError):
-    """A key would go where others could read it on its way."""
+    """A key would be sent over a connection that others can read."""
 
     exit_status = 2
 
@@ -180,14 +180,15 @@ class StoppedForSafetyError(BridgeError):
 
 
 _SHOWN_BITS = 128
-"""Maximum size of an integer that is written out, bits: 39 digits, which a person can still read.
+"""Maximum size of an integer that a message shows completely, bits. It has 39 digits, which a
+person can still read.
 """
 _SHOWN_CHARACTERS = 60
-"""Maximum number of characters of a value that a message of one line quotes."""
+"""Maximum number of characters of a value that a message quotes."""
 
 
 def shown(value: object) -> str:
-    """A value that a user gave, for a message of one line."""
+    """Return a user's value as text for a message of one line."""
     if isinstance(value, int) and value.bit_length() > _SHOWN_BITS:
         return f"(an integer of {value.bit_length()} bits)"
     text = repr(value)

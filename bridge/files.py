@@ -1,4 +1,4 @@
-"""Access to files that users name: regular files only, not pipes or devices."""
+"""Access to a user's files: only regular files, not pipes or devices."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ _READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0)
 
 
 def open_to_read(path: Path, *, takes_pipe: bool = False) -> BinaryIO:
-    """Open a regular file; with ``takes_pipe`` also the pipe of a shell's ``<(command)``.
+    """Open a regular file or, with ``takes_pipe``, the pipe of a shell's ``<(command)``.
 
     Raises:
-        OSError: it cannot be opened, or is not a regular file (``IsADirectoryError`` for a folder).
+        OSError: the file cannot be opened, or is not a regular file (``IsADirectoryError`` for a
+            folder).
 
     """
     waits = takes_pipe and str(path).startswith(_PIPES_OF_SHELLS)
-    found = path.stat().st_mode  # checked first, because opening alone may affect a device
+    found = path.stat().st_mode  # checked first, because just opening a device may affect it
     if not waits:
         _check_regular(path, found)
-    # A named pipe that has replaced the file meanwhile would block until it has a writer.
+    # A named pipe may have replaced the file since the check. Opening it would block until it has a
+    # writer.
     number = os.open(path, _READING | (0 if waits else getattr(os, "O_NONBLOCK", 0)))
     try:
         opened = os.fstat(number).st_mode
@@ -40,7 +42,7 @@ def open_to_read(path: Path, *, takes_pipe: bool = False) -> BinaryIO:
 
 
 def check_target(path: Path) -> None:
-    """Check that a path can be written: it is free, a regular file, or like /dev/null.
+    """Check that a path can be written. It must be free, a regular file, or like /dev/null.
 
     Raises:
         OSError: the path is another kind of file, which would block or act on the bytes.
@@ -56,14 +58,14 @@ def check_target(path: Path) -> None:
 
 
 def cause(path: Path, error: OSError) -> str:
-    """Return why a file could not be written, and the remedy if known."""
+    """Return the reason why a file could not be written, and the remedy if known."""
     if error.errno == errno.ENOENT and not path.parent.exists():
         return f"there is no folder {path.parent}; make it first"
     return error.strerror or str(error)
 
 
 def _keeps_nothing(device: int) -> bool:
-    """Return True for a device of the family of /dev/null, which drops or rejects all bytes."""
+    """Return True for /dev/null and related devices, which drop or reject all bytes."""
     try:
         return os.major(device) == os.major(Path(os.devnull).stat().st_rdev)
     except (OSError, AttributeError):  # Windows

@@ -14,12 +14,12 @@ _SHOWN = 40
 _LONGEST = 200
 """Maximum number of characters of a name that are compared. Every known name is shorter."""
 _CUTOFF = 0.6
-"""Minimum share of equal letters (Ratcliff and Obershelp) at which a name resembles another."""
+"""Minimum share of equal letters (Ratcliff and Obershelp) at which two names are similar."""
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float = _CUTOFF) -> str | None:
-    """Return the known name most similar to ``name``, ignoring case; None: no similar name."""
-    from difflib import get_close_matches  # noqa: PLC0415 - only where something is wrong
+    """Return the known name that is most similar to ``name``, ignoring case; None: no such name."""
+    from difflib import get_close_matches  # noqa: PLC0415 - needed only for an error
 
     lower = {each.lower(): each for each in known if len(each) <= _LONGEST}
     found = get_close_matches(name[:_LONGEST].lower(), lower, 1, cutoff)

@@ -1,7 +1,7 @@
-"""Conversion of TOML tables to dataclasses; every error names its key.
+"""Conversion of TOML tables to dataclasses. Every error contains its key.
 
-A field's default gives its type. Its metadata may hold ``range`` (minimum and maximum of a number)
-or ``read`` (a function of path and value, for other types).
+A field's type is the type of its default. The field's metadata may contain ``range`` (minimum and
+maximum of a number) or ``read`` (a function of path and value, for other types).
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class ArgumentKind:
     """True if error texts must not show the value."""
 
     def __or__(self, other: ArgumentKind) -> ArgumentKind:
-        """Return a kind that allows the values of both."""
+        """Return a kind that allows the values of both kinds."""
         return ArgumentKind(
             f"{self.wanted}, or {other.wanted}",
             lambda value: self.fits(value) or other.fits(value),
@@ -43,7 +43,7 @@ class ArgumentKind:
 
 
 def checked(**kinds: ArgumentKind) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator: raise :class:`ArgumentError` for arguments that are not of these kinds."""
+    """Return a decorator that raises :class:`ArgumentError` for arguments not of these kinds."""
 
     def wrap(call: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(call)

@@ -1,4 +1,4 @@
-"""Access to a session from other threads than its loop's."""
+"""Access to a session from threads other than its loop's thread."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from protocol.messages.device import Status
 
 WAIT_S = 8.0
-"""Maximum wait for an answer, s. Six attempts with doubled timeouts and a flash erase take less."""
+"""Maximum wait for an answer, s. It is longer than six attempts with doubled timeouts and a flash
+erase."""
 _HANGS = "the loop of its port does not respond"
 R = TypeVar("R")
 
@@ -35,7 +36,10 @@ class LoopExchange:
     """Access to a host's session, for every thread except the loop's."""
 
     def __init__(self, host: Host, call: InLoop) -> None:
-        """``call`` runs an action in the loop's thread, as :meth:`Pump.call` does."""
+        """Create the access.
+
+        ``call`` runs an action in the loop's thread, as :meth:`Pump.call` does.
+        """
         self._host = host
         self._call = call
 
@@ -46,7 +50,7 @@ class LoopExchange:
 
     @property
     def commands(self) -> Dialogue:
-        """The commands that wait for an answer. Other threads read only its mappings."""
+        """The commands that wait for an answer. Other threads may read only its mappings."""
         return self._host.commands
 
     @property
@@ -63,7 +67,7 @@ class LoopExchange:
 
         Raises:
             DeviceLostError: the loop has ended or does not respond.
-            Exception: whatever ``action`` raises.
+            Exception: any exception of ``action``.
 
         """
         answer = self._call(action)

@@ -1,4 +1,4 @@
-"""Requests that a port's owner serves for other processes; see docs/owner-socket.md."""
+"""Requests of other processes to the process that owns the port; see docs/owner-socket.md."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from bridge.session.parameters import Parameter
 
 CONFIRM_S = 3.0
-"""Maximum wait for a stop, s: longer than the run itself waits for the confirmation."""
+"""Maximum wait for a stop, s. It is longer than the run itself waits for the confirmation."""
 
 
 class RunPage(Protocol):
-    """Data of a run that only its program has, in addition to the robot's state."""
+    """Data of a run that only its program has; the robot's state does not contain them."""
 
     def about(self) -> dict[str, Any]:
-        """Return the constant data: port, log, viewer, planner, room, elapsed time, path."""
+        """Return data about the run: port, log, viewer, planner, room, elapsed time, path."""
 
     def news(self) -> dict[str, Any]:
         """Return the newest events as lines, and the coverage."""
@@ -54,7 +54,7 @@ class OwnerService:
         return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
     def dashboard(self) -> dict[str, Any]:
-        """Return all data of a dashboard that changes, for JSON."""
+        """Return all variable data of a dashboard, for JSON."""
         shown = {"events": [], "coverage": None} if self._page is None else self._page.news()
         return {**self._writer.write(self._pump.snapshot, clock.now() / 1e9), **shown}
 
@@ -104,7 +104,7 @@ class OwnerService:
         try:
             goes_on = answer.result(CONFIRM_S)
         except TimeoutError:
-            answer.cancel()  # without an answer the robot must not move later
+            answer.cancel()  # the robot must not move after this error
             raise NoOwnerError("the run does not respond") from None
         if not goes_on:
             raise BridgeError("no paused run to continue")

@@ -1,7 +1,7 @@
-"""The state of a run as JSON for the dashboard of another process, and back.
+"""Conversion of a run's state to JSON for the dashboard of another process, and back.
 
-The other process converts the JSON back to a :class:`Snapshot` and draws it with the owner's own
-code. The drawing costs the owner no time.
+The other process converts the JSON back to a :class:`Snapshot`. It draws the snapshot with the same
+code as the owner, so the drawing costs the owner no time.
 """
 
 from __future__ import annotations
@@ -56,14 +56,14 @@ _MAX_CELLS = 4096 * 4096
 
 
 class SnapshotWriter:
-    """Writes the snapshots of one run; the swept map is packed only when it has changed."""
+    """Writes the snapshots of one run. The swept map is packed again only after a change."""
 
     def __init__(self) -> None:
         self._swept: tuple[int, dict[str, Any]] | None = None
         """Revision of the map and its packed cells; replaced as a whole."""
 
     def write(self, seen: Snapshot, now_s: float) -> dict[str, Any]:
-        """Return a snapshot for JSON; ages count from ``now_s``, host time, s."""
+        """Return a snapshot for JSON. Ages are relative to the host time ``now_s``, s."""
         state, mission, session = seen.state, seen.mission, seen.session
         kept = (state.imu, state.encoders, state.range, state.power, state.status, state.planner)
         others = (state.counters, seen.hello, *state.plugged.values())
@@ -244,7 +244,7 @@ class SweptPicture:
 
 
 def _runner_state(state: RunnerState) -> dict[str, Any]:
-    """Return a planner's state in plain numbers: a planner of a plug-in may use numpy's."""
+    """Return a planner's state in Python numbers, because a plug-in may use numpy numbers."""
     target = state.target
     return {
         "state": str(state.state),

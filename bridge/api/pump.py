@@ -33,12 +33,12 @@ _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 _IDLE_S = 0.25
 """Maximum wait for bytes in one pass, s."""
 STUCK_NS = 50_000_000
-"""Maximum age of unsent bytes, ns. The loop drops older ones and records an event."""
+"""Maximum age of unsent bytes, ns. The loop drops older bytes and records an event."""
 CRASH_STOP_NS = 1_000_000_000
-"""Maximum time for which a failed loop repeats its stop, ns: that of a clean end."""
+"""Maximum time for which a failed loop repeats its stop, ns. A clean end has the same limit."""
 LOOK_PERIOD_NS = 2_000_000
-"""Minimum interval of snapshots for other threads, ns. Each takes 10 µs, and a 3 Mbaud link wakes
-the loop a thousand times per second."""
+"""Minimum interval of snapshots for other threads, ns. A snapshot takes 10 µs, and a link at 3
+Mbaud wakes the loop a thousand times per second."""
 R = TypeVar("R")
 
 
@@ -58,22 +58,22 @@ class Pump:
     """
 
     def __init__(self, host: Host, port: BytePort, reopen: Callable[[], BytePort]) -> None:
-        """``reopen`` opens the same device again after a loss of its port."""
+        """Create a loop; ``reopen`` opens the same device again after a loss of its port."""
         self.host = host
         self.watch: Callable[[], Ending | None] = lambda: None
-        """Called in every pass; returns an end that another part of the program requests, or
-        None."""
+        """Function that is called in every pass. It returns an end that another part of the program
+        requests, or None."""
         self.on_reopened: Callable[[str], None] = lambda _name: None
-        """Called with the name of a port that was reopened."""
+        """Function that is called with the name of a port that was reopened."""
         self.crash: BaseException | None = None
         """Exception that ended the loop; None: no exception."""
         self.result: LoopResult | None = None
-        """Result of the loop; None: not ended."""
+        """Result of the loop; None: the loop has not ended."""
         self.snapshot = host.snapshot()
         """Newest state of the robot and its run, for any thread."""
         self._looked_ns = 0
         self.turn_ns = clock.now()
-        """Start time of the newest pass; old if the loop does not respond."""
+        """Start time of the newest pass. It is old if the loop does not respond."""
         self._over = threading.Event()
         self._port: BytePort | None = port
         self._reopen = reopen
@@ -89,8 +89,8 @@ class Pump:
     def request_end(self, ending: Ending) -> None:
         """Request a clean end of the run, from a signal handler or another thread.
 
-        The highest of several causes counts (:meth:`Ending.outranks`). A request after the loop's
-        end has no effect; :attr:`result` has the confirmed stop.
+        If several ends are requested, the highest cause counts (:meth:`Ending.outranks`). A request
+        after the loop's end has no effect; :attr:`result` has the confirmed stop.
         """
         self._endings.append(ending)
         self._wake()
@@ -121,8 +121,8 @@ class Pump:
         """Run the loop until the run has ended, then close the port.
 
         An exception in the loop ends the run as a fault. A stop is sent and repeated until the
-        device confirms it, for 1 s at most. :attr:`crash` has the exception, the log its traceback.
-        Only an interpreter exit is raised again.
+        device confirms it, for 1 s at most. :attr:`crash` contains the exception, and the log
+        contains its traceback. Only an interpreter exit is raised again.
         """
         try:
             self.host.open(clock.now())
@@ -184,7 +184,7 @@ class Pump:
         ending = self.watch()
         if ending is not None:
             host.end(ending, now_ns)
-        while self._endings:  # last: a signal may occur between any lines
+        while self._endings:  # last, because a signal may occur between any lines
             host.end(self._endings.popleft(), now_ns)
         if self._end_at_ns is not None and now_ns >= self._end_at_ns and host.hello is not None:
             self._end_at_ns = None
@@ -202,7 +202,7 @@ class Pump:
             while self._calls:
                 action, answer = self._calls.popleft()
                 if not answer.set_running_or_notify_cancel():
-                    continue  # the caller gave up: it must not run late
+                    continue  # the caller no longer waits, so it must not run
                 try:
                     made.append((answer, action(), None))
                 except Exception as error:  # noqa: BLE001 - the caller gets it
@@ -259,7 +259,7 @@ class Pump:
             )
 
     def _highest_cause(self, cause: StopCause) -> StopCause:
-        """Return the highest cause so far: this one, the run's, or a requested one."""
+        """Return the highest cause so far: ``cause``, the run's cause, or a requested cause."""
         cause = max(cause, self.host.mission.stop_cause)
         while self._endings:
             cause = max(cause, self._endings.popleft().cause)
@@ -288,8 +288,8 @@ class Pump:
     # ---- the port -------------------------------------------------------------------------
 
     def _write(self, now_ns: HostNs) -> None:
-        # New bytes are fetched only after the old ones are written: messages in the link's queue
-        # can still be superseded, bytes here cannot.
+        # New bytes are fetched only after the old bytes are written. Newer messages can still
+        # replace messages in the link's queue, but not bytes here.
         port = self._port
         if port is None:
             self.host.discard_output()
@@ -311,8 +311,8 @@ class Pump:
         self.host.sent(fresh, now_ns)  # recorded after writing, to save latency
 
     def _drop_stuck(self, now_ns: HostNs) -> None:
-        # Only the truncated frame is damaged at the receiver, because each batch starts with a
-        # delimiter. The session repeats stops and commands.
+        # Each batch starts with a delimiter, so the receiver loses only the truncated frame. The
+        # session repeats stops and commands.
         if not self._stuck:
             self._stuck = True
             text = f"the port accepts no bytes; {len(self._pending)} bytes were dropped"

@@ -1,4 +1,4 @@
-"""Log of a robot that a program drives: :meth:`bridge.api.robot.Robot.record`."""
+"""Log of a robot that a program drives; see :meth:`bridge.api.robot.Robot.record`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Recording:
 
     @property
     def error(self) -> Exception | None:
-        """Error of the file, None if it is writable. The robot continues without it."""
+        """Error of the file; None if it is writable. The robot continues after an error."""
         return self._recorder.error
 
     def write(self, record: Record) -> None:
@@ -97,7 +97,7 @@ class Recording:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the log. An exception of the block has priority over one of the log."""
+        """Close the log. An exception of the block has priority over an exception of the log."""
         try:
             self.close()
         except Exception:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Reached(Protocol):
-    """Operations of both a robot of this process and one of another process."""
+    """Operations of a robot, both in this process and in another process."""
 
     def list_parameters(self) -> list[Parameter]:
         """Read all parameters, sorted by number."""
@@ -72,7 +72,7 @@ def reach(  # noqa: PLR0913 - the options of a port
 ) -> Reached:
     """Connect to the robot on a port: through its owner, or by opening the port.
 
-    The options are those of :func:`bridge.open`, for a port without an owner.
+    The options are the same as in :func:`bridge.open`. They apply to a port without an owner.
 
     Raises:
         PortError: the port cannot be opened, for example because another user's process has it.
@@ -87,10 +87,10 @@ def reach(  # noqa: PLR0913 - the options of a port
 
 
 class RemoteRobot:
-    """A robot whose port another process owns; each call is one request to that process.
+    """A robot whose port belongs to another process; each call is one request to that process.
 
-    Every method raises :class:`NoOwnerError` if that process has ended, and
-    :class:`OwnerRejectedError` if it or the device rejects the request.
+    Every method raises :class:`NoOwnerError` if that process has ended. It raises
+    :class:`OwnerRejectedError` if that process or the device rejects the request.
     """
 
     def __init__(self, port: str) -> None:

@@ -74,7 +74,7 @@ if TYPE_CHECKING:
 __all__ = ["SETPOINT_TIMEOUT_S", "Latest", "ManualDrive", "Robot"]
 
 OPEN_TIMEOUT_S = 5.0
-"""Maximum wait for a device at opening, s; also for the end of the loop."""
+"""Maximum wait for a device at opening, and for the end of the loop, s."""
 ENABLE_TIMEOUT_S = 10.0
 """Maximum time of :meth:`Robot.enable`, s."""
 STATUS_TIMEOUT_S = 1.0
@@ -82,15 +82,15 @@ STATUS_TIMEOUT_S = 1.0
 LINK_TIMEOUT_S = 4.0
 """Maximum wait for a fast link, s. Four pings take 0.4 s."""
 HUNG_NS = 1_000_000_000
-"""Age of the loop's newest pass at which it counts as hung, ns: four times its longest wait. By
-then the velocity has expired and the device has stopped."""
+"""Age of the loop's newest pass at which the loop counts as hung, ns. It is four times the loop's
+longest wait. Before this time the velocity has expired and the device has stopped."""
 _POLL_S = 0.02
 """Poll interval of waits, s."""
 
 _UNREADY: dict[int, type[BridgeError]] = {
     kind.exit_status: kind for kind in (IncompatibleError, SeveralDevicesError)
 }
-"""Error of a failed session, by the exit status of its run."""
+"""Error class of a failed session, by the exit status of its run."""
 
 
 class Robot:
@@ -280,7 +280,7 @@ class Robot:
 
     @property
     def enabled(self) -> bool:
-        """True while :meth:`drive` moves the robot."""
+        """True while :meth:`drive` can move the robot."""
         return self._seen.phase is Phase.DRIVING and self._thread.is_alive()
 
     def events(self) -> list[EventRecord]:
@@ -350,7 +350,7 @@ class Robot:
                 )
 
             try:
-                self._in_loop(summed)  # it updates counts of the loop
+                self._in_loop(summed)  # it updates counts that the loop owns
             except DeviceLostError:
                 if not self._thread.is_alive():
                     summed()
@@ -363,20 +363,20 @@ class Robot:
         return recording
 
     def _log_offset_ns(self) -> int:
-        """Return Unix time minus host time for a log that starts now, ns.
+        """Return the difference between Unix time and host time for a log that starts now, ns.
 
-        The system clock may have changed since the opening. While another log or the caller's sink
-        is open, its offset is kept, so that no log contains a step.
+        The system clock may have changed since the opening. If another log or the caller's sink is
+        open, its offset is used, so that no log contains a step.
         """
         if not self._has_sink and all(recording.closed for recording in self._recordings):
             offset_ns = clock.unix_offset_ns()
-            with suppress(DeviceLostError):  # without a loop there are no records
+            with suppress(DeviceLostError):  # if the loop has ended, there are no records
                 self._in_loop(lambda: self.host.use_unix_offset(offset_ns))
                 self._offset_ns = offset_ns
         return self._offset_ns
 
     def look(self) -> Snapshot:
-        """Return session, run, sensors and pose as one object that never changes."""
+        """Return session, run, sensors and pose as one immutable object."""
         return self._pump.snapshot
 
     def snapshot(self) -> dict[str, Any]:
@@ -443,7 +443,7 @@ class Robot:
             yaw_rate_rad_s: Yaw rate, rad/s, counter-clockwise; limited to the model's maximum.
 
         Raises:
-            ArgumentError: a velocity is not a finite number. It is a ``ValueError`` too.
+            ArgumentError: a velocity is not a finite number. The error is a ``ValueError`` too.
             StoppedForSafetyError: motion is not enabled, or not any more.
             DeviceLostError: the device is silent.
 
@@ -456,7 +456,7 @@ class Robot:
             _limited(v_m_s, self.model.max_speed_m_s),
             _limited(yaw_rate_rad_s, self.model.max_yaw_rate_rad_s),
         )
-        # In the loop's thread, so that a step in between cannot use the old velocity.
+        # Run in the loop's thread, so that no control step uses the old velocity.
         self._pump.call(lambda: self._drive.drive(command))
 
     def _reopen(self) -> None:
@@ -500,7 +500,8 @@ class Robot:
         It causes no motion. After a stop that ended the session, it opens the port again.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because the cause persists.
+            CommandRejectedError: the device rejected the command, for example because the cause
+                persists.
             DeviceLostError: the device did not answer.
             PortError: the port cannot be opened again, or no device answers.
 
@@ -553,7 +554,8 @@ class Robot:
         """Save the current values, so that they survive a reboot.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """
@@ -583,7 +585,8 @@ class Robot:
             factory_reset: Delete the saved parameters.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """
@@ -591,13 +594,14 @@ class Robot:
 
     @arguments.checked(key=arguments.KEY | arguments.NONE)
     def set_key(self, key: bytes | None) -> None:
-        """Set the device's key, 16 bytes, which must then sign motion commands; None: remove it.
+        """Set the device's 16-byte key, which must then sign motion commands; None: remove it.
 
         A device accepts a key over its local UART only and never reports it. If it already has a
         key, the robot must be opened with that key. A stop needs no signature.
 
         Raises:
-            ArgumentError: not 16 bytes, or 16 zeros. It is a ``ValueError`` too.
+            ArgumentError: the key is not 16 bytes, or is 16 zeros. The error is a ``ValueError``
+                too.
             KeyExposedError: the port is a bus or a network.
             CommandRejectedError: the device rejected the key.
             DeviceLostError: the device did not answer.
@@ -617,9 +621,9 @@ class Robot:
     def close(self) -> None:
         """Stop the robot, end the session and close the port and all recordings.
 
-        It waits for the device's confirmation, for 1 s at most, and raises no error without it: the
-        device stops by itself when the last velocity expires. Call :meth:`stop` for a confirmed
-        stop. The end of the ``with`` block calls this method.
+        It waits for the device's confirmation for at most 1 s. Without a confirmation it raises no
+        error, because the device stops by itself when the last velocity expires. Call :meth:`stop`
+        for a confirmed stop. The end of the ``with`` block calls this method.
 
         Raises:
             LogError: a recording could not be completed.
@@ -638,7 +642,7 @@ class Robot:
             raise failed
 
     def _end(self, ending: Ending) -> LoopResult | None:
-        """End the session and wait for it; None: its loop does not respond."""
+        """End the session and wait for its end; None: the session's loop does not respond."""
         self._pump.request_end(ending)
         result = self._pump.wait_over(OPEN_TIMEOUT_S)
         self._thread.join(timeout=OPEN_TIMEOUT_S)

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 SETPOINT_TIMEOUT_S = 0.5
 """Time after which a velocity that is not repeated expires, s."""
 EVENTS_KEPT = 1000
-"""Maximum number of events kept for :meth:`EventTap.take`."""
+"""Maximum number of events that are stored for :meth:`EventTap.take`."""
 _SHARED_EVENTS = 20
-"""Number of newest events that the dashboard of another process gets."""
+"""Number of newest events that the dashboard of another process receives."""
 T = TypeVar("T", bound="Message")
 
 
@@ -48,7 +48,7 @@ class Latest(Generic[T]):
 
     @property
     def age_s(self) -> float | None:
-        """Age of its sample, s; None before the first of this session."""
+        """Age of the message's sample, s; None before the first of this session."""
         at_s = self._state().arrived_s.get(self._kind)
         return None if at_s is None else clock.now() / 1e9 - at_s
 
@@ -98,11 +98,12 @@ class ManualDrive:
 
 
 class EventTap:
-    """Passes every record on and keeps the newest events."""
+    """Passes every record on and stores the newest events."""
 
     def __init__(self, sink: Sink) -> None:
         self._sinks: tuple[Sink, ...] = (sink,)
-        """Replaced, never changed, because the loop's thread iterates over it."""
+        """Sinks that receive every record. The tuple is replaced, never changed, because the loop's
+        thread iterates over it."""
         self._events: deque[EventRecord] = deque(maxlen=EVENTS_KEPT)
         self.newest_identity: IdentityRecord | None = None
         """The session's device, for a log that starts later."""
@@ -135,7 +136,7 @@ class EventTap:
         """Do nothing: the creator of a sink closes it."""
 
     def about(self) -> dict[str, Any]:
-        """Return what another process shows of a program's session, for JSON."""
+        """Return the data that another process shows about a program's session, for JSON."""
         return {}
 
     def news(self) -> dict[str, Any]:
@@ -171,9 +172,9 @@ class Drivable(Protocol):
 
 
 class OwnPlanner:
-    """The device's own planner, without supervision (for that: ``sweepctl connect --supervise``).
+    """The device's own planner. Only ``sweepctl connect --supervise`` supervises it.
 
-    Every method raises :class:`CommandRejectedError` if the device rejects it and
+    Every method raises :class:`CommandRejectedError` if the device rejects the command, and
     :class:`DeviceLostError` if the device does not answer.
     """
 
@@ -192,7 +193,8 @@ class OwnPlanner:
     def start(self, planner: str = "recovery") -> None:
         """Start a planner by name. The robot stands still for 2.5 s and then moves.
 
-        It clears the stop of a clean end, but no safety stop; :meth:`Robot.clear_stop` does that.
+        It clears the stop of a clean end. It does not clear a safety stop; call
+        :meth:`Robot.clear_stop` first.
 
         Raises:
             BridgeError: unknown planner, or no status received.
@@ -236,6 +238,6 @@ def planner_number(name: str) -> OnboardPlanner:
     """
     try:
         return OnboardPlanner[name.upper().replace("-", "_")]
-    except (AttributeError, KeyError):  # not a text, or unknown
+    except (AttributeError, KeyError):  # not a string, or unknown
         names = ", ".join(p.name.lower().replace("_", "-") for p in OnboardPlanner)
         raise BridgeError(f"unknown planner {name!r}; use one of {names}") from None

@@ -1,4 +1,4 @@
-"""Writes a confirmed calibration to the device."""
+"""Writing of a confirmed calibration to the device."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ class Change:
     parameter: str
     """Name of the device's parameter."""
     key: str
-    """Key in the robot file; a key of a table has a dot: ``ultrasonic.scale``."""
+    """Key in the robot file. A key in a table has a dot, as in ``ultrasonic.scale``."""
     unit: str
     old: float
     new: float
 
     @property
     def line(self) -> str:
-        """The change as a line for people."""
+        """Return the change as a line for people."""
         share = "" if self.old == 0.0 else f" ({100 * (self.new / self.old - 1):+.3f} %)"
         unit = "" if self.unit == "ratio" else f" {self.unit}"
         return f"{self.parameter}: {self.old:.7g} -> {self.new:.7g}{unit}{share}"
@@ -44,7 +44,7 @@ class Applied:
 
 
 def set_on_device(session: BringupSession, changes: Sequence[Change]) -> Applied:
-    """Set and save the parameters; return which were set and which the device lacks.
+    """Set and save the parameters; return the parameters that were set and that the device lacks.
 
     Raises:
         BridgeError: a value is out of range, or the device rejected it or was lost.

@@ -1,7 +1,7 @@
-"""First power: the checklist for a board and motors that have never run together.
+"""First power: a checklist for a board and motors that have never run together.
 
-The checks supply more power from one to the next. The first check that fails or is declined ends
-the list, so that no later one supplies more power to a robot with a known fault.
+Each check supplies more power than the previous check. The first check that fails or is declined
+ends the list, so that no later check supplies more power to a robot with a known fault.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
 STAGES = (0.1, 0.2, 0.3)
 """Duties of the stages, relative to full duty. The device limits a duty in bring-up mode to 0.5."""
 STAGE_S = 0.6
-"""Duration of one duty, s: three readings of the currents at their slowest rate of 5 Hz."""
+"""Duration of one duty, s. It is three readings of the currents at their slowest rate of 5 Hz."""
 REST_S = 1.0
 """Time between two duties, and duration of a check at standstill, s."""
 HAND_S = 30.0
-"""Maximum time for the person to turn a wheel by hand, s."""
+"""Maximum time in which the person turns a wheel by hand, s."""
 STANDS_S = 1.0
-"""Maximum time from the end of the duties to standstill, s: 0.2 s until the device's timeout, and
-the time in which a free wheel runs out."""
+"""Maximum time from the end of the duties to standstill, s. It is the sum of 0.2 s until the
+device's timeout and the time in which a free wheel stops."""
 
 _PULL_DOWNS = (
     "Is a pull-down resistor of 10 kΩ fitted from each enable input of the motor driver (ENA, ENB) "
@@ -97,12 +97,12 @@ class FirstPower:
         self._clear_stop = clear_stop
 
     def results(self) -> Iterator[CheckResult]:
-        """Run the checks in order, and yield their results up to the first that is not passed.
+        """Run the checks in order. Yield their results, and stop after a check that is not passed.
 
         Raises:
             DeviceLostError: the device was lost.
             CommandRejectedError: the device rejected a command.
-            StoppedForSafetyError: a stop was latched before.
+            StoppedForSafetyError: a stop was already latched.
             InterruptedByPersonError: the person interrupted the procedure.
 
         """
@@ -246,7 +246,7 @@ class FirstPower:
         return good(step, f"both wheels stood after {took_s:.2f} s")
 
     def _guarded(self, step: str, check: Callable[[], CheckResult]) -> CheckResult:
-        """Run a check with motion; the wheels stand afterwards, whatever happens."""
+        """Run a check with motion; stop the wheels afterwards, also after an error."""
         try:
             return check()
         except InterruptedByPersonError:

@@ -1,4 +1,4 @@
-"""Gyro bias at standstill, its standard error and its drift. Pure."""
+"""Gyro bias at standstill, its standard error and its drift. No I/O."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ if TYPE_CHECKING:
 MIN_SAMPLES = 100
 """Minimum number of samples for a bias."""
 BLOCK_S = 1.0
-"""Length of the blocks whose means give the standard error, s."""
+"""Duration of a block of samples, s. The standard error is computed from the blocks' means."""
 REST_RAD_S = math.radians(20.0)
-"""Maximum rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
+"""Maximum gyro rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
 MOVED_RAD_S = math.radians(0.5)
-"""Standard deviation above which the robot was moved, rad/s: ten times the noise at 100 Hz."""
+"""Standard deviation of the rate above which the robot was moved, rad/s. It is ten times the noise
+at 100 Hz."""
 
 
 class AxisBias(NamedTuple):
@@ -27,13 +28,14 @@ class AxisBias(NamedTuple):
     name: str
     bias_rad_s: float
     sigma_rad_s: float
-    """Standard error of the bias, from means over a second: consecutive samples are correlated."""
+    """Standard error of the bias, rad/s. It is from means over 1 s, because consecutive samples are
+    correlated."""
     range_rad_s: float
     """Difference between the largest and the smallest of these means, rad/s."""
 
 
 def biases(samples: Sequence[tuple[float, tuple[float, float, float]]]) -> tuple[AxisBias, ...]:
-    """Return the biases of x, y and z from samples at standstill, each with its device time (s).
+    """Return the biases of x, y and z. Each sample at standstill has its device time (s).
 
     Raises:
         BridgeError: there are too few samples, or the robot was moved.

@@ -1,4 +1,4 @@
-"""The interface between a procedure and the person beside the robot."""
+"""Interface between a procedure and the person beside the robot."""
 
 from __future__ import annotations
 

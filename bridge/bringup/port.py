@@ -1,4 +1,4 @@
-"""The port of a bring-up session, and the error for a procedure that a person has ended."""
+"""Port of a bring-up session, and the error for a procedure that a person has ended."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class BringupPort(Protocol):
-    """A port with a clock: a real port, or the virtual device in virtual time."""
+    """A port with a clock. It is a real port, or the virtual device in virtual time."""
 
     @property
     def link(self) -> type[LinkBase]:

@@ -1,6 +1,6 @@
-"""Bring-up with the wheels off the floor: a sequence of checks, each with its findings.
+"""Bring-up with the wheels off the floor, as a sequence of checks with findings.
 
-No wheel turns before the person beside the robot has confirmed it. The procedure asks the person
+No wheel turns before the person beside the robot has allowed it. The procedure asks the person
 about facts that no sensor measures: which wheel turned, and in which direction.
 """
 
@@ -43,27 +43,29 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 STEPS = ("first-power", "supply", "rest", "motors", "axes", "sensors", "control")
-"""The checks in their order; each depends on the one before."""
+"""The checks in their order. Each check depends on the previous check."""
 USUAL_STEPS = STEPS[1:]
-"""The checks of a robot whose motors have run before."""
+"""The checks for a robot whose motors have already run."""
 REST_S = 2.0
 """Duration of a measurement at standstill, s."""
 REST_TRIES = 5
-"""Maximum number of attempts to measure a robot that is touched. Then the axes are skipped."""
+"""Maximum number of attempts to measure at standstill while the robot is touched. After them, the
+check of the axes is skipped."""
 KICK_DUTY = 0.3
-"""Duty of a kick, -1..1. With ``KICK_S`` the rim moves about 6 cm, which is visible."""
+"""Duty of a kick, -1..1. In ``KICK_S`` the wheel's rim moves about 6 cm, which is visible."""
 KICK_S = 0.8
 """Duration of a kick, s."""
 HAND_S = 20.0
-"""Maximum time for the person to do a requested action, s."""
+"""Maximum time for a requested action of the person, s."""
 RELEASE_S = 4.0
-"""Maximum time for the person's hand to leave the previous sensor, s."""
+"""Maximum time until the person's hand has left the previous sensor, s."""
 TURN_RAD = math.radians(45.0)
-"""Smallest turn that counts when a quarter turn was asked for, rad."""
+"""Minimum turn that counts as the requested quarter turn, rad."""
 TILT_M_S2 = 2.5
-"""Smallest change of gravity along an axis that counts as a tilt, m/s²: about 15°."""
+"""Minimum change of gravity along an axis that counts as a tilt, m/s². It is a tilt of about
+15°."""
 STEP_M_S = 0.15
-"""Speed of the step of the wheel control, m/s."""
+"""Speed setpoint of the step for the wheel control, m/s."""
 STEP_S = 1.5
 """Duration of the step, s."""
 _TURNED = {
@@ -289,7 +291,7 @@ class BringUp:
         others: dict[str, Callable[[Range], bool]],
         first: Callable[[Range], bool] | None = None,
     ) -> CheckResult:
-        """Wait for a reading; ``others`` are the readings that a swapped plug would give."""
+        """Wait for a reading; ``others`` are the readings that swapped plugs would cause."""
         session = self._session
         if first is None and (early := self._early_response(step, wanted)) is not None:
             return early
@@ -318,9 +320,9 @@ class BringUp:
         return good(step, "responds")
 
     def _early_response(self, step: str, wanted: Callable[[Range], bool]) -> CheckResult | None:
-        """Return a finding for a sensor that responds before it is asked; else None.
+        """Return a finding for a sensor that responds before the person's action; else None.
 
-        The person's hand may still be near for a while after the previous check.
+        After the previous check, the person's hand may be near the sensor for a short time.
         """
         session = self._session
         if session.run(RELEASE_S, lambda: not wanted(session.await_newest(Range))):
@@ -366,7 +368,10 @@ class BringUp:
             yield judge_step(step)
 
     def _sees_floor(self) -> bool:
-        """Return whether the cliff sensor sees a floor; on a stand the person covers it."""
+        """Return True if the cliff sensor detects a floor.
+
+        On a stand, the person covers the sensor.
+        """
         session = self._session
 
         def seen() -> bool:
@@ -405,8 +410,8 @@ def _sample(message: Imu) -> ImuSample:
 class _Rotation:
     """Integrates the angle about each axis (rad), without the gyro's bias at standstill.
 
-    An uncorrected bias of 3 °/s would look like a quarter turn after half a minute. After a
-    correction by two seconds of standstill, the error stays below 1° in ``HAND_S``.
+    In half a minute, an uncorrected bias of 3 °/s would integrate to a quarter turn. The bias is
+    measured during two seconds of standstill, so the error stays below 1° in ``HAND_S``.
     """
 
     def __init__(self, rest: ImuSample) -> None:
@@ -415,7 +420,7 @@ class _Rotation:
         self.values = (0.0, 0.0, 0.0)
 
     def add(self, t_s: float, sample: ImuSample) -> None:
-        """Take the next sample and its device time."""
+        """Add the next sample with its device time."""
         step_s = 0.0 if self._last_s is None else t_s - self._last_s
         self._last_s = t_s
         x, y, z = (
@@ -426,7 +431,7 @@ class _Rotation:
 
 
 _TILT_SAMPLES = 30
-"""Samples that a tilt must last: 0.3 s at 100 Hz, longer than a knock."""
+"""Minimum number of samples in a tilt. They are 0.3 s at 100 Hz, which is longer than a knock."""
 
 
 class _Tilt:
@@ -437,16 +442,16 @@ class _Tilt:
         self._newest: deque[ImuSample] = deque(maxlen=_TILT_SAMPLES)
 
     def add(self, _t_s: float, sample: ImuSample) -> None:
-        """Take the next sample."""
+        """Add the next sample."""
         self._newest.append(sample)
 
     @property
     def values(self) -> tuple[float, float, float]:
-        """Mean change over the newest samples; zeros until there are enough."""
+        """Mean change over the newest samples; zeros if there are too few samples."""
         if len(self._newest) < _TILT_SAMPLES:
             return 0.0, 0.0, 0.0
         now = _mean_accel(self._newest)
-        # A tilt reduces the vertical component a little, so the vertical axis never responds.
+        # A tilt only slightly reduces the vertical component. So the vertical axis is set to zero.
         up = max(range(3), key=lambda i: abs(self._rest[i]))
         x, y, z = (0.0 if i == up else now[i] - self._rest[i] for i in range(3))
         return x, y, z

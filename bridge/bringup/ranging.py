@@ -1,4 +1,4 @@
-"""Calibration of a range sensor: scale and offset from readings at measured distances. Pure."""
+"""Calibration of a range sensor: scale and offset from readings at known distances. No I/O."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MIN_SPREAD_M = 0.03
-"""Smallest spread of the distances for a scale, m: ten times the noise of the sensors. With a
-smaller spread only the offset is fitted."""
+"""Minimum spread of the distances for a fit of the scale, m. It is ten times the noise of the
+sensors. With a smaller spread, only the offset is fitted."""
 MIN_READINGS = 5
-"""Smallest number of valid readings at one distance."""
+"""Minimum number of valid readings at one distance."""
 SCALES = (0.8, 1.25)
-"""Range of plausible scales; others mean a wrong distance or another sensor."""
+"""Range of plausible scales. Other scales are caused by a wrong distance or another sensor."""
 OFFSET_M = 0.1
-"""Largest plausible offset, m."""
+"""Maximum plausible offset, m."""
 
 
 class Point(NamedTuple):
@@ -37,9 +37,9 @@ class RangeFit(NamedTuple):
     scale: float
     offset_m: float
     before_m: float
-    """Root mean square error with the previous calibration."""
+    """Root mean square error with the previous calibration, m."""
     after_m: float
-    """Root mean square error with this calibration."""
+    """Root mean square error with this calibration, m."""
 
 
 def point(true_m: float, readings: Sequence[float | None]) -> Point:
@@ -53,7 +53,8 @@ def point(true_m: float, readings: Sequence[float | None]) -> Point:
     if len(seen) < max(MIN_READINGS, len(readings) // 2):
         raise BridgeError(f"at {true_m:g} m only {len(seen)} of {len(readings)} readings are valid")
     middle = median(seen)
-    # Crosstalk from other ultrasonic sensors lies far from the median and is left out.
+    # Readings far from the median are omitted. Their cause is crosstalk from other ultrasonic
+    # sensors.
     kept = [r for r in seen if abs(r - middle) <= max(0.01, 0.05 * middle)]
     return Point(true_m, fmean(kept), pstdev(kept), len(kept))
 

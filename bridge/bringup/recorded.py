@@ -1,4 +1,4 @@
-"""Records a bring-up or a calibration: bytes, messages, clock and printed lines."""
+"""Recording of a bring-up or a calibration: bytes, messages, clock and printed lines."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
 
 _CLOCK_NS = 1_000_000_000
-"""Period of the records of the clock sync, ns: as in a run."""
+"""Period of the records of the time synchronisation, ns. It is the same as in a run."""
 
 
 class BringupRecords:
-    """Records everything that passes between a bring-up session and its device."""
+    """Records all data between a bring-up session and its device."""
 
     def __init__(self, wire: BringupPort, sink: Sink, unix_offset_ns: int) -> None:
-        """``unix_offset_ns`` is Unix time minus the time of ``wire``, ns."""
+        """Create a recorder; ``unix_offset_ns`` is Unix time minus the time of ``wire``, ns."""
         self._wire, self._sink = wire, sink
         self._ingest = Ingest(TimeSync(), unix_offset_ns)
         is_bus = issubclass(wire.link, CanLink)
@@ -47,7 +47,7 @@ class BringupRecords:
         self._records.flush(now_ns)
 
     def closed(self) -> None:
-        """Record the damaged data that is still collected."""
+        """Record the collected damaged data that is not yet recorded."""
         self._records.flush(self._wire.now(), at_once=True)
 
     def record_line(self, text: str) -> None:

@@ -1,9 +1,9 @@
 """A session with one device for bring-up: requests, measurements and small motions.
 
-Sans-I/O: a :class:`bridge.bringup.port.BringupPort` carries bytes and gives the time. So the same
-procedure runs on a port and, in virtual time, against the emulated device. Time passes only inside
-its calls. It has one thread, and no planner, log or estimate; :class:`bridge.run.host.Host` has
-these.
+Sans-I/O: a :class:`bridge.bringup.port.BringupPort` transfers bytes and returns the time. So the
+same procedure runs on a port and, in virtual time, with the emulated device. Time passes only
+during calls of the port. The session has one thread. It has no planner, log or estimate, unlike
+:class:`bridge.run.host.Host`.
 """
 
 from __future__ import annotations
@@ -46,20 +46,22 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 CYCLE_NS = 20_000_000
-"""Period of repeated velocities and duties, ns: 50 Hz, the catalogue's default."""
+"""Period of repeated velocities and duties, ns. It is the catalogue's default of 50 Hz."""
 TTL_MS = 200
 CONFIRM_S = 1.0
-"""Maximum time for a device to confirm a stop, s: as long as a run waits at its end."""
+"""Maximum wait for the confirmation of a stop, s. It is the same as at a run's end."""
 ANSWER_S = 8.0
-"""Maximum wait for an answer, s: six tries with doubled timeouts, and a flash erase."""
+"""Maximum wait for an answer, s. It is longer than six attempts with doubled timeouts and a flash
+erase."""
 STALE_S = 0.3
-"""Age of an encoder reading at which a motion is stopped, s: fifteen readings."""
+"""Age of an encoder reading at which a motion is stopped, s. It is fifteen periods of the
+readings."""
 LINK_S = 4.0
 """Maximum time until the link counts as fast enough for the first motion, s; four pings take 0.4 s.
 """
 SILENT_NS = 100_000_000
-"""Silence after which the link is not evaluated, ns: ten frames of the fastest stream. The session
-itself detects a silence within a second."""
+"""Time without any frame after which the link's speed is not evaluated, ns. It is ten periods of
+the fastest stream. The session itself detects a silent device within a second."""
 _INCOMPATIBLE = frozenset({EventKind.INCOMPATIBLE, EventKind.VERSION})
 """Failures of a session with a device that answers but is incompatible."""
 M = TypeVar("M", bound="Message")
@@ -67,7 +69,7 @@ R = TypeVar("R")
 
 
 class BringupSession:
-    """A session with one device. As a context manager it leaves the device stopped."""
+    """A session with one device. At its end as a context manager, it stops the device."""
 
     def __init__(  # noqa: PLR0913 - options of a session
         self,
@@ -83,7 +85,7 @@ class BringupSession:
 
         ``key`` signs motion commands if the device has a key.
 
-        ``records`` gets every record of the session.
+        ``records`` receives every record of the session.
 
         Raises:
             NoDeviceError: no device answered.
@@ -97,7 +99,7 @@ class BringupSession:
         )
         self.commands = Dialogue(self.session)
         self.client = DeviceClient(self)
-        """Client for questions to the device; time passes during each question."""
+        """Client for commands to the device. Time passes during each command."""
         self.newest: dict[type[Message], Message] = {}
         self._times = SampleTimes()
         self._imu = ImuReader()
@@ -105,20 +107,20 @@ class BringupSession:
         self._duty: tuple[float, float] | None = None
         self._steer: Callable[[], tuple[float, float]] | None = None
         self._stops: list[Outcome] = []
-        """Results of the newest stop and of earlier ones that ended meanwhile."""
+        """Outcomes of the newest stop, and of earlier stops that ended since its start."""
         self._failed: Failed | None = None
         self._unsafe = ""
         """Reason why the robot was stopped or must be stopped; empty: no reason."""
         self._moved = self._interrupted = False
         self._free = False
-        """True while no stop should be latched. The device itself has then caused a latched
-        stop."""
+        """True while no stop should be latched. If a stop is latched in this state, the device
+        itself has caused it."""
         self._cause = StopCause.SESSION_END
-        """The most severe cause for a stop so far."""
+        """The highest stop cause so far."""
         self._cycle_ns = wire.now()
         self._t_us = DeviceUs(0)
         self._error = ""
-        """The newest error in the device's own log."""
+        """Text of the newest error in the device's log."""
         self._polled_ns = wire.now()
         if records is not None:
             records.opened(self._polled_ns)
@@ -145,13 +147,15 @@ class BringupSession:
 
     @property
     def now_s(self) -> float:
-        """The wire's time, seconds."""
+        """The port's time, s."""
         return self._wire.now() / 1e9
 
     # ---- time -----------------------------------------------------------------------------
 
     def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Let time pass; return True once ``until`` is true, False if the time has run out before.
+        """Let time pass.
+
+        Return True as soon as ``until`` returns True, False at the end of the time.
 
         Raises:
             DeviceLostError: the device was lost or has booted.
@@ -164,7 +168,7 @@ class BringupSession:
         return held
 
     def interrupt(self) -> None:
-        """End at the next turn of the loop; from a signal handler."""
+        """End the procedure in the next pass of the loop. Called from a signal handler."""
         self._interrupted = True
 
     def _spin(self, duration_s: float, until: Callable[[], bool]) -> bool:
@@ -182,7 +186,7 @@ class BringupSession:
             due_ns = session.next_deadline() or end_ns
             until_ns = HostNs(min(end_ns, self._cycle_ns, max(due_ns, now_ns)))
             going = session.data_to_send()
-            if going and self._records is not None:  # as of when the session made it
+            if going and self._records is not None:  # at the time when the session created it
                 self._records.passed(going, self._polled_ns, outgoing=True)
             came = wire.turn(going, until_ns)
             now_ns = wire.now()
@@ -225,7 +229,7 @@ class BringupSession:
     # ---- news -----------------------------------------------------------------------------
 
     def record_line(self, text: str) -> None:
-        """Record what the person reads."""
+        """Record a line that the person reads."""
         if self._records is not None:
             self._records.record_line(text)
 
@@ -277,7 +281,7 @@ class BringupSession:
         return found if isinstance(found := self.newest.get(kind), kind) else None
 
     def await_newest(self, kind: type[M], timeout_s: float = 3.0) -> M:
-        """Return the newest message of a kind; wait for the first one.
+        """Return the newest message of a kind; wait if there is none yet.
 
         Raises:
             DeviceLostError: no such message arrived.
@@ -301,7 +305,7 @@ class BringupSession:
         return [(t_s, message) for t_s, message in kept if isinstance(message, kind)]
 
     def watch(self, *kinds: type[Message]) -> list[tuple[float, Message]]:
-        """A list that fills with these messages from now on; see :meth:`unwatch`."""
+        """Return a list that collects these messages from now on, until :meth:`unwatch`."""
         kept: list[tuple[float, Message]] = []
         self._taps.append((kinds, kept))
         return kept
@@ -318,18 +322,18 @@ class BringupSession:
         return self.latest(Status)
 
     def now(self) -> HostNs:
-        """The wire's time."""
+        """Return the port's time."""
         return self._wire.now()
 
     def call(self, action: Callable[[], R]) -> R:
-        """Run something: there is no other thread here."""
+        """Run ``action`` directly, because there is no other thread."""
         return action()
 
     def wait(self, begin: Callable[[Callable[[], None]], None], what: str) -> None:
-        """Run ``begin``, and let time pass until it has called its argument.
+        """Run ``begin``, and let time pass until its argument has been called.
 
         Raises:
-            DeviceLostError: no call in time, or the device was lost.
+            DeviceLostError: the argument was not called in time, or the device was lost.
 
         """
         answered: list[bool] = []
@@ -340,11 +344,11 @@ class BringupSession:
     def enable(self, mode: Mode, *, clear_stop: bool = False) -> None:
         """Enable motion in this mode.
 
-        A stop is cleared only if it ended a session cleanly, or with ``clear_stop``.
+        A latched stop is cleared only if its cause is a clean session end, or with ``clear_stop``.
 
         Raises:
             StoppedForSafetyError: another stop is latched, or the link is too slow.
-            CommandRejectedError: the device rejected it.
+            CommandRejectedError: the device rejected the command.
 
         """
         trip, now = self.session.round_trip, self._wire.now
@@ -371,23 +375,23 @@ class BringupSession:
         return status is not None and status.mode == mode and status.stop_cause == StopCause.NONE
 
     def duties(self, left: float, right: float) -> None:
-        """Repeat these motor duties (-1..1, capped by the device) while time passes."""
+        """Repeat these motor duties (-1..1, limited by the device) while time passes."""
         self._steer = None
         self._duty = (left, right)
 
     def steer(self, wanted: Callable[[], tuple[float, float]]) -> None:
-        """Send speed (m/s) and yaw rate (rad/s) from ``wanted`` repeatedly while time passes."""
+        """Repeatedly send speed (m/s) and yaw rate (rad/s) from ``wanted`` while time passes."""
         self._duty = None
         self._steer = wanted
 
     def stop_sending(self) -> None:
-        """Send neither duties nor velocities any more: the device ramps to rest."""
+        """Stop sending duties and velocities. The device then decelerates to standstill."""
         self._duty = self._steer = None
 
     def stop(self, cause: StopCause = StopCause.SESSION_END) -> None:
-        """Latch a stop; returns once the device has confirmed it.
+        """Latch a stop, and wait until the device has confirmed it.
 
-        If the session is lost or gets no confirmation, the stop is sent without a session.
+        If the session is lost or receives no confirmation, the stop is sent without a session.
 
         Raises:
             DeviceLostError: the device has not confirmed it.
@@ -416,12 +420,12 @@ class BringupSession:
         return outcome is not None and outcome.accepted
 
     def _ending_of(self, command_id: int) -> Outcome | None:
-        """How the stop with this id has ended; None: not yet."""
+        """Return the outcome of the stop with this id; None: it has not ended yet."""
         stops = ((cast("Stop", each.message), each) for each in self._stops)
         return next((each for stop, each in stops if stop.command_id == command_id), None)
 
     def _stop_without(self, cause: StopCause) -> bool:
-        """Repeat a stop that needs no session; True once it is confirmed."""
+        """Repeat a stop that needs no session. Return True if the device has confirmed it."""
         wire = self._wire
         stop = stop_request(wire.link, cause, self._new_session_id(), self.session.node)
         end_ns = wire.now() + round(CONFIRM_S * 1e9)

@@ -1,6 +1,6 @@
-"""Drives the straight path and the squares of UMBmark, steered by wheel odometry alone.
+"""Driving of UMBmark's straight path and squares, steered by wheel odometry only.
 
-The gyro is not used, because the error of the wheels is the quantity to measure.
+The gyro is not used, because the calibration measures the error of the wheels.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 REST_S = 0.6
-"""Standstill before and after each drive, s."""
+"""Duration of the standstill before and after each drive, s."""
 _LEG_S = 120.0
 """Time limit of one leg, s."""
 _FINE = frozenset({StopReason.DONE, StopReason.DISTANCE})
-"""Normal ends of a leg."""
+"""Stop reasons that are a normal end of a leg."""
 _LOWPASS = 0.5
 """Smoothing factor of the measured speeds."""
 _SCALE_ROUNDS = 3
-"""Iterations over scale and correction, which depend on each other."""
+"""Number of iterations over scale and correction, which depend on each other."""
 
 
 class Measure(Protocol):
     """Measures the true displacement of the robot."""
 
     def begin(self) -> None:
-        """Take the present position as the mark."""
+        """Use the current position as the mark."""
 
     def end(self) -> tuple[float, float]:
         """Return the displacement from the mark, forwards and to the left, m."""
@@ -64,7 +64,7 @@ class ByTape:
         self._person = person
 
     def begin(self) -> None:
-        """Do nothing: the person has confirmed that the robot is on the mark."""
+        """Do nothing, because the person has confirmed that the robot is on the mark."""
 
     def end(self) -> tuple[float, float]:
         """Ask for the displacement in millimetres."""
@@ -85,10 +85,10 @@ class SquareResult(NamedTuple):
     correction: Correction
     """The refined correction, which ``model`` contains."""
     after: Benchmark
-    """Figures of ``runs``, evaluated again with ``model``."""
+    """Errors of ``runs``, evaluated again with ``model``."""
     model: RobotModel
     verified: Benchmark | None = None
-    """Figures of new runs, driven and evaluated with ``model``."""
+    """Errors of new runs, driven and evaluated with ``model``."""
     refuted: str | None = None
     """Reason why the new runs contradict ``model``; such a result must not be written."""
 
@@ -109,7 +109,7 @@ class Wheels:
     """Wheel odometry of one drive."""
 
     def __init__(self, session: BringupSession, model: RobotModel) -> None:
-        """Take the present pose as the origin."""
+        """Use the current pose as the origin."""
         self._model = model
         self._kept: list[tuple[float, Message]] = session.watch(Encoders)
         self._last = session.await_newest(Encoders)
@@ -185,8 +185,8 @@ class Squares:
         first = borenstein(model, runs, side_m)
         scaled, scale, correction = model, 1.0, refine(model, runs, first)
         if straight is not None:
-            # A robot with unequal wheels drives an arc. Its chord gives the scale only if the
-            # ratio of the wheels is known, and the wheel base depends on the scale: iterate.
+            # A robot with unequal wheels drives an arc. Its chord gives the scale only if the ratio
+            # of the wheels is known. The wheel base depends on the scale, so iterate.
             for _ in range(_SCALE_ROUNDS):
                 scale *= straight_scale(correction.applied_to(scaled), *straight)
                 scaled = replace(model, wheel_diameter_m=model.wheel_diameter_m * scale)
@@ -243,7 +243,7 @@ class Squares:
     def _drive(
         self, model: RobotModel, asked: Asked, legs: tuple[Leg, ...]
     ) -> tuple[tuple[int, int], ...]:
-        """Drive legs by wheel odometry alone; return the encoder counts."""
+        """Drive legs by wheel odometry only; return the encoder counts."""
         session = self._session
         session.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
         tuned = replace(model, cruise_speed_m_s=min(asked.speed_m_s, model.max_speed_m_s))

@@ -1,11 +1,11 @@
-"""UMBmark: measures and corrects systematic odometry errors by squares in both directions. Pure.
+"""UMBmark: calibration of systematic odometry errors by squares in both directions. No I/O.
 
 Source: J. Borenstein and L. Feng, "Measurement and Correction of Systematic Odometry Errors in
 Mobile Robots", IEEE Transactions on Robotics and Automation 12(6), 1996 (and the report
-UM-MEAM-94-22). Its symbols: L the square's side, b the wheel base, E_d = D_R/D_L,
-E_b = b_actual/b_nominal, ε = (absolute position - odometry's position) at the end of a run,
-c.g. the centre of gravity of all runs in one direction. The report and the paper number the
-equations differently, so they are named here by their result, in the order of the derivation:
+UM-MEAM-94-22). The symbols are the source's: L the square's side, b the wheel base, E_d = D_R/D_L,
+E_b = b_actual/b_nominal, ε = (absolute position - odometry's position) at the end of a run, c.g.
+the centre of gravity of all runs in one direction. The report and the paper have different equation
+numbers. So the equations are listed here by their result, in the order of the derivation:
 
 - type A (wheel base): each turn has the same error α: x_cw = x_ccw = -2Lα;
 - type B (diameters): each side is an arc that turns by β: x_cw = -2Lβ, x_ccw = +2Lβ;
@@ -13,12 +13,12 @@ equations differently, so they are named here by their result, in the order of t
   α = (y_cw - y_ccw)/(-4L), β = (y_cw + y_ccw)/(-4L); the two are averaged;
 - the arc's radius R = (L/2)/sin(β/2), hence E_d = (R + b/2)/(R - b/2);
 - E_b = 90°/(90° - α);
-- the correction keeps the mean diameter: c_l = 2/(E_d + 1), c_r = 2/(1/E_d + 1).
+- the correction does not change the mean diameter: c_l = 2/(E_d + 1), c_r = 2/(1/E_d + 1).
 
-These equations are of first order: with errors of 1 % they leave an error of a few tenths of a per
-cent in E_b. ``refine`` starts from them and fits E_d and E_b to the same ε by integration of the
-recorded counts, without approximation. Squares do not show the mean diameter (the source's E_s). It
-is measured on a straight path by ``straight_scale``.
+These equations are of first order. For errors of 1 %, the remaining error of E_b is a few tenths of
+a per cent. ``refine`` starts from their result and fits E_d and E_b to the same ε. It integrates
+the recorded counts, without approximation. Squares do not show the mean diameter (the source's
+E_s). ``straight_scale`` measures it on a straight path.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     Counts = Sequence[tuple[int, int]] | NDArray[np.int64]
 
 _DONE = 1e-9
-"""Relative tolerance of the least squares: far below the effect of one count."""
+"""Relative tolerance of the least-squares fit. It is much smaller than the effect of one count."""
 MEASURED_M = 0.005
 """Error of a measurement with a tape, m."""
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
@@ -53,20 +53,20 @@ class SquareRun(NamedTuple):
 
     clockwise: bool
     counts: Counts
-    """Left and right counts of each interval."""
+    """Counts of the left and the right wheel in each interval."""
     end_x_m: float
-    """Measured end in the frame of the start, forwards."""
+    """Measured end position in the frame of the start, forwards, m."""
     end_y_m: float
-    """Measured end in the frame of the start, to the left."""
+    """Measured end position in the frame of the start, to the left, m."""
 
 
 class Correction(NamedTuple):
     """Correction factors of the robot's model."""
 
     wheel_ratio: float
-    """E_d."""
+    """E_d: ratio of the right to the left wheel diameter."""
     base_factor: float
-    """E_b."""
+    """E_b: ratio of the actual to the nominal wheel base."""
     alpha_rad: float
     beta_rad: float
 
@@ -80,7 +80,7 @@ class Correction(NamedTuple):
 
 
 class Benchmark(NamedTuple):
-    """The source's figures of a set of runs, m."""
+    """UMBmark's error measures of a set of runs, m."""
 
     clockwise: tuple[float, float]
     """Centre of gravity of the return errors ε."""
@@ -88,15 +88,16 @@ class Benchmark(NamedTuple):
 
     @property
     def worst_m(self) -> float:
-        """E_max,syst: the larger distance of the two centres from the origin, m."""
+        """E_max,syst: the larger of the two centres' distances from the origin, m."""
         return max(math.hypot(*self.clockwise), math.hypot(*self.counter_clockwise))
 
 
 def odometry(model: RobotModel, counts: Counts) -> Pose2:
-    """Return the end pose of a run by the encoders alone (eq. 4 and 5 of the paper)."""
+    """Return the end pose of a run, from the encoders only (eq. 4 and 5 of the paper)."""
     if not len(counts):
         return _ORIGIN
-    # Vectorised over all intervals: the device ends the session if the host is silent too long.
+    # Vectorised over all intervals for speed. The device ends the session if the host is silent for
+    # too long.
     per_count_m = (model.left_metres_per_count, model.right_metres_per_count)
     left, right = np.transpose(np.asarray(counts) * per_count_m)
     turns = (right - left) / model.wheel_base_m
@@ -108,7 +109,7 @@ def odometry(model: RobotModel, counts: Counts) -> Pose2:
 
 
 def errors(model: RobotModel, runs: Sequence[SquareRun]) -> list[tuple[float, float]]:
-    """Return ε of each run: the measured end minus the odometry's, m."""
+    """Return ε of each run: the measured end position minus the odometry's end position, m."""
     found = []
     for run in runs:
         pose = odometry(model, run.counts)
@@ -117,7 +118,7 @@ def errors(model: RobotModel, runs: Sequence[SquareRun]) -> list[tuple[float, fl
 
 
 def benchmark(model: RobotModel, runs: Sequence[SquareRun]) -> Benchmark:
-    """Return the figures of a set of runs with a model.
+    """Return the error measures of a set of runs with a model.
 
     Raises:
         ValueError: one of the directions was not driven.
@@ -134,7 +135,7 @@ def benchmark(model: RobotModel, runs: Sequence[SquareRun]) -> Benchmark:
 
 
 def scatter_m(model: RobotModel, runs: Sequence[SquareRun]) -> float:
-    """Return the standard deviation of ε about the centre of its direction, m; 0: unknown."""
+    """Return the standard deviation of ε about its direction's centre of gravity, m; 0: unknown."""
     square, freedom = 0.0, 0
     for clockwise in (True, False):
         found = errors(model, [r for r in runs if r.clockwise is clockwise])
@@ -148,14 +149,16 @@ def scatter_m(model: RobotModel, runs: Sequence[SquareRun]) -> float:
 def refutation(
     before: Benchmark, after: Benchmark, verified: Benchmark, scatter_of_centre_m: float = 0.0
 ) -> str | None:
-    """Return why new squares contradict a correction; None if they confirm it.
+    """Return the reason why new squares contradict a correction; None if they confirm it.
 
     Args:
-        before: Figures of the runs from which the correction was computed.
-        after: Figures of the same runs with the corrected model: the prediction. The remaining
-            error is scatter, of which the fit hides half (it uses two of four degrees of freedom).
-        verified: Figures of new runs, driven and evaluated with the corrected model.
-        scatter_of_centre_m: Standard error of a centre, m, if each direction was driven again.
+        before: Errors of the runs from which the correction was computed.
+        after: Errors of the same runs with the corrected model: the prediction. The remaining error
+            is scatter. The fit uses two of four degrees of freedom, so it hides half of the
+            scatter.
+        verified: Errors of new runs, driven and evaluated with the corrected model.
+        scatter_of_centre_m: Standard error of a centre of gravity, m, if each direction was driven
+            again.
 
     """
     limit_m = MEASURED_M + max(2.0 * after.worst_m, after.worst_m + 3.0 * scatter_of_centre_m)
@@ -171,7 +174,7 @@ def refutation(
 
 
 def borenstein(model: RobotModel, runs: Sequence[SquareRun], side_m: float) -> Correction:
-    """Return the correction by the source's closed form, relative to ``model``.
+    """Return the correction by the source's closed-form equations, relative to ``model``.
 
     Raises:
         ValueError: one of the directions was not driven.
@@ -195,9 +198,9 @@ def _base(alpha: float) -> float:
 
 
 def refine(model: RobotModel, runs: Sequence[SquareRun], start: Correction) -> Correction:
-    """Fit E_d and E_b by least squares, so that the recorded counts lead to the measured ends.
+    """Fit E_d and E_b by least squares, so that the recorded counts give the measured ends.
 
-    The fit starts at the closed form and uses scipy's trust region method.
+    The fit starts at the result of the closed-form equations, and uses scipy's trust region method.
     """
     kept = [run._replace(counts=np.asarray(run.counts)) for run in runs]
 
@@ -212,7 +215,7 @@ def refine(model: RobotModel, runs: Sequence[SquareRun], start: Correction) -> C
 
 
 def straight_scale(model: RobotModel, counts: Counts, measured_m: float) -> float:
-    """Return the source's E_s: the measured length of a straight path over the odometry's.
+    """Return the source's E_s: a straight path's measured length divided by its odometry length.
 
     Raises:
         ValueError: the robot did not move.

@@ -1,4 +1,4 @@
-"""Compares and edits a robot's values in the robot file and on the device. Pure."""
+"""Comparison and change of a robot's values in the robot file and on the device. No I/O."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _SUFFIX = {
     "ratio": "",
     "": "",
 }
-"""Suffix of the robot file's key for each unit of a parameter."""
+"""Map of a parameter's unit to the suffix of the robot file's key."""
 _F32 = struct.Struct("<f")
 
 
 class ParameterDifference(NamedTuple):
-    """A value that differs between device and file; None: missing on this side."""
+    """A value that differs between device and file; None: the value is missing there."""
 
     name: str
     """Name of the parameter, or key of the file if there is no parameter."""
@@ -49,7 +49,7 @@ def robot_key(parameter: Parameter) -> str:
 
 
 def file_values(model: RobotModel) -> dict[str, float]:
-    """Return the numbers of a robot file with flattened tables, as ``ultrasonic_offset_m``."""
+    """Return a robot file's numbers by flattened keys, for example ``ultrasonic_offset_m``."""
     found: dict[str, float] = {}
     for field in dataclasses.fields(model):
         value = getattr(model, field.name)
@@ -85,9 +85,9 @@ def _same(parameter: Parameter, wanted: float) -> bool:
 
 
 def edited(text: str, changes: Mapping[str, float]) -> str:
-    """Return a robot file's text with changed values; everything else, also comments, is kept.
+    """Return a robot file's text with changed values. Comments and all other text are unchanged.
 
-    A key of a table is written ``ultrasonic.offset_m``. Missing keys are added.
+    The form of a key in a table is ``ultrasonic.offset_m``. Missing keys are added.
 
     Raises:
         ConfigError: the text is not TOML, or the result is not a valid robot file.

@@ -1,4 +1,4 @@
-"""Step response of the device's wheel control, measured by the encoders. Pure."""
+"""Step response of the device's wheel control, measured by the encoders. No I/O."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 WINDOW_S = 0.04
-"""Averaging time of a speed, s: one count in 10 ms would be 13 mm/s."""
+"""Averaging time of a speed, s. Over only 10 ms, one count would be 13 mm/s."""
 STEADY_S = 0.4
 """Time at the end of the step that counts as steady state, s."""
 STEADY_SHARE = 0.06
-"""Largest normal steady-state error, relative to the target."""
+"""Maximum normal steady-state error, relative to the target."""
 OVERSHOOT_SHARE = 0.30
-"""Largest normal overshoot, relative to the target."""
+"""Maximum normal overshoot, relative to the target."""
 SETTLED_S = 0.8
-"""Longest normal settling time, s."""
+"""Maximum normal settling time, s."""
 BAND_SHARE = 0.12
-"""Half width of the settling band, relative to the target; one count is 2 % at 0.15 m/s."""
+"""Half of the settling band's width, relative to the target. One count is 2 % at 0.15 m/s."""
 
 
 class WheelStep(NamedTuple):
@@ -31,7 +31,7 @@ class WheelStep(NamedTuple):
 
     wheel: str
     response: StepResponse
-    """Time from the step (s), speed (m/s), target as command."""
+    """Response with the time from the step (s), the speed (m/s), and the target as its command."""
 
     @property
     def steady_m_s(self) -> float:
@@ -42,7 +42,7 @@ class WheelStep(NamedTuple):
 
     @property
     def rise_s(self) -> float:
-        """Rise time from 10 to 90 % of the target, s; inf: 90 % was not reached."""
+        """Rise time from 10 to 90 % of the target, s; inf: the speed did not reach 90 %."""
         return self.response.rise_s
 
     @property
@@ -59,7 +59,7 @@ class WheelStep(NamedTuple):
 def wheel_speeds(
     samples: Sequence[tuple[float, int, int]], metres_per_count: float
 ) -> list[tuple[float, float, float]]:
-    """Return device time (s) and both wheels' mean speeds over 40 ms (m/s) for each sample."""
+    """Return device time (s) and both wheels' mean speeds over 40 ms (m/s) at each sample."""
     found = []
     for i, (t_s, left, right) in enumerate(samples):
         j = i
@@ -114,7 +114,7 @@ def judge_step(step: WheelStep) -> CheckResult:
         return wrong(
             name, f"the wheel does not follow: {figures}", "check the motor and the encoder"
         )
-    if error < -1.5:  # noqa: PLR2004 - in reverse, and faster than the setpoint
+    if error < -1.5:  # noqa: PLR2004 - faster than the setpoint, in the opposite direction
         return wrong(name, f"the wheel runs away: {figures}", "reverse the motor or the encoder")
     if abs(error) > STEADY_SHARE:
         return wrong(
@@ -134,7 +134,7 @@ def _seconds(value: float) -> str:
 
 
 def as_text(steps: Sequence[WheelStep], *, width: int = 64, height: int = 12) -> str:
-    """Plot both wheels as text: l and r, x where they coincide, dashes for the target."""
+    """Plot both wheels as text: l and r, x if both are equal, dashes for the target."""
     target = steps[0].response.target
     end_s = max(step.response.time_s[-1] for step in steps)
     top = 1.25 * max([abs(target), *(abs(v) for s in steps for v in s.response.value)])

@@ -1,7 +1,7 @@
-"""Evaluates the measurements of the bring-up: connections and polarities. Pure.
+"""Evaluation of the bring-up's measurements: connections and polarities. No I/O.
 
-The signs are those of PROTOCOL.md: counts increase forwards; x points forwards, y left, z up; the
-yaw rate is positive counter-clockwise; the acceleration at rest is +1 g upwards.
+The signs are the same as in PROTOCOL.md. Counts increase forwards; x points forwards, y left, z up;
+the yaw rate is positive counter-clockwise; the acceleration at standstill is +1 g upwards.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ if TYPE_CHECKING:
 
 GRAVITY_M_S2 = 9.80665
 GRAVITY_OFF_M_S2 = 1.0
-"""Largest normal error of gravity, m/s²: 0.1 g for the sensor's offset and a tilted stand."""
+"""Maximum normal error of gravity, m/s². It is 0.1 g, for the sensor's offset and a tilted
+stand."""
 GYRO_REST_RAD_S = math.radians(20.0)
-"""Largest rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
+"""Maximum gyro rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
 MIN_COUNTS = 30
-"""Minimum count that shows a turning wheel. A kick gives hundreds; vibration gives a few."""
+"""Minimum count that shows a turning wheel. A kick gives hundreds of counts; vibration gives a
+few."""
 BATTERY_SHARE = 0.3
-"""Largest normal deviation of the battery voltage, relative to the nominal one."""
+"""Maximum normal deviation of the battery voltage, relative to the nominal voltage."""
 LOGIC_V = (4.6, 5.4)
 """Normal range of the logic supply, V."""
 IDLE_A = 0.2
-"""Largest normal motor current at zero duty, A."""
+"""Maximum normal motor current at zero duty, A."""
 FREE_A = 1.0
-"""Largest normal current of a motor whose wheel turns freely, A: half of what an L298N carries
-continuously (data sheet L298, absolute maximum ratings, DC operation: 2 A a channel)."""
+"""Maximum normal current of a motor whose wheel turns freely, A. It is half of an L298N's maximum
+continuous current (data sheet L298, absolute maximum ratings, DC operation: 2 A per channel)."""
 _AXES = ("x", "y", "z")
 LEFT, RIGHT = "left", "right"
 
@@ -46,12 +48,12 @@ class CheckResult:
 
     step: str
     ok: bool | None
-    """None: the check was skipped."""
+    """True: passed; False: failed; None: the check was skipped."""
     text: str
     advice: str = ""
     """The remedy."""
     swapped: str = ""
-    """Swapped plugs, ``motor`` or ``encoder``; empty: none."""
+    """Swapped plugs, ``motor`` or ``encoder``; empty: no plugs are swapped."""
 
     @property
     def line(self) -> str:
@@ -82,7 +84,7 @@ class Kick(NamedTuple):
     output: str
     """The driven output: ``left`` or ``right``."""
     turned: str
-    """The wheel that turned, as seen by the person: ``left``, ``right`` or ``none``."""
+    """The wheel that turned, by the person's observation: ``left``, ``right`` or ``none``."""
     forwards: bool
     left_counts: int
     right_counts: int
@@ -91,8 +93,8 @@ class Kick(NamedTuple):
 def judge_kicks(kicks: Sequence[Kick]) -> list[CheckResult]:
     """Find swapped and reversed motor outputs and encoders.
 
-    The person answers which wheel turned, and in which direction. No program can detect that
-    outputs and encoders are both swapped; the robot would then turn in the wrong direction.
+    The person answers which wheel turned, and in which direction. If outputs and encoders are both
+    swapped, the program alone cannot detect it, and the robot would turn in the wrong direction.
     """
     found: list[CheckResult] = []
     for kick in kicks:
@@ -100,7 +102,7 @@ def judge_kicks(kicks: Sequence[Kick]) -> list[CheckResult]:
         if kick.turned != "none":
             found += judge_encoder(kick)
     swapped = [f.swapped for f in found if f.swapped]
-    if len(swapped) > 1:  # both sides give the same finding: report it once
+    if len(swapped) > 1:  # both sides have the same finding, so report it once
         found = [f for f in found if not f.swapped]
         found += [_swapped(what, f"{what}s") for what in sorted(set(swapped))]
     return found
@@ -160,7 +162,7 @@ def judge_encoder(kick: Kick) -> list[CheckResult]:
 
 
 class Counts(NamedTuple):
-    """Encoder counts of both wheels during a time."""
+    """Encoder counts of both wheels during one measurement."""
 
     left: int
     right: int
@@ -187,7 +189,7 @@ def turned(before: Encoders, kept: Sequence[tuple[float, Message]]) -> Counts:
 def last_change_s(kept: Sequence[tuple[float, Message]]) -> float:
     """Return the time from the first encoder reading to the last change of a count, s.
 
-    0 if the counts are constant.
+    It is 0 if the counts are constant.
     """
     readings = [(t_s, (m.left, m.right)) for t_s, m in kept if isinstance(m, Encoders)]
     changes = [now[0] for before, now in pairwise(readings) if before[1] != now[1]]
@@ -204,7 +206,7 @@ def judge_stage(
         output: the driven output: ``left`` or ``right``.
         both: counts while it was driven forwards, and while it was driven backwards.
         current_a: largest current of a motor, A.
-        must_turn: whether the duty is high enough to turn any wheel; a low one may not overcome
+        must_turn: True if the duty is high enough to turn any wheel. A low duty may not overcome
             the friction of the gear.
 
     """

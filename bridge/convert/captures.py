@@ -1,7 +1,7 @@
 """Import of captures of other programs: candump logs and raw serial bytes.
 
-``candump -l`` stores a time for every frame. A raw capture, as saved by a terminal program, has no
-times: the device's stamps give the intervals, and the file's date gives the end. The result is an
+``candump -l`` stores a time for every frame. A raw capture of a terminal program has no times. Its
+intervals are computed from the device's stamps, and its end is the file's date. The result is an
 MCAP file like the log of a run, so every command for logs also supports captures.
 """
 
@@ -36,24 +36,24 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 MAX_RAW_BYTES = 256 << 20
-"""Maximum size of a raw capture, bytes: fifteen hours at the default rates. It is read into
-memory."""
+"""Maximum size of a raw capture, bytes. It is fifteen hours at the default rates. A raw capture is
+read into memory."""
 _READ = 1 << 20
 _SECOND_NS = 1_000_000_000
 _EXTENDED, _REMOTE = 0x8000_0000, 0x4000_0000
 _STANDARD_DIGITS = 3
 _MAX_CLASSIC = 8
 _SHORTEST = 1 + HEADER.size + CRC.size + 1
-"""Minimum size of a frame, bytes: COBS byte, header, CRC, zero."""
+"""Minimum size of a frame, bytes. It is the sum of COBS byte, header, CRC and zero."""
 _LATEST_NS = (1 << 63) - 1
 """Maximum time that MCAP readers support, ns."""
 MAX_LINE = 512
-"""Maximum length of a candump line, bytes. A classic frame needs about 100."""
+"""Maximum length of a candump line, bytes. A classic frame needs about 100 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """Bytes with one arrival time; on a bus one frame."""
+    """Bytes with one arrival time; on a bus, one frame."""
 
     host_ns: int
     data: bytes
@@ -63,7 +63,7 @@ def convert(source: Path, target: Path) -> None:
     """Convert a capture to a log: raw bytes, device messages, clock and estimate.
 
     Raises:
-        LogReadError: it cannot be read, or has no frame of a device.
+        LogReadError: the file cannot be read, or has no frame of a device.
         LogWriteError: the log cannot be written.
 
     """
@@ -103,7 +103,7 @@ def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
 def _candump(path: Path) -> Iterator[_Piece]:
     """Yield every classic frame in the file's order; other lines are skipped."""
     with open_to_read(path) as file:
-        # Only the first part of a longer line is read. It is not a frame, because it is too long.
+        # Only the first part of a longer line is read. A longer line is not a frame.
         for line in iter(lambda: file.readline(MAX_LINE), b""):
             match = LOG_LINE.match(line) or SHOWN_LINE.match(line)
             if match is None:
@@ -134,7 +134,7 @@ def _raw(path: Path) -> Iterator[_Piece]:
     link = Link(Direction.HOST)
     begun = 0
     while begun < len(data):
-        # Zeros and noise are grouped up to the minimum frame size, so they cost no more than
+        # Zeros and noise are grouped up to the minimum frame size, so they take no more time than
         # frames.
         end = data.find(b"\0", begun + _SHORTEST - 1) + 1 or len(data)
         stretch = data[begun:end]

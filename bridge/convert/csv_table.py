@@ -60,7 +60,7 @@ def _cells(column: pa.Array) -> pa.Array:
 
 
 def _as_json(lists: pa.ListArray) -> pa.Array:
-    """Convert lists to JSON texts. JSON has no infinities, so they become null."""
+    """Convert lists to JSON texts. JSON has no infinite numbers, so they become null."""
     known = lists.drop_null()
     if len(known) == len(lists) > 1 and lists[1:].equals(lists[:-1]):  # usually joint names
         return pa.repeat(pa.scalar(_json(lists[0].as_py())), len(lists))

@@ -1,4 +1,4 @@
-"""Export of a log's topics to tables: one Parquet or CSV file each."""
+"""Export of a log's topics to tables: one Parquet or CSV file for each topic."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Exported:
     """Result of an export."""
 
     files: dict[str, Path] = field(default_factory=dict)
-    """Written file of each topic."""
+    """Map of each topic to its written file."""
     rows: dict[str, int] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     """Damage that was skipped, and messages that could not be decoded."""
@@ -150,7 +150,7 @@ def _declared_topics(part: Path) -> list[str]:
 
 
 def _topics_with_messages(part: Path) -> set[str]:
-    """Return the topics with messages, from the summary if it is valid."""
+    """Return the topics with messages. They are from the summary if it is valid."""
     with opened(part) as data:
         end, is_whole = first_end(data)
         summary = read_file_summary(data, 0, end)
@@ -203,7 +203,7 @@ class _Exporter:
                 raise OutputExistsError(file)
 
     def begin(self) -> Declared:
-        """Start a file of the run; its channel ids are its own."""
+        """Start a file of the run. Each file has its own channel ids."""
         self.declared, self._forms, self._unknown = Declared(), {}, set()
         return self.declared
 

@@ -1,4 +1,4 @@
-"""Detection of a file's kind from its first bytes."""
+"""Detection of a file's kind by its first bytes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ _LINE = 512
 LOG_LINE = re.compile(
     rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)"
 )
-"""A line of ``candump -l`` and ``-L``."""
+"""Pattern of a line of ``candump -l`` and ``-L``."""
 SHOWN_LINE = re.compile(
     rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+(?:[RT]X\s+\S*\s+)?"
     rb"\[\d+\]\s*(remote)?\s*((?:[0-9A-Fa-f]{2} ?)*)"
 )
-"""A line of ``candump -ta``."""
+"""Pattern of a line of ``candump -ta``."""
 
 
 def kind_of(path: Path) -> str:
     """Return the kind of a file: ``mcap``, ``candump`` or ``raw``.
 
     Raises:
-        LogReadError: it cannot be read.
+        LogReadError: the file cannot be read.
 
     """
     try:

@@ -1,4 +1,4 @@
-"""Records of a capture, as a live run would have written them."""
+"""Records of a capture, equal to the records of a live run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Listener:
     """Records received bytes and the decoded messages. It sends nothing."""
 
     def __init__(self, sink: Sink, model: RobotModel, link: LinkBase) -> None:
-        """Use ``link`` as the host's side; times are Unix time."""
+        """Decode with ``link``, the host's link; times are Unix time."""
         self.messages = 0
         """Number of device messages."""
         self._link = link
@@ -42,7 +42,7 @@ class Listener:
         self._sends = {s.type_id for s in link.codec.catalogue if s.direction is Direction.HOST}
 
     def received(self, data: bytes, now_ns: HostNs) -> None:
-        """Record received bytes; on a bus frames of both sides."""
+        """Record received bytes; on a bus, frames of both sides."""
         if isinstance(self._link, CanLink):
             for begin in range(0, len(data), RECORD.size):
                 frame = data[begin : begin + RECORD.size]

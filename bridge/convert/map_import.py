@@ -1,4 +1,4 @@
-"""ROS maps and SVG floor plans as rooms."""
+"""Import of ROS maps and SVG floor plans as rooms."""
 
 from __future__ import annotations
 
@@ -29,18 +29,21 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Point, Polygon
 
 _MAX_BYTES = 64 * 1024 * 1024
-"""Maximum size of a file, bytes: a map of 8000 × 8000 cells."""
+"""Maximum size of a file, bytes. It is a map of 8000 × 8000 cells."""
 _MAX_PIXELS = 64_000_000
 _YAML = (".yaml", ".yml")
 FORMATS = (*_YAML, ".svg")
 _MODES = ("trinary",)
 _SVG_TOLERANCE_M = 0.01
 _STEP = 0.75
-"""Tolerance for a ROS map, cells. In a wall at 45° the corners are 0.71 cells off the line."""
+"""Tolerance for a ROS map, in cells. In a wall at 45°, the cells' corners are 0.71 cells off the
+line."""
 _CURVE_STEPS = 16
-"""Number of straight segments per curve of an SVG. The simplification removes unneeded ones."""
+"""Number of straight segments per curve of an SVG. The simplification removes segments that are not
+needed."""
 _THRESHOLD_M = 0.005
-"""Height of a threshold from an SVG, which has no heights, m. The default robot can climb it."""
+"""Height of a threshold from an SVG, m. An SVG has no heights. The default robot can cross this
+threshold."""
 
 
 class MapsMissingError(BridgeError):
@@ -58,8 +61,8 @@ def import_map(
     Args:
         path: the file.
         scale_m: length of one unit of an SVG, m.
-        tolerance_m: corners closer than this to a straight line are removed, m; None: the cell
-            steps of a map, or 1 cm for an SVG.
+        tolerance_m: maximum distance of a removed corner from the simplified outline, m; None: 0.75
+            cells for a map, 1 cm for an SVG.
         start: start pose; None: the start in the file, else the place farthest from all walls.
 
     Raises:
@@ -94,7 +97,7 @@ def _content(path: Path) -> bytes:
 
 
 class _RosMap(NamedTuple):
-    """The YAML file of a map, with the fields that nav2's map_server reads."""
+    """Content of a map's YAML file, with the fields that nav2's map_server reads."""
 
     image: str
     resolution_m: float
@@ -109,7 +112,7 @@ def _ros_map(path: Path, tolerance_m: float | None, start: Pose2 | None) -> Floo
     if tolerance_m is None:
         tolerance_m = _STEP * about.resolution_m
     free = _free_cells(path.parent / about.image, about)
-    labels, count = ndimage.label(free)  # cells that meet at an edge
+    labels, count = ndimage.label(free)  # cells with a common edge are connected
     if not count:
         raise FloorPlanError(f"{path}: no cell of the map is free")
     sizes = np.bincount(labels.ravel())[1:]
@@ -205,7 +208,7 @@ def _ros_keys(path: Path, data: dict[object, Any]) -> _RosMap:
 
 
 def _free_cells(path: Path, about: _RosMap) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Read the image: which cells are free, the lowest row first."""
+    """Read the image; return a mask of the free cells, with the lowest row first."""
     try:
         from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - an extra
     except ImportError:
@@ -225,8 +228,8 @@ def _free_cells(path: Path, about: _RosMap) -> np.ndarray[Any, np.dtype[np.bool_
             raise
         raise FloorPlanError(f"{path} is no image that can be read: {error}") from None
     occupancy = grey / 255.0 if about.negate else (255.0 - grey) / 255.0
-    # As in map_server's mode trinary: above one threshold occupied, below the other free, else
-    # unknown. Unknown floor is no floor.
+    # As in map_server's mode trinary, a cell is occupied above one threshold, free below the other
+    # threshold, and else unknown. Unknown cells are not floor.
     free = (occupancy < about.free) & ~(occupancy > about.occupied)
     return np.asarray(free[::-1])
 
@@ -245,7 +248,8 @@ _ROLES = {
     "stair": "cliffs",
     "start": "start",
 }
-"""Meaning of words in the id, class or label of an element, or of a group around it."""
+"""Map of a word in an element's id, class or label to the element's role. The word may also be in a
+group around the element."""
 
 
 class _Shape(NamedTuple):
@@ -289,7 +293,7 @@ def _svg_plan(path: Path, scale_m: float, tolerance_m: float, start: Pose2 | Non
 
 
 def _walls(path: Path, by_role: dict[str, list[Polygon]]) -> tuple[Polygon, tuple[Polygon, ...]]:
-    """The walls and the obstacles; without a name the largest shape is the walls."""
+    """Return walls and obstacles. If no shape is named as walls, the largest shape is the walls."""
     unnamed = sorted(by_role.get("", ()), key=lambda p: -abs(signed_area_m2(p)))
     named = by_role.get("walls", [])
     if len(named) > 1:
@@ -301,7 +305,7 @@ def _walls(path: Path, by_role: dict[str, list[Polygon]]) -> tuple[Polygon, tupl
 
 
 def _svg_shapes(path: Path) -> Iterator[_Shape]:
-    """Read every shape as points in the units of the SVG, y downward."""
+    """Read every shape as points in the units of the SVG, with y downward."""
     try:
         import svgelements  # noqa: PLC0415 - an extra
     except ImportError:
@@ -331,7 +335,7 @@ def _walk(svgelements: Any, element: Any, role: str) -> Iterator[_Shape]:  # noq
 
 
 def _points(svgelements: Any, part: Any) -> list[Point]:  # noqa: ANN401 - untyped
-    """Corners of a sub-path; curves become short straight pieces."""
+    """Return the corners of a sub-path. Curves become short straight segments."""
     points: list[Point] = []
     for segment in part:
         if isinstance(segment, svgelements.Move) or segment.end is None:

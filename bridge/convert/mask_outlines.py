@@ -1,4 +1,4 @@
-"""Shapes of an imported map: outlines of a mask, simplification, and a place to start. Pure."""
+"""Shapes of an imported map: outlines of a mask, simplification, and a start pose. No I/O."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Point, Polygon
 
 _MAX_CELLS = 1_000_000
-"""Maximum number of cells in the raster in which a start is searched."""
+"""Maximum number of cells in the grid in which a start pose is searched."""
 _Corner = tuple[int, int]
 
 
 def outlines(mask: NDArray[np.bool_]) -> list[list[_Corner]]:
-    """Trace the outlines of a mask along the edges of its cells, as (column, row) corners.
+    """Return the outlines of a mask along its cells' edges, as (column, row) corners.
 
-    The mask lies on the left of each edge. With rows upwards, outlines are counter-clockwise and
-    holes are clockwise.
+    The mask is on the left of each edge. If rows increase upwards, outlines are counter-clockwise
+    and holes are clockwise.
     """
     padded = np.pad(mask, 1)
     following: dict[_Corner, list[_Corner]] = {}
@@ -48,7 +48,7 @@ def outlines(mask: NDArray[np.bool_]) -> list[list[_Corner]]:
         loop: list[_Corner] = []
         while True:
             ahead = following[here]
-            # Where two cells meet at a corner, turn left, so that each cell keeps its own outline.
+            # If two cells meet only at a corner, turn left, so that each cell has its own outline.
             target = min(ahead, key=lambda to: _turn(came, (to[0] - here[0], to[1] - here[1])))
             ahead.remove(target)
             if not ahead:
@@ -69,9 +69,9 @@ def _turn(came: _Corner, step: _Corner) -> int:
 
 
 def simplified(polygon: Sequence[Point], tolerance_m: float) -> Polygon:
-    """Remove corners that are within a tolerance of the remaining outline (Douglas and Peucker).
+    """Remove corners within a tolerance of the remaining outline (Douglas and Peucker).
 
-    A polygon that would vanish, such as a single cell of a map, is kept unchanged.
+    If no area would remain, for example of a single cell, the polygon is not changed.
     """
     points = np.asarray(polygon, dtype=np.float64)
     whole = tuple((float(x), float(y)) for x, y in points)

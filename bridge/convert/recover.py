@@ -1,11 +1,11 @@
-"""Recovery of damaged logs: copies everything that is provably intact.
+"""Recovery of damaged logs: all data that are provably intact are copied.
 
-Chunks are copied after a check of their content's CRC. A damaged chunk is left out, and the message
-indexes after it show which messages are lost. Of a truncated last chunk, the part that can be
-decompressed is kept. A record with valid fields and CRC is kept even if its opcode or length is
-damaged. A lost declaration is taken from the file's summary or from a later declaration in the
-file; otherwise a stub replaces it. Joined files are recovered one after the other. Ids of a later
-file that conflict with earlier ones are changed.
+Chunks are copied if their content's CRC is valid. A damaged chunk is omitted, and the message
+indexes after it show which messages are lost. If the last chunk is truncated, the part that can be
+decompressed is copied. A record with valid fields and CRC is copied even if its opcode or length is
+damaged. A lost declaration is copied from the file's summary or from a later declaration in the
+file; otherwise a stub replaces it. Joined files are recovered one after the other. If ids of a
+later file conflict with earlier ids, they are changed.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 _MESSAGE = struct.Struct("<HIQQ")
 _ID = struct.Struct("<H")
 _LONGEST_SHOWN = 4
-"""Maximum number of topics that a loss lists."""
+"""Maximum number of topics in the text of a loss."""
 _LAST_KNOWN = int(Opcode.DATA_END)
 _COMPRESSIONS = {b"", b"zstd", b"lz4"}
 _OF_SUMMARY = frozenset(
@@ -74,19 +74,19 @@ _OF_SUMMARY = frozenset(
     )
 )
 _OVERSIZE_BYTES = 4 * MAX_CHUNK_BYTES
-"""Maximum number of bytes by which all chunks of a file together may exceed their declared sizes. A
-declared size may be damaged, so some excess is allowed. The limit bounds the time."""
+"""Maximum total size by which a file's chunks may exceed their declared sizes, bytes. A declared
+size may be damaged, so a chunk may be larger. The limit bounds the time."""
 _GUESSED_BYTES = 512 << 20
 """Maximum number of bytes per file that are read because an opcode or length may be damaged. Each
-byte costs a copy and a checksum, about 1 ns."""
+byte needs a copy and a checksum, which take about 1 ns."""
 _GUESSED_TIMES = 16
-"""Additional number of such bytes per byte of the file. A log decompresses to about 5 times its
-size, so each chunk may be tried three times."""
+"""Additional number of such bytes for each byte of the file. A log decompresses to about 5 times
+its size, so each chunk may be read three times."""
 
 
 @dataclass(slots=True)
 class Loss:
-    """A range of the file that could not be kept."""
+    """A range of the file that could not be copied."""
 
     offset: int
     bytes: int
@@ -97,7 +97,7 @@ class Loss:
     messages: dict[str, int] = field(default_factory=dict)
     """Number of lost messages by topic, as far as known."""
     kept: Counter[int] = field(default_factory=Counter)
-    """Messages of this range that were kept, by channel; an index counts them too."""
+    """Number of messages of this range that were copied, by channel. An index counts them too."""
 
     def text(self) -> str:
         """Return the loss as one line."""
@@ -118,24 +118,24 @@ class Recovery:
     source: Path
     target: Path
     whole: bool = True
-    """True if the source has an end and nothing after it."""
+    """True if the source has an end and no data after it."""
     files: int = 1
     """Number of joined files in the source."""
     messages: int = 0
     chunks: int = 0
     rescued: int = 0
-    """Number of messages from a truncated chunk."""
+    """Number of messages copied from a truncated chunk."""
     attachments: int = 0
     metadata: int = 0
     undeclared: int = 0
-    """Number of messages without a declaration: kept under ``/undeclared/<channel>``."""
+    """Number of messages without a declaration. They are in the topic ``/undeclared/<channel>``."""
     stub_schemas: int = 0
     """Number of lost schemas, replaced by stubs ``lost_schema_<number>``."""
     losses: list[Loss] = field(default_factory=list)
 
     @property
     def lost_messages(self) -> int:
-        """Known number of lost messages, without those of a truncated end."""
+        """Known number of lost messages, without the messages of a truncated end."""
         return sum(sum(loss.messages.values()) for loss in self.losses)
 
     def as_json(self) -> dict[str, Any]:
@@ -199,7 +199,7 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
 
 
 class _Recoverer:
-    """Recovers one of the joined files; usually there is one."""
+    """Recovers one of the joined files. Usually a source has only one file."""
 
     def __init__(
         self,
@@ -211,7 +211,7 @@ class _Recoverer:
         last_is_taken: bool,
     ) -> None:
         self.end = begin + len(MAGIC)
-        """End of the file as soon as known."""
+        """End of the file, as soon as it is known."""
         self._begin = self.end
         self._data, self._copy, self._result = data, copy, result
         following = next_file(data, self.end, len(data))
@@ -222,28 +222,28 @@ class _Recoverer:
             and self._summary.start is None
             and is_summary_of(data, begin, len(data))
         )
-        """Use the summary at the end of the data although another file seems to start before it.
-        Only one of several joined files does so, to bound the time."""
+        """True to use the summary at the end of the data although another file seems to start
+        before it. Only one of several joined files uses it, to limit the time."""
         if self.took_last:
             self._summary = read_file_summary(data, begin, len(data))
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        """Declarations by their id in this file."""
+        """Channel declarations by their id in this file."""
         self._numbers: dict[int, int] = {}
-        """Id in the copy, by id in this file."""
+        """Map of a channel's id in this file to its id in the copy."""
         self._looked_ahead = False
         self._kept: Counter[int] = Counter()
-        """Number of kept messages by channel."""
+        """Number of copied messages by channel."""
         self._first_loss = len(result.losses)
         self._oversize = _OVERSIZE_BYTES
         self._guesses = _GUESSED_BYTES + _GUESSED_TIMES * ((following or len(data)) - begin)
-        """Bytes that may still be read on a guess."""
+        """Number of bytes that may still be read because of a possibly damaged opcode or length."""
         self._search, self._search_inner = RecordSearch(data), RecordSearch(data)
         self._last: dict[int, list[tuple[int, int]]] = {}
-        """Message indexes of the last kept chunk."""
+        """Message indexes of the last copied chunk."""
         self._is_chunked = Opcode.CHUNK in self._summary.kinds.values()
         self._loss: Loss | None = None
-        """The last loss, while its message indexes may follow."""
+        """The last loss, as long as its message indexes may follow."""
         self._handlers: dict[int, Callable[[int, bytes], None]] = {
             int(Opcode.SCHEMA): partial(self._declaration, Opcode.SCHEMA),
             int(Opcode.CHANNEL): partial(self._declaration, Opcode.CHANNEL),
@@ -304,7 +304,7 @@ class _Recoverer:
             if going_on is not None:
                 return going_on
         if opcode == Opcode.MESSAGE and self._is_chunked and self._loss is not None:
-            # It belongs to the lost chunk, whose checksum alone covered it.
+            # It belongs to the lost chunk, and only the lost chunk's checksum covered it.
             self._loss.bytes = max(self._loss.bytes, end - self._loss.offset)
             return None
         if opcode != Opcode.MESSAGE_INDEX:
@@ -336,7 +336,7 @@ class _Recoverer:
                 following = self._search_inner.after(start)
             elif following is None and opcode == Opcode.CHUNK:
                 following = self._next_chunk(start, end)
-            # Bytes of it are missing, and its length overlaps what follows.
+            # Bytes of the record are missing, so its length overlaps the next record.
             if following is not None and following < end:
                 self._loss.bytes = following - offset
                 return following
@@ -345,8 +345,8 @@ class _Recoverer:
     def _next_chunk(self, start: int, end: int) -> int | None:
         """Return the chunk or attachment that a damaged chunk's length overlaps.
 
-        A message may itself contain a chunk. That chunk ends inside the message, and does not count
-        if there is a record at ``end``.
+        A message may itself contain a chunk, which ends inside the message. Such a chunk does not
+        count if there is a record at ``end``.
         """
         if self._stands_known(end):
             return self._search.reached(start, end)
@@ -380,7 +380,7 @@ class _Recoverer:
         return self._loss
 
     def _damaged(self, damage: DamagedBytes) -> int | None:
-        """Save what is possible of damaged bytes; return where to continue if known."""
+        """Copy the intact part of damaged bytes; return where to continue if known."""
         offset, end, is_tail = damage
         expected = self._summary.kinds.get(offset)
         going_on = self._mislabelled(offset, expected)
@@ -396,7 +396,7 @@ class _Recoverer:
         return None
 
     def _mislabelled(self, offset: int, expected: int | None) -> int | None:
-        """Keep a record with a damaged opcode or length if its content is intact.
+        """Copy a record with a damaged opcode or length if its content is intact.
 
         Returns its end; None: no such record.
         """
@@ -420,7 +420,7 @@ class _Recoverer:
         return None
 
     def _chunk_at(self, offset: int) -> int | None:
-        """Keep a chunk with a valid CRC but a damaged opcode or length.
+        """Copy a chunk with a valid CRC but a damaged opcode or length.
 
         Returns its end; None: no such chunk.
         """
@@ -448,14 +448,14 @@ class _Recoverer:
         return None
 
     def _may_guess(self, size: int) -> bool:
-        """Return True if this many bytes may be read on a guess, and count them."""
+        """Return True if ``size`` more bytes may be read within the limits, and count them."""
         if size > self._guesses:
             return False
         self._guesses -= size
         return True
 
     def _rescue_tail(self, offset: int, end: int) -> bool:
-        """Keep the messages of a truncated chunk that unpack; return True if that is all."""
+        """Copy the messages that a truncated chunk still contains; return False for no chunk."""
         data, start = self._data, offset + HEAD.size
         if data[offset] != Opcode.CHUNK or start + 32 > end:
             return False
@@ -480,7 +480,10 @@ class _Recoverer:
     # ---- handlers of record types
 
     def _declaration(self, opcode: int, offset: int, content: bytes) -> None:
-        """Handle a schema or channel outside chunks; from a damaged summary only new ones."""
+        """Handle a schema or channel outside chunks.
+
+        In a damaged summary, use only new declarations.
+        """
         start = self._summary.start
         if start is not None and offset >= start and not self._summary.is_proven:
             self._take_missing(opcode, content, 0, len(content))
@@ -531,7 +534,9 @@ class _Recoverer:
         self._keep(offset, record, content, parts if is_sound else None)
 
     def _content(self, parts: ChunkParts) -> tuple[bytes, bool]:
-        """Unpack a chunk with a valid CRC; return also whether its packed bytes can be copied.
+        """Unpack a chunk with a valid CRC.
+
+        The second value is True if its packed bytes can be copied.
 
         Raises:
             Exception: any error that the libraries raise on damage.
@@ -580,7 +585,7 @@ class _Recoverer:
         return taken, broken
 
     def _keep(self, offset: int, record: bytes, content: bytes, packed: ChunkParts | None) -> None:
-        """Copy a chunk, packed as it is if nothing has to be changed."""
+        """Copy a chunk. Copy its packed bytes if nothing has to be changed."""
         taken, broken = self._take_apart(offset, content)
         places, counts = Places(), Counter[int]()
         same = broken is None
@@ -627,12 +632,12 @@ class _Recoverer:
         return known is not None and bytes_of(known)[HEAD.size :] == content
 
     def _index(self, _offset: int, content: bytes) -> None:
-        """Count a lost chunk's messages from the index after it."""
+        """Count a lost chunk's messages from the message index after the chunk."""
         if self._loss is None:
             return
         index = parse(MessageIndex, content)
         if self._last.get(index.channel_id) == index.records:
-            return  # of a kept chunk: only an index was lost
+            return  # of a copied chunk; only an index was lost
         topic = self._topic(index.channel_id)
         counts, times = self._loss.messages, [entry[0] for entry in index.records]
         lost = len(times) - self._loss.kept[index.channel_id]
@@ -697,7 +702,7 @@ class _Recoverer:
         return found
 
     def _look_ahead(self) -> None:
-        """Read the declarations of the whole file; some writers repeat them in every chunk."""
+        """Read the declarations of the whole file. Some writers repeat them in every chunk."""
         if self._looked_ahead:
             return
         self._looked_ahead = True
@@ -734,7 +739,7 @@ class _Recoverer:
                 self._result.undeclared += count
 
     def _account(self) -> None:
-        """Report messages that the file's statistics count but that were neither kept nor lost."""
+        """Report messages in the file's statistics that are not among copied or lost messages."""
         counts = self._summary.counts if self._summary.is_proven else None
         if counts is None:
             return

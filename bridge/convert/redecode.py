@@ -1,7 +1,7 @@
 """Second decoding of a log's raw bytes, to prove that no message was lost.
 
-The recorded bytes go to a new session and time synchronisation, at the times of their records. The
-host's recorded bytes determine when the session was polled and which session ids it used.
+A new session and time synchronisation receive the recorded bytes at their recorded times. The
+host's recorded bytes show when the session was polled and which session ids it used.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
     session = Session(lambda: next(ids, 1), node=_node(reader), link=link)
     ingest, encoders = Ingest(TimeSync(), offset_ns), device_encoders()
     imu = CATALOGUE.spec(Imu)
-    encoders[imu.name] = DeviceEncoder(imu, has_si=False)  # as in a log, until the scale is known
+    encoders[imu.name] = DeviceEncoder(imu, has_si=False)  # as in a log before the scale is known
     session.open(HostNs(_opened_ns(reader, records) - offset_ns))
     for record in records:
         now_ns = HostNs(record.log_ns - offset_ns)

@@ -1,4 +1,4 @@
-"""Logs from any supported file: the file itself, or a conversion of a capture."""
+"""Access to a log from any supported file. A capture is converted to a log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def readable(path: Path) -> Iterator[Path]:
     """Yield an MCAP file: the file itself, or a temporary conversion of a capture.
 
     Raises:
-        LogReadError: it cannot be read, or has no frame of a device.
+        LogReadError: the file cannot be read, or has no frame of a device.
 
     """
     if kind_of(path) == MCAP:

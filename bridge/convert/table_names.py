@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _LONGEST = 180
-"""Maximum length of a table's name without its suffix, bytes. File systems allow 255, some
-encrypted ones 143 with their own overhead."""
+"""Maximum length of a table's name without its suffix, bytes. File systems allow 255 bytes. Some
+encrypted file systems allow only 143 bytes because of their overhead."""
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 """Names that Windows reserves for devices, with any suffix."""
 
@@ -24,7 +24,7 @@ def table_names(topics: Iterable[str]) -> dict[str, str]:
     for topic in sorted(topics):
         stem = name = _name(topic)
         number = 2
-        while _folded(name) in used:  # topics that differ in special characters or case only
+        while _folded(name) in used:  # topics differ only in special characters or case
             name = f"{stem}-{number}"
             number += 1
         used.add(_folded(name))
@@ -44,5 +44,5 @@ def _name(topic: str) -> str:
 
 
 def _folded(name: str) -> str:
-    """Return the form that case-insensitive file systems compare."""
+    """Return the form of a name that case-insensitive file systems compare."""
     return unicodedata.normalize("NFKC", name).casefold()

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from bridge.record.decode.forms import Column, Form, Leaf, Template
 
 _MAX_SHAPES = 64
-"""Maximum number of message shapes per block. Further messages are decoded one by one."""
+"""Maximum number of message shapes per block. Messages of further shapes are decoded one by one."""
 _FEW = 3
 """Maximum number of equal messages that are decoded one by one."""
 _LONG = 2048
-"""Minimum length of a message for which a template always pays, bytes."""
+"""Minimum length of a message for which a template always saves time, bytes."""
 _ALIGNED = 64
 """Alignment of an Arrow column, bytes."""
 _HEADS = (LOG_NS, PUBLISH_NS, SEQUENCE)
@@ -57,7 +57,7 @@ class TableWriter:
         """Create the file.
 
         Raises:
-            OSError: it cannot be created.
+            OSError: the file cannot be created.
 
         """
         self._columns = tuple(columns)
@@ -74,7 +74,7 @@ class TableWriter:
         else:
             if not is_utf8(path):
                 raise OSError(errno.EILSEQ, "Parquet needs a name in UTF-8; CSV does not")
-            # Dictionaries take twice the time and more space for measured values. Statistics of
+            # For measured values, dictionaries take twice the time and more space. Statistics of
             # lists do not help to find a row.
             self._parquet = pa_parquet.ParquetWriter(
                 str(path),
@@ -85,7 +85,7 @@ class TableWriter:
             )
 
     def write(self, block: Block, channels: Iterable[tuple[int, Form]]) -> int:
-        """Write these channels' messages of a block; return how many could not be decoded."""
+        """Write these channels' messages of a block; return the number of undecodable messages."""
         return sum(self._write(block, channel_id, form) for channel_id, form in channels)
 
     def _write(self, block: Block, channel_id: int, form: Form) -> int:
@@ -124,7 +124,7 @@ def _times(values: NDArray[np.uint8]) -> pa.Array:
 
 
 def _as(kind: pa.DataType, array: pa.Array) -> pa.Array:
-    """Convert to a type. Schemas of one topic may differ; values that do not fit become null."""
+    """Convert to a type. A topic's schemas may differ; values that do not fit become null."""
     if array.type == kind:
         return array
     try:
@@ -156,7 +156,7 @@ def _decode(
             if template is None and length and not few:
                 template = form.template(data[first : first + length])
             if template is None:
-                # A message without a template does not exclude one for the next.
+                # If a message gives no template, the next message may still give a template.
                 single.append(places if few else places[:1])
                 places = places[:0] if few else places[1:]
                 shapes += not few
@@ -185,7 +185,7 @@ def _decode(
 def _of_shape(
     data: NDArray[np.uint8], starts: NDArray[np.int64], template: Template, form: Form
 ) -> tuple[NDArray[np.bool_], list[pa.Array]]:
-    """Return which messages fit a template, and their columns."""
+    """Return a mask of the messages that fit a template, and their columns."""
     leaves = [template.leaves.get(column.name) for column in form.columns]
     moving = [leaf for leaf in leaves if leaf is not None and leaf.how != "same"]
     places = tuple((MESSAGE_HEAD + leaf.offset, leaf.size) for leaf in moving)
@@ -205,7 +205,7 @@ def _split(
     mask: NDArray[np.uint8],
     places: tuple[tuple[int, int], ...],
 ) -> tuple[NDArray[np.bool_], list[NDArray[np.uint8]]]:
-    """Return which messages have a shape, and their bytes at these offsets and sizes."""
+    """Return a mask of the messages with a shape, and their bytes at these offsets and sizes."""
     values = np.zeros((len(places), 3), np.int64)
     size_bytes = 0
     for row, (offset, size) in enumerate(places):

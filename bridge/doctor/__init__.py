@@ -1,4 +1,4 @@
-"""Diagnosis of a link, a device or a log: findings in plain words, each with a remedy."""
+"""Diagnosis of a link, a device or a log. Each finding is plain text with a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Examines a robot by the device's messages: the rules of supervision and checks of the IMU.
+"""Examines a robot by its messages, with the rules of supervision and checks of the IMU.
 
 The messages are processed in device time, so delays on the link do not affect the result.
 """
@@ -28,26 +28,27 @@ GAP_US = 500_000
 REST_S = 1.0
 """Time without encoder counts after which the robot counts as standing still, s."""
 SHIFT_DEG_S = 1.0
-"""Change of the gyro rate between two standstills that is reported, °/s: about a hundred times the
-effect of warming up."""
+"""Minimum change of the gyro rate between two standstills that is reported, °/s. It is about a
+hundred times the effect of warming up."""
 GRAVITY_OFF = 0.15
-"""Deviation of the measured gravity from 1 g that is reported, g."""
+"""Minimum deviation of the measured gravity from 1 g that is reported, g."""
 LEAN_DEG = 6.0
-"""Change of the tilt between two standstills that is reported, degrees."""
+"""Minimum change of the tilt between two standstills that is reported, degrees."""
 FROZEN = 60
-"""Number of equal consecutive IMU samples that is reported: 0.6 s. Sensor noise yields only a few.
+"""Minimum number of equal consecutive IMU samples that is reported. It is 0.6 s of samples. With
+sensor noise, only a few are equal.
 """
 FROZEN_POWER = 25
-"""Number of equal consecutive power samples that is reported while the robot drives: 5 s. The
-battery's voltage alone changes more often."""
+"""Minimum number of equal consecutive power samples that is reported while the robot drives. It is
+5 s of samples. The battery's voltage alone changes more often."""
 LIVELY = 3
-"""Length of a run of equal samples, up to which its repeats count as normal sensor noise."""
+"""Maximum number of consecutive equal samples that counts as normal sensor noise."""
 _G_LSB = 16384.0
 _DEG_S_LSB = 131.0
 _MAX_SIGNS = 200
-"""Maximum number of signs kept for one examination."""
+"""Maximum number of signs that are stored for one examination."""
 _QUIET = {"silence": "off", "progress": "off", "fence": "off", "reset": "off"}
-"""Rules that are off, because they evaluate the link or need the robot's task."""
+"""Rules that are off, because they evaluate the link or need data about the robot's task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,7 @@ class BodyView:
         """Start without any message."""
         self.signs: list[Sign] = []
         self.onboard = ""
-        """Name of the onboard planner whose start was recorded; empty if none was."""
+        """Name of the onboard planner whose start was recorded; empty: no start was recorded."""
         self._model = model or RobotModel()
         rules = {name: {"reaction": level} for name, level in _QUIET.items()}
         self._settings = settings_from(rules)
@@ -88,7 +89,7 @@ class BodyView:
         self._newest: dict[type[Message], Any] = {}
 
     def take(self, message: Message, stamp_us: int, _arrived_ns: int) -> None:
-        """Take a message of the device."""
+        """Handle a message of the device."""
         known = self._imu.take(message)
         if known is None:
             return
@@ -175,7 +176,7 @@ class _Rest:
         self.forget()
 
     def forget(self) -> None:
-        """Discard the standstill under way."""
+        """Discard the current standstill."""
         self._since_s = math.inf
         self._sums = [0.0] * 4
         self._count = 0
@@ -246,7 +247,7 @@ class _Frozen:
         self._run += 1
         if self._run <= LIVELY:
             self._repeats += 1
-        # A virtual IMU without noise repeats samples at standstill; that is no fault.
+        # A virtual IMU without noise repeats samples at standstill, which is not a fault.
         lively = self._changes > FROZEN and self._repeats < 0.5 * self._changes
         if self._run != FROZEN or not lively:
             return None
@@ -260,7 +261,7 @@ class _FrozenPower:
     def __init__(self) -> None:
         self._counts: Encoders | None = None
         self._moved = False
-        """Whether a wheel turned since the last power sample."""
+        """True if a wheel has turned since the last power sample."""
         self._before: Power | None = None
         self._run = 0
 

@@ -1,4 +1,4 @@
-"""The rules of the doctor: from the examined link, robot and session to findings."""
+"""Rules of the doctor, which derive findings from the examined link, robot and session."""
 
 from __future__ import annotations
 
@@ -27,41 +27,44 @@ MIN_DAMAGED = 3
 """Minimum number of damaged frames for a finding. The first bytes after the port is opened are
 usually the end of a frame."""
 STRANGE_BYTES = 1000
-"""Number of damaged bytes that resemble no message, above which the baud rate is probably wrong."""
+"""Number of damaged bytes not similar to a message above which the baud rate is probably wrong."""
 STRANGE_TIMES = 10
-"""Ratio of these bytes to the other damaged bytes that is required in addition."""
+"""Minimum ratio of these bytes to the other damaged bytes for the same conclusion."""
 MIN_PIECE = 10
-"""Number of consecutive missing frames that count as a gap. A full buffer drops fewer."""
+"""Minimum number of consecutive missing frames that count as a gap. A full buffer drops fewer
+frames."""
 NOISE_SHARE = 1e-4
-"""Share of damaged frames below which noise is only a note."""
+"""Share of damaged frames below which the finding about noise is only a note."""
 LATE_P95_MS = 5.0
-"""Maximum normal 95th percentile of the delay, ms; below 2 for an idle host and a 1 ms adapter."""
+"""Maximum normal 95th percentile of the delay, ms. It is below 2 ms for an idle host and an adapter
+with a latency of 1 ms."""
 ROUND_TRIP_MS = 8.0
-"""Largest normal median round trip, ms. An idle host with a 1 ms adapter stays below 4."""
+"""Maximum normal median of the round-trip time, ms. It is below 4 ms for an idle host and an
+adapter with a latency of 1 ms."""
 DRIFT_PPM = 200.0
-"""Largest normal clock drift, ppm: two crystals of ±100 ppm."""
+"""Maximum normal clock drift, ppm. It is for two crystals of ±100 ppm."""
 LOGIC_V = 4.5
 """Lower limit of the 5 V rail, V."""
 LOAD_PERCENT = 90
-"""Load of the device's control loop that is reported, percent."""
+"""Minimum load of the device's control loop that is reported, percent."""
 CAN_ERROR_PASSIVE = 128
-"""Value of an error counter from which a CAN controller is error passive (ISO 11898-1)."""
+"""Minimum value of an error counter at which a CAN controller is error passive (ISO 11898-1)."""
 STALE_SHARE = 0.02
-"""Share of stale setpoints among the frames received by the device, above which it is reported."""
+"""Minimum share of stale setpoints that is reported, among the frames that the device received."""
 _FAULTY_RESETS = frozenset({ResetCause.BROWN_OUT, ResetCause.WATCHDOG, ResetCause.CRASH})
-"""Reset causes that have a finding of the same name."""
+"""Reset causes for which there is a finding of the same name."""
 _SHOWN = 3
 """Number of schema differences in a finding's text."""
 _CONTACT = frozenset(
     {"no_data", "wrong_baud", "no_answer", "echo", "other_node", "words", "version"}
 )
-"""Session failures that have the name of their finding."""
+"""Session failures whose finding has the same name."""
 _FINDING_OF: dict[str, str] = {
     EventKind.SILENCE: "no_data",
     EventKind.GARBAGE: "wrong_baud",
     EventKind.TRANSMIT_ONLY: "no_answer",
 }
-"""Findings of the session failures that have another name."""
+"""Map of session failure to finding, if their names differ."""
 _WARN, _BAD, _NOTE = Severity.WARNING, Severity.ERROR, Severity.INFO
 
 
@@ -71,15 +74,15 @@ class Examination:
 
     medium: Medium = Medium.UART
     raw: bool = True
-    """Whether the capture contains raw bytes; False: only decoded messages."""
+    """True if the capture contains raw bytes; False: only decoded messages."""
     failure: tuple[str, str] | None = None
     """Kind and text of the session's failure."""
     differences: list[str] = field(default_factory=list)
     """Differences between the catalogues of host and device, one line each."""
     boots: list[Boot] = field(default_factory=list)
-    """Additional boots that a log names."""
+    """Additional boots that a log contains."""
     port_lost: list[str] = field(default_factory=list)
-    """Error of each loss of the port."""
+    """Error text of each loss of the port."""
     extra: list[Finding] = field(default_factory=list)
     """Findings about the file or the port."""
 
@@ -91,11 +94,11 @@ class Examination:
         self.timing = Timing()
 
     def received(self, data: bytes, at_ns: int) -> None:
-        """Take bytes from the device."""
+        """Handle bytes from the device."""
         self.wire.received(data, at_ns)
 
     def sent(self, data: bytes, at_ns: int) -> None:
-        """Take bytes that were sent to the device."""
+        """Handle bytes that were sent to the device."""
         self.wire.sent(data, at_ns)
         self.body.onboard = self.wire.onboard or self.body.onboard
 
@@ -120,7 +123,7 @@ class Examination:
     # ---- rules ----------------------------------------------------------------------------
 
     def _contact(self) -> Iterator[Finding]:
-        """Check whether the device is a sweeper, and compatible."""
+        """Check that the device is a sweeper and compatible."""
         wire = self.wire
         if self.failure is not None:
             kind, text = self.failure
@@ -220,7 +223,7 @@ class Examination:
             hole
             for hole in holes
             if not _near_boot(hole.at_s, hole.for_s, boots, begin_ns)
-            # Before the handshake a device sends one hello a second and nothing else.
+            # Before the handshake a device sends only one hello per second.
             and begin_ns + hole.at_s * 1e9 >= wire.streaming_ns
         ]
         if own and not self.port_lost:
@@ -244,7 +247,7 @@ class Examination:
             yield Finding("late_setpoints", _WARN, text, {"stale": wire.device_stale})
 
     def _missing(self, elsewhere: int) -> Finding:
-        """Classify missing sequence numbers: consecutive ones are a gap, others an overrun."""
+        """Classify missing sequence numbers: consecutive numbers are a gap, others an overrun."""
         wire, marks = self.wire, self.wire.marks
         data: dict[str, Any] = {"lost": wire.lost, "frames": wire.frames}
         short = [
@@ -371,7 +374,7 @@ class Examination:
             yield Finding("stopped", _NOTE, text, {"cause": label(StopCause, cause)})
 
     def _body(self) -> Iterator[Finding]:
-        """Report each kind of robot fault once, with its first occurrence and its number."""
+        """Report each kind of robot fault once, with its first occurrence and its count."""
         signs: dict[str, list[Sign]] = {}
         for sign in self.body.signs:
             signs.setdefault(sign.kind, []).append(sign)
@@ -423,7 +426,7 @@ class Examination:
 
 
 def _is_line(by_ms: float, round_trip_ms: float | None) -> bool:
-    """Return whether a jump of the offset is a change of delay: the round trip changed with it."""
+    """Return True if the round trip changed with the offset: the link's delay changed."""
     if round_trip_ms is None:
         return False
     return round_trip_ms * by_ms > 0.0 and abs(round_trip_ms) > 0.5 * abs(by_ms)

@@ -113,7 +113,7 @@ ADVICE: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One fault or note, with the measurement behind it."""
+    """One fault or note, with its measured values."""
 
     kind: str
     severity: Severity

@@ -1,7 +1,7 @@
-"""Examination of a live device: handshake, time requests and listening, nothing else.
+"""Examination of a live device, only by handshake, time requests and listening.
 
-Sans-I/O: the owner of the port passes bytes and time in and writes the bytes that come out. The
-messages sent (hello, describe, time request) cannot move a wheel.
+Sans-I/O. The owner of the port passes received bytes and the time, and writes the returned bytes.
+The messages sent (hello, describe, time request) cannot move a wheel.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ class LiveExamination:
         self.examination = Examination(self._session.link.medium)
         self.negotiated = False
         self.over = False
-        """True once the session has failed, so that nothing more will arrive."""
+        """True if the session has failed, so that no more data will arrive."""
 
     def open(self, now_ns: HostNs) -> None:
         """Send the hello."""
         self._session.open(now_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Take bytes that the port received at ``now_ns``."""
+        """Handle bytes that the port received at ``now_ns``."""
         if data:
             self.examination.received(data, now_ns)
             self._digest(self._session.receive(data, now_ns))

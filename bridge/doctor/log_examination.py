@@ -1,10 +1,8 @@
 """Examination of a recorded log.
 
-The log was written by sweepctl and contains raw bytes, or it was written by another program.
-
-Raw bytes are examined like a live link. If a log contains only decoded messages, the robot and
-its sensors are examined; a finding says that link and clock are not. For an unknown topic, only
-pauses are reported.
+A log of sweepctl contains raw bytes, which are examined like a live link. A log of another program
+may contain only decoded messages. Then only the robot and its sensors are examined, and a finding
+states this. For an unknown topic, only pauses are reported.
 """
 
 from __future__ import annotations
@@ -34,16 +32,17 @@ if TYPE_CHECKING:
 _EVENTS, _DEVICE = "/events", "/device/"
 _NANO = 1e-9
 PAUSE_TIMES = 20.0
-"""Shortest pause of a topic that is reported, in mean periods of the topic."""
+"""Minimum pause of a topic that is reported, in mean periods of the topic."""
 PAUSE_S = 1.0
-"""Shortest pause of a topic that is reported, s; both limits must be exceeded."""
+"""Minimum pause of a topic that is reported, s. The limits in periods and in seconds must both be
+exceeded."""
 MIN_MESSAGES = 20
-"""Smallest number of messages in a topic whose pauses are reported."""
+"""Minimum number of messages in a topic whose pauses are reported."""
 WINDOW_NS = 2_000_000_000
 """Maximum time by which a message in a file may be out of order, ns. It is the duration of eight
 chunks of a sweepctl log."""
 FROZEN = 60
-"""Smallest number of equal consecutive IMU samples that is reported."""
+"""Minimum number of equal consecutive IMU samples that is reported."""
 _FAILURES = frozenset(
     {
         *(EventKind.SILENCE, EventKind.GARBAGE, EventKind.ECHO, EventKind.WORDS),
@@ -67,7 +66,7 @@ class _Topic:
     pauses: list[tuple[int, int]] = field(default_factory=list)
     """Duration and start of each pause, ns."""
     before: object = None
-    """IMU values of the previous message; ``equal`` counts their repeats."""
+    """IMU values of the previous message. ``equal`` counts how often they repeat."""
     equal: int = 0
     longest_equal: int = 0
 
@@ -163,7 +162,7 @@ class _Log:
             take(record.data, record.log_ns)
 
     def _event(self, source: str, kind: str, text: str, severity: str) -> None:
-        """Take an event of the session: it reports faults that the bytes do not show."""
+        """Handle an event of the session. Events report faults that the bytes do not show."""
         examination = self._examination
         if source == "link" and kind == EventKind.PORT_LOST:
             examination.port_lost.append(text)
@@ -176,7 +175,7 @@ class _Log:
             examination.failure = kind, text
 
     def _decoded(self, name: str, message: LogMessage) -> None:
-        """Take a decoded message of the device, for the examination of robot and sensors."""
+        """Handle a decoded message of the device, for the examination of robot and sensors."""
         spec = CATALOGUE.by_name.get(name)
         if spec is None:
             return
@@ -234,7 +233,7 @@ class _Log:
 
 
 def _in_order(messages: Iterable[LogMessage]) -> Iterator[LogMessage]:
-    """Sort messages by time: some writers group the messages of a chunk by topic."""
+    """Sort messages by time, because some writers group the messages of a chunk by topic."""
     waiting: list[tuple[int, int, LogMessage]] = []
     newest_ns = 0
     for number, message in enumerate(messages):
@@ -247,7 +246,7 @@ def _in_order(messages: Iterable[LogMessage]) -> Iterator[LogMessage]:
 
 
 def _values(message: LogMessage, *names: str) -> tuple[Any, ...] | None:
-    """Return fields of a message by dotted name; None if it is damaged or lacks one."""
+    """Return fields of a message by dotted name; None if it is damaged or lacks a field."""
     try:
         decoded = message.decoded
     except ValueError:

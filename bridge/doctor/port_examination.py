@@ -1,4 +1,4 @@
-"""Examines the device at a port, by listening only or with messages that cannot move it."""
+"""Examination of the device at a port. It only listens, or sends messages that cause no motion."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def examine_port(  # noqa: PLR0913 - options of a live
 ) -> Examination:
     """Examine a device for ``duration_s`` seconds, then close the port.
 
-    With ``ask`` false nothing is sent. If the port disappears, the examination contains the error.
+    If ``ask`` is False, nothing is sent. If the port disappears, the examination contains the
+    error.
     """
     link = link_of(name)
     live = LiveExamination(new_session_id, node=node, link=link)

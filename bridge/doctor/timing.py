@@ -1,9 +1,9 @@
 """Timing analysis of a capture: clock offset and drift, delays, gaps and host stalls.
 
-The arrival time of a frame minus its stamp is the clock offset plus the delay. The minimum of each
-half second is the offset plus the shortest delay. A line fitted to these minima gives the clock
-drift. The distance above the line is the additional delay. A jump of the line is a step of a clock
-or of the link's delay.
+The arrival time of a frame minus its stamp is the sum of clock offset and delay. The minimum of
+this sum in each half second is the offset plus the shortest delay. The slope of a line through
+these minima is the clock drift. The distance of a frame above the line is its additional delay. A
+jump of the line is a step of a clock or of the link's delay.
 """
 
 from __future__ import annotations
@@ -25,28 +25,30 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 BUCKET_S = 0.5
-"""Interval whose minimum offset is taken, s."""
+"""Duration of an interval whose minimum offset is used, s."""
 STEP_MS = 5.0
-"""Smallest jump of the offset between two intervals that is reported, ms."""
+"""Minimum jump of the offset between two intervals that is reported, ms."""
 HOLE_S = 0.3
-"""Shortest time without a frame that is reported as a gap, s; a device sends one every 4 ms."""
+"""Minimum time without a frame that is reported as a gap, s. A device sends a frame every 4 ms."""
 STALL_S = 0.1
-"""Shortest pause in reading that is reported as a host stall, s."""
+"""Minimum pause in reading that is reported as a stall of the host, s."""
 AFTER_STALL_S = 0.1
 """Time after a stall in which frames are still late, s."""
 _MS = 0.001
 MIN_FRAMES = 50
-"""Smallest number of frames that is analysed."""
+"""Minimum number of frames that is analysed."""
 DRIFT_BUCKETS = 6
-"""Smallest number of intervals for a drift: fewer do not show the scatter."""
+"""Minimum number of intervals for a drift. Fewer intervals do not show the scatter."""
 DRIFT_SIGMAS = 4.0
-"""Uncertainty of the drift in standard errors. It is large, because delays are not Gaussian."""
+"""Uncertainty of the drift in standard errors. The value is large, because delays are not
+Gaussian."""
 STAMP_S = 5e-6
-"""Lower bound of the scatter of an offset, s: the resolution of a stamp and of its reading."""
+"""Lower bound of the scatter of an offset, s. It is the resolution of a stamp and of its
+reading."""
 _AROUND = 3
-"""Intervals before and after a step that are compared."""
+"""Number of intervals before and after a step that are compared."""
 _MIN_TIMER_MS, _MAX_TIMER_MS = 4.0, 260.0
-"""Range of the latency timers of drivers, ms; that of an FTDI adapter goes up to 255 ms."""
+"""Range of the latency timers of drivers, ms. An FTDI adapter's timer is at most 255 ms."""
 _TIMER_TOLERANCE, _TIMER_SHARE = 0.03, 0.1
 """Relative tolerance of a timer's period, and the share of reads that must match it."""
 
@@ -59,7 +61,7 @@ class FrameGap:
     """Start, s since the beginning of the capture."""
     for_s: float
     missing: int
-    """Frames lost in it, from the sequence numbers; at most 255."""
+    """Number of frames lost in the period, from the sequence numbers; at most 255."""
     stamped_s: float
     """Increase of the stamps over the period, s."""
 
@@ -70,9 +72,9 @@ class ClockStep:
 
     at_s: float
     by_ms: float
-    """Size of the jump; positive: frames arrive later relative to their stamps."""
+    """Size of the jump, ms; positive: frames arrive later relative to their stamps."""
     round_trip_ms: float | None
-    """Increase of the round trip at the jump; None: no pings."""
+    """Increase of the round-trip time at the jump, ms; None: no pings."""
 
 
 @dataclass(slots=True)
@@ -81,13 +83,13 @@ class Timing:
 
     duration_s: float = 0.0
     drift_ppm: float | None = None
-    """Drift of the device clock relative to the host clock; positive: the device is slow."""
+    """Drift of the device clock relative to the host clock, ppm; positive: the device is slow."""
     drift_error_ppm: float | None = None
-    """Uncertainty of the drift, from the scatter of the delays; None: the capture is too short."""
+    """Uncertainty of the drift from the scatter of the delays, ppm; None: too short a capture."""
     delay_ms: dict[str, float] = field(default_factory=dict)
-    """Delay beyond the shortest one: ``p50``, ``p95``, ``p99``, ``max``."""
+    """Additional delay relative to the shortest delay, ms: ``p50``, ``p95``, ``p99``, ``max``."""
     round_trip_ms: dict[str, float] = field(default_factory=dict)
-    """Round trip: ``min``, ``p50``, ``p99``, ``max``."""
+    """Round-trip time, ms: ``min``, ``p50``, ``p99``, ``max``."""
     timer_ms: float | None = None
     """Period of the adapter's latency timer, ms; None: no timer was detected."""
     holes: list[FrameGap] = field(default_factory=list)
@@ -133,7 +135,7 @@ def measure(view: WireView) -> Timing:
         _, slope, error = max(slopes, key=lambda each: each[0])
         timing.drift_ppm = slope * 1e6
         timing.drift_error_ppm = None if error is None else error * 1e6
-    # After a stall frames are on time again; if they stay late, the link became slower.
+    # After a stall, frames are on time again. If they stay late, the link has become slower.
     timing.stalls = [
         stall
         for stall in timing.stalls
@@ -178,7 +180,7 @@ def _find_holes(
 
 
 def _of_stalls(timing: Timing, at_s: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the frames that a stall delayed: they do not show the link's delay."""
+    """Return a mask of the frames that a stall delayed. They do not show the link's delay."""
     late = np.zeros(len(at_s), np.bool_)
     for stall in timing.stalls:
         end_s = stall.at_s + stall.for_s
@@ -258,7 +260,7 @@ def _grown(trips: list[tuple[float, float]], at_s: float) -> float | None:
 
 
 def _robust_slope(x: Floats, y: Floats) -> float:
-    """Return the median slope between points half the span apart (a thinned Theil-Sen fit)."""
+    """Return the median slope of point pairs half the span apart (a reduced Theil-Sen fit)."""
     half = len(x) // 2
     return float(np.median((y[half:] - y[: len(y) - half]) / (x[half:] - x[: len(x) - half])))
 
@@ -266,11 +268,11 @@ def _robust_slope(x: Floats, y: Floats) -> float:
 def _slope_error(x: Floats, y: Floats, slope: float) -> float | None:
     """Return the uncertainty of the slope; None for too few points.
 
-    Each of the n/2 pairs has an error of √2·σ over half the span, and their median 1.25/√(n/2) of
-    that; σ follows from the median of the residuals. Correlated residuals do not average out, for
-    example the beat between a host that reads every millisecond and the device's stamps. The
-    uncertainty is therefore at least 1.5 times the range of the residuals over the span: 1.5,
-    because the fit has reduced that range.
+    σ follows from the median of the residuals. Each of the n/2 pairs has an error of √2·σ over half
+    the span. The error of their median is 1.25/√(n/2) times this error. Correlated residuals do not
+    average out. An example is the beat between a host that reads every millisecond and the device's
+    stamps. So the uncertainty is at least 1.5 times the range of the residuals over the span. The
+    factor is 1.5, because the fit has reduced that range.
     """
     count = len(x)
     if count < DRIFT_BUCKETS:
@@ -283,7 +285,7 @@ def _slope_error(x: Floats, y: Floats, slope: float) -> float | None:
 
 
 def _timer_ms(chunk_ns: NDArray[np.int64]) -> float | None:
-    """Return the period of the adapter's latency timer, ms; None if reads show no such period."""
+    """Return the period of the adapter's latency timer, ms; None: the reads show no period."""
     if len(chunk_ns) < MIN_FRAMES:
         return None
     wait_ms = np.diff(chunk_ns) * 1e-6

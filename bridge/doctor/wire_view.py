@@ -1,6 +1,6 @@
-"""Examines the bytes of a link: frames, damage, losses, round trips and boots.
+"""Examination of a link's bytes: frames, damage, losses, round trips and boots.
 
-It uses every byte of both directions with its time. It keeps statistics, not the bytes.
+It uses every byte of both directions with its time. It stores statistics, not the bytes.
 """
 
 from __future__ import annotations
@@ -29,19 +29,21 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message, MessageSpec
 
 _KEPT = 1024
-"""Received bytes kept to examine damaged data: four frames of maximum length."""
+"""Number of received bytes that are stored to examine damaged data. It is four frames of maximum
+length."""
 _RECENT = 16
-"""Frames remembered to detect duplicates."""
+"""Number of frames that are stored to detect duplicates."""
 _VERSION = PROTOCOL_VERSION << 4
 _COBS_AND_CRC = 1 + CRC.size
 _HEAD_SEEN = 4
-"""Bytes of a frame up to its type: the COBS code byte, version, node, type."""
+"""Number of bytes of a frame up to its type: COBS code byte, version, node, type."""
 CRASH_LINE = "crash after "
 """Beginning of the log line in which a device sends its crash record (docs/device.md)."""
 _MAX_TEXT = 2048
-"""Bytes kept from the beginning of the capture, to recognise text."""
+"""Number of bytes that are stored from the beginning of the capture, to recognise text."""
 _MAX_MARKS = 2_000_000
-"""Limit of the frames whose times are kept: more than two hours at the default rates."""
+"""Maximum number of frames whose times are stored. They cover more than two hours at the default
+rates."""
 
 
 @dataclass(slots=True)
@@ -61,13 +63,13 @@ class Damaged:
     """Damaged data, classified by the message length that its header indicates."""
 
     whole: int = 0
-    """Pieces of the right length: bits were flipped."""
+    """Number of pieces of the right length. Their bits were flipped."""
     short: int = 0
-    """Pieces with bytes missing."""
+    """Number of pieces that lack bytes."""
     long: int = 0
-    """Pieces with too many bytes: two frames without a delimiter, or repeated bytes."""
+    """Number of pieces with too many bytes: two frames without a delimiter, or repeated bytes."""
     unknown: int = 0
-    """Pieces whose header names no message."""
+    """Number of pieces whose header has an unknown message type."""
     bytes: int = 0
     unknown_bytes: int = 0
 
@@ -98,13 +100,13 @@ class Stream:
 
 @dataclass(slots=True)
 class FrameTimes:
-    """Times of the intact frames in order: the input of the timing analysis."""
+    """Times of the intact frames in order, for the timing analysis."""
 
     arrived_ns: array[int] = field(default_factory=lambda: array("q"))
     stamp_us: array[int] = field(default_factory=lambda: array("q"))
-    """Device time, µs, 32 bits as received."""
+    """Device times of the frames, µs, 32 bits as received."""
     skipped: array[int] = field(default_factory=lambda: array("q"))
-    """Number of frames missing before this one, from the sequence numbers."""
+    """Number of frames missing before each frame, from the sequence numbers."""
 
 
 class WireView:
@@ -115,14 +117,15 @@ class WireView:
         can = medium is Medium.CAN
         self.medium = medium
         self.on_message: Callable[[Message, int, int], None] = lambda *_: None
-        """Called with each message of the device, its stamp (µs, 32 bits) and arrival (ns)."""
+        """Function that is called with each message of the device, its stamp (µs, 32 bits) and
+        arrival (ns)."""
         self.bytes_in = self.bytes_out = 0
         self.frames = 0
         self.lost = 0
         self.repeated = 0
-        """Duplicate frames."""
+        """Number of duplicate frames."""
         self.foreign = Counter[str]()
-        """Intact frames that could not be used, by reason."""
+        """Number of intact frames that could not be used, by reason."""
         self.versions: set[int] = set()
         """Unsupported protocol versions that were received."""
         self.damaged = Damaged()
@@ -136,10 +139,10 @@ class WireView:
         """Arrival of the reply (ns) and round trip without the device's processing time (ns), for
         each answered ping."""
         self.device_damaged = self.device_stale = self.device_received = 0
-        """Increase, during the capture, of the device's counters of frames from the host."""
+        """Increase of the device's counters of frames from the host, during the capture."""
         self.device_receive_dropped = self.device_send_dropped = self.can_bus_offs = 0
-        """Increase, during the capture, of the counters of the device's queues and of its CAN
-        controller."""
+        """Increase of the counters of the device's queues and of its CAN controller, during the
+        capture."""
         self.can_errors = 0
         """Highest value of the CAN controller's error counters (TEC and REC)."""
         self.faults = 0
@@ -183,7 +186,7 @@ class WireView:
         return min(first, default=math.inf)
 
     def received(self, data: bytes, at_ns: int) -> None:
-        """Take bytes from the device and their arrival time; on CAN, whole 16-byte records."""
+        """Handle bytes from the device and their arrival time; on CAN, whole 16-byte records."""
         if not data:
             return
         if len(self.beginning) < _MAX_TEXT:
@@ -198,7 +201,7 @@ class WireView:
         self._tail = self._tail[-_KEPT:]
 
     def sent(self, data: bytes, at_ns: int) -> None:
-        """Take bytes that were sent to the device."""
+        """Handle bytes that were sent to the device."""
         self.bytes_out += len(data)
         for event in self._tx.receive(data, at_ns // 1000):
             if not isinstance(event, Received):
@@ -210,7 +213,7 @@ class WireView:
                 self.onboard = label(OnboardPlanner, message.planner).replace("_", "-")
 
     def note_decoded(self, spec: MessageSpec, message: Message, stamp_us: int, at_ns: int) -> None:
-        """Take a decoded message from a log without raw bytes."""
+        """Handle a decoded message from a log without raw bytes."""
         self.frames += 1
         if isinstance(message, Hello):
             self._hello(message, at_ns)
@@ -331,9 +334,9 @@ class WireView:
 
 
 def _length_by_header(stretch: bytes) -> int | None:
-    """Return the encoded length of the message that the header of damaged data names; else None.
+    """Return the encoded length of the message type in a damaged frame's header, or None.
 
-    The first bytes of the header are never zero, so COBS does not move them.
+    The first bytes of the header are never zero, so COBS does not change them.
     """
     if len(stretch) < _HEAD_SEEN or stretch[1] & 0xF0 != _VERSION:
         return None

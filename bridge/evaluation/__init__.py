@@ -1,1 +1,1 @@
-"""Metrics of a run against the true floor plan; no planner imports this."""
+"""Metrics of a run by the true floor plan; planners do not import this package."""

@@ -20,15 +20,16 @@ if TYPE_CHECKING:
 
 _new = tuple.__new__
 _CHUNK_S = 0.25
-"""Maximum duration of a segment into which poses are merged, s: the resolution of the times."""
+"""Maximum duration of a segment into which poses are merged, s. It is the resolution of the
+times."""
 _TOLERANCE_M = 2e-4
-"""Maximum distance of the driven path of either end of the mouth from such a segment, m."""
+"""Maximum distance between the path of either end of the mouth and its merged segment, m."""
 _JUMP_M = 0.2
-"""Maximum distance of poses that are joined, m. A larger jump means a gap in the log, or a reset of
-the estimate."""
+"""Maximum distance between poses that are joined, m. A larger jump is a gap in the log or a reset
+of the estimate."""
 _T90, _T99 = 0.90, 0.99
 _Mouth = tuple[float, float, float, float]
-"""x and y of the mouth's left end, then of its right end."""
+"""Positions of the mouth's ends, m: x and y of the left end, x and y of the right end."""
 _NO_MOUTH: _Mouth = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -46,16 +47,17 @@ class Coverage:
     """Shares of the floor, 0 to 1."""
 
     mouth_sweepable: float
-    """Swept share of the floor that the mouth can reach. This is the metric that goals refer to."""
+    """Swept share of the floor that the mouth can reach. Goals refer to this metric."""
     mouth_passing: float
-    """Swept share of the floor that the mouth reaches while the robot passes. It leaves out floor
-    that a mouth ahead of the axle reaches only in a turn towards a wall."""
+    """Swept share of the floor that the mouth can reach while the robot drives forwards. It
+    excludes floor that a mouth ahead of the axle reaches only in a turn towards a wall."""
     mouth_free: float
     body_reachable: float
     body_free: float
-    """Coverage by the paper's eq. 9, for the footprint: for comparison with the paper's tables."""
+    """Coverage by the footprint (the paper's eq. 9), for comparison with the paper's tables."""
     eq8: float | None
-    """Lane lengths times W over the free floor, without turns; None: the lengths are not known."""
+    """Total lane length times W, divided by the free floor's area, without turns (the paper's eq.
+    8); None: the lengths are unknown."""
 
     def to_dict(self) -> dict[str, float | None]:
         """Return the values for a summary."""
@@ -84,34 +86,35 @@ class CoverageReport:
     t99_s: float | None
     largest_hole_cm2: float
     hole_inradius_m: float
-    """Radius of the largest disc inside an unswept sweepable piece, m, with an error of half a
+    """Radius of the largest disc inside an unswept piece of sweepable floor, m. Its error is half a
     cell."""
     repeat_ratio: float | None
-    """Path times W over the swept area, minus 1; None: nothing was swept. Raster errors can make it
-    slightly negative."""
+    """Path length times W, divided by the swept area, minus 1; None: nothing was swept. Raster
+    errors can make it slightly negative."""
     path_ratio: float
-    """Path length over (sweepable area / W)."""
+    """Path length divided by (sweepable area / W)."""
     time_ratio: float
-    """Duration over the reference time."""
+    """Duration divided by the reference time."""
     reference_time_s: float
-    """Sweepable area / (W · cruise speed), s. It is a reference; a run may be faster."""
+    """Reference time, s: sweepable area / (W · cruise speed). A run may be faster."""
     min_time_s: float
-    """Sweepable area over ``max_sweep_rate_m2_s``, s: a lower bound for every run."""
+    """Lower bound of the time of every run, s: sweepable area / ``max_sweep_rate_m2_s``."""
     first_swept_s: Floats
-    """Time from the first pose per cell, s (rows along y, columns along x); infinite: never."""
+    """Time from the first pose until each cell was swept, s (rows along y, columns along x);
+    infinite: never."""
     body_swept: Mask
     origin_m: tuple[float, float]
-    """Corner of the first cell of the two grids."""
+    """Corner of the first cell of the grids, m."""
     resolution_m: float
 
 
 def max_sweep_rate_m2_s(model: RobotModel) -> float:
     """Return the maximum area that the mouth can sweep per second, at the robot's speed limits.
 
-    A point of the mouth at y left of its middle moves across the mouth at v - ωy, for any position
-    of the mouth on the robot. The rate is the integral of |v - ωy| over the width W. It is convex
-    in v and ω, so the maximum is at the limits of both. It is v·W if the mouth's ends never move
-    backward, otherwise v²/ω + ωW²/4.
+    A point of the mouth at the distance y to the left of its middle moves across the mouth at v -
+    ωy. This is true for any position of the mouth on the robot. The sweep rate is the integral of
+    |v - ωy| over the width W. It is convex in v and ω, so its maximum is at the limits of v and ω.
+    The maximum is v·W if the mouth's ends do not move backward, otherwise v²/ω + ωW²/4.
     """
     speed, yaw_rate = model.max_speed_m_s, model.max_yaw_rate_rad_s
     half = 0.5 * model.cleaning_width_m
@@ -121,10 +124,10 @@ def max_sweep_rate_m2_s(model: RobotModel) -> float:
 
 
 class CoverageMeter:
-    """Measures runs on one floor plan; the plan's areas are computed once."""
+    """Measures runs on one floor plan. The plan's areas are computed only once."""
 
     def __init__(self, plan: FloorPlan, model: RobotModel, resolution_m: float = 0.005) -> None:
-        """Use cells of 1 cm or finer, for which the metrics are defined."""
+        """Create a meter. The metrics are defined for cells of 1 cm or smaller."""
         self.model = model
         self.regions = find_regions(plan, model, resolution_m)
         raster = self.regions.raster
@@ -134,13 +137,13 @@ class CoverageMeter:
 
     @property
     def reference_time_s(self) -> float:
-        """Time to sweep the sweepable floor once at cruise speed, without turns, s."""
+        """Time for sweeping the sweepable floor once at cruise speed, without turns, s."""
         width, speed = self.model.cleaning_width_m, self.model.cruise_speed_m_s
         return self.sweepable_m2 / (width * speed)
 
     @property
     def min_time_s(self) -> float:
-        """Lower bound of the time to sweep the sweepable floor, at the robot's speed limits."""
+        """Lower bound of the time for sweeping the floor at the robot's speed limits, s."""
         return self.sweepable_m2 / max_sweep_rate_m2_s(self.model)
 
     def measure(
@@ -151,7 +154,7 @@ class CoverageMeter:
         """Measure a run.
 
         Args:
-            poses: (time_s, x_m, y_m, theta_rad) in the order of time, of the axle's centre.
+            poses: poses of the axle's centre in the order of time: (time_s, x_m, y_m, theta_rad).
             lane_length_m: sum of the lanes' lengths, for eq. 8.
 
         """
@@ -161,18 +164,18 @@ class CoverageMeter:
         return track.report(lane_length_m)
 
     def track(self) -> CoverageTrack:
-        """Begin to measure a run pose by pose; the memory does not grow with the run."""
+        """Return a measurement of a run, pose by pose. Its memory does not grow with the run."""
         return CoverageTrack(self)
 
     def share_at(self, report: CoverageReport, times_s: Sequence[float]) -> list[float]:
-        """Coverage, as defined for results, at given times from the first pose."""
+        """Return the coverage (``mouth_sweepable``) at given times from the first pose."""
         swept = np.sort(report.first_swept_s[self.regions.sweepable])
         counts = np.searchsorted(swept, np.asarray(times_s, dtype=np.float64), side="right")
         return [float(count) / max(len(swept), 1) for count in counts]
 
 
 class CoverageTrack:
-    """One run as it is driven: poses in, figures at any time."""
+    """Measurement of one run, pose by pose; its metrics can be read at any time."""
 
     def __init__(self, meter: CoverageMeter) -> None:
         self._model = model = meter.model
@@ -192,7 +195,7 @@ class CoverageTrack:
         self._directions: tuple[float, ...] | None = None
 
     def add(self, time_s: float, x_m: float, y_m: float, theta_rad: float) -> None:
-        """Take the next pose, of the axle's centre, in the order of time."""
+        """Add the next pose of the axle's centre, in the order of time."""
         pose = _new(TimedPose, (time_s, x_m, y_m, theta_rad))
         newest, self._newest = self._newest, pose
         if newest is None:
@@ -208,13 +211,16 @@ class CoverageTrack:
         self._follow(pose)
 
     def share(self) -> float:
-        """Coverage up to the newest pose, 0 to 1; fast enough for a live picture."""
+        """Return the coverage up to the newest pose, 0 to 1.
+
+        It is fast enough for a live picture.
+        """
         self._close()
         sweepable = self._meter.regions.sweepable
         return _share(np.isfinite(self._times) & sweepable, sweepable)
 
     def report(self, lane_length_m: float | None = None) -> CoverageReport:
-        """Everything measured up to the newest pose; more poses may follow.
+        """Return all metrics up to the newest pose. More poses may follow.
 
         ``lane_length_m`` is the sum of the lanes' lengths, for eq. 8.
         """
@@ -264,14 +270,14 @@ class CoverageTrack:
     # -- inside ----------------------------------------------------------------------------
 
     def _set_out(self, pose: TimedPose) -> None:
-        """Begin a new piece, not connected with the previous one."""
+        """Begin a new piece that is not connected with the previous piece."""
         self._begun, self._anchor = pose, self._mouth(pose)
         self._end, self._end_pose = self._anchor, None
         self._directions = None
         self._stand(pose)
 
     def _follow(self, pose: TimedPose) -> None:
-        """Lengthen the piece under way while both ends of the mouth move straight on."""
+        """Extend the current piece while both ends of the mouth move straight."""
         begun = self._begun
         ends = self._mouth(pose)
         if begun is None:
@@ -290,7 +296,7 @@ class CoverageTrack:
         self._end, self._end_pose = ends, pose
 
     def _close(self) -> None:
-        """Stamp the current piece, and begin the next one at its end."""
+        """Stamp the current piece, and begin the next piece at its end."""
         begun, last = self._begun, self._end_pose
         if begun is None or last is None or self._first is None:
             return
@@ -303,12 +309,12 @@ class CoverageTrack:
         self._end_pose = self._directions = None
 
     def _stand(self, pose: TimedPose) -> None:
-        """Stamp the footprint at the start of a piece; the piece may have no other pose."""
+        """Stamp the footprint at the start of a piece, because the piece may have no other pose."""
         centre = (pose.x_m, pose.y_m)
         self._meter.regions.raster.stamp_capsule(self._body, centre, centre, self._model.radius_m)
 
     def _mouth(self, pose: TimedPose) -> _Mouth:
-        """The mouth's left and right end."""
+        """Return the mouth's left and right end."""
         _, x, y, theta_rad = pose
         c, s = math.cos(theta_rad), math.sin(theta_rad)
         x += self._model.mouth_offset_m * c
@@ -318,20 +324,19 @@ class CoverageTrack:
 
 
 def _holes(raster: Raster, left: Mask) -> tuple[float, float]:
-    """Area of the largest unswept piece (cm²) and the largest inscribed radius (m)."""
+    """Return the area of the largest unswept piece (cm²) and the largest inscribed radius (m)."""
     if not left.any():
         return 0.0, 0.0
     labels, _ = kernel.pieces(left, 1)
     largest = int(np.bincount(labels.ravel())[1:].max())
     depth = kernel.deepest(left)
-    # from a cell's centre to the centre of the first cell outside: the edge is half a cell
-    # nearer
+    # The depth ends at the centre of the first cell outside. The edge is half a cell nearer.
     inradius_m = max(depth - 0.5, 0.0) * raster.resolution_m
     return largest * raster.cell_m2 * 1e4, inradius_m
 
 
 def _straight(anchor: Sequence[float], directions: Sequence[float], ends: Sequence[float]) -> bool:
-    """Return whether both ends lie on their initial lines and move along them."""
+    """Return True if both ends are on their initial lines and move along them."""
     for k in (0, 2):
         dx, dy = directions[k], directions[k + 1]
         ex, ey = ends[k] - anchor[k], ends[k + 1] - anchor[k + 1]
@@ -351,7 +356,7 @@ def _share(part: Mask, whole: Mask) -> float:
 
 
 def _passed(ordered_s: Floats, share: float) -> float | None:
-    """When a share of the cells was swept, from their sorted times."""
+    """Return the time at which a share of the cells was swept, from their sorted times."""
     if not len(ordered_s):
         return None
     time_s = float(ordered_s[math.ceil(share * len(ordered_s)) - 1])

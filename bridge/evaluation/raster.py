@@ -1,9 +1,9 @@
-"""A raster of sample points, one in each cell of a grid, to measure areas.
+"""Raster of sample points for area measurement, with one point in each cell of a grid.
 
-The position of the point in its cell follows a low-discrepancy sequence. With points at the cells'
-centres, a wall along the grid would add or remove whole rows: a systematic error of up to half a
-cell times the wall's length. With scattered points the errors along an edge cancel. For an edge of
-2 m and cells of 5 mm they are below 1e-4 m², instead of 5e-3 m².
+The position of the point in its cell follows a low-discrepancy sequence. If the points were at the
+cells' centres, a wall along the grid would add or remove whole rows. The systematic error would be
+up to half a cell times the wall's length. With scattered points, the errors along an edge cancel.
+For an edge of 2 m and cells of 5 mm, the error is below 1e-4 m², instead of 5e-3 m².
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Floats = NDArray[np.float64]
 
-# The fractional parts of their multiples are evenly distributed in rows, columns and diagonals.
+# The fractional parts of these numbers' multiples are evenly distributed in rows, columns and
+# diagonals.
 _ROOT = 1.324717957244746
 _PHI = 0.6180339887498949
 
@@ -74,7 +75,7 @@ class Raster:
         return np.zeros(self.shape, dtype=np.bool_)
 
     def window(self, x0: float, y0: float, x1: float, y1: float) -> CellBlock:
-        """Return the cells that a rectangle touches; the window may be empty."""
+        """Return the cells that a rectangle overlaps; the block may be empty."""
         resolution, (rows, columns) = self.resolution_m, self.shape
         return CellBlock(
             max(math.floor((y0 - self.y_min_m) / resolution), 0),
@@ -84,7 +85,7 @@ class Raster:
         )
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int] | None:
-        """Return row and column of the cell that contains a point; None outside the raster."""
+        """Return row and column of the cell that contains a point; None: outside the raster."""
         row = math.floor((y_m - self.y_min_m) / self.resolution_m)
         col = math.floor((x_m - self.x_min_m) / self.resolution_m)
         if 0 <= row < self.shape[0] and 0 <= col < self.shape[1]:
@@ -142,9 +143,10 @@ class Raster:
     ) -> None:
         """Store ``time_s`` for the points that a bar sweeps for the first time.
 
-        The ends of the bar (left x, left y, right x, right y) move in straight lines from ``old``
-        to ``new``. The swept area is a quadrilateral, or two triangles if the bar turns about one
-        of its own points. ``times`` is infinite for points that were never swept.
+        The bar is given by its ends: left x, left y, right x, right y. The ends move in straight
+        lines from ``old`` to ``new``. The swept area is a quadrilateral, or two triangles if the
+        bar turns about one of its own points. ``times`` is infinite for points that were not swept
+        yet.
         """
         lx0, ly0, rx0, ry0 = old
         lx1, ly1, rx1, ry1 = new
@@ -174,7 +176,7 @@ def _crossing(
     cx, cy, dx, dy = new
     ux, uy, vx, vy = bx - ax, by - ay, dx - cx, dy - cy
     cross = ux * vy - uy * vx
-    if abs(cross) < 1e-15:  # noqa: PLR2004 - parallel to rounding
+    if abs(cross) < 1e-15:  # noqa: PLR2004 - parallel, except for rounding
         return None
     s = ((cx - ax) * vy - (cy - ay) * vx) / cross
     t = ((cx - ax) * uy - (cy - ay) * ux) / cross

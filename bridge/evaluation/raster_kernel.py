@@ -68,10 +68,11 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
     edges: FloatBlock,
     time_s: cython.double,
 ) -> None:
-    """Store a time for the points in one of two triangles, unless they have an earlier time.
+    """Store a time for the points in one of two triangles, if they have no earlier time.
 
-    Rows and columns are as in :func:`capsule`. ``corners`` has one row for each triangle: x and y
-    of its three corners, in either orientation. ``edges`` is a work array of shape (2, 3, 4).
+    Rows and columns have the same meaning as in :func:`capsule`. ``corners`` has one row for each
+    triangle: x and y of its three corners, in either orientation. ``edges`` is a work array of
+    shape (2, 3, 4).
     """
     row: cython.int
     col: cython.int
@@ -104,9 +105,10 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
 
 
 def pieces(mask: NDArray[np.bool_], reach: int) -> tuple[NDArray[np.int32], int]:
-    """Number the connected pieces of a mask from 1, in the order of their first cells.
+    """Assign numbers from 1 to the connected pieces of a mask, in the order of their first cells.
 
-    With ``reach`` 1, cells that share a side are connected; with 2, also those that share a corner.
+    If ``reach`` is 1, cells with a common side are connected. If it is 2, cells with a common
+    corner are connected too.
     """
     labels = np.zeros(mask.shape, dtype=np.int32)
     stack = np.empty((mask.size, 2), dtype=np.int32)
@@ -118,7 +120,7 @@ def _bytes_of(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def number_pieces(mask: Layer, reach: cython.int, labels: IntGrid, stack: IntGrid) -> cython.int:
-    """Compiled part of :func:`pieces`: ``labels`` must be zero, ``stack`` is a work array."""
+    """Compiled part of :func:`pieces`. ``labels`` must be zero; ``stack`` is a work array."""
     rows: cython.int = mask.shape[0]
     columns: cython.int = mask.shape[1]
     row0: cython.int
@@ -157,10 +159,10 @@ def number_pieces(mask: Layer, reach: cython.int, labels: IntGrid, stack: IntGri
 
 
 def deepest(mask: NDArray[np.bool_]) -> float:
-    """Return the largest distance, in cells, of a cell of the mask to the nearest cell outside it.
+    """Return the maximum distance, in cells, from a cell in the mask to the nearest cell outside.
 
-    The result is exact (two passes: Meijster, Roerdink, Hesselink 2000). Everything beyond the
-    raster counts as outside.
+    The result is exact (algorithm with two passes: Meijster, Roerdink, Hesselink 2000). Points
+    outside the raster count as outside the mask.
     """
     rows, columns = mask.shape
     down = np.zeros((rows + 2, columns + 2), dtype=np.int64)
@@ -168,7 +170,7 @@ def deepest(mask: NDArray[np.bool_]) -> float:
 
 
 def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
-    """Compiled part of :func:`deepest`: the squared distance. ``down`` has a border of zeros."""
+    """Return the square of :func:`deepest` (compiled). ``down`` has a border of zeros."""
     rows: cython.int = mask.shape[0]
     columns: cython.int = mask.shape[1]
     row: cython.int
@@ -190,7 +192,7 @@ def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
             reach = down[row, col]
             square = reach * reach
             if square <= most:
-                continue  # its distance cannot exceed the largest one found so far
+                continue  # its distance cannot exceed the maximum so far
             step = 1
             while step * step < square:
                 for side in range(2):

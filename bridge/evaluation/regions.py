@@ -1,4 +1,4 @@
-"""Regions of a floor plan: free, reachable and sweepable floor, the reference of coverage."""
+"""Regions of a floor plan, the reference of coverage: free, reachable and sweepable floor."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 _BOUNDARY_STEP_M = 0.001
 """Spacing of the points on a boundary curve, m."""
 _SLACK_M = 1e-6
-"""Tolerance of a distance, m: centres on the boundary touch a wall and count as free."""
+"""Tolerance of a distance, m. Centres on the boundary touch a wall and count as free."""
 
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """The regions of one floor plan for one robot, as masks over one raster."""
+    """Regions of one floor plan for one robot, as masks over one raster."""
 
     raster: Raster
     free: Mask
@@ -36,19 +36,19 @@ class Regions:
     sweepable: Mask
     """Floor that the mouth can reach while the footprint is free of collision."""
     passing: Mask
-    """Floor that the mouth reaches while the robot passes with any heading along its motion. For a
-    mouth on the axle it equals ``sweepable``. A mouth ahead of the axle reaches additional floor
-    only in a turn towards a wall."""
+    """Floor that the mouth can reach while the robot drives forwards, at any heading. If the mouth
+    is on the axle, this is equal to ``sweepable``. A mouth ahead of the axle reaches more floor in
+    a turn towards a wall, which does not count here."""
 
 
 def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Regions:
     """Return the regions of a floor plan for a robot.
 
-    The region C of collision-free centres is bounded by lines parallel to the edges and by arcs
-    The region C of collision-free centres is bounded by lines parallel to the edges and by arcs
-    about the corners, both at the footprint's radius. These curves are followed exactly, in steps
-    of 1 mm, not in the raster. The dilation of C is C plus all points within the given distance of
-    its boundary, so the walls cost no half cell. A passage is open if its width is at least Φ.
+    C is the region of collision-free centres. Its boundary consists of lines parallel to the edges
+    and of arcs about the corners, both at the footprint's radius. These curves are computed
+    exactly, in steps of 1 mm, not in the raster. The dilation of C is C plus all points within the
+    given distance of its boundary, so walls have no error of half a cell. A passage is open if its
+    width is at least the footprint's diameter Φ.
     """
     plan = replace(plan, obstacles=plan.obstacles + plan.cliffs)
     raster = Raster(plan.bounds(), resolution_m)
@@ -97,7 +97,7 @@ def _boundary(plan: FloorPlan, edges: Floats, radius: float) -> list[Floats]:
 
 
 def _clear(points: Floats, edges: Floats, least: float) -> Mask:
-    """Return a mask of the points at least ``least`` metres away from every edge."""
+    """Return a mask of the points with a distance of at least ``least`` metres from every edge."""
     good = np.ones(len(points), dtype=np.bool_)
     low, high = points.min(axis=0) - least, points.max(axis=0) + least
     for ax, ay, bx, by in edges:
@@ -137,9 +137,9 @@ def _connected(
 ) -> tuple[Mask, list[Floats]]:
     """Return the part of C, and of its boundary, that is connected to the start.
 
-    Cells that contain boundary points belong to C as well: a passage narrower than a cell may
-    contain no sample point, but it contains its two boundary curves. If the footprint touches a
-    wall at the start, the nearest collision-free position counts as the start.
+    Cells that contain boundary points also belong to C. A passage narrower than a cell may contain
+    no sample point, but it contains its two boundary curves. If the footprint touches a wall at the
+    start, the nearest collision-free position is used as the start.
     """
     joined = centres.copy()
     rows_cols: list[tuple[Floats, Floats]] = []
@@ -162,7 +162,7 @@ def _connected(
 
 
 def _simplified(curve: Floats) -> list[tuple[float, float]]:
-    """Return a polyline with few points: the ends of a straight curve, else a point per 3°."""
+    """Return a polyline with few points: the ends of a straight curve, else one point every 3°."""
     first, last = curve[0], curve[-1]
     chord = last - first
     middle = curve[len(curve) // 2] - first
@@ -172,6 +172,7 @@ def _simplified(curve: Floats) -> list[tuple[float, float]]:
     if straight and not closed:
         picked = [0, len(curve) - 1]
     else:
-        # 8 mm of an arc of radius 16 cm are 3°; the sagitta is 0.05 mm.
+        # On an arc with a radius of 16 cm, 8 mm are 3°. The chord's maximum distance from the arc
+        # is 0.05 mm.
         picked = [*range(0, len(curve) - 1, 8), len(curve) - 1]
     return [(float(curve[i, 0]), float(curve[i, 1])) for i in picked]

@@ -1,4 +1,4 @@
-"""Properties of a room for a robot: areas, and unreachable floor on which the robot would fit."""
+"""Properties of a room for a robot: areas, and unreachable floor where the robot would fit."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _FINEST_M = 0.01
-"""Minimum cell size of a picture, m: that of the coverage metrics."""
+"""Minimum cell size of a picture, m. The coverage metrics have the same cell size."""
 _MAX_CELLS = 4_000_000
-"""Maximum number of cells of the raster: 400 m² at 1 cm take 2 s. A hall gets larger cells."""
+"""Maximum number of cells of the raster. It is 400 m² with cells of 1 cm, which takes 2 s. A larger
+room has larger cells."""
 
 
 class Separate(NamedTuple):
-    """Floor on which the robot fits but that it cannot reach from the start."""
+    """Floor where the robot fits, but which it cannot reach from the start."""
 
     area_m2: float
-    """Area of the possible places of the axle's centre, m²."""
+    """Area of the possible positions of the axle's centre, m²."""
     x_m: float
     y_m: float
-    """One of these places, the farthest from all walls."""
+    """y of the position that is farthest from all walls, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ class RoomFacts:
     reachable_m2: float
     sweepable_m2: float
     separate: tuple[Separate, ...]
-    """Pieces that cannot be reached, the largest first."""
+    """Pieces of floor that cannot be reached, the largest first."""
 
 
 def room_facts(plan: FloorPlan, model: RobotModel) -> RoomFacts:
@@ -60,7 +61,7 @@ def room_facts(plan: FloorPlan, model: RobotModel) -> RoomFacts:
 
 
 def _separate(regions: Regions, radius_m: float) -> tuple[Separate, ...]:
-    """Find pieces by distance from the walls, with one cell of tolerance for the coarse raster."""
+    """Find separate pieces by distances from walls, with one cell of tolerance for the raster."""
     raster = regions.raster
     inside = np.pad(regions.free, 1)
     depth_m = ndimage.distance_transform_edt(inside)[1:-1, 1:-1] * raster.resolution_m

@@ -1,23 +1,24 @@
 """Floor plans (``*.json``): the room's outline, its obstacles and the start pose.
 
-The virtual world, the metrics and the pictures use floor plans; planners never see one. Every value
-in a file is checked and bounded.
+The virtual world, the metrics and the pictures use floor plans. Planners do not use them. Every
+value in a file is checked against limits.
 
-Two optional keys describe the floor. They affect the virtual robot but not the metrics, which count
-both as floor:
+Two optional keys describe the floor. They affect the virtual robot. In the metrics, both are normal
+floor:
 
 - ``"carpets": [{"polygon": [[x, y], …], "drag_n": 4.0, "slip": 0.02}, …]``: with both wheels on the
-  carpet the robot needs ``drag_n`` newtons more to roll, and each wheel loses the share ``slip`` of
-  its travel. Both keys are optional, with these defaults. Overlapping carpets add up.
+  carpet, the rolling resistance is ``drag_n`` newtons higher, and each wheel loses the share
+  ``slip`` of its travel. Both keys are optional, with these defaults. The effects of overlapping
+  carpets add up.
 - ``"thresholds": [{"line": [[x, y], [x, y]], "height_m": 0.005}, …]``: a rounded bar that wheels
-  and caster must climb.
+  and caster must cross.
 
-A third key describes missing floor: ``"cliffs": [[[x, y], …], …]``, polygons like the obstacles.
-Rays and robots pass over a cliff, but the cliff sensor detects it. A robot that drives on falls in.
-The metrics count cliffs as obstacles.
+A third key describes missing floor: ``"cliffs": [[[x, y], …], …]``, polygons like the obstacles. A
+cliff does not block rays or robots, but the cliff sensor detects it. A robot that drives on falls.
+In the metrics, cliffs are obstacles.
 
-Other keys are ignored, also inside these objects. An unknown key that resembles a known one is
-probably a misspelling; :attr:`FloorPlan.cautions` names it.
+Other keys are ignored, also inside these objects. An unknown key that is similar to a known key is
+probably a misspelling, and :attr:`FloorPlan.cautions` lists it.
 """
 
 from __future__ import annotations
@@ -54,21 +55,22 @@ _PLANE = 2
 _POSE = 3
 _KEYS = tuple(key.name for key in ROOM_KEYS)
 _RESEMBLES = 0.75
-"""Minimum share of equal letters (Ratcliff and Obershelp) at which a key resembles another: "wall"
-and "walls" have 0.89, "Obstacle" and "obstacles" 0.94, "notes" and "name" 0.44."""
+"""Minimum share of equal letters (Ratcliff and Obershelp) at which two keys are similar. "wall" and
+"walls" have 0.89, "Obstacle" and "obstacles" 0.94, "notes" and "name" 0.44."""
 _RESEMBLES_MISSING = 0.55
-"""The same share for a required key that is missing: "start_pose" and "start" have 0.67."""
+"""Minimum share of equal letters at which a key is similar to a missing required key. "start_pose"
+and "start" have 0.67."""
 MAX_HEADING_RAD = 2.0 * math.pi + 0.01
-"""Maximum heading of the start pose, rad: a full turn, rounded to two digits. A larger value is
-probably an angle in degrees."""
+"""Maximum heading of the start pose, rad. It allows a full turn that is rounded to two digits. A
+larger value is probably an angle in degrees."""
 MAX_DEGREES = 10_000.0
-"""Maximum angle that may be a heading in degrees. A larger value is another error."""
+"""Maximum value that may be a heading in degrees. A larger value is another error."""
 _POLYGON, _DRAG, _SLIP = CARPET_KEYS
 _LINE, _HEIGHT = THRESHOLD_KEYS
 
 
 class FloorPlanError(ConfigError, ValueError):
-    """An invalid floor plan; the text names every wrong key and its value."""
+    """An invalid floor plan. The text lists every wrong key and its value."""
 
 
 class Carpet(NamedTuple):
@@ -76,7 +78,8 @@ class Carpet(NamedTuple):
 
     polygon: Polygon
     drag_n: float = CARPET_DRAG_N
-    """Additional resistance with both wheels on the carpet, N, half for each wheel."""
+    """Additional rolling resistance with both wheels on the carpet, N. Half of it acts on each
+    wheel."""
     slip: float = CARPET_SLIP
     """Share of a wheel's travel lost on the carpet."""
 
@@ -91,7 +94,7 @@ class Threshold(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FloorPlan:
-    """A room. Walls counter-clockwise, all in metres; the start pose in metres and radians."""
+    """A room. Its walls are counter-clockwise. The units are metres and radians."""
 
     name: str
     walls: Polygon
@@ -101,7 +104,7 @@ class FloorPlan:
     thresholds: tuple[Threshold, ...] = ()
     cliffs: tuple[Polygon, ...] = ()
     cautions: tuple[str, ...] = field(default=(), compare=False)
-    """Probable mistakes in a room file that is still valid; for people."""
+    """Probable mistakes in a valid room file, as text for people."""
 
     def edges(self) -> list[tuple[Point, Point]]:
         """Every wall and obstacle edge as a pair of end points."""
@@ -144,7 +147,7 @@ def signed_area_m2(polygon: Polygon) -> float:
 
 
 def contains(polygon: Polygon, x_m: float, y_m: float) -> bool:
-    """Return whether a point is inside a polygon, by the even-odd rule."""
+    """Return True if a point is inside a polygon, by the even-odd rule."""
     inside = False
     for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         if (ay > y_m) != (by > y_m) and x_m < (bx - ax) * (y_m - ay) / (by - ay) + ax:
@@ -156,7 +159,7 @@ def check_robot_fits(plan: FloorPlan, radius_m: float) -> None:
     """Check that a robot of this radius fits at the start.
 
     Raises:
-        StartBlockedError: its disc overlaps a wall or an obstacle.
+        StartBlockedError: the robot's disc overlaps a wall or an obstacle.
 
     """
     overlap_m = _overlap_m(plan.start, (plan.walls, *plan.obstacles), radius_m)
@@ -165,7 +168,7 @@ def check_robot_fits(plan: FloorPlan, radius_m: float) -> None:
 
 
 def _overlap_m(start: Pose2, boundaries: tuple[Polygon, ...], radius_m: float) -> float | None:
-    """Return the depth of the start disc in the walls or an obstacle; below 0: it is free.
+    """Return the overlap of the start disc with walls or obstacles, m; below 0: no overlap.
 
     ``boundaries`` begins with the walls. None: the disc's centre is not on the floor.
     """
@@ -182,16 +185,16 @@ def _overlap_m(start: Pose2, boundaries: tuple[Polygon, ...], radius_m: float) -
 
 
 START_OVERLAP_M = 1e-6
-"""Maximum depth of the start disc in a wall, m; it is rounding in a room file, not a mistake."""
+"""Maximum overlap of the start disc with a wall, m. It allows for rounding in a room file."""
 
 
 class StartBlockedError(FloorPlanError):
     """The robot's disc does not fit at the start of the room file."""
 
     def __init__(self, x_m: float, y_m: float, radius_m: float, overlap_m: float | None) -> None:
-        """Keep the start, the disc's radius and its depth in a wall (m).
+        """Create the error from the start, the disc's radius and its overlap with a wall (m).
 
-        ``None``: the disc's centre itself is not on the floor.
+        ``overlap_m`` is None if the disc's centre itself is not on the floor.
         """
         self.x_m, self.y_m, self.radius_m, self.overlap_m = x_m, y_m, radius_m, overlap_m
         what = (
@@ -221,13 +224,14 @@ def parse_floorplan(
 
     Args:
         text: Content of the file.
-        default_name: Name of a room that has none.
+        default_name: Name of the room if the file has no name.
         radius_m: Radius of a robot that must fit at the start, m; None: no check.
-        start: Start pose that replaces the file's.
+        start: Start pose that replaces the file's start pose.
 
     Raises:
-        FloorPlanError: not JSON, a key missing or of the wrong form, numbers that are not finite or
-            out of bounds, or a start outside the free floor. The text lists all errors.
+        FloorPlanError: the text is not JSON, a key is missing or has the wrong form, a number is
+            not finite or is out of range, or the start is outside the free floor. The error text
+            lists all errors.
 
     """
     if len(text) > MAX_FILE_BYTES:
@@ -244,7 +248,7 @@ def parse_floorplan(
 
 
 class _Pairs(dict[str, object]):
-    """A JSON object that remembers duplicate keys."""
+    """A JSON object that stores its duplicate keys."""
 
     twice: tuple[str, ...] = ()
 
@@ -262,7 +266,7 @@ _Read = TypeVar("_Read")
 
 
 class _Reading:
-    """One pass over a room file, which collects all errors."""
+    """Reader of one room file that collects all errors."""
 
     def __init__(self, data: dict[str, object], default_name: str, radius_m: float | None) -> None:
         self._data = data
@@ -362,7 +366,7 @@ class _Reading:
         return tuple(found) if len(found) == len(values) else ()
 
     def _look_at_keys(self, data: dict[str, object], known: tuple[str, ...], prefix: str) -> None:
-        """Note probable misspellings and duplicate keys."""
+        """Record probable misspellings and duplicate keys."""
         if len(self._cautions) >= MAX_PROBLEMS:
             return
         for key in data:
@@ -432,7 +436,7 @@ def _needed(data: dict[str, object], name: str, key: str) -> object:
 
 
 def _number(data: dict[str, object], of: RoomKey, key: str) -> float:
-    """Return a number in its range; its default, if any, when the key is missing."""
+    """Return a number in its range. If the key is missing, return its default, if any."""
     if of.name not in data and isinstance(of.default, float):
         return of.default
     path = f"{key}.{of.name}"

@@ -1,4 +1,4 @@
-"""Finds probable mistakes in a valid room file, for ``sweepctl room check``."""
+"""Search for probable mistakes in a valid room file, for ``sweepctl room check``."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan, Point, Polygon
 
 _MAX_CORNERS = 5000
-"""Maximum number of corners of a polygon that is checked for crossings. The work grows with the
-square of the number, here to 1 s."""
+"""Maximum number of corners of a polygon that is checked for crossings. The computing time grows
+with the square of the number. At this maximum it is 1 s."""
 
 
 def plan_cautions(plan: FloorPlan) -> list[str]:
@@ -39,7 +39,7 @@ def _on_floor(plan: FloorPlan) -> Iterator[tuple[str, Polygon]]:
 
 
 def _near_inside(walls: Polygon, polygon: Polygon) -> bool:
-    """Return whether the bounding boxes overlap; a rug may be larger than the room."""
+    """Return True if the bounding boxes overlap. A carpet may be larger than the room."""
     room, shape = np.asarray(walls), np.asarray(polygon)
     overlap = (shape.min(axis=0) <= room.max(axis=0)) & (shape.max(axis=0) >= room.min(axis=0))
     return bool(np.all(overlap))
@@ -59,7 +59,7 @@ def _crossings(plan: FloorPlan) -> Iterator[str]:
 
 
 def _first_crossing(polygon: Polygon) -> Point | None:
-    """Return a crossing of two edges that are not neighbours; None: there is none."""
+    """Return a crossing of two edges that are not neighbours; None: no edges cross."""
     begin = np.asarray(polygon)
     end = np.roll(begin, -1, axis=0)
     along = end - begin

@@ -1,4 +1,4 @@
-"""The keys of a room file. The reader, its messages and the reference use this one table."""
+"""Keys of a room file. The reader, its messages and the reference all use this table."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ class RoomKey(NamedTuple):
 
     name: str
     form: str
-    """Form of its value, for people."""
+    """Description of the value's form, for people."""
     meaning: str
     unit: str = ""
     low: float = 0.0
     high: float = 0.0
-    """Maximum of a number. ``above_low`` excludes the minimum itself."""
+    """Maximum of a number. If ``above_low`` is True, the minimum itself is not allowed."""
     default: float | str | None = None
     """Default if the key is missing; None: the key is required."""
     above_low: bool = False
@@ -28,11 +28,14 @@ class RoomKey(NamedTuple):
 
 _POLYGON = "polygon `[[x, y], …]`"
 MAX_EXTENT_M = 200.0
-"""Maximum coordinate in a room, m: a hall. A larger value is probably in another unit."""
+"""Maximum coordinate in a room, m. It is enough for a hall. A larger value is probably in another
+unit."""
 CARPET_DRAG_N = 4.0
-"""Default drag of a carpet, N: a short pile under a robot of 3 kg, 14 % of its weight."""
+"""Default drag of a carpet, N. It is for a short pile and a robot of 3 kg, and is 14 % of the
+robot's weight."""
 CARPET_SLIP = 0.02
-"""Default slip of a carpet: tuned by hand for a short pile."""
+"""Default slip of a carpet, as a share of the wheel's travel. It was tuned by hand for a short
+pile."""
 
 CARPET_KEYS = (
     RoomKey("polygon", _POLYGON, "the carpet's outline", "m"),

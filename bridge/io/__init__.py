@@ -1,1 +1,1 @@
-"""The host's only place with a clock and a port."""
+"""The only package of the host with access to a clock and to ports."""

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 DEFAULT_BITRATE = 500_000
-"""Bit rate of an adapter unless given, bit/s."""
+"""Default bit rate of an adapter, bit/s."""
 SEND_TIMEOUT_S = 0.02
-"""Maximum time to send one frame, s: one control period. A longer block is reported as a full
-bus."""
+"""Maximum time to send one frame, s. It is one control period. If sending takes longer, the bus is
+reported as full."""
 POLL_S = 0.02
-"""Poll interval on a bus that select() does not support, s."""
+"""Poll interval for a bus that ``select`` does not support, s."""
 ECHOES = 512
 """Maximum number of own frames that the port expects back from an echoing interface."""
 READ_FRAMES = 1024
@@ -67,7 +67,7 @@ class CanPort:
 
         Args:
             port: Name of the port.
-            bitrate: Bit rate of the adapter, bit/s; ignored by interfaces that do not set one.
+            bitrate: Bit rate of the adapter, bit/s; ignored by interfaces without a setting for it.
             lan: Let a UDP multicast bus leave this machine.
 
         Raises:
@@ -84,8 +84,8 @@ class CanPort:
             options["lan"] = lan
         self._lock: DeviceLock | None = None
         if interface == "slcan":
-            # Lock the device before python-can opens it: its first bytes would close another host's
-            # bus.
+            # Lock the device before python-can opens it, because its first bytes would close
+            # another host's bus.
             self._lock = DeviceLock(channel.split("@")[0])
             options["sleep_after_open"] = 0.0  # python-can waits 2 s for a board's reset
         self._waker = Waker()
@@ -123,7 +123,7 @@ class CanPort:
             if self._waker.fd in ready:
                 self._waker.drain()
             records: list[bytes] = []
-            for _ in range(READ_FRAMES):  # invalid frames count too, to bound the time
+            for _ in range(READ_FRAMES):  # invalid frames count too, to limit the time
                 if self._fd not in ready:
                     break
                 self._take(self._receive(0.0), records)

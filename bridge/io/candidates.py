@@ -1,7 +1,7 @@
-"""Search for serial ports that may have a robot, and probing of ports.
+"""Search for serial ports with a possible robot, and probing of ports.
 
-The list comes from USB descriptors and opens no port. A probe opens a port with DTR and RTS
-inactive and only listens by default, because an unknown device may react to any bytes.
+The list is made from USB descriptors, without opening a port. A probe opens a port with DTR and RTS
+inactive. By default it only listens, because an unknown device may react to any bytes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LISTEN_S = 1.5
 """Time to listen, s. A device without a host sends a hello every second."""
 NET = Path("/sys/class/net")
-"""Network interfaces of the Linux kernel."""
+"""Folder with the network interfaces of the Linux kernel."""
 _CAN = "280"
 """Interface type ARPHRD_CAN of Linux' if_arp.h."""
 ADAPTERS: dict[tuple[int, int], str] = {
@@ -54,8 +54,8 @@ ADAPTERS: dict[tuple[int, int], str] = {
     (0x1A86, 0x55D4): "WCH CH9102",
     (0xAD50, 0x60C4): "CANtact (slcan)",
 }
-"""USB adapters of boards of this size, by vendor and product id; the udev rule has the same
-list."""
+"""Map of vendor and product id to the name of a USB adapter that is usual on such boards. The udev
+rule has the same list."""
 _SLCAN = frozenset({(0x16D0, 0x117E), (0xAD50, 0x60C4)})
 
 
@@ -64,10 +64,10 @@ class Candidate:
     """A port that may have a robot."""
 
     port: str
-    """Name for :command:`connect`: the stable name if there is one."""
+    """Name for :command:`connect`. It is the stable name if the port has a stable name."""
     device: str
     what: str
-    """Adapter name from our table or the USB descriptor."""
+    """Adapter name from :data:`ADAPTERS` or from the USB descriptor."""
     serial_number: str | None = None
     usb_id: str | None = None
     """USB ids, for example ``0403:6001``."""
@@ -192,7 +192,7 @@ class _HelloListener:
         self._link = Link(Direction.HOST)
 
     def ask(self, now_ns: HostNs) -> None:
-        """Send a hello to all nodes, which a device answers at once."""
+        """Send a hello to all nodes. A device answers it at once."""
         hello = HostHello(CATALOGUE.hash, new_session_id(), 0, 0, "sweepctl ports")
         self._link.send(hello, now_ns // 1000, node=NODE_ALL)
 

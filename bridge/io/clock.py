@@ -20,5 +20,5 @@ def unix_offset_ns() -> int:
 
 
 def pause(duration_s: float) -> None:
-    """Sleep while there is no port to wait on."""
+    """Sleep. Used if there is no port to wait for."""
     time.sleep(max(0.0, duration_s))

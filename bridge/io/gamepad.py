@@ -1,7 +1,7 @@
-"""A gamepad through Linux' joystick interface (Documentation/input/joydev/joystick-api.rst).
+"""Gamepad through Linux' joystick interface (Documentation/input/joydev/joystick-api.rst).
 
-Each event has 8 bytes: time in ms (u32), value (s16), type (u8: 1 button, 2 axis; plus 0x80 for the
-state at opening), number (u8).
+Each event has 8 bytes: time in ms (u32), value (s16), type (u8), number (u8). The type is 1 for a
+button and 2 for an axis. Events with the state at opening have 0x80 added to their type.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 FULL = 32767.0
 """Value of a full deflection."""
 DEAD_SHARE = 0.12
-"""Dead zone, share of the full deflection. A stick at rest reads up to 0.1."""
+"""Dead zone, as a share of the full deflection. The value of a stick at rest is up to 0.1."""
 REPEAT_S = 0.1
 """Interval of repeated stick reports, s. The interface itself reports changes only."""
 
 
 class PadLayout(NamedTuple):
-    """Numbers of axes and buttons; the defaults fit most pads with Linux' xpad and hid drivers."""
+    """Numbers of axes and buttons. The defaults fit most pads with Linux' xpad and hid drivers."""
 
     ahead_axis: int = 1
-    """Left stick, vertical; up is negative."""
+    """Axis for forward motion: left stick, vertical; up is negative."""
     turn_axis: int = 0
     dead_man: int = 4
-    """Left shoulder button."""
+    """Button for the dead-man switch: left shoulder button."""
     stop: int = 1
-    """B or circle button."""
+    """Button for the stop: B or circle button."""
 
 
 class Sticks(NamedTuple):
@@ -51,7 +51,7 @@ class Sticks(NamedTuple):
 
 
 class PadState:
-    """Converts events to stick positions. Pure."""
+    """Converts events to stick positions. No I/O."""
 
     def __init__(self, layout: PadLayout) -> None:
         self._layout = layout
@@ -87,7 +87,7 @@ class PadState:
 
 
 def _live(value: float) -> float:
-    """Remove the dead zone and rescale, so that the range starts at 0."""
+    """Remove the dead zone, and rescale the value so that its range starts at 0."""
     size = abs(value)
     if size <= DEAD_SHARE:
         return 0.0
@@ -109,10 +109,10 @@ class Gamepad:
 
         Args:
             path: Device file, for example ``/dev/input/js0``.
-            on_sticks: Called at each change, and ten times per second while held.
+            on_sticks: Called at each change, and ten times per second while a stick is held.
             on_stop: Called when the stop button is pressed.
             layout: Numbers of axes and buttons.
-            on_gone: Called after the device has vanished, which also releases all sticks.
+            on_gone: Called after the device was removed; this also releases all sticks.
 
         Raises:
             PortError: the device does not exist or cannot be read.

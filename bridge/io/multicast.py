@@ -1,8 +1,8 @@
 """CAN bus of UDP datagrams to a multicast group, in python-can's format.
 
-python-can's ``udp_multicast`` binds to every address of the machine and accepts datagrams to any
-of them. This bus accepts datagrams to the group only, and those of other machines only if
-requested. Programs with python-can's bus can use the same group.
+python-can's ``udp_multicast`` binds to every address of the machine and accepts datagrams to any of
+these addresses. This bus accepts only datagrams to the group. It accepts datagrams from other
+machines only if requested. Programs with python-can's bus can use the same group.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from bridge.io.readable import readable
 PORT = 43113
 """UDP port of python-can's ``udp_multicast``."""
 _DATAGRAM_MAX = 4096
-"""Maximum size of a datagram, bytes; a frame needs about 200."""
+"""Maximum size of a datagram, bytes. A frame needs about 200 bytes."""
 _FOREIGN_MAX = 64
-"""Maximum number of datagrams of other machines that one receive call skips."""
+"""Maximum number of datagrams from other machines that one receive call skips."""
 _MULTICAST_ALL = {socket.AF_INET: 49, socket.AF_INET6: 29}
-"""Linux' socket options ``IP_MULTICAST_ALL`` and ``IPV6_MULTICAST_ALL``: groups of other
-sockets."""
+"""Linux' socket options ``IP_MULTICAST_ALL`` and ``IPV6_MULTICAST_ALL``. They select whether a
+socket also receives from groups that other sockets have joined."""
 _LEVEL = {socket.AF_INET: socket.IPPROTO_IP, socket.AF_INET6: socket.IPPROTO_IPV6}
 
 
@@ -38,10 +38,10 @@ class MulticastBus(can.BusABC):
     """A connection to the bus."""
 
     def __init__(self, group: str, *, lan: bool = False) -> None:
-        """Join the group. Only with ``lan`` do datagrams leave or enter this machine.
+        """Join the group. If ``lan`` is False, no datagram leaves or enters this machine.
 
         Raises:
-            OSError: no such group, or no route to it.
+            OSError: the group is invalid, or there is no route to it.
             can.CanInterfaceNotImplementedError: the package msgpack is not installed.
 
         """
@@ -105,7 +105,7 @@ def _join(group: str, *, hop_limit: int) -> tuple[socket.socket, Any]:
     try:
         joined.setblocking(False)  # noqa: FBT003 - positional in C
         joined.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if hasattr(socket, "SO_REUSEPORT"):  # as python-can does: all sockets must have the same
+        if hasattr(socket, "SO_REUSEPORT"):  # like python-can: all sockets must have the same
             joined.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         joined.bind(address)
         packed, level = socket.inet_pton(family, str(address[0])), _LEVEL[family]
@@ -128,8 +128,8 @@ def _join(group: str, *, hop_limit: int) -> tuple[socket.socket, Any]:
 def _is_ours(sender: tuple[Any, ...]) -> bool:
     """Return True if a datagram is from this machine.
 
-    The sender's address is reliable: a system drops datagrams from a network that have one of its
-    own addresses (RFC 1812 section 5.3.8).
+    The sender's address is reliable. A system drops datagrams from a network if their sender is one
+    of the system's own addresses (RFC 1812 section 5.3.8).
     """
     host, _, *scope = sender
     return _is_own_address(host, tuple(scope))
@@ -142,7 +142,7 @@ def _is_own_address(host: str, scope: tuple[int, ...]) -> bool:
     if address.is_loopback:
         return True
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6  # noqa: PLR2004 - IPv4
-    # The system sends to an own address from that address. Nothing is sent here.
+    # The system sends to an own address from the same address. Nothing is sent here.
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((plain, PORT, *scope))

@@ -46,7 +46,7 @@ def watch(port: str, *, hz: float = 4.0, of: str = "status") -> Iterator[dict[st
     Args:
         port: The port, by any of its names.
         hz: Rate, 0.01 to 50 Hz.
-        of: ``status``, or ``dashboard`` for everything that a dashboard shows.
+        of: ``status``, or ``dashboard`` for all data that a dashboard shows.
 
     Raises:
         NoOwnerError: the port has no owner.
@@ -65,7 +65,7 @@ def watch(port: str, *, hz: float = 4.0, of: str = "status") -> Iterator[dict[st
 
 
 def _part(port: str, answer: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return a part of an answer; an owner of an older version may not have it."""
+    """Return a part of an answer. An owner with an older version may not send this part."""
     part = answer.get(name)
     if not isinstance(part, dict):
         raise NoOwnerError(f"the owner of {port} is another version of sweepctl")
@@ -101,7 +101,7 @@ def _connected(port: str, timeout_s: float) -> Iterator[tuple[socket.socket, Buf
 
 
 def _connect(client: socket.socket, path: str) -> bool:
-    """Connect. A full queue is tried again, because the listener accepts continuously."""
+    """Connect. If the queue is full, try again, because the listener accepts continuously."""
     for _ in range(round(CONNECT_S / _RETRY_S)):
         try:
             client.connect(path)

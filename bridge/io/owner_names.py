@@ -1,8 +1,8 @@
-"""Names of the owners' sockets: a private folder, and links that are named after the port.
+"""Names of the owners' sockets: a private folder, and links with the port's name.
 
-A socket is named after its process. Links point to it: one for the port's real path, one for the
-path as given, and one for each new path of a reopened port. A link of a killed owner points to no
-file, so it is recognised and replaced.
+A socket's name contains its process id. Links point to the socket: one link for the port's real
+path, one for the path as given, and one for each new path of a reopened port. A link of a killed
+owner points to no file, so it is recognised and replaced.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _FOLDER = "sweepctl"
 _SHOWN = 20
 """Maximum number of characters of the port in a link's name."""
 MAX_RUNTIME = 54
-"""Maximum length of the runtime folder's path. A Unix socket's path has at most 104 (macOS) or 108
-(Linux) bytes, of which ours needs 48."""
+"""Maximum length of the runtime folder's path, bytes. A Unix socket's path has at most 104 bytes
+(macOS) or 108 bytes (Linux). Our part of it needs 48 bytes."""
 
 
 class NoFolderError(BridgeError):
-    """No folder exists in which only this user can create a socket."""
+    """There is no folder in which only this user can create a socket."""
 
 
 def folder() -> Path:
@@ -63,7 +63,7 @@ def _is_own(path: Path) -> bool:
 
 
 def device_path(port: str) -> str | None:
-    """Return the device file in a port's name; None for a socket, a network or a bus."""
+    """Return the device file in a port's name; None for a network or a bus."""
     if port.startswith("can:"):
         _, interface, channel = (*port.split(":", 2), "", "")[:3]
         return channel.partition("@")[0] if interface == "slcan" else None

@@ -1,11 +1,10 @@
 """Unix socket of a port's owner, for requests of the same user's other processes.
 
-A request is one line of JSON, an answer is one line of JSON; docs/owner-socket.md has the protocol.
-The socket has mode 0600 in a folder of mode 0700. On Linux the kernel reports the client's user.
-
-A stop is always accepted. One thread accepts and reads, and never waits for a client. Answers have
-their own threads; a stop does not count towards their limit. With too many clients, the newest one
-replaces one without a request.
+A request and its answer are one line of JSON each; docs/owner-socket.md has the protocol. The
+socket has mode 0600 in a folder with mode 0700. On Linux the kernel reports the client's user. A
+stop is always accepted. One thread accepts clients and reads their requests, and never waits for a
+client. Other threads send the answers. Their number is limited, but a stop is not counted. If there
+are too many clients, a new client replaces a client without a request.
 """
 
 from __future__ import annotations
@@ -38,15 +37,17 @@ if TYPE_CHECKING:
 MAX_LINE = 4096
 """Maximum length of a request with its line end, bytes."""
 MAX_CLIENTS = 128
-"""Maximum number of connections. A new one closes the oldest one without a request."""
+"""Maximum number of connections. A further connection closes the oldest connection without a
+request."""
 MAX_ANSWERS = 8
-"""Maximum number of concurrent answers without stops. Each may wait 8 s for the device."""
+"""Maximum number of concurrent answers; stops are not counted. Each answer may wait 8 s for the
+device."""
 MAX_VIEWERS = 8
 """Maximum number of clients that watch the status."""
 MIN_HZ, MAX_HZ = 0.01, 50.0
 """Limits of a viewer's status rate, Hz."""
 MAX_QUEUED = 64
-"""Maximum number of queued requests of a client; more are not read."""
+"""Maximum number of queued requests of a client. Further requests are not read."""
 IDLE_S = 30.0
 """Maximum time without a request before a client is disconnected, s."""
 SEND_S = 2.0
@@ -56,7 +57,7 @@ FINISH_S = 2.0
 _BACKLOG = 1024
 """Maximum number of connections that wait for acceptance; the kernel may allow fewer."""
 _READ_SIZE = 4 * MAX_LINE
-"""Maximum number of bytes of one read. Most lines that are too long are read whole, so that the
+"""Maximum number of bytes of one read. Most lines that are too long fit in one read, so that the
 disconnection does not discard earlier answers."""
 _TICK_S = 0.25
 """Interval of the checks for idle clients and the end, s."""
@@ -74,7 +75,7 @@ class Service(Protocol):
         """Execute a request; return its answer.
 
         Raises:
-            BridgeError: the request failed; the client gets the text.
+            BridgeError: the request failed; the client receives the text.
 
         """
 
@@ -82,7 +83,7 @@ class Service(Protocol):
         """Return the robot's current state."""
 
     def dashboard(self) -> dict[str, Any]:
-        """Return everything that a dashboard shows and that changes."""
+        """Return all variable data of a dashboard."""
 
     @property
     def over(self) -> bool:
@@ -100,7 +101,7 @@ class _Work(Enum):
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """A connection. The reading thread owns it, except for what ``lock`` guards."""
+    """A connection. Only the reading thread uses it, except for sending with ``lock``."""
 
     sock: socket.socket
     who: str
@@ -112,15 +113,16 @@ class _Client:
     """Unanswered requests in order; None: an invalid line."""
     has_asked: bool = False
     is_open: bool = True
-    """The client may send more."""
+    """True if the client may send more requests."""
     is_read: bool = True
-    """The reading thread reads it; False while too many requests are queued."""
+    """True if the reading thread reads from the client; False while too many requests are
+    queued."""
     answers: int = 0
-    """Number of threads that answer it."""
+    """Number of threads that answer the client."""
     in_order: bool = False
     """True while one thread answers the queued requests in order."""
     lock: threading.Lock = field(default_factory=threading.Lock)
-    """Held while a line is sent."""
+    """Lock that a thread holds while it sends a line."""
 
 
 class OwnerSocket:
@@ -149,9 +151,9 @@ class OwnerSocket:
         """Number of requests being answered; guarded by ``_lock``."""
         self._threads: set[threading.Thread] = set()
         self._done: deque[tuple[_Client, _Work]] = deque()
-        """Clients whose thread has ended, with its task."""
+        """Clients for which a thread has ended, with the thread's task."""
         self._lock = threading.Lock()
-        """Guards the set of threads and the number of answers."""
+        """Lock for the set of threads and the number of answers."""
         self._closed = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX)
         try:
@@ -172,7 +174,7 @@ class OwnerSocket:
         self._thread.start()
 
     def also(self, port: str) -> None:
-        """Add links for this port's names, after the port came back under another path."""
+        """Add links for this port's names, after the port was reopened under another path."""
         for name in link_names(port):
             put_link(self._folder, name, self.path)
             if name not in self._names:
@@ -231,7 +233,7 @@ class OwnerSocket:
                 if client.sock.fileno() in ready:  # not disconnected in this pass
                     self._receive(client)
             if self._listener.fileno() in ready:
-                self._accept()  # one per pass: connected clients come first
+                self._accept()  # one per pass, because connected clients have priority
             if time.monotonic() >= idle_s:
                 idle_s = time.monotonic() + _TICK_S
                 self._hang_up_on_idle()
@@ -259,7 +261,10 @@ class OwnerSocket:
         self._receive(client)  # most clients have already sent
 
     def _give_way(self) -> bool:
-        """Disconnect the client that is idle for longest; return False if there is none."""
+        """Disconnect the client with the longest idle time.
+
+        Return False if there is no idle client.
+        """
         idle = [c for c in self._clients.values() if not c.answers]
         if not idle:
             return False
@@ -291,7 +296,7 @@ class OwnerSocket:
             self._selector.unregister(client.sock)
 
     def _receive(self, client: _Client) -> None:
-        """Read a client's bytes and serve it; disconnect it on an internal error."""
+        """Read and serve a client's requests; disconnect the client on an internal error."""
         try:
             self._read(client)
             self._serve_next(client)
@@ -321,13 +326,13 @@ class OwnerSocket:
         except (ValueError, RecursionError):
             request = None
         if isinstance(request, dict) and request.get("do") == "stop":
-            # At once, before other requests of this client, and not counted.
+            # A stop is executed before other requests of this client, and is not counted.
             self._begin(client, _Work.STOP, lambda: self._answer(client, request))
         else:
             client.requests.append(request if isinstance(request, dict) else None)
 
     def _serve_done(self) -> None:
-        """Continue with the clients whose answers are sent."""
+        """Continue with the clients to which an answer was sent."""
         with suppress(IndexError):
             while True:
                 client, kind = self._done.popleft()
@@ -408,7 +413,7 @@ class OwnerSocket:
             self._done.append((client, kind))
 
     def _ended(self, client: _Client, kind: _Work) -> None:
-        """Reverse the counting of :meth:`_begin`."""
+        """Undo the counting of :meth:`_begin`."""
         client.answers -= 1
         client.in_order = client.in_order and kind is _Work.STOP
         self._viewers -= kind is _Work.VIEW
@@ -461,7 +466,7 @@ class OwnerSocket:
                 client.sock.shutdown(socket.SHUT_RDWR)
 
     def _wait(self, client: _Client, period_s: float) -> bool:
-        """Wait for a viewer's period; return False if it disconnected or the owner ends."""
+        """Wait for a viewer's period; return False if the viewer disconnected or the owner ends."""
         hung_up = select.poll()
         hung_up.register(client.sock, 0)  # a hang-up is always reported
         end_s = time.monotonic() + period_s
@@ -476,7 +481,7 @@ class OwnerSocket:
         rest = json.dumps(answer).encode() + b"\n"
         end_s = time.monotonic() + within_s
         if not client.lock.acquire(timeout=within_s):
-            return False  # the client does not read the answer before
+            return False  # the client does not read the previous answer
         try:
             while True:
                 with suppress(BlockingIOError):
@@ -497,7 +502,7 @@ class OwnerSocket:
 
 
 def _looked(name: str, look: Callable[[], dict[str, Any]]) -> Callable[[], dict[str, Any]]:
-    """Return what makes a viewer's next answer."""
+    """Return a function that creates a viewer's next answer."""
 
     def answer() -> dict[str, Any]:
         try:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
 
 MAX_WAIT_S = 0.1
-"""Maximum wait on a silent port, s: the latency of an end request."""
+"""Maximum wait on a silent port, s. It is also the maximum delay of an end request."""
 
 
 class Engine(Protocol):
@@ -29,14 +29,14 @@ class Engine(Protocol):
         """Return the bytes to send, usually none."""
 
     def next_deadline(self) -> HostNs | None:
-        """Return the next time at which something is due; None: only after reception."""
+        """Return the next time at which something is due; None: nothing is due before reception."""
 
 
 class Listening:
     """Engine that only receives."""
 
     def __init__(self, take: Callable[[bytes, HostNs], None]) -> None:
-        """``take`` gets received bytes and their time, at least ten times per second."""
+        """Create an engine; ``take`` gets received bytes and their time at least every 0.1 s."""
         self.receive = take
 
     def data_to_send(self, now_ns: HostNs) -> bytes:  # noqa: ARG002 - the interface of an engine
@@ -62,7 +62,7 @@ def serve(
         engine: User of the port.
         end_ns: Latest end; None: only ``ended`` ends the loop.
         ended: Called in each pass; True ends the loop.
-        sent: Called with the bytes written and the time.
+        sent: Called with the written bytes and the time.
 
     Raises:
         PortError: the port is gone.
@@ -75,7 +75,7 @@ def serve(
             return
         due = engine.data_to_send(now_ns)
         if due:
-            rest = due  # replaces an unsent rest, whose frame is damaged
+            rest = due  # replaces an unsent rest; its frame becomes damaged
         if rest:
             written = port.write(rest)
             sent(rest[:written], now_ns)

@@ -1,4 +1,4 @@
-"""Check of port names, with corrections for wrong ones."""
+"""Check of port names, with corrections of wrong names."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _meant(scheme: str, rest: str) -> str:
 
 
 def _address(text: str) -> str | None:
-    """Return ``HOST:PORT`` from the start of a URL's rest; None if it has none."""
+    """Return ``HOST:PORT`` from the start of a URL's rest; None if it is missing."""
     try:
         parts = urlsplit(f"//{text}")
         number = parts.port

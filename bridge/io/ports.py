@@ -1,4 +1,4 @@
-"""Serial ports through pyserial, waited on without polling."""
+"""Serial ports through pyserial. A thread waits for their bytes without polling."""
 
 from __future__ import annotations
 
@@ -64,14 +64,14 @@ class SerialPort:
             rts: State of RTS.
 
         Raises:
-            PortBusyError: another program uses it.
-            PortError: it does not exist, cannot be opened, or is not a port.
+            PortBusyError: another program uses the port.
+            PortError: the port does not exist, cannot be opened, or is not a port.
 
         """
         self.name = url
         self.low_latency = False
         self._beginning = b""
-        """First bytes received: a port server sends a rejection as text before it disconnects."""
+        """First bytes received. A port server sends a rejection as text before it disconnects."""
         self._port = _open(url, baud, dtr=dtr, rts=rts)
         self._waker = Waker()
         self._fd = self._descriptor()
@@ -89,7 +89,7 @@ class SerialPort:
             raise PortError(f"{url} is gone: {_reason(error)}") from None
 
     def _descriptor(self) -> int | None:
-        """Return the port's descriptor if it can be waited on together with the waker's."""
+        """Return the port's descriptor if a wait can include it and the waker's descriptor."""
         if os.name != "posix":
             return None
         try:
@@ -111,7 +111,7 @@ class SerialPort:
             fd = self._fd
             if fd is None:
                 return bytes(self._port.read(max(1, self._port.in_waiting)))
-            # Not pyserial's read, which calls select again and has verbose errors.
+            # Do not use pyserial's read, which calls ``select`` again and has verbose errors.
             wanted = [fd, self._waker.fd]
             ready = readable(wanted, max(0.0, timeout_s))
             if self._waker.fd in ready:
@@ -226,8 +226,8 @@ def open_port(  # noqa: PLR0913 - the options of both kinds of port
         lan: Let a UDP multicast bus leave this machine.
 
     Raises:
-        PortBusyError: another program uses it.
-        PortError: it does not exist, cannot be opened, or is not a port.
+        PortBusyError: another program uses the port.
+        PortError: the port does not exist, cannot be opened, or is not a port.
 
     """
     if not is_can(port):
@@ -273,7 +273,7 @@ def _open_error(url: str, error: OSError) -> PortError:
         return PortBusyError(url, owner_pid(url))
     if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
         return PortError(f"{url} is not a serial port")
-    # pyserial wraps the system's error in its own text, with the port's name again.
+    # pyserial adds its own text to the system's error and repeats the port's name.
     cause = error.__context__ if isinstance(error.__context__, OSError) else error
     return PortError(f"cannot open {url}: {_reason(cause)}")
 
@@ -296,7 +296,7 @@ def _denied(url: str) -> str:
 
 
 def _latency_note(url: str) -> str | None:
-    """Return the warning for a driver without low-latency mode; sockets and ptys need none."""
+    """Return the warning for a driver without low-latency mode; None for sockets and ptys."""
     if "://" in url or os.path.realpath(url).startswith("/dev/pts/"):
         return None
     return (

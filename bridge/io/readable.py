@@ -1,12 +1,12 @@
-"""Wait for readable descriptors of any number."""
+"""Wait for readable file descriptors with any number."""
 
 from __future__ import annotations
 
 import select
 
 SELECTED = 1024
-"""Lowest descriptor that ``select`` does not support: POSIX's FD_SETSIZE. ``poll`` supports it, but
-not for terminals on some versions of macOS, so it is the second choice."""
+"""Lowest descriptor that ``select`` does not support (FD_SETSIZE of POSIX). ``poll`` supports all
+descriptors, but no terminals on some versions of macOS. So ``poll`` is the second choice."""
 
 
 def readable(wanted: list[int], timeout_s: float | None) -> list[int]:

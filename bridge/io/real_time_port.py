@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 STUCK_NS = 50_000_000
-"""Maximum time to write, ns. Unsent bytes are then dropped, so that nothing is sent late; commands
-are repeated."""
+"""Maximum time to write, ns. After this time unsent bytes are dropped, so that nothing is sent
+late. Commands are repeated."""
 
 
 class RealTimePort:

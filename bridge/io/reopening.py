@@ -18,7 +18,7 @@ BY_ID = Path("/dev/serial/by-id")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortOptions:
-    """Options of a port; those that its kind does not have are ignored."""
+    """Options of a port. Options that its kind does not have are ignored."""
 
     baud: int = DEFAULT_BAUD
     dtr: bool = False
@@ -28,13 +28,13 @@ class PortOptions:
 
 
 class Opener:
-    """Opens a port, and after a loss the port of the same device.
+    """Opens a port and, after a loss, the port of the same device.
 
-    ``/dev/ttyUSB0`` names the first adapter on the system, which may be another one after a
-    reconnection. Its link in ``/dev/serial/by-id`` contains the adapter's serial number. The opener
-    uses such a link if it exists: it then finds the same device even as ``ttyUSB1``, and opens no
-    other adapter. A link given by the user (by-id, a udev rule, the emulator's) is resolved again
-    at each opening.
+    ``/dev/ttyUSB0`` is the first adapter on the system. After a reconnection, it may be another
+    adapter. A link in ``/dev/serial/by-id`` contains the adapter's serial number. The opener uses
+    this link if it exists. So it finds the same device even as ``ttyUSB1``, and opens no other
+    adapter. The user may also pass a link: from by-id, a udev rule or the emulator. It is resolved
+    again at each opening.
     """
 
     def __init__(self, port: str, options: PortOptions, *, by_id: Path = BY_ID) -> None:
@@ -42,14 +42,14 @@ class Opener:
         self._options = options
         self._by_id = by_id
         self.stable: str | None = None
-        """Name for the next opening; None before the first."""
+        """Name for the next opening; None before the first opening."""
 
     def __call__(self) -> BytePort:
         """Open the port.
 
         Raises:
-            PortBusyError: another program uses it.
-            PortError: it does not exist, cannot be opened, or is not a port.
+            PortBusyError: another program uses the port.
+            PortError: the port does not exist, cannot be opened, or is not a port.
 
         """
         asked = self._options

@@ -1,4 +1,4 @@
-"""Stop of every robot on a port without an owner and without a session.
+"""Stop of every robot on a port, without an owner and without a session.
 
 A device obeys a stop from any sender at any time. The stop is sent as soon as the port is open and
 repeated until the device confirms it.
@@ -68,7 +68,7 @@ def send_until_confirmed(
 ) -> None:
     """Repeat a stop on an open port until it is confirmed, or until ``end_ns``.
 
-    ``sent`` gets the bytes written and the time.
+    ``sent`` is called with the written bytes and the time.
 
     Raises:
         PortError: the port is gone.

@@ -1,4 +1,4 @@
-"""TCP port through pyserial, for descriptors of any number."""
+"""TCP port through pyserial, for file descriptors with any number."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SCHEME = "socket://"
 
 
 class TcpPort(protocol_socket.Serial):
-    """pyserial's ``socket://`` without its ``select``, which supports 1024 descriptors."""
+    """pyserial's ``socket://`` without ``select``, which supports descriptors below 1024 only."""
 
     def reset_input_buffer(self) -> None:
         """Do nothing: a new connection has no old bytes, and pyserial would call select."""

@@ -10,8 +10,9 @@ from threading import RLock
 class Waker:
     """A pipe that becomes readable on request.
 
-    The lock prevents a wake after the pipe is closed: its descriptor may then belong to another
-    file. The lock is re-entrant, because a signal handler may wake while its own thread closes.
+    The lock prevents a wake after the pipe is closed, because its descriptor may then belong to
+    another file. The lock is re-entrant, because a signal handler may call :meth:`wake` during
+    :meth:`close` in the same thread.
     """
 
     def __init__(self) -> None:
@@ -30,7 +31,7 @@ class Waker:
                     os.write(self._write, b"!")
 
     def drain(self) -> None:
-        """Read all wakes."""
+        """Read and discard all wakes."""
         with suppress(OSError):
             while os.read(self.fd, 64):
                 pass

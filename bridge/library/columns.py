@@ -1,4 +1,4 @@
-"""The columns of the library of runs: names, SQL types and meanings, in one table."""
+"""Columns of the library of runs: names, SQL types and meanings, in one table."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ class RunColumn(NamedTuple):
     """SQL type: TEXT, REAL or INTEGER."""
     meaning: str
     keys: tuple[str, ...] = ()
-    """Path of the value in the summary; empty: the value is in the log's metadata or its file."""
+    """Path of the value in the summary. If empty, the value is from the log's metadata or its
+    file."""
 
 
 COLUMNS = (
@@ -88,7 +89,7 @@ COLUMNS = (
 
 NAMES = tuple(column.name for column in COLUMNS)
 PLACED = ("log", "folder")
-"""Columns that depend on the place of the folder, so the index does not store them."""
+"""Columns that depend on the folder's path, so the index does not store them."""
 MARKED = ("tags", "note")
 """Columns that people write."""
 INDEXED = tuple(c for c in COLUMNS if c.name not in {*PLACED, *MARKED})

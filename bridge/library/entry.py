@@ -1,4 +1,4 @@
-"""One log as a row of the library, read from its metadata and attachments."""
+"""Reader of one log as a row of the library, from its metadata and attachments."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _KINDS = {VIRTUAL_PORT: "simulated", EMULATED_PORT: "truth"}
-"""Kind of a log by its port, for logs that were not recorded at a real port."""
+"""Map of a virtual port's name to the kind of its log. Logs of real ports are not listed."""
 _STAMP = re.compile(r"(\d{8}T\d{6})Z-")
-"""Start of a log's default name."""
+"""Pattern of the start of a log's default name."""
 _LARGEST = 1 << 63
-"""Limit of SQLite's integers; all of them are smaller."""
+"""Limit of SQLite's integers. All SQLite integers are smaller."""
 _NS = 1_000_000_000
 
 
 class Entry(NamedTuple):
-    """Content of the index for one file."""
+    """Index entry of one file."""
 
     values: dict[str, Any] | None
     """Values by column; None: the file is not the first file of a run."""
     first: str | None = None
-    """Name of the run's first file, for a later file of a run."""
+    """Name of the run's first file, if this is a later file of a run."""
     problem: str | None = None
     """Reason why the file cannot be read."""
 
 
 def read_entry(path: Path, modified_ns: int) -> Entry:
-    """Read one log; a file that cannot be read is an entry with a problem."""
+    """Read one log. A file that cannot be read gives an entry with a problem."""
     try:
         head = read_head(path)
         run = head.run
@@ -68,7 +68,7 @@ def _first_name(path: Path, run: dict[str, str]) -> str:
 
 
 def _join(head: LogHead, following: LogHead) -> None:
-    """Add a later file of the same run; the last one has the run's summary."""
+    """Add a later file of the same run. The last file has the run's summary."""
     head.file_bytes += following.file_bytes
     head.whole = following.whole
     head.attachments |= following.attachments
@@ -119,8 +119,8 @@ def _stored(kind: str, value: object) -> str | float | None:
 def _date(path: Path, run: dict[str, str], kind: str, modified_ns: int) -> str | None:
     """Return the date and time at which the run began.
 
-    A simulated run has a virtual clock. For its log, the result is the time in the file name if
-    that is a default name, else the modification time of the file.
+    A simulated run has a virtual clock. For its log, the result is the time in a default file name.
+    For another file name, it is the modification time of the file.
     """
     opened = run.get("opened_unix_ns", "")
     stamp = _STAMP.match(path.name)
@@ -144,7 +144,7 @@ def _text(unix_ns: int) -> str | None:
 
 @lru_cache(maxsize=64)
 def _robot_name(data: bytes) -> str | None:
-    """Return the name in a robot file; cached, because most logs contain one of a few robots."""
+    """Return the name in a robot file. It is cached, because most logs have one of a few robots."""
     try:
         name = tomllib.loads(data.decode()).get("name")
     except (ValueError, RecursionError):

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class LibraryError(BridgeError):
-    """A folder, selection, tag or name that the library cannot use."""
+    """The library cannot use a folder, selection, tag or name."""
 
     exit_status = 2
 

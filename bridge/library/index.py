@@ -1,8 +1,8 @@
-"""The index of one folder: a SQLite file beside the logs, kept up to date by size and time.
+"""Index of one folder: a SQLite file beside the logs.
 
-A file is read again only if its size or its modification time has changed. Tags and notes belong to
-a file by its name. The digest of a file shows that it was moved or renamed; its tags and notes
-follow.
+A file is read again only if its size or its modification time has changed. Tags and notes are
+stored by the file's name. If a file is moved or renamed, its digest identifies it, and its tags and
+notes are moved to its new name.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ FILE_NAME = ".sweepctl-runs.sqlite"
 """Name of the index in a folder of logs."""
 SUFFIX = ".mcap"
 _VERSION = 1
-"""Version of the index's tables. An index of another version is rebuilt; tags and notes are
-kept."""
+"""Version of the index's tables. An index of another version is rebuilt, but its tags and notes
+stay."""
 _BATCH = 200
-"""Number of logs after which the index is saved, so that an interruption loses little."""
+"""Number of logs after which the index is saved. So an interruption loses only a few entries."""
 _END_BYTES = 4096
-"""Number of bytes at each end of a file that identify it, together with its size and values."""
+"""Number of bytes at each end of a file. Together with size and values, they identify the file."""
 _WAIT_S = 10.0
 """Maximum wait for another process that updates the same index, s."""
 _TABLES = f"""
@@ -49,7 +49,7 @@ _VALUES = ", ".join("?" for _ in range(8 + len(INDEXED)))
 
 
 class ListedFile(NamedTuple):
-    """A file as its folder lists it."""
+    """A file in the list of its folder."""
 
     name: bytes
     size: int
@@ -71,11 +71,12 @@ class ReadLog(NamedTuple):
 
 
 LogReaders = Callable[[list[tuple[Path, int]]], Iterable[ReadLog]]
-"""Reads logs, given with their modification times in ns; returns the results in the same order."""
+"""Function that reads logs, given as paths with modification times (ns). It returns the results in
+the same order."""
 
 
 def read_log(log: tuple[Path, int]) -> ReadLog:
-    """Read a log, given with its modification time in ns."""
+    """Read a log, given as its path and its modification time (ns)."""
     from bridge.library.entry import read_entry  # noqa: PLC0415 - only if a log has changed
 
     path, modified_ns = log
@@ -89,10 +90,10 @@ def read_here(logs: list[tuple[Path, int]]) -> Iterator[ReadLog]:
 
 
 class FolderIndex:
-    """The index of one folder; close it after use."""
+    """Index of one folder; close it after use."""
 
     def __init__(self, folder: Path) -> None:
-        """Open or create the index. If the folder is read-only, the index is kept in memory.
+        """Open or create the index. If the folder is read-only, the index exists only in memory.
 
         Raises:
             IndexDamagedError: the file exists but is not an index.
@@ -101,7 +102,8 @@ class FolderIndex:
         self.folder = folder
         self.path = folder / FILE_NAME
         self.is_stored = os.access(self.path if self.path.exists() else folder, os.W_OK)
-        """False: the folder is read-only, so all logs are read each time."""
+        """True if the index is a file. False if the folder is read-only, so that all logs are read
+        each time."""
         try:
             self.database = sqlite3.connect(
                 self.path if self.is_stored else self.uri,
@@ -150,7 +152,7 @@ class FolderIndex:
 
         Args:
             files: All logs of the folder.
-            progress: Called with the number of logs read and to read.
+            progress: Called with the number of logs read so far and of logs to read.
             read: Reads the logs.
 
         Raises:
@@ -175,7 +177,7 @@ class FolderIndex:
         gone = known.keys() - {file.name for file in files}
         if not changed and not gone:
             return
-        # A run's first file holds the figures of all its files.
+        # The entry of a run's first file has the values of all its files.
         present = {file.name: file for file in files}
         firsts = self._firsts(gone)
         for begin in range(0, len(changed), _BATCH):
@@ -194,7 +196,7 @@ class FolderIndex:
         progress(len(changed), len(changed))
 
     def _firsts(self, names: set[bytes]) -> set[bytes]:
-        """Return the first files of the runs that these files continue."""
+        """Return the first files of the runs to which these later files belong."""
         asked = "SELECT first FROM entries WHERE name = ? AND first IS NOT NULL"
         found = (self.database.execute(asked, (name,)).fetchone() for name in names)
         return {row[0] for row in found if row is not None}
@@ -203,7 +205,7 @@ class FolderIndex:
         return self.folder / os.fsdecode(file.name), file.modified_ns
 
     def _store(self, file: ListedFile, log: ReadLog) -> bytes | None:
-        """Store a log's row; return the first file of its run, if it is a later one."""
+        """Store a log's row. If the log is a later file of a run, return the run's first file."""
         entry, digest = log
         values: dict[str, Any] = entry.values or {}
         first = None if entry.first is None else os.fsencode(entry.first)
@@ -223,7 +225,7 @@ class FolderIndex:
     # ---- tags and notes
 
     def has_run(self, name: bytes) -> bool:
-        """Return whether the index has a run whose first file has this name."""
+        """Return True if the index has a run whose first file has this name."""
         found = self.database.execute("SELECT is_run FROM entries WHERE name = ?", (name,))
         return bool((found.fetchone() or (0,))[0])
 
@@ -254,7 +256,7 @@ class FolderIndex:
             )
 
     def orphans(self) -> list[tuple[bytes, str, Marks]]:
-        """Return the marks whose files are gone: name, digest and marks."""
+        """Return the marks of files that no longer exist: name, digest and marks."""
         rows = self.database.execute(
             "SELECT name, digest, tags, note FROM marks WHERE digest IS NOT NULL "
             "AND name NOT IN (SELECT name FROM entries)"
@@ -264,7 +266,7 @@ class FolderIndex:
         ]
 
     def unmarked(self, digest: str) -> bytes | None:
-        """Return a log without marks that has this digest; None: there is none."""
+        """Return a log with this digest and without marks; None: there is no such log."""
         found = self.database.execute(
             "SELECT name FROM entries WHERE digest = ? AND name NOT IN (SELECT name FROM marks)",
             (digest,),
@@ -281,10 +283,10 @@ class FolderIndex:
 
 
 def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[ListedFile]]]:
-    """Yield ``top`` and the folders below it that hold logs; hidden folders are left out.
+    """Yield ``top`` and the folders below it that contain logs, without hidden folders.
 
     Raises:
-        LibraryError: ``top`` is no folder or cannot be read.
+        LibraryError: ``top`` is not a folder or cannot be read.
 
     """
     files, inner = logs_in(top)
@@ -299,7 +301,7 @@ def logs_in(folder: Path) -> tuple[list[ListedFile], list[Path]]:
     """Return the logs and the folders in a folder, sorted by name.
 
     Raises:
-        LibraryError: it is no folder or cannot be read.
+        LibraryError: ``folder`` is not a folder or cannot be read.
 
     """
     files, inner = [], []
@@ -311,7 +313,7 @@ def logs_in(folder: Path) -> tuple[list[ListedFile], list[Path]]:
         if entry.name.endswith(SUFFIX):
             try:
                 found = entry.stat()
-            except OSError:  # deleted meanwhile, or a broken symbolic link
+            except OSError:  # just deleted, or a broken symbolic link
                 continue
             if stat.S_ISREG(found.st_mode):
                 files.append(ListedFile(os.fsencode(entry.name), found.st_size, found.st_mtime_ns))
@@ -322,7 +324,7 @@ def logs_in(folder: Path) -> tuple[list[ListedFile], list[Path]]:
 
 
 def _digest(path: Path, values: dict[str, Any]) -> str | None:
-    """Return what identifies a log wherever it is: its size, both ends and its figures."""
+    """Return a digest of size, both ends and values, which identifies a log at any path."""
     figures = [value for name, value in values.items() if name != "date"]  # may be the file's time
     try:
         with path.open("rb") as file:

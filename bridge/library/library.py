@@ -1,4 +1,4 @@
-"""Runs of one or more folders: refreshed, selected with SQL, named, tagged."""
+"""Runs of one or more folders: refresh, selection with SQL, names and tags."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Library:
         self.unreadable: list[tuple[Path, str]] = []
         """Files that cannot be read, with the reason."""
         self.unstored: list[Path] = []
-        """Folders without write access, whose logs are read each time."""
+        """Folders without write access. Their logs are read at each refresh."""
         self._places: list[Path] = []
         """Folders by their number in the table."""
         self._database = sqlite3.connect("file::memory:", isolation_level=None, uri=True)
@@ -65,7 +65,7 @@ class Library:
         """Update the indexes and load them.
 
         Args:
-            progress: Called with the number of logs read and to read in a folder.
+            progress: Called with two numbers for a folder: logs read so far, and logs to read.
             read: Reads logs that are new or have changed.
 
         Raises:
@@ -110,7 +110,7 @@ class Library:
         self.unreadable += [(folder / os.fsdecode(name), text) for name, text in unreadable]
 
     def select(self, selection: Selection) -> list[Run]:
-        """Return the runs of a selection. Runs without a value in the sorted column come first.
+        """Return the runs of a selection. Runs without a value in the sorted column are first.
 
         Runs with equal values are ordered by the modification time of their files.
 
@@ -126,7 +126,7 @@ class Library:
 
 
 def _follow_moved(indexes: Sequence[FolderIndex]) -> None:
-    """Assign the marks of a missing file to the same file under another name."""
+    """Move the marks of a missing file to the same file with another name."""
     for index in indexes:
         for name, digest, marks in index.orphans():
             for other in indexes:
@@ -138,10 +138,10 @@ def _follow_moved(indexes: Sequence[FolderIndex]) -> None:
 
 
 def resolve(path: Path) -> Path:
-    """Return the log that a path names. ``latest`` and ``latest~N`` are the newest runs.
+    """Return the log for a path. ``latest`` is the newest run, ``latest~N`` the N-th run before it.
 
-    Without a folder they refer to :data:`DEFAULT_FOLDER`. If a file of this name exists, it is
-    used. Truth logs of an emulator do not count.
+    Without a folder, these names refer to :data:`DEFAULT_FOLDER`. If a file with such a name
+    exists, the file is used. An emulator's logs of the true state do not count.
 
     Raises:
         NoRunError: there is no such run.
@@ -175,10 +175,11 @@ def mark_run(
         path: The log, the first file of its run.
         add: Tags to add.
         remove: Tags to remove.
-        note: New note; empty: remove it; None: leave it.
+        note: New note; empty: remove the note; None: do not change the note.
 
     Raises:
-        LibraryError: an invalid tag or note, no such log, or a folder that cannot be written.
+        LibraryError: a tag or the note is invalid, the log does not exist, or its folder cannot be
+            written.
         IndexDamagedError: the index cannot be used.
 
     """

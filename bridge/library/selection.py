@@ -1,4 +1,4 @@
-"""Selection of runs with a user's SQL condition, which can read only the table of runs."""
+"""Selection of runs by a user's SQL condition. It can read only the table of runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from bridge.library.errors import LibraryError
 from bridge.spelling import nearest
 
 _STEPS = 200_000_000
-"""Number of steps of SQLite's virtual machine after which a query is aborted: about ten seconds."""
+"""Maximum number of steps of SQLite's virtual machine for a query. They take about ten seconds.
+Then the query is aborted."""
 _STEPS_A_CALL = 1_000_000
 _ALLOWED = frozenset({sqlite3.SQLITE_SELECT, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_READ})
 
@@ -28,7 +29,7 @@ class Selection:
     tags: tuple[str, ...] = ()
     """Tags that a run must have."""
     last: int | None = None
-    """Maximum number of runs, counted from the end; None: all."""
+    """Maximum number of runs, from the end of the list; None: all runs."""
 
     def rows(self, database: sqlite3.Connection) -> list[tuple[Any, ...]]:
         """Return the rows of the selected runs. The connection is read-only during the query.
@@ -63,13 +64,13 @@ def _query(selection: Selection) -> tuple[str, tuple[str, ...]]:
     conditions = [*(["(\n" + selection.where + "\n)"] if selection.where.strip() else [])]
     conditions += ["instr(tags, ?)"] * len(selection.tags)
     where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
-    # The condition is the user's own; it runs on a copy, read-only, with an authorizer.
+    # The user's condition is safe: it runs on a copy, read-only, with an authorizer.
     text = f'SELECT * FROM runs {where} ORDER BY "{column}" {order}, modified_ns {order}'  # noqa: S608 - see above
     return text, tuple(f" {tag} " for tag in selection.tags)
 
 
 def _authorise(action: int, first: str | None, second: str | None, *_: str | None) -> int:
-    """Allow only reading the table of runs, and functions that access no file."""
+    """Allow only reads of the table of runs, and functions that access no file."""
     if action not in _ALLOWED:
         return sqlite3.SQLITE_DENY
     if action == sqlite3.SQLITE_READ and first != "runs":
@@ -88,7 +89,7 @@ def _explained(where: str, error: sqlite3.Error) -> str:
         return f"the condition {where!r} does more than read runs"
     if text == "interrupted":
         return f"the condition {where!r} takes too long"
-    cause = text.partition("\n")[0]  # the rest is our part of the query
+    cause = text.partition("\n")[0]  # the other lines are from our part of the query
     return f"the condition {where!r} is not SQL over the columns: {cause}"
 
 

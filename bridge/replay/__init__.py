@@ -1,1 +1,1 @@
-"""A recorded robot that answers like a live one."""
+"""Replay of a recorded robot, which answers like a live robot."""

@@ -1,8 +1,8 @@
-"""Replays a recorded robot on a serial link, at the times of the recording.
+"""Replay of a recorded robot on a serial link, at the times of the recording.
 
-Sans-I/O. Telemetry and damaged bytes come from the log, with unchanged payloads and stamps. The
-messages of a conversation (hello, time replies, acknowledgements) are created for the connected
-host. The replayed robot cannot be driven: it rejects commands that would move or change it.
+Sans-I/O. Telemetry and damaged bytes come from the log, with unchanged payloads and stamps.
+Messages that answer the host (hello, time replies, acknowledgements) are created anew. The replayed
+robot cannot be driven: it rejects commands that would move or change it.
 """
 
 from __future__ import annotations
@@ -67,43 +67,44 @@ _CONVERSATION = (
 _DEFAULT_HELLO = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
 """Hello for a recording without a hello."""
 _STANDING = (Status, Encoders, Imu, Range, Power)
-"""Messages that are repeated after the end of the recording, because the robot then stands
+"""Messages that are repeated after the end of the recording, so that the robot seems to stand
 still."""
 _HELLO_NS = 1_000_000_000
-"""Period of the hello until a host has connected, ns."""
+"""Period of the hello before a host has connected, ns."""
 _STANDING_NS = 50_000_000
-"""Period of the repeated messages after the end, ns."""
+"""Period of the repeated messages after the end of the recording, ns."""
 _WRAP_US = 1 << 32
 _BEFORE_US = 60_000_000
-"""Offset of the stamps before playback starts, µs, relative to the first recorded stamp.
+"""Time by which stamps before the playback are earlier than the first recorded stamp, µs.
 
-The start time of the playback is not known yet. A stamp that is too early gives only a loose clock
-bound. A stamp that is too late would look like a clock step at the start of the playback.
+Before the playback, its start time is unknown. A stamp that is too early only makes the clock's
+error bound larger. A stamp that is too late would cause a clock step at the start of the playback.
 """
 
 
 class Played(NamedTuple):
-    """One recorded frame, or one piece of damaged bytes."""
+    """One recorded frame, or one sequence of damaged bytes."""
 
     log_ns: int
     node: int
     type_id: int
     t_us: int
-    """Device time without wraps."""
+    """Device time without wraps, µs."""
     payload: bytes
     """Payload of the frame, or the damaged bytes."""
     is_damaged: bool
 
 
 class RecordedRun(NamedTuple):
-    """The data that a robot sent, and its hello."""
+    """The data that a robot has sent, and its hello."""
 
     hello: Hello
     node: int
     played: list[Played]
     duration_s: float
     imu_info: ImuInfo
-    """Scale of the IMU; nominal if the recording has none, because version 1 had only one scale."""
+    """Scale of the IMU. If the recording has no scale, it is the nominal scale, because version 1
+    had only this scale."""
 
 
 def load(reader: LogReader) -> RecordedRun:
@@ -163,15 +164,18 @@ class _Loader:
 
 
 class ReplayDevice:
-    """The device's side of a link: it plays a recording once a host has completed the handshake."""
+    """The device's side of a link.
+
+    It plays a recording after a host has completed the handshake.
+    """
 
     def __init__(self, recording: RecordedRun) -> None:
         self.recording = recording
         self.session_id = 0
-        """Session of the connected host; 0: none."""
+        """Session id of the connected host; 0: no host is connected."""
         self._link = Link(Direction.DEVICE)
         self._first_ns = recording.played[0].log_ns
-        # Device time at the first record, chosen so that no stamp lies in the future.
+        # Device time at the first record. With this value, no recorded stamp is in the future.
         self._clock_us = max(p.t_us - (p.log_ns - self._first_ns) // 1000 for p in recording.played)
         self._begun_ns: HostNs | None = None
         self._opened_ns: HostNs | None = None
@@ -188,7 +192,7 @@ class ReplayDevice:
         return self._next >= len(self.recording.played)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Take bytes from the host."""
+        """Handle bytes from the host."""
         for event in self._link.receive(data):
             if isinstance(event, Received) and addresses(
                 event.frame, event.spec, self.recording.node
@@ -232,7 +236,7 @@ class ReplayDevice:
     # ---- inside ---------------------------------------------------------------------------
 
     def _device_us(self, now_ns: HostNs) -> int:
-        """Return the device time as it is transmitted, 32 bits."""
+        """Return the device time in the transmitted form, 32 bits."""
         if self._begun_ns is None:
             return (self._clock_us - _BEFORE_US) % _WRAP_US
         return (self._clock_us + (now_ns - self._begun_ns) // 1000) % _WRAP_US
@@ -243,7 +247,7 @@ class ReplayDevice:
     def _play(self, played: Played) -> None:
         if played.is_damaged:
             self._drain()
-            # Delimiters on both sides keep the intact frames beside it intact.
+            # Delimiters on both sides separate the damaged bytes from the intact frames.
             self._out += b"\0" + played.payload.replace(b"\0", b"\1") + b"\0"
         else:
             stamp = played.t_us % _WRAP_US

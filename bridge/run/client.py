@@ -1,7 +1,7 @@
 """Acknowledged commands to a device; each call waits for its answer.
 
-The Python API, the owner's socket and the bring-up procedures use it. An :class:`Exchange` defines
-how a call waits.
+The Python API, the owner's socket and the bring-up procedures use this module. An :class:`Exchange`
+defines how a call waits.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 AT_ONCE = 8
-"""Maximum number of parameter requests at once: half of the replies that a device remembers."""
+"""Maximum number of open parameter requests. It is half of the number of replies that a device
+stores."""
 _TRIES = 3
 """Number of requests for a parameter. Its value may be lost although its acknowledgement
 arrives."""
@@ -65,7 +66,7 @@ R = TypeVar("R")
 
 @contextmanager
 def noted(what: str | None) -> Iterator[None]:
-    """Add a note to Ctrl-C that the result of command ``what`` is unknown; None: no note."""
+    """On Ctrl-C, add the note that the result of command ``what`` is unknown; None: no note."""
     try:
         yield
     except KeyboardInterrupt as error:
@@ -97,7 +98,7 @@ class Exchange(Protocol):
 
         Raises:
             DeviceLostError: the session's thread has ended or does not respond.
-            Exception: whatever ``action`` raises.
+            Exception: any exception of ``action``.
 
         """
 
@@ -105,7 +106,8 @@ class Exchange(Protocol):
         """Run ``begin`` in the session's thread and wait until it calls its argument.
 
         Raises:
-            DeviceLostError: no call in time; the text names the command ``what``.
+            DeviceLostError: the argument was not called in time; the text names the command
+                ``what``.
 
         """
 
@@ -201,7 +203,8 @@ class DeviceClient:
         """Save the current values, so that they survive a reboot.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """
@@ -283,7 +286,8 @@ class DeviceClient:
         """Reboot the device; ``factory_reset`` deletes its saved parameters and keys.
 
         Raises:
-            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            CommandRejectedError: the device rejected the command, for example because motion is
+                enabled.
             DeviceLostError: the device did not answer.
 
         """
@@ -294,7 +298,8 @@ class DeviceClient:
 
         Raises:
             BridgeError: no status received yet.
-            CommandRejectedError: the device rejected it, for example because the cause persists.
+            CommandRejectedError: the device rejected the command, for example because the cause
+                persists.
             DeviceLostError: the device did not answer.
 
         """

@@ -1,4 +1,4 @@
-"""Commands with a waiting caller, and the device's reported parameters.
+"""Commands whose caller waits for the outcome, and the device's reported parameters.
 
 :mod:`bridge.run.mission` requests motion. All other commands to a device pass through this module,
 each with the callback that receives its outcome.
@@ -48,7 +48,7 @@ class Fetch:
 
 
 class Dialogue:
-    """A host's open commands except those of its run. Used in the loop's thread only."""
+    """A host's open commands, without the commands of its run. Used in the loop's thread only."""
 
     def __init__(self, session: Session) -> None:
         self.parameters: Mapping[int, Parameter] = {}

@@ -1,9 +1,9 @@
-"""Dead-man switch for manual driving: the robot moves only while an input is held. Pure.
+"""Dead-man switch for manual driving: the robot moves only while an input is held. No I/O.
 
-If the terminal reports key releases (kitty keyboard protocol), a key drives while it is held. Its
-repeats must continue, because a hung terminal reports no release. In other terminals a press
-drives for 0.7 s at up to 0.1 m/s, and any other key stops. A gamepad drives while its dead-man
-button is held and it sends reports.
+If the terminal reports key releases (kitty keyboard protocol), a key drives while it is held. The
+key's repeats must continue, because a terminal that hangs reports no release. In other terminals a
+key press drives for 0.7 s at up to 0.1 m/s, and any other key stops the robot. A gamepad drives
+while its dead-man button is held and the gamepad sends reports.
 
 The keyboard and the gamepad have their own threads, and the loop's thread reads the velocity. A
 lock makes each call atomic.
@@ -17,14 +17,14 @@ from dataclasses import dataclass, field
 from bridge.motion.observation import HALT, VelocityCommand
 
 PRESS_S = 0.7
-"""Time that a press drives in a terminal without key releases, s."""
+"""Time for which a key press drives the robot in a terminal without key releases, s."""
 PRESS_M_S = 0.1
 """Maximum speed in a terminal without key releases, m/s."""
 PRESS_RAD_S = 0.6
 """Yaw rate in a terminal without key releases, rad/s."""
 HELD_S = 1.2
-"""Maximum time without a key event before a held key counts as released, s. The slowest usual
-keyboard starts to repeat after 0.66 s."""
+"""Time without a key event after which a held key counts as released, s. The slowest usual keyboard
+starts to repeat after 0.66 s."""
 STICK_S = 0.5
 """Maximum age of a gamepad report, s."""
 TURN_RAD_S = 1.0
@@ -44,19 +44,19 @@ DIRECTIONS: dict[str, tuple[float, float]] = {
     "j": (0.0, 1.0),
     "l": (0.0, -1.0),
 }
-"""Key → share of the speed forward, and share of the yaw rate counter-clockwise."""
+"""Map of each key to its share of the forward speed and of the counter-clockwise yaw rate."""
 
 
 @dataclass(slots=True)
 class DeadMan:
-    """Converts keys and sticks to the current velocity. All times are of one clock, s."""
+    """Converts keys and sticks to the current velocity. All times are in s and from one clock."""
 
     max_speed_m_s: float
     speed_m_s: float
     releases: bool = False
     """True if the terminal reports key releases."""
     _held: dict[str, float] = field(default_factory=dict)
-    """Key → time of its press, s."""
+    """Map of each held key to the time of its last event, s."""
     _event_s: float = -1e9
     _stick: tuple[float, float, float] | None = None
     """Forward share, yaw-rate share and time (s)."""

@@ -1,8 +1,8 @@
-"""Comparison of the measured walls with the walls of the room file. Pure.
+"""Comparison of the measured walls with the walls of the room file. No I/O.
 
-If the robot starts at another place than the room file says, its estimate is still correct relative
-to the real start. Map and coverage then do not fit the room. After a few metres the measured walls
-show the error, and often the real start.
+If the robot does not start at the start pose of the room file, its estimate is still correct
+relative to the real start. But the map and the coverage do not fit the room. After a few metres,
+the measured walls show the error, and often also the real start.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RoomTuning:
-    """Limits that tell a wrong start from furniture that the room file lacks.
+    """Limits that separate a wrong start from furniture that the room file lacks.
 
-    The source of all values is ``campaign.changes``.
+    All values were tuned with ``campaign.changes``.
     """
 
     min_wall_m: float = 0.4
@@ -43,16 +43,18 @@ class RoomTuning:
     parallel_rad: float = math.radians(8.0)
     """Maximum angle between a measured wall and its wall in the room, rad."""
     fits: float = 0.5
-    """Minimum share of the measured walls that fits the room if the start is right."""
+    """Minimum share of the measured walls that must fit the room if the start is correct."""
     moved_fits: float = 0.35
-    """Fitting share below which the robot was moved during the run, if its walls fitted before."""
+    """Share of fitting walls below which the robot was moved during the run, if its walls fitted
+    before."""
     other_fits: float = 0.8
-    """Minimum share that must fit the room from another start."""
+    """Minimum share of the measured walls that must fit the room from another start."""
     as_good: float = 0.05
-    """Difference in the fitting share below which two starts are equally good. The nearer start is
-    then used."""
+    """Difference in the share of fitting walls below which two starts are equally good. The nearer
+    start is then used."""
     strange_m: float = 5.0
-    """Total wall length from which a misfit is reported even if no start explains it, m."""
+    """Minimum total length of measured walls for a report that they do not fit, m. The report then
+    appears even if no start explains the error."""
 
 
 class MeasuredWall(NamedTuple):
@@ -78,12 +80,12 @@ class RoomFit(NamedTuple):
     """Result of a comparison."""
 
     share: float
-    """Share of the measured walls that fit walls of the room."""
+    """Share of the measured walls that fits walls of the room."""
     start: Pose2 | None
-    """Start pose from which they fit; None: the room's own start, or no start was found."""
+    """Start pose from which the walls fit; None: the room's own start, or no start was found."""
 
     def off(self, start: Pose2) -> tuple[float, float]:
-        """Return distance (m) and turn (rad) from the room file's start to the start found."""
+        """Return distance (m) and turn (rad) from the room file's start to the found start."""
         if self.start is None:
             return 0.0, 0.0
         return self.start.distance_m(start), wrap_angle(self.start.theta_rad - start.theta_rad)
@@ -143,7 +145,7 @@ class RoomCheck:
         return RoomFit(float(share), start)
 
     def _other_start(self, walls: Sequence[MeasuredWall]) -> Pose2 | None:
-        """Return the start from which the walls fit the room best; None: they fit from no start."""
+        """Return the start from which the walls fit the room best; None: no start fits."""
         first = walls[0]
         second = next((wall for wall in walls if _crosses(first, wall)), None)
         if second is None:

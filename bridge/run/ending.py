@@ -26,7 +26,7 @@ class Ending:
     cause: StopCause = StopCause.SESSION_END
     """Stop cause that the host latches on the device at the end."""
     latched: StopCause = StopCause.NONE
-    """Stop cause that the device latched itself, if that ended the run."""
+    """Stop cause that the device latched itself, if this stop ended the run."""
     remedy: Remedy | None = None
     """Remedy for the user, if any."""
 
@@ -38,14 +38,15 @@ class Ending:
     def outranks(self, other: Ending | None) -> bool:
         """Return True if this end replaces ``other``, which occurred at the same time.
 
-        The order is that of the protocol and the device
-        (:func:`protocol.messages.values.by_severity`). The first of two equal causes stays.
+        The host uses the same order of causes as the device
+        (:func:`protocol.messages.values.by_severity`). If both causes are equal, the first end
+        stays.
         """
         return other is None or self.gravity > other.gravity
 
 
 def cannot_move(ending: Ending | None) -> BridgeError:
-    """Return the error for a velocity that the robot does not obey; None: no run was started."""
+    """Return the error for a velocity command after the run's end; None: no run was started."""
     if ending is None:
         return StoppedForSafetyError("the robot is not enabled: call enable() first")
     error: BridgeError = StoppedForSafetyError(ending.reason)
@@ -62,7 +63,7 @@ CRASH_CAUSE = StopCause.SUPERVISE
 
 
 def crash_ending(error: BaseException, cause: StopCause, confirmed: StopCause | None) -> Ending:
-    """Return the end of a run whose loop failed; ``confirmed`` is None without a device."""
+    """Return the end of a run after its loop failed; ``confirmed`` is None without a device."""
     if confirmed is None:
         how = "no device was connected"
     elif confirmed < cause:

@@ -1,7 +1,7 @@
 """The host's core, sans-I/O: session, time synchronisation, estimator, run and records.
 
-Bytes and host time go in; bytes and records come out. The same class runs in virtual time against
-the emulated device, over a pseudo-terminal and on a robot.
+Its inputs are bytes and host time; its outputs are bytes and records. The same class runs in
+virtual time with the emulated device, over a pseudo-terminal and on a robot.
 """
 
 from __future__ import annotations
@@ -89,17 +89,18 @@ CONTROL_PERIOD_NS = 20_000_000
 SETPOINT_TTL_MS = 200
 """Time to live of a setpoint, ms: ten control periods, below the device's limit of 250 ms."""
 LATE_NS = 50_000_000
-"""Maximum delay of a control step that sends a setpoint, ns. A host that was blocked must not send
-stale motion."""
+"""Maximum delay of a control step that sends a setpoint, ns. After a longer delay the setpoint may
+be based on old data."""
 SILENT_NS = 100_000_000
-"""Silence that counts as a loss of the link, ns: ten frames of the fastest stream. A shorter gap
-can be the fault of one sensor."""
+"""Time without any frame after which the link counts as silent, ns. It is ten periods of the
+fastest stream."""
 MAP_PERIOD_NS = 2_000_000_000
 """Interval of recorded maps, ns."""
 CLOCK_PERIOD_NS = 1_000_000_000
 """Interval of clock records, ns."""
 COUNT_PERIOD_NS = 100_000_000
-"""Interval of copies of the link's counts for other threads, ns. A person cannot read faster."""
+"""Interval at which the link's counts are copied for other threads, ns. Faster changes are not
+readable on a display."""
 _AFTER_SILENCE_NS = round(STALE_S * 1e9)
 _EXIT = {EventKind.INCOMPATIBLE: 4, EventKind.VERSION: 4, EventKind.SEVERAL: 2}
 
@@ -150,15 +151,15 @@ class Host:
         self._counted_ns = 0
         """Time of the last copy of the link's counts."""
         self._slow = False
-        """The last check found the link too slow for motion."""
+        """True if the link was too slow for motion at the last check."""
         self.mission.link = self.session.round_trip.trouble(HostNs(0))
         self._jumps = 0
-        """Number of device clock jumps that the estimator has handled."""
+        """Number of jumps of the device's clock that the estimator has handled."""
         self._missing: list[str] = []
-        """Messages that driving requires and the device lacks."""
+        """Names of the messages that driving requires but the device lacks."""
         self._imu = ImuReader()
         self._partial = True
-        """Messages may lack fields that the host expects."""
+        """True if messages may lack fields that the host expects."""
         self._listeners: dict[type[Message], Callable[[Any, DeviceUs, HostNs], None]] = {
             Imu: self.localisation.imu,
             Encoders: self.localisation.encoders,
@@ -175,7 +176,7 @@ class Host:
 
     @property
     def sync(self) -> TimeSync:
-        """Time synchronisation from the device's clock to the host's."""
+        """Time synchronisation of the device's clock with the host's clock."""
         return self.ingest.sync
 
     @property
@@ -194,22 +195,22 @@ class Host:
         """Start to search for the device."""
         self._control_ns = now_ns
         self.session.open(now_ns)
-        # Record the state now, not with the first bytes: the session's times start here.
+        # Record the state now, not with the first bytes, because the session's times start here.
         self._digest(self.session.receive(b"", now_ns), now_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Handle bytes from the port."""
+        """Handle bytes that the port has received."""
         if not data:
             return
         try:
             events = self.session.receive(data, now_ns)
             self._digest(events, now_ns)
-        finally:  # after the events: a caller may wait for an answer
+        finally:  # after the events, because a caller may wait for an answer
             self._tap(data, now_ns, outgoing=False)
         self.wire.queue((events, now_ns))
 
     def poll(self, now_ns: HostNs) -> None:
-        """Do what is due at ``now_ns``, including the control step."""
+        """Handle all due tasks at ``now_ns``, including the control step."""
         events = self.session.poll(now_ns)
         if events:
             self._digest(events, now_ns)
@@ -240,7 +241,7 @@ class Host:
         return data
 
     def sent(self, data: bytes, now_ns: HostNs) -> None:
-        """Record bytes from :attr:`session` that the caller has written to the port."""
+        """Record bytes of :attr:`session` that the caller has written to the port."""
         if data:
             self._tap(data, now_ns, outgoing=True)
 
@@ -299,15 +300,15 @@ class Host:
         )
 
     def supervise(self, supervisor: Supervisor) -> None:
-        """Supervise the run from its next control step on."""
+        """Start to supervise the run at its next control step."""
         mission = self.mission
         onboard = mission.planner if isinstance(mission, OnboardMission) else None
         self.supervision = Supervision(supervisor, self.model, self.commands, onboard)
 
     def resume_run(self, now_ns: HostNs) -> bool:
-        """Continue a run after a loss or a pause, once the operator has checked the robot.
+        """Continue a run that waits after a loss or a pause; the operator has checked the robot.
 
-        Returns False if no run waits for it.
+        Returns False if the run does not wait.
         """
         paused = self.supervision is not None and self.supervision.resume(now_ns)
         self._obey_supervision(now_ns)
@@ -339,7 +340,7 @@ class Host:
                 listener = listeners.get(message.__class__)
                 if listener is not None and (not self._partial or understood(message)):
                     listener(message, ingest.device_us, now_ns)
-            elif event.__class__ is DamagedFrame:  # noise can give ten times as many
+            elif event.__class__ is DamagedFrame:  # with noise, ten times as many as messages
                 damaged.append(event)
             else:
                 self._happened(event, now_ns)
@@ -364,7 +365,7 @@ class Host:
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
                 remedy = Remedy.NODE if event.kind is EventKind.SEVERAL else None
-                if self.mission.under_way:  # for any device that may receive it
+                if self.mission.under_way:  # sent even if no device is connected
                     self.session.stop(StopCause.LINK, now_ns)
                 self.mission.on_failed(event.text, status, now_ns / 1e9, remedy)
             case Restless():
@@ -417,7 +418,7 @@ class Host:
             self._records.again(event, now_ns)
         if event.rebooted:
             self.ingest.reset()
-            self._imu = ImuReader()  # another firmware may set the chip otherwise
+            self._imu = ImuReader()  # another firmware may configure the IMU differently
             self.commands.forget()
             self.localisation.begin_again()
         for difference in event.differences:
@@ -545,9 +546,10 @@ class Host:
     def _plausible(
         self, command: VelocityCommand | None, now_ns: HostNs, *, current: bool
     ) -> VelocityCommand | None:
-        """Check that the estimate is about the real robot; return the velocity to send.
+        """Check that the estimate fits the real robot; return the velocity to send.
 
-        Without ``current`` samples there is no check: a gyro rate that is held is no turn.
+        There is no check if the samples are not ``current``, because the last gyro rate is then
+        old.
         """
         mission, supervision = self.mission, self.supervision
         planned = follows_plan(mission.runner) or isinstance(mission, OnboardMission)
@@ -637,9 +639,9 @@ class Host:
             self.record_map(now_ns)
 
     def _is_silent(self, now_ns: HostNs) -> bool:
-        """Return True if the link is or was just silent: old data then mean no sensor fault.
+        """Return True if the link is or was just silent; old data are then not a sensor fault.
 
-        There is no motion meanwhile, and the session detects a lost device within 1 s.
+        The robot does not move in this time, and the session detects a lost device within 1 s.
         """
         if now_ns - self.session.last_frame_ns > SILENT_NS:
             self._silent_ns = now_ns

@@ -29,7 +29,8 @@ class Localisation:
         self.state = RobotState()
         self.estimator = PoseEstimator(model, start, drift)
         self.encoders_us = 0
-        """Device time of the newest encoder sample, µs: the time of the estimated position."""
+        """Device time of the newest encoder sample, µs. It is the time of the estimated
+        position."""
         self._walls = Relocaliser(model, self.estimator)
         self._displacement = DisplacementCheck(model)
 
@@ -77,7 +78,7 @@ class Localisation:
         return self._displacement.displaced
 
     def measured_walls(self) -> list[MeasuredWall]:
-        """Return the walls of the estimate that have a measured length, not only a distance."""
+        """Return the walls of the map whose length was measured, not only their distance."""
         found = []
         for wall, normal_rad, offset_m in self._walls.walls.known():
             if wall.seen_m > 0.0:
@@ -92,7 +93,10 @@ class Localisation:
         return found
 
     def see_walls(self, message: Range, device_us: DeviceUs) -> bool:
-        """Update the estimate with a range sample; return whether known walls confirm it."""
+        """Update the estimate with a range sample.
+
+        Return True if known walls confirm the estimate.
+        """
         self._walls.update(
             message.ultrasonic_m,
             message.infrared_left_m,

@@ -1,8 +1,8 @@
-"""Runner for an operator: start, pause and take over a plan, or drive manually.
+"""Runner for an operator, who starts, pauses or takes over a plan, or drives manually.
 
-It is one runner for the whole run, so that motion is enabled once. It selects the source of motion:
-none, the plan, or the operator. Stops, stale data and the end of the run remain with
-:class:`bridge.run.mission.Mission`.
+One runner is used for the whole run, so that motion is enabled only once. It selects the source of
+motion: none, the plan, or the operator. :class:`bridge.run.mission.Mission` handles stops, stale
+data and the end of the run.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _STATES = {drive_mode: PlannerState(drive_mode.value) for drive_mode in DriveMod
 class Operator:
     """Runner that an operator controls.
 
-    The operator's calls may come from another thread than the loop, which calls :meth:`step`. A
+    The loop's thread calls :meth:`step`. The operator's calls may come from another thread, so a
     lock makes each call atomic.
     """
 
@@ -93,7 +93,7 @@ class Operator:
         """Start the plan, or resume it."""
         made = None
         if self._plan is None and self._make_plan is not None:
-            made = self._make_plan()  # without the lock: it takes seconds, and the loop must run
+            made = self._make_plan()  # no lock: it takes seconds, and the loop must run
         with self._lock:
             if self._plan is None:
                 self._plan = made
@@ -179,7 +179,7 @@ class Operator:
             return self._halt()
         wanted = self.dead_man.wanted(obs.time_s)
         if wanted.v_m_s > 0.0 and (obs.bumper_left or obs.bumper_right or obs.cliff):
-            wanted = VelocityCommand(0.0, wanted.yaw_rate_rad_s)  # only backwards leads away
+            wanted = VelocityCommand(0.0, wanted.yaw_rate_rad_s)  # allow only reversing
         self._target = wanted
         if wanted == HALT:
             return self._halt()  # the device's own ramp stops fastest

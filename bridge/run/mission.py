@@ -1,7 +1,7 @@
-"""One run with motion: from enabling motion, through the plan, to a clean end.
+"""State machine of one run with motion: enable motion, drive the plan, end cleanly.
 
-Pure: it takes time, session events and observations, and returns requests. Each step needs the
-device's confirmation of the step before.
+No I/O: its inputs are time, session events and observations, and its outputs are requests. Each
+step starts after the device has confirmed the previous step.
 """
 
 from __future__ import annotations
@@ -29,21 +29,23 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 AT_REST_S = 2.5
-"""Standstill before the first move, s: the gyro bias is averaged over 250 samples."""
+"""Duration of the standstill before the first move, s. The gyro bias is averaged over 250
+samples."""
 DATA_TIMEOUT_S = 3.0
-"""Maximum wait for the first status, and for sensor data after the standstill, s: thirty
-periods."""
+"""Maximum wait for the first status, and for sensor data after the standstill, s. It is thirty
+periods of the status."""
 END_TIMEOUT_S = 1.0
 """Maximum wait for the confirmation of the final stop, s."""
 SLOW_LIMIT_S = 4.0
-"""Maximum time of a slow link before a run's first move, s. On a busy machine, host and simulator
-may be slow for seconds while they start. The robot does not move in this time."""
+"""Maximum time for which the link may be too slow before a run's first move, s. On a busy machine,
+host and simulator may be slow for seconds while they start. The robot does not move in this
+time."""
 LOST_TIMEOUT_S = 30.0
 """Maximum time that a run waits for a lost device, s."""
 
 
 class Resume(Enum):
-    """Continuation of a run with motion after its device was lost and is back."""
+    """Behaviour of a run with motion after its device was lost and has returned."""
 
     NEVER = "never"
     """The run ends."""
@@ -84,7 +86,7 @@ _BEFORE_MOTION = {Phase.WAITING, Phase.CLEARING, Phase.ENABLING, Phase.SETTLING}
 
 
 def _too_slow(link: LinkTrouble) -> Ending:
-    """Return the end of a run whose link does not allow motion."""
+    """Return the end of a run because its link does not allow motion."""
     return Ending("stopped", link.text, 5, StopCause.LINK)
 
 
@@ -120,28 +122,30 @@ class Mission:
         self.confirmed = StopCause.NONE
         """Highest cause of the stops that the device has confirmed at the run's end."""
         self.signed = False
-        """Commands are signed with a key, which may differ from the device's."""
+        """True if commands are signed with a key. The key may differ from the device's key."""
         self.link: LinkTrouble | None = None
         """Reason why the link allows no motion; the host updates it at each control step."""
         self.asking = False
-        """The device is back, and the operator must decide whether to continue."""
+        """True if the device has returned and the operator must decide whether the run
+        continues."""
         self._resume = resume
         self._resumed = False
-        """The operator has continued the run: the stop latched by the loss may be cleared."""
+        """True if the operator has continued the run. Then the stop that the device latched at the
+        loss may be cleared."""
         self._clear_any = clear_stop
         self._max_time_s = max_time_s
         self._at_rest_s = at_rest_s
         self._since_s = 0.0
         self._asked_s: float | None = None
-        """Time since which a runner waits for the device's status."""
+        """Start time of a runner's wait for the device's status."""
         self._slow_s: float | None = None
-        """Time since which the link is too slow for the first move."""
+        """Start of the time for which the link is too slow for the first move."""
         self._ready = False
         self._was_ready = False
         self._latched = False
-        """The device's newest status has a latched stop."""
+        """True if the device's newest status has a latched stop."""
         self.pending: list[Request] = []
-        """Requests not fetched yet; public because the loop checks it in every pass."""
+        """Requests that are not fetched yet. Public because the loop checks it in every pass."""
 
     @property
     def _drives_in(self) -> Mode | None:
@@ -169,7 +173,7 @@ class Mission:
         return self._since_s + LOST_TIMEOUT_S if self.phase is Phase.HOLDING else None
 
     def start(self, runner: Runner, *, clear_stop: bool = False) -> None:
-        """Give a runner to a run that only monitored; it starts with the next status."""
+        """Add a runner to a run that only monitors; the runner starts with the next status."""
         if self.runner is None and self.phase is Phase.WAITING:
             self.runner = runner
             self._clear_any = clear_stop
@@ -213,7 +217,10 @@ class Mission:
             self._go(Phase.WAITING, now_s)
 
     def resume(self, now_s: float) -> bool:
-        """Continue after a loss, once the operator has checked. Return False if nothing waits."""
+        """Continue after a loss and a check by the operator.
+
+        Return False if the run does not wait.
+        """
         if not (self.asking and self._ready and self.phase is Phase.HOLDING):
             return False
         self.asking, self._resumed = False, True
@@ -263,7 +270,7 @@ class Mission:
             self._check_mode(status.mode, self._drives_in, now_s)
 
     def _check_mode(self, mode: int, wanted: Mode, now_s: float) -> None:
-        """End a drive whose device is not in the confirmed mode."""
+        """End the drive if the device is no longer in the confirmed mode."""
         if mode != wanted:
             found, needed = label(Mode, mode), label(Mode, wanted)
             text = f"the device is in mode {found}, but the run needs {needed}"
@@ -294,7 +301,10 @@ class Mission:
             self._go(Phase.SETTLING, now_s)
 
     def _stopped(self, cause: int, now_s: float, *, accepted: bool) -> None:
-        """Handle the answer to a stop. A lower cause than the end's does not end the run."""
+        """Handle the answer to a stop.
+
+        A stop with a lower cause than the end's cause does not end the run.
+        """
         if accepted:
             self.confirmed = latched_cause(self.confirmed, cause)
         if self.phase is Phase.ENDING and cause >= self.stop_cause:
@@ -305,8 +315,8 @@ class Mission:
     def request_end(self, ending: Ending, now_s: float) -> None:
         """Request a clean end: the robot stops first.
 
-        A higher cause replaces the current one, even after its stop was sent. The higher stop is
-        sent too and needs its own confirmation.
+        A higher cause replaces the current cause, even if a stop with the current cause was sent.
+        Then another stop with the higher cause is sent, and it needs its own confirmation.
         """
         if self.phase is Phase.DONE and not self._ready:
             return
@@ -317,7 +327,7 @@ class Mission:
             self._stop(now_s, ending.cause)
 
     def end_unconfirmed(self, ending: Ending, now_s: float) -> None:
-        """End a run whose device cannot confirm a stop."""
+        """End the run without a confirmation, because the device cannot confirm a stop."""
         if self.phase is not Phase.DONE:
             self.on_lost(now_s)
         self.ending = ending
@@ -376,7 +386,7 @@ class Mission:
         self._finish(now_s)
 
     def _await_quicker(self, link: LinkTrouble, now_s: float) -> None:
-        """End a run whose link stays too slow before the first move."""
+        """End the run if the link stays too slow before the first move."""
         if self.runner is None or not self._ready or self.phase not in _BEFORE_MOTION:
             self._slow_s = None
         elif self._slow_s is None:
@@ -500,8 +510,8 @@ class Mission:
         reason = f"{ending.reason}; the device did not confirm the stop"
         self.ending = replace(ending, reason=reason)
         if self._latched:
-            return  # its status shows that it has stopped
-        # Also before the first move of a run with a clean end: the device may be enabled.
+            return  # the status shows that the device has stopped
+        # This includes a clean end before the first move, because motion may be enabled.
         if self.drive_started_s is not None or not (self.runner is None or ending.exit_status):
             self.ending = replace(self.ending, outcome="fault", exit_status=3)
 

@@ -1,4 +1,4 @@
-"""Notices of a run: the few events that other programs can act on (``--on``)."""
+"""Notices of a run: events that can start other programs (option ``--on``)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class NoticeKind(StrEnum):
     STOPPED_FOR_SAFETY = "stopped-for-safety"
     """The device has latched a stop other than a clean end, or the run ended with exit status 5."""
     BATTERY_LOW = "battery-low"
-    """The battery's voltage is low, by the rule `battery` of the supervision; once a run."""
+    """The battery's voltage is low, by the supervision rule `battery`; at most once per run."""
     DEVICE_LOST = "device-lost"
     """The device is silent or its port is gone; the run searches for it again."""
 
@@ -83,7 +83,7 @@ class NoticeSink:
         """Pass records on to ``sink``.
 
         Args:
-            sink: takes every record.
+            sink: receives every record.
             model: the robot.
             battery: limits of the battery.
             notify: called with each notice, in the thread that writes the records; it must not
@@ -147,7 +147,7 @@ class NoticeSink:
     def _status_received(self, log_ns: int, status: Status) -> None:
         self._status = status
         before, self._stop_cause = self._stop_cause, status.stop_cause
-        # A stop that was latched before this run is no event of it.
+        # Ignore a stop that was latched before this run.
         if before is None or status.stop_cause <= max(before, StopCause.SESSION_END):
             return
         self._stop_noticed = True

@@ -1,7 +1,7 @@
-"""A run of the device's own planner: the host starts it, monitors it and ends it.
+"""Run in which the device's own planner drives; the host starts, monitors and ends it.
 
-The host sends no velocity. It keeps the session alive, estimates the pose from telemetry as in any
-run, and ends the run when the device's planner ends or on request.
+The host sends no velocity. It keeps the session open and estimates the pose from telemetry, as in
+any run. It ends the run on request, or when the device's planner has ended.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 _HALF_COUNT = 128
-"""Half the range of the 8-bit turn count. A larger increase is a restart of the count."""
+"""Half the range of the 8-bit turn count. A larger increase means that the count has restarted."""
 PLAN_STALE_S = 2.0
-"""Maximum age of the device's planner state, s: ten periods. It ends a run whose plan is not
-visible, and tolerates a few lost frames."""
+"""Maximum age of the device's planner state, s: ten periods. A few frames may be lost, but without
+any planner state the run ends."""
 _REPORTS: Mapping[type[Message], float] = MappingProxyType(
     {Status: STATUS_STALE_S, PlannerState: PLAN_STALE_S}
 )
 LEFT_S = 1.0
-"""Maximum time outside onboard mode without a reported end, s: ten statuses, five planner
-states."""
+"""Maximum time that the device is outside onboard mode without reporting the planner's end, s. It
+is ten periods of the status and five of the planner state."""
 
 
 class OnboardRun:
-    """The device's planner as a runner, from its reported states."""
+    """Runner that represents the device's planner by its reported states."""
 
     target = HALT
     lane_length_m = 0.0
@@ -56,14 +56,14 @@ class OnboardRun:
         self._events: list[PlannerEvent] = []
 
     def take(self, message: PlannerState) -> None:
-        """Handle a planner state; repeated calls with the same one have no effect."""
+        """Handle a planner state. Repeated calls with the same state have no effect."""
         before, self._last_state = self._last_state, message
         if message is before:
             return
         phase = label(PlannerPhase, message.phase)
         if before is not None:
             turned = (message.turn_count - before.turn_count) & 0xFF
-            self.turns += turned if turned < _HALF_COUNT else 0  # T restarts with a new pass
+            self.turns += turned if turned < _HALF_COUNT else 0  # it restarts with a new pass
         if before is None or before.phase != message.phase:
             self._events.append(PlannerEvent("phase", f"the device's planner is {phase}"))
         self.state = RunnerState(
@@ -96,14 +96,14 @@ class OnboardMission(Mission):
         clear_stop: bool = False,
         max_time_s: float | None = None,
     ) -> None:
-        """``clear_stop`` and ``max_time_s`` are those of :class:`Mission`."""
+        """Create a waiting run; :class:`Mission` explains the arguments."""
         self.onboard = OnboardRun()
         super().__init__(self.onboard, clear_stop=clear_stop, max_time_s=max_time_s)
         self.planner = planner
         self._left_s: float | None = None
 
     def on_planner(self, message: PlannerState) -> None:
-        """Handle the newest planner state once this run has started the planner."""
+        """Handle the newest planner state if this run has started the planner."""
         if self.phase in {Phase.SETTLING, Phase.DRIVING}:
             self.onboard.take(message)
 
@@ -143,7 +143,10 @@ class OnboardMission(Mission):
 
     @property
     def _may_start(self) -> bool:
-        """True if the link allows motion; checked first, as the device then moves by itself."""
+        """True if the link allows motion.
+
+        Checked before the start, because the device then moves alone.
+        """
         return self.link is None
 
     def _enable(self, now_s: float) -> None:

@@ -29,10 +29,10 @@ class HostOptions:
     link: type[LinkBase] = Link
     """Framing of the device's port: serial or CAN."""
     key: bytes | None = field(default=None, repr=False)
-    """Key that signs motion commands if the device requires it."""
+    """Key that signs motion commands if the device requires signed commands."""
     min_delay_ns: tuple[int, int] = (0, 0)
     """Declared minimum delays to and from the device, ns (:class:`TimeSync`)."""
     drift: DriftModel | None = None
     """Noise model of the filter; None: the default."""
     plan: FloorPlan | None = None
-    """Room to compare the walls with; None: unknown."""
+    """Room that the measured walls are compared with; None: unknown."""

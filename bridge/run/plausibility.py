@@ -1,4 +1,4 @@
-"""Checks whether the estimate of a planned run fits the real robot, with or without supervision.
+"""Checks that the estimate of a planned run fits the real robot, with or without supervision.
 
 The checks find three errors that neither planner nor estimator can find: wheels that spin, a robot
 that was moved, and a wrong start pose. The first two end the run. A wrong start pose is only
@@ -38,7 +38,7 @@ class FailedCheck(NamedTuple):
     ends: bool = False
     """True if the run must end."""
     displaced: bool = False
-    """True if the robot was moved during the run. Its last poses are then uncertain."""
+    """True if the robot was moved by hand during the run. Its last poses are then uncertain."""
 
     @property
     def ending(self) -> Ending:
@@ -66,7 +66,7 @@ class Plausibility:
 
     @property
     def placed(self) -> bool:
-        """True if the run's poses are valid in the room, as far as is known."""
+        """True if no check shows that the run's poses are wrong in the room."""
         return self.fit is None and not self.displaced
 
     def restart(self) -> None:

@@ -1,4 +1,4 @@
-"""Records of a host: converts its data and events to records."""
+"""Conversion of a host's data and events to records of the log."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ _FELT = {
 LINK_PERIOD_NS = 10_000_000_000
 """Interval of the link statistics in the log, ns."""
 GATHER_NS = 250_000_000
-"""Time over which damaged and rejected frames are collected into one record, ns. The raw bytes are
-recorded separately; a full 3 Mbaud line may carry 75 000 damaged frames per second."""
+"""Time over which damaged and rejected frames are collected into one record, ns. A serial link at 3
+Mbaud can transfer 75 000 damaged frames per second. Their raw bytes are recorded separately."""
 SHOWN_BYTES = 16
 """Number of bytes of the first damaged frame that its record shows."""
 _new = tuple.__new__
@@ -85,7 +85,10 @@ class Tally:
         """Earliest time of the next record."""
 
     def take(self, now_ns: int) -> tuple[int, int, str, dict[str, int | str]]:
-        """Return number of frames, bytes, errors as text, and all of these as data; then reset."""
+        """Return the numbers of frames and bytes, the errors as text, and all as data.
+
+        Then reset.
+        """
         counts, length = self.counts, self.length
         frames = counts.total()
         kinds = next(iter(counts))
@@ -98,7 +101,7 @@ class Tally:
 
 
 class HostRecords:
-    """Writes a host's records and converts their times to Unix time."""
+    """Writes a host's records with their times in Unix time."""
 
     def __init__(self, sink: Sink, unix_offset_ns: int, planner: str, *, bus: bool = False) -> None:
         self._write = sink.write
@@ -138,7 +141,7 @@ class HostRecords:
         text: str,
         data: dict[str, Any],
     ) -> None:
-        """Record an event of a source that defines its own kinds."""
+        """Record an event of a source that defines its own kinds of events."""
         log_ns = now_ns + self.unix_offset_ns
         self.counts[source, str(kind)] += 1
         self._write(EventRecord(log_ns, severity, source, kind, text, data))
@@ -355,7 +358,7 @@ class LogFailureRule:
         self._is_reported = False
 
     def __call__(self) -> Ending | None:
-        """Return an end of the run, or None. Call it in every pass of the loop."""
+        """Return the end of the run, or None. Called in every pass of the loop."""
         error = self._recorder.error
         if error is None or (self._is_reported and not self._stop):
             return None

@@ -64,7 +64,7 @@ def check_outcome(what: str, outcome: Outcome | None) -> None:
     """Check that a command was executed; None: no device was connected.
 
     Raises:
-        CommandRejectedError: the device rejected it.
+        CommandRejectedError: the device rejected the command.
         DeviceLostError: the device did not answer.
 
     """

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 STALE_S = 0.3
-"""Age at which sensor data are stale, s: six range samples or fifteen encoder samples. Jitter is
-smaller."""
+"""Age at which sensor data are stale, s. It is six periods of the range samples or fifteen of the
+encoder samples, and more than the jitter."""
 STATUS_STALE_S = 1.0
 """Age at which the device's status is stale, s: ten periods."""
 NEEDS: Mapping[type[Message], float] = MappingProxyType(
@@ -52,7 +52,7 @@ _NEEDED: dict[type[Message], int] = {
     ClearStop: 2,
     SetMode: 2,
 }
-"""Messages that the host needs in order to drive, with the number of leading fields that it reads.
+"""Messages that the host requires for driving, with the number of leading fields that it reads.
 """
 _READ: dict[type[Message], int] = {**_NEEDED, Power: 1, LogText: 2}
 """Messages that the host reads, with the number of leading fields; all others are only recorded."""
@@ -68,7 +68,8 @@ _KEPT: dict[type[Message], str] = {
 PLUGGED: tuple[type[Message], ...] = tuple(
     spec.cls for spec in CATALOGUE if spec.type_id in MAKERS_TYPES
 )
-"""Messages of plug-ins. They are kept for the dashboard, for plug-in rules and for other processes.
+"""Messages of plug-ins. They are stored for the dashboard, for plug-in rules and for other
+processes.
 """
 # Plain integers: arithmetic on an enumeration creates a new member each time.
 _LEFT, _RIGHT = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT)
@@ -112,8 +113,8 @@ class RobotState:
     _came_s: dict[type[Message], float] = field(default_factory=dict, init=False, compare=False)
     """Arrival time of each type's newest message (s), regardless of its stamp."""
     _seen: Range | None = field(default=None, init=False, compare=False)
-    """The range sample that ``_readings`` holds in SI units; several control steps use the same
-    one."""
+    """The range sample that ``_readings`` contains in SI units. Several control steps use the same
+    sample."""
     _readings: tuple[float | None, float | None, float | None, bool, bool, bool] = field(
         default=(None, None, None, False, False, False), init=False, compare=False
     )
@@ -134,15 +135,18 @@ class RobotState:
         return self.times.take(cls, device_us, now_s)
 
     def keep_plugged(self, message: Message, now_s: float) -> None:
-        """Store a message of a plug-in. Its stamp is not used, because no control depends on it."""
+        """Store a message of a plug-in.
+
+        Its stamp is not used, because control does not depend on it.
+        """
         self.plugged[type(message)] = message
         self.times.note(type(message), now_s)
 
     def stale(self, now_s: float, needs: Mapping[type[Message], float] = NEEDS) -> str | None:
         """Return the name of a stream in ``needs`` that is stale; None if there is none.
 
-        The caller prints "no <name> data". If messages arrive but their stamps are old or do not
-        advance, the name begins with "fresh": "no fresh imu data".
+        The caller prints "no <name> data". The name begins with "fresh" if messages arrive but
+        their stamps are old or do not advance: "no fresh imu data".
         """
         get = self.times.taken_s.get
         for cls, limit_s in needs.items():

@@ -18,7 +18,7 @@ class Runner(Protocol):
 
     @property
     def finish_reason(self) -> str | None:
-        """Reason of the end; None before it."""
+        """Reason of the runner's end; None before its end."""
 
     @property
     def turns(self) -> int:
@@ -48,7 +48,7 @@ class Pausable(Protocol):
     """A runner that can pause its plan."""
 
     def pause(self) -> None:
-        """Stop moving and keep the plan."""
+        """Stop the robot; the plan can be continued later."""
 
     def resume(self) -> None:
         """Continue the plan."""
@@ -68,7 +68,7 @@ def release(runner: object) -> None:
 
 @runtime_checkable
 class Planned(Protocol):
-    """A runner that reports whether a plan drives the robot. An operator may drive it instead."""
+    """A runner that reports whether a plan or an operator drives the robot."""
 
     @property
     def follows_plan(self) -> bool:

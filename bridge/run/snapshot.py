@@ -1,7 +1,7 @@
 """Immutable state of a robot, for other threads and processes.
 
-The loop replaces its :class:`Snapshot` as a whole and never changes one. Other threads read the
-newest one, not the host. Its attributes have the names of the host's.
+The loop replaces its :class:`Snapshot` as a whole and never changes it. Other threads read the
+newest snapshot instead of the host. Its attributes have the same names as the host's attributes.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class StateSnapshot(NamedTuple):
     """Numbers of frames that the device has received and dropped."""
 
     def newest(self, kind: type[M]) -> M | None:
-        """Return the newest message of a plug-in's class; None before the first."""
+        """Return the newest message of a plug-in's class; None if none has arrived."""
         message = self.plugged.get(kind)
         return message if isinstance(message, kind) else None
 
@@ -79,7 +79,7 @@ class MissionSnapshot(NamedTuple):
     ending: Ending | None
     runner: RunnerSnapshot | None
     asking: bool
-    """The device is back, and the operator must decide whether to continue."""
+    """True if the device has returned and the operator must decide whether the run continues."""
     link: LinkTrouble | None
     """Reason why the link allows no motion; None: motion is allowed."""
     ends_s: float | None
@@ -105,7 +105,7 @@ class SessionSnapshot(NamedTuple):
     node: int | None
     link: LinkSnapshot
     signs: bool
-    """Motion commands are signed: a key is set and its challenge has arrived."""
+    """True if motion commands are signed: a key is set and its challenge has arrived."""
 
 
 class EstimatorSnapshot(NamedTuple):
@@ -127,7 +127,7 @@ class Swept(Protocol):
     """The swept floor, for drawing."""
 
     revision: int
-    """Grows with every change."""
+    """Number that increases with every change."""
 
     @property
     def swept_m2(self) -> float:
@@ -151,9 +151,9 @@ class Snapshot(NamedTuple):
     hello: Hello | None
     path_m: float
     holding: bool
-    """Supervision has paused the run until the operator continues it."""
+    """True if supervision has paused the run. The operator must continue it."""
     swept: Swept
-    """The loop's own map: other threads may only copy it and read its area."""
+    """The loop's own map. Other threads may only copy it and read its area."""
 
 
 def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
@@ -217,7 +217,7 @@ def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
 
 
 def _counters(counters: LinkCounters) -> dict[str, int | None]:
-    """Return the device's counters by name; None for one that an older device lacks."""
+    """Return the device's counters by name; a counter is None if an older device lacks it."""
     names = [field.name for field in CATALOGUE.spec(LinkCounters).fields]
     return dict(zip(names, counters, strict=True))
 

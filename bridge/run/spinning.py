@@ -1,9 +1,9 @@
-"""Detection of wheels that turn while the robot stands still. Pure.
+"""Detection of wheels that turn while the robot stands still. No I/O.
 
-The encoders of a robot with spinning wheels count distance, so neither its estimate nor its planner
-ends the run. Three measurements show the error. In a turn, the gyro measures no rotation. On a
-straight line, the range ahead stays constant. If nothing is in range, the accelerometer measures
-that the robot stops while its wheels turn.
+The encoders of spinning wheels count a distance that the robot does not drive. The estimator and
+the planner use this distance, so they do not detect the error. Three measurements show the error.
+In a turn, the gyro measures no rotation. On a straight line, the range ahead stays constant. If
+nothing is in range, the accelerometer measures that the robot stops while its wheels turn.
 """
 
 from __future__ import annotations
@@ -22,25 +22,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SpinTuning:
-    """Limits that tell a robot that slips from a robot that does not move.
+    """Limits that separate a robot with normal wheel slip from a robot that does not move.
 
-    The source of all values is ``campaign.changes``; none of its runs without a fault is stopped.
+    All values were tuned with ``campaign.changes``. They stop none of its runs without a fault.
     """
 
     turn_rad: float = 1.0
-    """Maximum difference between the turns by wheels and by gyro, rad. Late samples cause 0.06."""
+    """Maximum difference between the turns that the wheels and the gyro measure, rad. Late samples
+    cause 0.06 rad."""
     turn_s: float = 2.0
     """Time constant with which a difference decays, s."""
     run_m: float = 0.4
-    """Distance by the wheels after which the range ahead must have decreased, m."""
+    """Distance, as the wheels measure it, after which the range ahead must be shorter, m."""
     min_readings: int = 12
-    """Minimum number of range samples over that distance."""
+    """Minimum number of range samples over the distance ``run_m``."""
     stand_s: float = 1.0
-    """Minimum time of standstill by the accelerometer while the wheels turn, s."""
+    """Minimum time for which the accelerometer measures standstill while the wheels turn, s."""
     stand_m_s: float = 0.1
-    """Minimum wheel speed at which that time counts, m/s."""
+    """Minimum wheel speed at which the time for ``stand_s`` counts, m/s."""
     lost_share: float = 0.85
-    """Share of the distance ``run_m`` that the range ahead must miss for a detection."""
+    """Share of the distance ``run_m`` by which the range ahead must fail to decrease for a
+    detection."""
 
 
 class SpinCheck:
@@ -53,7 +55,8 @@ class SpinCheck:
         self._measured = Measured(model)
         self._run = RangeRun(tuning.run_m, tuning.min_readings)
         self._excess_m = 0.0
-        """Distance by which the right wheel exceeds the gyro's turn, with decay, m."""
+        """Distance that the right wheel has driven in addition to the turn by the gyro, with decay,
+        m."""
         self._stood_s = 0.0
         """Time of standstill without a contact while the wheels turn, s."""
 
@@ -84,7 +87,7 @@ class SpinCheck:
         else:
             self._stood_s = 0.0
         if touches:
-            self._run.forget()  # in a contact the wheels may slip for another reason
+            self._run.forget()  # during a contact the wheels may slip for another reason
         elif measured.new_range:
             self._run.see(inputs, measured)
         excess_rad = self._excess_m / self._base_m

@@ -1,8 +1,8 @@
-"""Check of the start pose: range samples at standstill against the room's walls. Pure.
+"""Check of the start pose: compare range samples at standstill with the room's walls. No I/O.
 
-Samples are compared only if the room predicts one value: the beam of an infrared sensor, and the
-nearest wall in the ultrasonic cone. Furniture that the room file lacks has the same effect as a
-wrong start pose, so a contradiction is only a warning.
+Each sample is compared with the distance that the room predicts: along the beam of an infrared
+sensor, or to the nearest wall in the cone of the ultrasonic sensor. Furniture that the room file
+lacks has the same effect as a wrong start pose, so a contradiction is only a warning.
 """
 
 from __future__ import annotations
@@ -21,15 +21,18 @@ if TYPE_CHECKING:
     Reading = float | None
 
 BASE_ERROR_M = 0.04
-"""Tolerated difference from the room, m: the error of a start pose that a person marked."""
+"""Tolerated difference from the predicted distance, m. It allows for the error of a start pose that
+a person marked."""
 SHARE_ERROR = 0.1
-"""Tolerated difference relative to the distance: a heading error of a few degrees, a dark wall."""
+"""Tolerated difference as a share of the distance. It allows for a heading error of a few degrees
+and for a dark wall."""
 HEADING_ERROR_RAD = 0.1
 """Tolerated error of the start heading, rad: 6°."""
 _BEHIND_M = 0.01
-"""Maximum overlap by which a nearer wall does not hide another, m."""
+"""Minimum distance of a hidden wall behind the wall that hides it, m."""
 _RAYS = 15
-"""Number of rays over the ultrasonic cone and the heading error: 2° apart at 15°."""
+"""Number of rays that cover the ultrasonic cone and the heading error. They are 2° apart for a cone
+of 15°."""
 
 
 def contradictions(
@@ -38,7 +41,7 @@ def contradictions(
     pose: Pose2,
     readings: Sequence[tuple[Reading, Reading, Reading]],
 ) -> list[str]:
-    """Return the sensors whose samples cannot come from ``pose``, each with both distances.
+    """Return the sensors that contradict ``pose``, each with measured and expected distance.
 
     Args:
         plan: The room.
@@ -91,7 +94,8 @@ def _expected(
         for a, b in edges
         for k in range(_RAYS)
     )
-    # A smooth wall reflects sound back along its normal only; other directions may give no echo.
+    # A smooth wall reflects sound back only along its normal. In other directions there may be no
+    # echo.
     square = [_square(origin, heading, half, a, b) for a, b in edges]
     visible_m = [
         distance_m
@@ -126,7 +130,7 @@ def _ray_m(origin: Point, heading: float, a: Point, b: Point) -> float:
 
 
 def _square(origin: Point, heading: float, half: float, a: Point, b: Point) -> tuple[float, float]:
-    """Return distance and direction of a wall whose normal is well inside the cone, or ``inf``."""
+    """Return distance and direction of a wall with its normal well inside the cone, or ``inf``."""
     ex, ey = b[0] - a[0], b[1] - a[1]
     length2 = ex * ex + ey * ey
     if length2 == 0.0:

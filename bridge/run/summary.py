@@ -100,7 +100,7 @@ _UNKNOWN = (
 def crash_summary(
     host: Host, *, room: str | None, planner: str | None, seed: int | None, log: str | None
 ) -> dict[str, Any]:
-    """Return the JSON object of a run whose own objects failed: its end and the link only."""
+    """Return the JSON object of a run that failed in the program: only its end and the link."""
     ending = host.mission.ending
     return {
         "room": room,
@@ -119,7 +119,7 @@ def crash_summary(
 
 
 def _start_error(host: Host) -> dict[str, float | None] | None:
-    """Return the difference between real start and room file; None: no difference is known."""
+    """Return the difference between the real start and the room file's start; None: unknown."""
     fit, plan = host.plausibility.fit, host.plausibility.plan
     if fit is None or plan is None:
         return None

@@ -1,8 +1,9 @@
 """Supervision of a run: converts the supervisor's reactions to decisions for the host.
 
-There is one :class:`Supervision` per run. The host passes each control step and executes the
-decisions. If the host plans, supervision scales or withholds the velocity. If the device plans, it
-sets the device's maximum speed and pauses its planner, by acknowledged commands.
+There is one :class:`Supervision` per run. The host calls it in each control step and executes the
+decisions. If the host plans, supervision scales the velocity or blocks it. If the device plans,
+supervision sets the device's maximum speed and pauses the device's planner with acknowledged
+commands.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ if TYPE_CHECKING:
 _SPEED = "max_speed"
 """Name of the device's parameter for its maximum speed."""
 RESTORE_NS = 900_000_000
-"""Maximum time to restore the device's maximum speed after a stop request, ns. After more time the
-run would count the stop as unconfirmed."""
+"""Maximum time to restore the device's maximum speed after a stop request, ns. It is shorter than
+the time after which the run counts the stop as unconfirmed."""
 _SEVERITY = {
     Level.REPORT: Severity.WARNING,
     Level.SLOW: Severity.WARNING,
@@ -105,12 +106,13 @@ class Supervision:
         """True: the device has no parameter for its maximum speed."""
         self._factor = 1.0
         self._setting = False
-        """True while a new maximum speed is being set. The next one waits, so that an old value
-        cannot arrive last."""
+        """True while the device sets a new maximum speed. The next change waits, so that an old
+        value cannot arrive last."""
         self._is_rejected = False
         self._stop_ns = 0
         self._confirmed: Outcome | None = None
-        """Confirmation of the run's stop, withheld until the maximum speed is restored."""
+        """Confirmation of the run's stop. The run receives it only after the maximum speed is
+        restored."""
 
     def decisions(self) -> list[Decision]:
         """Return and remove the decisions, in the order of execution."""
@@ -131,7 +133,7 @@ class Supervision:
     def step(
         self, inputs: RuleInputs, command: VelocityCommand | None, now_ns: HostNs, *, ended: bool
     ) -> VelocityCommand | None:
-        """Check a control step of the drive; return the velocity to send, scaled or withheld.
+        """Check a control step of the drive; return the velocity to send, or None to send none.
 
         Args:
             inputs: State of the robot.
@@ -183,7 +185,7 @@ class Supervision:
         self._plan(PlannerAction.PAUSE, Plan.HOLD, now_ns)
 
     def resume(self, now_ns: HostNs) -> bool:
-        """Continue after a pause, once the operator has checked. Return False if not paused."""
+        """Continue after a pause and a check by the operator. Return False if not paused."""
         if not self._paused:
             return False
         self._paused = False
@@ -206,7 +208,7 @@ class Supervision:
         )
 
     def _ended(self, what: str, outcome: Outcome | None) -> None:
-        """End the run if the device rejected a command that slows or pauses it."""
+        """End the run if the device rejected a command that slows or pauses the device."""
         if outcome is not None and outcome.accepted:
             return
         reason = None if outcome is None else outcome.reason
@@ -230,15 +232,15 @@ class Supervision:
         self._set(self.supervisor.factor, now_ns)
 
     def stopping(self, now_ns: HostNs) -> None:
-        """Note that a stop is sent; only its own confirmation counts."""
+        """Record that a stop is sent. From now on, only the confirmation of this stop counts."""
         self._stop_ns = now_ns
         self._confirmed = None
 
     def keeps(self, outcome: Outcome, stop_cause: StopCause, now_ns: HostNs) -> bool:
-        """Withhold the device's confirmation of the stop that ends the run.
+        """Delay the device's confirmation of the stop that ends the run.
 
-        The device's maximum speed is restored only now. Returns True if the confirmation is
-        withheld; the run gets it from :meth:`decisions` after that, or after a timeout.
+        First, the device's maximum speed must be restored. Then, or after a timeout,
+        :meth:`decisions` returns the confirmation. Returns True if the confirmation is delayed.
         """
         message = outcome.message
         if self._speed is None or not isinstance(message, Stop) or not outcome.accepted:

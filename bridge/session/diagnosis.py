@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from protocol.link import Rejected
 
 BEGINNING = 512
-"""Number of first bytes that are kept. A port server's rejection text fits."""
+"""Number of first bytes that are stored. They can contain a port server's rejection text."""
 _WORDS = 200
 """Maximum number of characters of received text that a message quotes."""
 _FEW = 8
-"""Minimum length of a text line, characters. Shorter ones occur in noise by chance."""
+"""Minimum length of a text line, characters. Shorter lines occur in noise by chance."""
 
 
 def text_line(beginning: bytes) -> str | None:
@@ -37,11 +37,11 @@ class Evidence:
     versions: set[int] = field(default_factory=set)
     """Other protocol versions found in intact frames."""
     nodes: set[int] = field(default_factory=set)
-    """Nodes of intact device frames other than the requested node."""
+    """Nodes other than the requested node that sent intact frames."""
     echoes: int = 0
     """Number of received messages that only a host sends."""
     beginning: bytes = b""
-    """First bytes received: a port server that rejects the connection may send its reason as
+    """First bytes received. A port server that rejects the connection may send its reason as
     text."""
 
     def add(self, data: bytes) -> None:

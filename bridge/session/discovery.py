@@ -11,13 +11,13 @@ if TYPE_CHECKING:
     from protocol.link import Received
 
 LISTEN_NS = 300_000_000
-"""Time to listen before the first hello, ns. Another host sends more than one ping in it."""
+"""Time to listen before the first hello, ns. Another host sends more than one ping in this time."""
 ANSWERS_NS = 300_000_000
 """Time to wait for further hellos after the first, ns. Every device answers a hello at once."""
 
 
 class Answers:
-    """Collects the hellos of all devices, by node and uid, until the waiting time is over."""
+    """Collects the hellos of all devices, by node and uid, until the waiting time has ended."""
 
     def __init__(self) -> None:
         self.settled_ns: HostNs | None = None
@@ -29,7 +29,7 @@ class Answers:
         self._by_device.clear()
 
     def note(self, hello: Hello, event: Received, opened_ns: int, now_ns: HostNs) -> None:
-        """Add one hello. The first one starts the waiting time."""
+        """Add one hello. The first hello starts the waiting time."""
         if self.settled_ns is None:
             self.settled_ns = HostNs(max(now_ns, opened_ns + LISTEN_NS) + ANSWERS_NS)
         self._by_device[event.frame.node, hello.uid] = event

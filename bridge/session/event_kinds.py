@@ -1,9 +1,9 @@
-"""Kinds of the events that a host records in ``/events``: codes for programs.
+"""Kinds of the events that a host records in the topic ``/events``; they are codes for programs.
 
-The text of an event is for people and may change; no program compares it. Four sources define
-their own kinds: ``planner`` and ``supervise`` (a planner's decisions, a rule's findings; plug-ins
-add to them), ``estimator`` (:class:`~bridge.motion.estimation.disturbance.DisturbanceKind`) and
-``fault`` (the emulator's faults).
+The text of an event is for people and may change, so programs must not compare it. Four sources
+define their own kinds. ``planner`` records a planner's decisions, ``supervise`` a rule's findings;
+plug-ins may add kinds to both. ``estimator`` has the kinds of
+:class:`~bridge.motion.estimation.disturbance.DisturbanceKind`. ``fault`` has the emulator's faults.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class EventKind(StrEnum):
     CLOSED = "closed"
     """The session was closed cleanly."""
     OPENING = "opening"
-    """The session looks for the device."""
+    """The session searches for the device."""
     NEGOTIATING = "negotiating"
     """The device answered; host and device compare their messages."""
     READY = "ready"
@@ -37,7 +37,7 @@ class EventKind(StrEnum):
     ECHO = "echo"
     """Only the host's own messages were received."""
     WORDS = "words"
-    """The peer sent a line of text."""
+    """The peer sent a line of text instead of frames."""
     VERSION = "version"
     """The device uses another protocol version."""
     TRANSMIT_ONLY = "transmit_only"
@@ -57,34 +57,36 @@ class EventKind(StrEnum):
 
     # ---- session: other
     PHASE = "phase"
-    """The run changed its phase; ``phase`` is the new one (:class:`bridge.run.mission.Phase`)."""
+    """The run changed its phase; ``phase`` is the new phase (:class:`bridge.run.mission.Phase`)."""
     LATE = "late"
     """The host was late; one control step sent no setpoint."""
     SCHEMA = "schema"
     """The device declares a message differently from the host."""
     NEW_SCHEMA = "new_schema"
-    """The device is back with a different schema."""
+    """The device has returned with a different schema."""
     NEW_BOOT = "new_boot"
-    """The device is back after a reboot; ``reset_cause``."""
+    """The device has returned after a reboot; ``reset_cause`` is the reason of the reboot."""
     SAME_BOOT = "same_boot"
-    """The device is back without a reboot."""
+    """The device has returned without a reboot."""
     ASKING = "asking"
     """The run lost its device and waits for the operator."""
     PARAMETER = "parameter"
     """A parameter of the device differs from the robot file."""
     CRASH = "crash"
-    """The host's loop failed and stopped the robot; ``traceback``."""
+    """The host's loop failed and stopped the robot; ``traceback`` is the exception's traceback."""
     NO_SUMMARY = "no_summary"
     """The run's summary could not be computed after a crash."""
 
     # ---- link
     DAMAGED = "damaged"
-    """The link received bytes that are not a frame; ``frames``, ``bytes`` and a count for each kind
-    of damage."""
+    """The link received bytes that are not a frame. The data are ``frames``, ``bytes`` and a count
+    for each kind of damage."""
     REJECTED = "rejected"
-    """The link rejected intact frames; ``frames``, ``type`` and a count per reason."""
+    """The link rejected intact frames. The data are ``frames``, ``type`` and a count for each
+    reason."""
     STATISTICS = "statistics"
-    """Rate, loss, order and age of each message and the round-trip time, every ten seconds."""
+    """Statistics of the link, every ten seconds: rate, loss, order and age of each message, and the
+    round-trip time."""
     SLOW = "slow"
     """The round-trip time is too long for motion."""
     QUICK = "quick"
@@ -108,25 +110,25 @@ class EventKind(StrEnum):
     LATCH = "latch"
     """The device's latched stop cause changed."""
     STOP = "stop"
-    """The host requested a stop; ``cause``."""
+    """The host requested a stop; ``cause`` is the stop cause."""
 
     # ---- clock
     STEP = "step"
     """The device's clock jumped relative to the host's."""
     SET = "set"
-    """The device's clock was reset; the time synchronisation starts again."""
+    """The device's clock was reset, so the time synchronisation starts again."""
     DECLARED = "declared"
     """A round trip was shorter than the declared minimum delays."""
 
     # ---- recorder
     ROTATED = "rotated"
-    """The log continues in another file; ``next`` or ``previous``."""
+    """The log continues in another file; ``next`` or ``previous`` is its name."""
     OVERFLOW = "overflow"
     """Records were dropped because the disk is too slow."""
 
     # ---- operator, room and robot
     MARK = "mark"
-    """The operator marked this moment; ``number``, ``x_m``, ``y_m``."""
+    """The operator marked this moment; the data are ``number``, ``x_m`` and ``y_m``."""
     GAMEPAD_GONE = "gamepad_gone"
     """The gamepad was unplugged."""
     NOT_PAUSED = "not_paused"
@@ -140,6 +142,6 @@ class EventKind(StrEnum):
     START = "start"
     """The measured pose does not match the room's start pose."""
     DISPLACED = "displaced"
-    """The robot was moved, and the floor swept since its last certain pose no longer counts."""
+    """The robot was moved by hand. The floor swept since its last certain pose no longer counts."""
     CAUTION = "caution"
     """The robot file or the room file has a value that is likely to cause problems."""

@@ -1,7 +1,7 @@
 """Conversion of received messages to records with device time and host time.
 
-A live run, bring-up, imported captures and the re-decoding of a log all use this module, so that
-the same bytes give the same records.
+Live runs, bring-up, imported captures and re-decoded logs use this module. So the same bytes give
+the same records everywhere.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class SessionKey:
             self._link.key.end()
 
     def take(self, challenge: Challenge, hello: Hello | None, session_id: int) -> None:
-        """Use a challenge if the device's last hello named this session."""
+        """Use a challenge if the device's last hello contained this session's id."""
         key = self._link.key
         if key is not None and hello is not None and hello.session_id == session_id:
             key.begin(hello.boot_id, session_id, challenge.counter)

@@ -1,6 +1,6 @@
-"""Link statistics per message (rate, loss, order, age) and of the round-trip time.
+"""Link statistics: rate, loss, order and age of each message, and the round-trip time.
 
-Received events are queued and counted once a second, to keep the path from port to planner short.
+Received events are queued and counted once per second, so that counting does not delay control.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ if TYPE_CHECKING:
 _ALIKE = 0.1
 """Maximum relative difference of two gaps that count as the same period."""
 _QUICKER = 2
-"""Consecutive equal gaps that set a shorter period."""
+"""Number of consecutive equal gaps that set a shorter period."""
 _SLOWER = 5
-"""Consecutive equal gaps that set a longer period. Two losses may have equal length."""
+"""Number of consecutive equal gaps that set a longer period. It is larger, because two losses may
+have equal length."""
 _BREAK_US = 10_000_000
-"""Longest gap that counts as loss, µs. A longer one is a break in the session."""
+"""Longest gap that counts as loss, µs. A longer gap is a break in the session."""
 _STEPS = 8
-"""Histogram bins per factor of two. A percentile is accurate to 9 %."""
+"""Number of histogram bins per factor of two. A percentile is accurate to 9 %."""
 _BINS = 30 * _STEPS
-"""Number of histogram bins: up to 15 min from 1 µs."""
+"""Number of histogram bins. They cover 1 µs to 15 min."""
 
 
 class Spread:
@@ -90,7 +91,7 @@ class MessageStatistics:
         self._stream = spec.rate is RateClass.STREAM
         self._last_us = 0
         self._spent_us = 0
-        """Time over which messages were received, without breaks, µs."""
+        """Total time over which messages were received, without breaks, µs."""
         self._period_us = self._candidate_us = 0.0
         self._alike = 0
         self._age_count = 0
@@ -129,7 +130,8 @@ class MessageStatistics:
         self.lost += missing
         self._candidate_us = float(gap_us)
         if self._alike >= (_SLOWER if missing else _QUICKER) and gap_us > 0:
-            # Too many equal gaps for chance: the rate has changed, or the first period was wrong.
+            # So many equal gaps are not chance: the rate has changed, or the first period was
+            # wrong.
             self.lost -= missing * self._alike
             self._period_us, self._alike = float(gap_us), 0
 
@@ -180,7 +182,7 @@ class WireStatistics:
 
 
 def wire_summary(statistics: LinkStatistics) -> dict[str, Any]:
-    """Return frames and bytes per direction, losses and CRC errors as seen by the host."""
+    """Return the host's counts of frames and bytes per direction, losses and CRC errors."""
     return {
         "frames": {"rx": statistics.frames_in, "tx": statistics.frames_out},
         "lost": statistics.lost,

@@ -1,7 +1,7 @@
 """Receive-only monitor of a link: message types, rates and errors.
 
-Sans-I/O and without a session. It takes bytes and host time and returns decoded messages. It has
-no function that sends.
+Sans-I/O and without a session. Its inputs are bytes and host time, its output is decoded messages.
+It cannot send anything.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class TypeCount:
         self._times.append(seen.host_ns)
 
     def rate_hz(self, now_ns: int, since_ns: int) -> float:
-        """Return messages per second over the window, or since the start if that is shorter."""
+        """Return messages per second over the window, or since the start if that is later."""
         oldest = now_ns - RATE_WINDOW_NS
         times = self._times
         while times and times[0] < oldest:
@@ -79,7 +79,7 @@ class TypeCount:
 
 
 class Monitor:
-    """Decodes both directions of a link and keeps counts."""
+    """Decodes both directions of a link and counts the messages."""
 
     def __init__(
         self,
@@ -89,7 +89,9 @@ class Monitor:
         node: int | None = None,
         catalogue: Catalogue = CATALOGUE,
     ) -> None:
-        """Create a monitor. It counts all messages and returns those in ``types`` (empty: all).
+        """Create a monitor.
+
+        It counts all messages, but returns only messages in ``types`` (empty: all).
 
         Raises:
             UnknownTypeError: the catalogue has no message of a name in ``types``.
@@ -99,7 +101,7 @@ class Monitor:
             if name not in catalogue.by_name:
                 raise UnknownTypeError(name, tuple(catalogue.by_name))
         self._catalogue = catalogue
-        # A link receives one direction only, so there is one link for each.
+        # A link receives one direction only, so there is one link for each direction.
         self._device_link = link(Direction.HOST, codec=Codec(catalogue))
         self._host_link = link(Direction.DEVICE, codec=Codec(catalogue))
         self._wanted = frozenset(types)
@@ -114,8 +116,8 @@ class Monitor:
         self.damaged = self.rejected = self.bytes = 0
         self.newest_damage: Seen | None = None
         self.foreign_catalogues: dict[int, int] = {}
-        """Node → catalogue hash, for nodes with a different catalogue: their fields may be
-        misread."""
+        """Map of node to catalogue hash, for nodes with a different catalogue. Their fields may be
+        decoded wrongly."""
 
     def receive(self, data: bytes, now_ns: HostNs) -> list[Seen]:
         """Decode bytes; return the requested messages in order."""
@@ -124,10 +126,11 @@ class Monitor:
         self._now_ns = now_ns
         self.bytes += len(data)
         found: list[Seen] = []
-        # Split at frame ends, so that both directions keep their order.
+        # Split at frame ends, so that the frames of both directions stay in order.
         for chunk in _cuts(data, self._device_link.medium):
             events = self._device_link.receive(chunk, now_ns // 1000)
-            # The first link reports damaged and unknown frames; the second would repeat them.
+            # The first link reports damaged and unknown frames. The second link would report them
+            # again.
             host_events = self._host_link.receive(chunk, now_ns // 1000)
             events += [e for e in host_events if isinstance(e, Received)]
             found += filter(None, (self._judge(event, now_ns) for event in events))
@@ -138,7 +141,7 @@ class Monitor:
         return {n: c.rate_hz(self._now_ns, self._since_ns) for n, c in self.types.items()}
 
     def tick(self, now_ns: HostNs) -> None:
-        """Advance the time when nothing is received, so that rates fall."""
+        """Advance the time if nothing is received, so that rates decrease."""
         if self._since_ns < 0:
             self._since_ns = now_ns
         self._now_ns = now_ns

@@ -1,4 +1,4 @@
-"""Schema negotiation: the device's message declarations, compared with the host's."""
+"""Schema negotiation: compares the device's message declarations with the host's."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SchemaNegotiation:
     def begin(self, hello: Hello) -> None:
         """Start a negotiation with the device that sent ``hello``."""
         link = self._link
-        for spec in self._catalogue:  # an earlier negotiation may not apply
+        for spec in self._catalogue:  # undo an earlier negotiation
             link.codec.limit(spec.type_id, None)
         link.disabled.clear()
         same = hello.catalogue_hash == self._catalogue.hash
@@ -50,13 +50,13 @@ class SchemaNegotiation:
         return [] if comparison is None else comparison.questions(QUESTIONS_AT_ONCE)
 
     def answer(self, reply: Reply) -> bool:
-        """Handle a reply. Return False if no question asked for it."""
+        """Handle a reply. Return False if the reply belongs to no question."""
         return self._comparison is not None and self._comparison.answer(reply)
 
     def apply(self) -> str | None:
         """Set up the link. Return the reason as text if host and device are incompatible."""
         outcome = self._comparison.outcome if self._comparison else {}
-        # A bootstrap message never changes. One with fewer fields is a different message.
+        # A bootstrap message never changes, so a bootstrap message with fewer fields is an error.
         broken = [
             a for a in outcome.values() if a.spec.bootstrap and a.shared_fields < len(a.spec.fields)
         ]

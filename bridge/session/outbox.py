@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 _PINGS_KEPT = 64
-"""Maximum number of pings that wait for a reply: 6 s at 10 Hz, so that the round trip of a very
-slow link is measured too."""
+"""Maximum number of pings that wait for a reply. They cover 6 s at 10 Hz, so that the round trip of
+a very slow link is measured too."""
 
 
 @dataclass(slots=True)
 class CommandCounts:
-    """Number of commands by result, over the life of a session object."""
+    """Number of commands by result, since the session object was created."""
 
     issued: int = 0
     retried: int = 0
@@ -123,7 +123,7 @@ class Outbox:
         return command_id
 
     def repeat(self, now_ns: HostNs) -> list[Outcome]:
-        """Send the due commands; return the outcomes of the commands that got no answer."""
+        """Send the due commands; return the outcomes of the commands that received no answer."""
         messages, outcomes = self.commands.due(now_ns // 1000)
         for message, retry in messages:
             self.send(message, now_ns)

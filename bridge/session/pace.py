@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Pace:
-    """Token bucket: a few actions at once, then one per period."""
+    """Token bucket that allows a few actions at once, then one per period."""
 
     def __init__(self, at_once: int, period_ns: int) -> None:
         """Allow ``at_once`` actions at once and one more per ``period_ns``."""

@@ -35,7 +35,7 @@ class Parameter:
     stored: bool
     """True if the value survives a reset."""
     changed: bool
-    """True if the value differs from the stored one."""
+    """True if the value differs from the stored value."""
     read_only: bool
     needs_reboot: bool
     """True if a change takes effect at the next boot."""
@@ -108,7 +108,7 @@ class Parameter:
         if not math.isfinite(number):
             raise ParameterError(f"{self.name}: {value} is not a finite number")
         if self.kind == "f32":
-            # Round as the wire format does: the ends of the range are 32 bits wide too.
+            # Round to 32 bits as the wire format does, because the range's limits have 32 bits too.
             try:
                 rounded: float = _F32.unpack(_F32.pack(number))[0]
             except OverflowError:

@@ -1,7 +1,7 @@
 """Typed records of a run, for the log and the viewer.
 
-Times are Unix nanoseconds. ``log_ns`` is the host's time of the record. ``publish_ns`` is the
-device's time of the value, None before the first clock mapping.
+Times are Unix time in ns. ``log_ns`` is the host's time of the record. ``publish_ns`` is the time
+at which the device measured the value; it is None before the first clock fit.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class DeviceMessage(NamedTuple):
 
 
 class PoseRecord(NamedTuple):
-    """The estimate after a control step; recorded as /pose, /pose/estimate and /tf."""
+    """The estimate after a control step, recorded in the topics /pose, /pose/estimate and /tf."""
 
     log_ns: int
     pose: Pose2
@@ -138,11 +138,12 @@ class ClockRecord(NamedTuple):
 
 
 class CoverageRecord(NamedTuple):
-    """Map of the swept floor as an occupancy grid: 0 where the mouth passed, -1 elsewhere."""
+    """Map of the swept floor as an occupancy grid: 0 where the mouth has passed, -1 elsewhere."""
 
     log_ns: int
     cells: NDArray[np.int8]
-    """(rows, columns), row 0 at the origin's y; -1 unknown, 0..100 as in nav_msgs/OccupancyGrid."""
+    """Array of (rows, columns), with row 0 at the origin's y. Values are as in
+    nav_msgs/OccupancyGrid: -1 unknown, 0 to 100 occupied."""
     origin_x_m: float
     origin_y_m: float
     resolution_m: float
@@ -203,4 +204,4 @@ class RunInfo:
     plan: FloorPlan | None = None
     extra: dict[str, str] = field(default_factory=dict)
     begun_unix_ns: int | None = None
-    """Start of this file in Unix time, ns, if it is not the run's first."""
+    """Start of this file in Unix time, ns; None for the run's first file."""

@@ -1,4 +1,4 @@
-"""Redaction of motion keys in recorded bytes: a filler of equal length replaces them."""
+"""Redaction of motion keys in recorded bytes: filler bytes replace the keys."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ FILLER = b"X"
 """Filler for the bytes of a key, its tag and the frame's checksum."""
 _TYPE = CATALOGUE.spec(SetKey).type_id
 _AT_TYPE = 3
-"""Index of the type byte in an encoded frame, after the COBS code, version and node. None of these
-is 0, so COBS does not change them."""
+"""Index of the type byte in an encoded frame. It follows the COBS code, version and node. None of
+these bytes is 0, so COBS does not change them."""
 _RUN = 4
-"""Length of a byte sequence that counts as part of a key in received bytes. Shorter sequences, and
-sequences of one or two values, occur by chance."""
+"""Minimum length of a byte sequence that counts as part of a key in received bytes. Shorter
+sequences, and sequences of one or two values, occur by chance."""
 _REMEMBERED = 16
 """Number of sent key frames that echoes are compared with. A command has fewer repetitions."""
 
@@ -26,8 +26,8 @@ _REMEMBERED = 16
 class KeyRedactor:
     """Redacts the recorded bytes of one serial port.
 
-    The checksum is redacted too: with it an attacker could guess a weak key offline. An adapter
-    with echo returns the sent bytes, so received bytes are redacted as well.
+    The checksum is redacted too, because an attacker could use it to guess a weak key offline. An
+    adapter with echo returns the sent bytes, so received bytes are redacted as well.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class KeyRedactor:
         self._open = b""
         """Received bytes since the last delimiter that may be the start of an echo."""
         self._runs: set[bytes] = set()
-        """All secret byte sequences of length ``_RUN``, to find damaged or truncated echoes."""
+        """All secret byte sequences of length ``_RUN``. They find damaged or truncated echoes."""
         self._recent = b""
         """Last received bytes, in which a secret sequence may start."""
 
@@ -88,7 +88,7 @@ class KeyRedactor:
 
 
 def _redacted(piece: bytes) -> bytes:
-    """Return a frame of equal length that keeps only the header."""
+    """Return a frame of equal length with the original header and filler bytes."""
     try:
         body = cobs.decode(piece)
     except cobs.DecodeError:

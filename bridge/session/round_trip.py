@@ -1,7 +1,7 @@
 """Check of the round-trip time before motion is allowed.
 
-Sans-I/O. On a slow link the robot reaches an obstacle before the host receives the range. Only
-the round-trip time shows a constant delay, because samples still arrive at their normal rate.
+Sans-I/O. On a slow link the robot may reach an obstacle before the host receives its range. Samples
+still arrive at their normal rate, so only the round-trip time shows a constant delay.
 """
 
 from __future__ import annotations
@@ -9,22 +9,23 @@ from __future__ import annotations
 from typing import NamedTuple
 
 LIMIT_NS = 100_000_000
-"""Maximum round-trip time for motion, ns: 20 mm of travel at 0.2 m/s. An adapter with a 16 ms
-latency timer and slcan are well below it."""
+"""Maximum round-trip time for motion, ns. In this time the robot drives 20 mm at 0.2 m/s. A USB
+adapter with a latency timer of 16 ms and a CAN adapter with slcan are well below this limit."""
 PINGS = 4
-"""Number of pings per decision. Their minimum counts, because a busy host or device delays single
+"""Number of pings per decision. Their minimum counts, because a busy host or device delays some
 pings."""
 TURNAROUND_NS = 40_000_000
-"""Maximum turnaround time that is subtracted, ns. Firmware that waits for an ultrasonic echo in its
-main loop replies after up to 38 ms (HC-SR04 without an object). The device reports the turnaround
-itself; without a limit, wrong stamps would hide a link delay."""
+"""Maximum turnaround time of the device that is subtracted from a round trip, ns. Firmware that
+waits for an ultrasonic echo in its main loop replies after up to 38 ms (HC-SR04 without an object).
+The device reports its turnaround time itself. The limit prevents wrong stamps from hiding a delay
+of the link."""
 SPAN_NS = 600_000_000
-"""Minimum time above the limit before the link counts as slow, ns: the first to the last of four
-pings at 5 Hz. It prevents pings at 10 Hz from giving a short delay more weight."""
+"""Minimum time above the limit before the link counts as slow, ns. It is the time from the first to
+the last of four pings at 5 Hz. Without it, the first pings at 10 Hz would detect shorter delays
+than later pings."""
 UNANSWERED_NS = 1_200_000_000
-"""Maximum time without a round trip within the limit, ns: six pings at 5 Hz. It is longer than four
-pings, because single frames may be lost, and leaves 0.3 s of the 1.5 s within which a run must
-stop."""
+"""Maximum time without a round trip within the limit, ns. It is six pings at 5 Hz and not four,
+because frames may be lost. A run must stop within 1.5 s, so 0.3 s remain."""
 _REMEDY = (
     "use a cable instead of a network, a higher baud rate, or an adapter with a latency timer of "
     "1 ms"
@@ -37,7 +38,7 @@ class LinkTrouble(NamedTuple):
     text: str
     """Measured value, limit and remedy, for people."""
     known: bool
-    """True: measured and too slow. False: not enough pings are answered yet."""
+    """True if the link is measured and too slow. False if not enough pings are answered yet."""
 
 
 class RoundTrip:
@@ -47,7 +48,7 @@ class RoundTrip:
         """Create an empty record; :meth:`begin` starts it."""
         self._last_ns: tuple[int, ...] = ()
         self._proved = False
-        """True once a round trip was within the limit."""
+        """True after a round trip within the limit."""
         self._quick_ns = 0
         """Transmission time of the newest ping whose round trip was within the limit; initially the
         start of the session."""

@@ -1,10 +1,10 @@
 """Age of each stream's newest sample, from its device stamp.
 
-Sans-I/O. The arrival of a sample does not prove that it is new: the device may repeat it, its
-stamp may stand still, a buffer may delay it. All streams share one mapping from device stamps to
-host time, taken from the fastest frames. Ping replies are such frames too. If they arrive without
-delay, streams that all lag by the same time are old. :mod:`bridge.session.round_trip` detects a
-delay of the link that affects the replies too.
+Sans-I/O. A sample that arrives may be old: the device may repeat it, its stamp may not advance, or
+a buffer may delay it. All streams share one mapping from device stamps to host time. The fastest
+frames define this mapping, and ping replies count too. If ping replies arrive without delay, this
+module also detects streams that are all late by the same time. If the link delays ping replies too,
+:mod:`bridge.session.round_trip` detects the delay.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from __future__ import annotations
 import math
 
 FUTURE_S = 0.3
-"""Maximum time by which a frame may be faster than the fastest so far, s. More is a clock jump.
-Equal to the age at which samples count as stale."""
+"""Maximum time by which a frame may be faster than the fastest frame so far, s. A larger difference
+is a clock jump. The value equals the age at which samples are stale."""
 DRIFT = 0.02
 """Maximum relative clock drift that is accepted: twice the maximum of the emulator's faults."""
 FOLLOWING = 0.7
-"""Rate at which the mapping follows frames that all arrive later, s/s. Samples stay fresh while a
-link delay grows by up to 1 s. They become stale if the device's clock runs at less than 0.3 of its
-nominal rate."""
+"""Rate at which the mapping follows if all frames arrive later, s/s. If a link's delay grows by up
+to 1 s, samples stay fresh. If the device's clock runs at less than 0.3 of its nominal rate, samples
+become stale."""
 RESYNC_S = 1.0
-"""Time after which advancing samples that are rejected count as a clock reset, s. The run has ended
-by then, since its data are stale after 0.3 s."""
+"""Time after which rejected samples count as a clock reset if their stamps advance, s. Before this
+time the run has ended, because its data are stale after 0.3 s."""
 
 
 class SampleTimes:
@@ -67,7 +67,7 @@ class SampleTimes:
         self._usual_s = min(delay_s, self._usual_s + FOLLOWING * elapsed_s)
 
     def note(self, stream: type, now_s: float) -> None:
-        """Note the arrival of a message without using its stamp, because nothing depends on it."""
+        """Record the arrival of a message whose stamp is not used."""
         self.taken_s[stream] = now_s
 
     def take(self, stream: type, device_us: int, now_s: float) -> bool:
@@ -89,7 +89,7 @@ class SampleTimes:
         return True
 
     def _clock_reset(self, stream: type, device_us: int, now_s: float) -> bool:
-        """Return True if the rejected samples advanced long enough for a clock reset."""
+        """Return True if the stamps of rejected samples advanced long enough for a clock reset."""
         since_s, newest_us = self._rejected.get(stream, (now_s, device_us - 1))
         if device_us <= newest_us:
             since_s = now_s

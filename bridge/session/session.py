@@ -1,7 +1,7 @@
 """A session with one device: handshake, commands, pings, loss and reconnection.
 
-Sans-I/O. The transitions are a table (:mod:`bridge.session.states`). The caller owns the port: it
-passes bytes and time in, and takes events and bytes out.
+Sans-I/O. The transitions are a table (:mod:`bridge.session.states`). The caller owns the port. It
+passes received bytes and the time to the session, and gets events and bytes to send.
 """
 
 from __future__ import annotations
@@ -58,12 +58,13 @@ ANSWER_PERIOD_NS = 100_000_000
 HANDSHAKES_AT_ONCE = 3
 """Number of handshakes allowed without a pause. A device may boot twice when it is plugged in."""
 HANDSHAKE_PERIOD_NS = 1_000_000_000
-"""Interval of further handshakes, ns: that of the device's own hellos. It limits the traffic with a
-device that answers each hello with a new boot id."""
+"""Interval of further handshakes, ns. It equals the interval of the device's own hellos, and limits
+the traffic with a device that answers each hello with a new boot id."""
 OPEN_TIMEOUT_NS = 3_000_000_000
-"""Maximum wait for a device, ns: three of its own hellos, which it sends at 1 Hz."""
+"""Maximum wait for a device, ns. In this time the device sends three hellos."""
 HANDSHAKE_TIMEOUT_NS = 8_000_000_000
-"""Maximum time from opening to a complete handshake, ns: some devices send but never answer."""
+"""Maximum time from opening to a complete handshake, ns. It ends the wait for a device that sends
+but never answers."""
 LOST_AFTER_NS = 1_000_000_000
 """Silence after which the device counts as lost, ns."""
 FAST_PING_NS = 100_000_000
@@ -72,12 +73,13 @@ FAST_PINGS = 50
 """Number of pings at the fast interval."""
 SLOW_PING_NS = 200_000_000
 """Interval of later pings, ns. At 5 Hz, four pings detect a slow link within 1 s. The device counts
-the host as lost after 1 s, so it may miss a few."""
+the host as lost after 1 s, so a few pings may be lost."""
 PING_SPREAD_NS = 16_000_000
-"""Maximum time by which a ping is early, ns: the latency timer of the slowest adapter. Pings in
-phase with the adapter's timer would all wait the same time, and none would be fast."""
+"""Maximum time by which a ping is early, ns. It is the latency timer of the slowest adapter. If all
+pings were in phase with this timer, all would wait for the same time and none would be fast."""
 _GOLDEN_NS = round(PING_SPREAD_NS * 0.6180339887)
-"""Step of the early time, ns. The golden ratio spreads the pings evenly over the period."""
+"""Change of the early time from ping to ping, ns. The golden ratio spreads the pings evenly over
+the period."""
 _new = tuple.__new__
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 """Intervals of hellos to a lost device, ns; the last one repeats."""
@@ -101,7 +103,7 @@ class Session:
         Args:
             new_session_id: Returns a random 32-bit id other than 0.
             name: Name of the host in its hello.
-            node: Node of the device; None: the only one that answers.
+            node: Node of the device; None: the only device that answers.
             catalogue: Messages of the host.
             link: Framing for the port: serial or CAN.
             key: 16-byte key that signs motion commands if the device requires it.
@@ -119,14 +121,15 @@ class Session:
         self._name = name
         self._negotiation = SchemaNegotiation(catalogue, made)
         self._joined = False
-        """The device has confirmed this session."""
+        """True if the device has confirmed this session."""
         self._pace = Pace(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
         self._greeted = False
-        """The host's hello of this handshake is sent; otherwise it waits for the rate limit."""
+        """True if the host's hello of this handshake is sent. If False, the hello waits for the
+        rate limit."""
         self._renew = False
-        """The next handshake gets a new session id."""
+        """True if the next handshake needs a new session id."""
         self._restless = False
-        """The device restarts so often that handshakes are rate-limited."""
+        """True if the device restarts so often that handshakes are rate-limited."""
         self._answers = Answers()
         self._opened_ns = 0
         self._next_ns = 0
@@ -139,7 +142,7 @@ class Session:
         self._outbox = Outbox(made, node)
         self._catalogue = catalogue
         self._open_stop: int | None = None
-        """Highest cause of an unconfirmed stop; kept while the link is lost."""
+        """Highest cause of an unconfirmed stop. It is not cleared if the link is lost."""
         self._pings = 0
         self.round_trip = RoundTrip()
         """Round-trip times since the session became ready."""
@@ -160,11 +163,11 @@ class Session:
     # ---- input and output ------------------------------------------------------------------
 
     def open(self, now_ns: HostNs) -> None:
-        """Start to search for a device; discard the data of the previous one."""
+        """Start to search for a device; discard the data of the previous device."""
         if self.state is not State.CLOSED:
             return
         self._opened_ns = self._next_ns = now_ns
-        if self.link.medium is Medium.CAN:  # a hello would end another host's session
+        if self.link.medium is Medium.CAN:  # listen: a hello would end another host's session
             self._next_ns = now_ns + LISTEN_NS
         self.hello = self._boot_known = self._schema_known = self._open_stop = None
         self._outbox.node = self._wanted_node
@@ -173,7 +176,8 @@ class Session:
         self._answers.clear()
         self.fire("open", "opened")
         self.session_id = self._new_session_id()
-        # Replies name no session. A random first id differs from those of an earlier host.
+        # Replies contain no session id. A random first command id differs from an earlier host's
+        # command ids.
         self._outbox.commands = CommandSender(self.session_id & 0xFFFF)
 
     def close(self) -> None:
@@ -218,7 +222,7 @@ class Session:
         return self._drain()
 
     def poll(self, now_ns: HostNs) -> list[SessionEvent]:
-        """Handle what is due: hellos, questions, pings, retries, timeouts; return the events."""
+        """Handle due hellos, questions, pings, retries and timeouts; return the events."""
         state = self.state
         if (  # the usual case first: every pass of the loop gets here
             state is State.READY
@@ -261,7 +265,7 @@ class Session:
                 )
 
     def data_to_send(self) -> bytes:
-        """Take the bytes to write to the port."""
+        """Return and remove the bytes to write to the port."""
         return self.link.data_to_send()
 
     def next_deadline(self) -> HostNs | None:
@@ -302,7 +306,7 @@ class Session:
         return self._outbox.counts
 
     def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send a velocity setpoint; it replaces one that is not written yet.
+        """Send a velocity setpoint; it replaces a setpoint that is not written yet.
 
         Args:
             v_m_s: Forward speed, m/s; limited to the range of the wire format.
@@ -317,15 +321,18 @@ class Session:
         self._outbox.setpoint(v_m_s, yaw_rate_rad_s, ttl_ms, now_ns)
 
     def duty(self, left: float, right: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send motor duties, -1..1. The device limits them and obeys in bring-up mode only."""
+        """Send motor duties, -1..1.
+
+        The device limits them, and accepts them in bring-up mode only.
+        """
         self._outbox.duty(left, right, ttl_ms, now_ns)
 
     def stop(self, cause: int, now_ns: HostNs) -> int:
         """Latch a stop of this cause and repeat it until the device confirms it.
 
-        It is sent in any state, because a device obeys a stop outside a session too. An unconfirmed
-        stop is sent again in the next session. Before any device has answered, an operator's stop
-        goes to every device on the port. Returns the command id.
+        The stop is sent in any state, because a device obeys a stop outside a session too. An
+        unconfirmed stop is sent again in the next session. If no device has answered yet, an
+        operator's stop is sent to every device on the port. Returns the command id.
         """
         self._open_stop = max(cause, self._open_stop or 0)
         if self._outbox.node is None and cause >= StopCause.OPERATOR:
@@ -609,7 +616,10 @@ class Session:
     # ---- transitions ------------------------------------------------------------------------
 
     def fire(self, what: str, why: str) -> None:
-        """Fire an event of the transition table; an event that it does not have is ignored."""
+        """Fire an event of the transition table.
+
+        Ignore an event that the table does not contain.
+        """
         new = TRANSITIONS.get((self.state, what))
         if new is None:
             return

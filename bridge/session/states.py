@@ -48,7 +48,7 @@ TRANSITIONS: dict[tuple[State, str], State] = {
     (State.READY, "other_device"): State.FAILED,
     **{(state, "close"): State.CLOSED for state in State},
 }
-"""Transition table: (state, cause) → next state."""
+"""Transition table from (state, cause) to the next state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class SessionReady:
     again: bool = False
     """True if a session with this device was ready before."""
     other_schema: bool = False
-    """True if the device's catalogue differs from that of the previous session."""
+    """True if the device's catalogue differs from its catalogue in the previous session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class Failed:
     """The session cannot continue."""
 
     kind: EventKind
-    """Reason: one of the kinds of :class:`EventKind` for a session that cannot continue."""
+    """Reason: a kind of :class:`EventKind` for a session that cannot continue."""
     text: str
 
 
@@ -98,7 +98,7 @@ class Restless:
 
 
 class Data(NamedTuple):
-    """A telemetry message. A plain tuple, because there is one for each message."""
+    """A telemetry message. It is a plain tuple, because one is created for each message."""
 
     received: Received
     arrived_ns: HostNs
@@ -115,7 +115,7 @@ class Ping:
 
 
 class CommandEnded(NamedTuple):
-    """A command was accepted or rejected, or got no answer."""
+    """A command was accepted or rejected, or received no answer."""
 
     outcome: Outcome
 

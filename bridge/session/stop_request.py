@@ -1,7 +1,7 @@
 """Stops that are repeated until confirmed and need no session. Sans-I/O.
 
-A device obeys a stop from any sender at any time. A program without a session, or with a failed
-loop, uses one of these.
+A device obeys a stop from any sender at any time. Programs use these classes if they have no
+session or if their loop has failed.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 REPEAT_NS = STOP_REPEAT_US * 1000
-"""Interval of the repeated stop, ns: above an FTDI adapter's latency of 16 ms, so that a reply
-arrives before the next stop leaves."""
+"""Interval of the repeated stop, ns. It is longer than an FTDI adapter's latency of 16 ms, so that
+a reply arrives before the next stop is sent."""
 GATHER_NS = 200_000_000
-"""Time to detect every device on a bus, ns: two periods of the slowest stream that a device sends
-in every session. A device without a session stands still, and answers a stop at once."""
+"""Time to detect every device on a bus, ns. It is two periods of the slowest stream that a device
+sends in every session. A device without a session stands still, and answers a stop at once."""
 _STOP = CATALOGUE.by_class[Stop].type_id
 _STATUS = CATALOGUE.by_class[Status].type_id
 _LATCH_FIELDS = 2
-"""Number of leading status fields that a stop reads. Every later version of the status has them."""
+"""Number of leading status fields that are read. Every later version of the status has these
+fields."""
 
 
 class StopRequest(ABC):
@@ -93,14 +94,14 @@ class AddressedStop(StopRequest):
 
 
 class StopEverything(StopRequest):
-    """The stop of every device on the port: the same bytes from every sender.
+    """The stop of every device on the port. Every sender sends the same bytes.
 
-    Every detected device must show the latched cause ``operator``, or a graver one. On a bus the
-    devices are known only after :data:`GATHER_NS`.
+    Every detected device must report the latched cause ``operator`` or a higher cause. On a bus,
+    the devices are known only after :data:`GATHER_NS`.
     """
 
     def __init__(self, link: type[LinkBase], node: int | None = None) -> None:
-        """Wait for ``node``, and for every other detected device."""
+        """Wait for ``node`` and for every other detected device."""
         super().__init__(link, StopAll(), NODE_ALL)
         self._link.codec.limit(_STATUS, _LATCH_FIELDS)
         self._latched: dict[int, bool] = {} if node is None else {node: False}
@@ -110,17 +111,17 @@ class StopEverything(StopRequest):
 
     @property
     def confirmed(self) -> list[int]:
-        """Nodes of the devices that show the latched stop."""
+        """Nodes of the devices that report the latched stop."""
         return sorted(node for node, latched in self._latched.items() if latched)
 
     @property
     def missing(self) -> list[int]:
-        """Nodes of the known devices that do not show the latched stop."""
+        """Nodes of the known devices that do not report the latched stop."""
         return sorted(node for node, latched in self._latched.items() if not latched)
 
     @property
     def confirmed_by(self) -> int | None:
-        """Lowest node of the devices, once every known device shows the latched stop."""
+        """Lowest node of the known devices if all of them report the latched stop, else None."""
         if not self.confirmed or self.missing or self._begun_ns is None:
             return None
         if self._gathers and self._now_ns - self._begun_ns < GATHER_NS:
@@ -148,7 +149,7 @@ class StopEverything(StopRequest):
 def stop_request(
     link: type[LinkBase], cause: StopCause, command_id: int, node: int | None
 ) -> StopRequest:
-    """Return the stop of a session's device; of every device if the session knows none yet."""
+    """Return the stop for the session's device; without a device, the stop for every device."""
     if node is None:
         return StopEverything(link)
     return AddressedStop(link, cause, command_id, node)

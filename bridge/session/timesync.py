@@ -1,11 +1,11 @@
 """Synchronisation of device time to host time, with an error bound for every sample.
 
-Host time is a linear function of device time. Every exchange constrains it. A device stamp is
-never later than its arrival at the host: an upper constraint from every telemetry frame. The
-device's receive stamp is never earlier than the host's transmission: a lower constraint from every
-ping. The feasible lines lie below all upper and above all lower constraints. They give an interval
-of slopes and, at any time, an interval of offsets. Its middle is the estimate, its half-width a
-strict error bound.
+Host time is modelled as a linear function of device time: a line. Every exchange constrains this
+line. Every telemetry frame gives an upper constraint: its device stamp is not later than its
+arrival at the host. Every ping gives a lower constraint: the device's receive stamp is not earlier
+than the host's transmission. Possible lines are below all upper and above all lower constraints.
+They have an interval of slopes and, at any time, an interval of offsets. The middle of the interval
+of offsets is the estimate, and half of its width is a strict error bound.
 """
 
 from __future__ import annotations
@@ -18,17 +18,19 @@ from protocol.clock import DeviceUs, HostNs, extend_us
 _new = tuple.__new__
 
 MAX_DRIFT_PPM = 300.0
-"""Maximum relative drift, ppm: two crystals of ±100 ppm, with margin."""
+"""Maximum relative clock drift, ppm. It is for two crystals of ±100 ppm, with a margin."""
 BUCKET_US = 500_000
-"""Device time per constraint kept, µs."""
+"""Device time for which one constraint is stored on each side, µs."""
 BUCKETS = 60
-"""Number of constraints kept on each side: 30 s. Crystal drift with temperature limits it."""
+"""Number of constraints that are stored on each side. They cover 30 s. In a longer time a crystal's
+drift changes with temperature."""
 STAMP_NS = 1_000
-"""Resolution of a device stamp, ns: the stamp is truncated to whole microseconds."""
+"""Resolution of a device stamp, ns. The stamp is truncated to whole microseconds."""
 STEP_NS = 1_000_000
 """Minimum violation of a constraint that counts towards a clock step, ns."""
 STEP_SAMPLES = 5
-"""Consecutive violations that count as a clock step. A single one is a damaged stamp."""
+"""Number of consecutive violations that count as a clock step. A single violation is a damaged
+stamp."""
 
 
 class Mapped(NamedTuple):
@@ -51,13 +53,13 @@ class Fit:
 
 
 class TimeSync:
-    """Constraints, line and bounds for one boot of one device."""
+    """Constraints, fitted line and error bounds for one boot of one device."""
 
     def __init__(self, min_up_ns: int = 0, min_down_ns: int = 0) -> None:
         """Create an empty synchronisation.
 
-        The declared delays tighten the constraints, which at least halves the bound. Too large a
-        delay makes the bound wrong; the default 0 is always valid.
+        Declared delays tighten the constraints, so the bound is at most half as large. A declared
+        delay that is too long makes the bound wrong. The default 0 is always valid.
 
         Args:
             min_up_ns: Minimum delay of a frame to the device, ns: the transmission time at a known
@@ -77,12 +79,13 @@ class TimeSync:
         self._lower: dict[int, tuple[int, int]] = {}
         self._upper_corners: list[tuple[int, int]] | None = None
         self._lower_corners: list[tuple[int, int]] | None = None
-        """Convex hulls of the upper and of the lower constraints; None after a change."""
+        """Corners of the convex hulls of the upper and of the lower constraints; None after a
+        change."""
         self._contradictions = 0
 
     @property
     def constraints(self) -> tuple[int, int]:
-        """Numbers of kept upper and lower constraints."""
+        """Numbers of stored upper and lower constraints."""
         return len(self._upper), len(self._lower)
 
     def reset(self) -> None:
@@ -102,7 +105,8 @@ class TimeSync:
     def observe(self, low32: int, arrived_ns: HostNs) -> tuple[DeviceUs, Mapped | None]:
         """Add a frame's stamp and arrival; return its device time and host time.
 
-        It combines :meth:`extend`, :meth:`arrival` and :meth:`map`: it runs for every message.
+        It combines :meth:`extend`, :meth:`arrival` and :meth:`map` for speed, because it runs for
+        every message.
         """
         last = self._last
         self._last = device_us = DeviceUs(low32) if last is None else extend_us(last, low32)
@@ -152,7 +156,8 @@ class TimeSync:
     def _is_future(self, device_us: int, arrived_ns: int) -> bool:
         """Return True if a stamp is later than its arrival.
 
-        That is an error of one stream, which must not change the line. Pings detect clock steps.
+        Such a stamp is an error of one stream, so it must not change the line. Pings detect clock
+        steps.
         """
         if self.fit is None:
             return False
@@ -160,7 +165,7 @@ class TimeSync:
         return mapped.host_ns - mapped.bound_ns - STEP_NS > arrived_ns
 
     def map(self, device_us: DeviceUs) -> Mapped | None:
-        """Convert a device time to host time; None before the first fit or in a possible step.
+        """Convert a device time to host time; None before the first fit or during a possible step.
 
         The bound includes the truncation of the device's stamps to whole microseconds.
         """
@@ -182,7 +187,7 @@ class TimeSync:
     def _fence(
         side: dict[int, tuple[int, int]], device_us: int, host_ns: int, *, keep_smaller: bool
     ) -> bool:
-        """Keep the tightest constraint of each time bucket; return True if it is the new one."""
+        """Keep the tightest constraint of each time bucket; return True if the new one is kept."""
         bucket = device_us // BUCKET_US
         known = side.get(bucket)
         if known is not None:
@@ -214,18 +219,18 @@ class TimeSync:
         upper = _around(self._upper_corners, at_us, base_ns)
         lower = _around(self._lower_corners, at_us, base_ns)
         slow, fast = _slopes(upper, lower)
-        # Each constraint, moved to the time of the fit along the slope that loosens it most.
+        # Move each constraint to the time of the fit, along the slope that loosens it most.
         high_ns = min(ns - min(at * (1 + slow), at * (1 + fast)) for at, ns in upper)
         low_ns = max(ns - max(at * (1 + slow), at * (1 + fast)) for at, ns in lower)
-        # If the constraints cross, the crossing is the size of the contradiction.
+        # If the constraints contradict each other, the bound is the size of the contradiction.
         middle, half = 0.5 * (high_ns + low_ns), 0.5 * abs(high_ns - low_ns)
         self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
 
 
 def _corners(fences: dict[int, tuple[int, int]], *, side: int) -> list[tuple[int, int]]:
-    """Return the constraints that can touch the line: the corners of their convex hull.
+    """Return the constraints that can limit the line: the corners of their convex hull.
 
-    There are few, which makes the fit fast. ``side`` is 1 for upper and -1 for lower constraints.
+    The corners are few, so the fit is fast. ``side`` is 1 for upper and -1 for lower constraints.
     """
     corners: list[tuple[int, int]] = []
     ordered = sorted(fences.values())
@@ -250,7 +255,7 @@ def _around(corners: list[tuple[int, int]], at_us: int, base_ns: int) -> list[tu
 def _slopes(
     upper: list[tuple[float, float]], lower: list[tuple[float, float]]
 ) -> tuple[float, float]:
-    """Return the minimum and maximum drift of a line that meets all constraints."""
+    """Return the minimum and maximum drift of the lines that satisfy all constraints."""
     fast = MAX_DRIFT_PPM * 1e-6
     slow = -fast
     for upper_at, upper_ns in upper:

@@ -1,4 +1,4 @@
-"""Supervision of a robot that moves: rules and graded reactions. Sans-I/O."""
+"""Supervision of a moving robot: rules and graded reactions. Sans-I/O."""
 
 from __future__ import annotations
 

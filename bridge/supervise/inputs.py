@@ -21,17 +21,17 @@ M = TypeVar("M", bound="Message")
 
 
 CREEP_M_S = 0.05
-"""Maximum forward speed that a device's reflex allows with a bumper pressed, m/s."""
+"""Maximum forward speed that the device itself allows with a bumper switch pressed, m/s."""
 _CLIFF, _LIMITED = int(Contact.CLIFF), int(Fault.LIMITED)
 
 
 def limited_command(
     command: VelocityCommand, status: Status | None, reading: Range | None
 ) -> VelocityCommand:
-    """Return the setpoint that the device obeys.
+    """Return the setpoint that the device executes.
 
-    At a cliff the device's reflex allows no forward speed. With a bumper pressed it allows a low
-    one. The yaw rate and the backward speed are never limited.
+    At a cliff the device allows no forward speed. With a bumper switch pressed it allows a low
+    forward speed. The yaw rate and the backward speed are not limited.
     """
     if status is None or not status.faults & _LIMITED:
         return command
@@ -50,7 +50,7 @@ class RuleInputs(NamedTuple):
     yaw_rate_rad_s: float
     """Yaw rate of the gyro minus its bias, rad/s."""
     wheel_scale: float = 1.0
-    """The estimator's scale of the wheels: true distance per nominal distance."""
+    """The estimator's scale of the wheels: true distance divided by nominal distance."""
     last_frame_s: float = 0.0
     """Host time of the newest intact frame, s."""
     boot_id: int | None = None
@@ -64,15 +64,15 @@ class RuleInputs(NamedTuple):
     arrived_s: Mapping[type[Message], float] = MappingProxyType({})
     """Host time of the newest message of each type, s."""
     command: VelocityCommand | None = None
-    """Velocity setpoint that the device obeys, after its own reflexes have limited it; None if the
-    device plans."""
+    """Velocity setpoint that the device executes, after it has limited the setpoint at contacts and
+    cliffs; None if the device plans."""
     onboard: str = ""
     """Name of the device's planner; empty if the host plans."""
     plugged: Mapping[type[Message], Message] = MappingProxyType({})
     """Newest message of each class of a plug-in."""
 
     def newest(self, kind: type[M]) -> M | None:
-        """Return the newest message of a plug-in's class; None before the first."""
+        """Return the newest message of a plug-in's class; None if none has arrived."""
         message = self.plugged.get(kind)
         return message if isinstance(message, kind) else None
 
@@ -88,4 +88,4 @@ class Reaction(NamedTuple):
     data: dict[str, Scalar]
     """Measured values."""
     factor: float = 1.0
-    """For ``SLOW``: factor of all speeds."""
+    """Factor of all speeds, if the reaction is ``SLOW``."""

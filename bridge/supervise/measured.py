@@ -1,7 +1,7 @@
 """Plain odometry from wheel counts and gyro, shared by all rules.
 
-It sums distances and turns since the start, without corrections from walls or for slip, so that
-the rules have an independent reference.
+It sums distances and turns since the start, without corrections by walls or for slip. So the rules
+have an independent reference.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ GAP_S = 0.3
 SMOOTH_S = 0.3
 """Time constant of the smoothed wheel lead, s; at least ``GAP_S``."""
 WHEELS_LATE_S = 0.030
-"""Maximum delay of the wheels' turn relative to the gyro's, s: counts are up to 20 ms old and are
-the mean of the 20 ms before."""
+"""Maximum delay of the wheels' turn relative to the gyro's turn, s. Wheel counts are up to 20 ms
+old, and a turn from them is the mean over the 20 ms before."""
 GYRO_LATE_S = 0.010
-"""Maximum delay of the gyro's turn relative to the wheels', s: one sample at 100 Hz."""
+"""Maximum delay of the gyro's turn relative to the wheels' turn, s. It is one sample at 100 Hz."""
 
 
 class Measured:
@@ -48,7 +48,7 @@ class Measured:
         self.turn_rad = 0.0
         """Turn by the gyro, counter-clockwise, rad."""
         self.slip_m_s = 0.0
-        """Smoothed speed by which the right wheel leads the gyro's turn, beyond the effect of late
+        """Smoothed speed of the right wheel relative to the gyro's turn, minus the effect of late
         samples, m/s."""
         self.step_s = 0.0
         """Time since the last step, s; 0 at the first step and after a gap."""
@@ -62,7 +62,7 @@ class Measured:
         self._encoders: Encoders | None = None
         self._range: Range | None = None
         self._excess_m_s = 0.0
-        """Smoothed speed by which the right wheel leads the gyro's turn, m/s."""
+        """Smoothed speed of the right wheel relative to the gyro's turn, m/s."""
         self._slow_yaw_rad_s = 0.0
         """Smoothed yaw rate of the gyro, rad/s."""
 
@@ -91,8 +91,9 @@ class Measured:
     def _beyond_lateness(self, yaw_rate_rad_s: float) -> float:
         """Return the part of the wheels' lead that late samples do not explain, m/s.
 
-        Wheel samples with a delay L lag by -αL at a yaw acceleration α, times the wheel base.
-        Smoothed with the time constant τ this is -(L/τ)·(ω - ω smoothed over τ), for any turn.
+        At a yaw acceleration α, wheel samples with a delay L have a yaw rate error of -αL. The lead
+        is this error times the wheel base. Smoothed with the time constant τ, the error is
+        -(L/τ)·(ω - ω smoothed over τ), for any turn.
         """
         swing_m_s = self._base_m / SMOOTH_S * (yaw_rate_rad_s - self._slow_yaw_rad_s)
         one, other = -WHEELS_LATE_S * swing_m_s, GYRO_LATE_S * swing_m_s

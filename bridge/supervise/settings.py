@@ -9,8 +9,8 @@ Each rule is a table of the robot file; every key has a default::
     [supervise.fence]
     radius_m = 3.0
 
-``reaction`` follows when the rule's condition has held for ``after_s``. ``then`` follows if it
-still holds ``then_s`` later, or at once if the condition is grave.
+The supervisor reacts with ``reaction`` if the rule's condition has held for ``after_s``. It reacts
+with ``then`` if the condition still holds ``then_s`` later, or at once if the condition is grave.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 MAX_CORNERS = 256
 """Maximum number of corners of a fence."""
 MAX_SECONDS = 3600.0
-"""Maximum of most times, s."""
+"""Maximum of most settings that are times, s."""
 Point = tuple[float, float]
 
 
 class Level(enum.IntEnum):
-    """Severity of a reaction; a higher level includes the lower ones."""
+    """Severity of a reaction; a higher level includes the lower levels."""
 
     OFF = 0
     """The rule is off."""
@@ -285,10 +285,10 @@ PREFIX = "supervise"
 
 
 class PluggedRule(Rule):
-    """Base of a rule of a plug-in: a frozen dataclass whose keys are those of its table.
+    """Base of a plug-in's rule: a frozen dataclass with one field for each key of its table.
 
-    The entry point of the group ``sweepctl.rules`` is the class; its name is the rule's. Numbers
-    are declared with :func:`limited`.
+    An entry point of the group ``sweepctl.rules`` refers to the class, and its name is the rule's
+    name. Declare numbers with :func:`limited`.
     """
 
     __slots__ = ()
@@ -299,12 +299,12 @@ class PluggedRule(Rule):
 
 
 limited = _in
-"""Declares a number of a rule: default, lowest, highest, unit and meaning."""
+"""Function that declares a number of a rule: default, minimum, maximum, unit and meaning."""
 
 
 @functools.cache
 def default_settings() -> SuperviseSettings:
-    """Return the defaults of every rule: the project's own, and those of plug-ins."""
+    """Return the defaults of every rule: the project's own rules, and the rules of plug-ins."""
     own = {field.name for field in dataclasses.fields(SuperviseSettings)}
     made: list[tuple[str, type, Any]] = []
     for plugin, kind in sweepctl_plugins.usable("rules"):
@@ -323,11 +323,11 @@ def default_settings() -> SuperviseSettings:
 
 
 RULE_PLUGINS: dict[str, str] = {}
-"""Name of the plug-in for each of its rules, for messages."""
+"""Map of a plug-in's rule to the name of the plug-in, for messages."""
 
 
 def _plugged(name: str, kind: object, own: set[str]) -> tuple[str, PluggedRule | None]:
-    """Return why a plug-in is no rule, and its defaults if it is one."""
+    """Return an error text if a plug-in is not a valid rule, and its default settings."""
     if not name.isidentifier():
         return "needs a name of letters, digits and underscores", None
     if name in own:
@@ -372,7 +372,7 @@ def parse_rule(settings: SuperviseSettings, text: str) -> SuperviseSettings:
     try:
         parsed: Any = tomllib.loads(f"value = {value.strip()}")["value"]
     except (ValueError, RecursionError):
-        parsed = value.strip()  # a bare word, for example pause
+        parsed = value.strip()  # a word without quotes, for example pause
     for key in reversed(keys):
         parsed = {key: parsed}
     return settings_from(parsed, settings)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.supervise.settings import Rule, SuperviseSettings
 
 CALM_S = 1.0
-"""Time without the condition after which a new occurrence starts, s."""
+"""Time without the condition after which the next detection is a new occurrence, s."""
 
 
 class _Graded:
@@ -79,7 +79,7 @@ class Supervisor:
         """Create the rules of ``settings``; None: the defaults."""
         self.settings = settings = settings or default_settings()
         self.holding = False
-        """True from a ``PAUSE`` until :meth:`resume`: no motion is allowed."""
+        """True from a ``PAUSE`` until :meth:`resume`. No motion is allowed in this time."""
         self._measured = Measured(model)
         self._slow_until_s = -math.inf
         self._now_s = -math.inf
@@ -116,14 +116,14 @@ class Supervisor:
         return self.settings.slow_factor if self._now_s < self._slow_until_s else 1.0
 
     def restart(self) -> None:
-        """Restart all rules after a loss of the link or a move by hand."""
+        """Restart all rules after a loss of the link or after the robot was moved by hand."""
         self._measured.restart()
         for graded in self._graded:
             graded.condition.restart()
             graded.forget()
 
     def resume(self, now_s: float) -> None:
-        """End a pause after the operator's check; conditions that persist are detected again."""
+        """End a pause after the operator's check. Conditions that persist are detected again."""
         self.holding = False
         self._now_s = now_s
         self.restart()

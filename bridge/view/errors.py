@@ -16,7 +16,7 @@ class NoDisplayError(BridgeError):
     """A window was requested without a display."""
 
     def __init__(self, more: str = "") -> None:
-        """``more``: alternatives that the command has, for the end of the message."""
+        """Create the error; ``more`` is added to the message and lists alternatives."""
         super().__init__(
             f"there is no display for a window; --serve shows it in a browser on this machine{more}"
         )

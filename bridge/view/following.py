@@ -1,4 +1,4 @@
-"""Reads a log while it is being written, or at the speed of the recording."""
+"""Reader of a log that is still being written, or that is replayed at its recorded speed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.1
 _TRIES = 5
-"""Number of times to look for the next file of a run."""
+"""Number of attempts to find the next file of a run."""
 _NS = 1e9
 
 
@@ -30,7 +30,7 @@ class Follower:
     def __init__(self, path: Path, topics: Container[str] | None = None) -> None:
         self.path = path
         self.ended = False
-        """True once the end of the log has been written."""
+        """True if the end of the log has been written."""
         self._first, self._number = path, 1
         self._topics = topics
         self._chunks = ChunkReader(topics)
@@ -61,7 +61,7 @@ class Follower:
 
     def next_file(self) -> bool:
         """Continue with the next file of the run. Return False if there is none."""
-        for _ in range(_TRIES):  # the recorder creates the next file after the end of this one
+        for _ in range(_TRIES):  # the recorder creates the next file after this file's end
             following = part_after(self._first, self._number)
             if following is not None:
                 self.path, self.ended, self._position = following, False, None
@@ -105,8 +105,8 @@ def paced(  # noqa: PLR0913 - speed, limits, and two clocks for tests
     Args:
         messages: Messages in the order of the file.
         speed: Seconds of the log for each second of real time.
-        start_s: Start, s after the first message. Earlier messages are yielded at once, because
-            they lead to the state at the start.
+        start_s: Start, s after the first message. Earlier messages are yielded at once, because the
+            state at the start depends on them.
         end_s: End, s after the first message.
         period_s: Period of the batches, s of real time.
         moment: Monotonic clock, ns.

@@ -1,4 +1,4 @@
-"""Reads room, robot, losses and pose errors from a run's log, for the viewer and the report."""
+"""Reader of room, robot, losses and pose errors in a run's log, for viewer and report."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _HALF_SEQUENCES = _SEQUENCES // 2
 
 
 def plan_of(reader: LogReader) -> FloorPlan | None:
-    """Return the run's room; None if the log has no valid one."""
+    """Return the run's room; None if the log has no valid room."""
     try:
         return parse_floorplan(reader.attachments[ROOM_ATTACHMENT].decode(errors="replace"))
     except (KeyError, FloorPlanError):
@@ -34,7 +34,7 @@ def plan_of(reader: LogReader) -> FloorPlan | None:
 
 
 def robot_of(reader: LogReader) -> RobotModel:
-    """Return the run's robot; the default robot if the log has no valid one."""
+    """Return the run's robot; the default robot if the log has no valid robot."""
     try:
         return parse_robot(reader.attachments[ROBOT_ATTACHMENT].decode(errors="replace"))
     except (KeyError, ConfigError):
@@ -44,7 +44,8 @@ def robot_of(reader: LogReader) -> RobotModel:
 class LossCounter:
     """Counts gaps in one sender's sequence numbers.
 
-    A log sorts messages of one time by topic, so a number may come late. That is not a loss.
+    A log sorts messages with equal times by topic, so a sequence number may arrive late. A late
+    number is not a loss.
     """
 
     def __init__(self) -> None:
@@ -55,7 +56,7 @@ class LossCounter:
         """Number of losses; it never decreases."""
 
     def add(self, sequence: int) -> None:
-        """Add the number of a received message."""
+        """Add the sequence number of a received message."""
         if self._newest is None:
             self._newest = self._first = sequence
         else:
@@ -81,11 +82,11 @@ class PoseErrors(Generic[_T]):
         self._estimates: list[tuple[_T, float, float]] = []
 
     def add_truth(self, time: _T, x_m: float, y_m: float) -> None:
-        """Take a true position."""
+        """Add a true position."""
         self._truth.append((time, x_m, y_m))
 
     def add_estimate(self, time: _T, x_m: float, y_m: float) -> None:
-        """Take an estimated position."""
+        """Add an estimated position."""
         self._estimates.append((time, x_m, y_m))
 
     def take(self) -> Iterator[tuple[_T, float]]:

@@ -20,22 +20,24 @@ _BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
 _CLIFF = int(Contact.CLIFF)
 _LIFTED = int(Fault.LIFTED)
 TILT_SMOOTH_S = 0.2
-"""Time constant of the accelerometer's smoothing, s: longer than a bump, shorter than a tilt."""
+"""Time constant of the accelerometer's smoothing, s. It is longer than a bump and shorter than a
+tilt."""
 JOLT_M_S2 = 1.5
-"""Minimum vertical acceleration, gravity subtracted, that counts as a jolt, m/s²."""
+"""Minimum vertical acceleration without gravity that counts as a jolt, m/s²."""
 JOLT_SMOOTH_S = 0.08
-"""Time constant of that acceleration, s. A person lifts for 0.2 s; a third of a vibration
-remains."""
+"""Time constant of the smoothing of this acceleration, s. A person's lifting takes 0.2 s. A third
+of a vibration remains."""
 GRAVITY_SMOOTH_S = 2.0
-"""Time constant of gravity, s. It removes the sensor's bias (up to 0.5 m/s²)."""
+"""Time constant of the estimate of gravity, s. The estimate includes the sensor's bias (up to 0.5
+m/s²), so that subtracting it removes the bias."""
 JOLT_S = 1.0
 """Maximum time from a jolt to a cliff detection that counts as lifting, s."""
 _G_M_S2 = 9.80665
 """Standard gravity, m/s²."""
 FOLLOWS_M, FOLLOWS_M_S = (0.004, 0.03), 0.06
-"""Range of distance, m, and maximum speed, m/s, between two contacts that count as one. While the
-robot follows a wall, the switch closes three times per second. Before a real bump the robot comes
-from a greater distance, or has reversed."""
+"""Range of distance, m, and maximum mean speed, m/s, between two contacts that count as one
+contact. While the robot follows a wall, the switch closes three times per second. Before a real
+bump, the robot drives a longer distance or reverses."""
 
 
 class Tilt:
@@ -108,7 +110,7 @@ class Lifted:
 
     def _feel(self, up_m_s2: float, step_s: float) -> None:
         """Smooth the vertical acceleration: briefly for jolts, slowly for gravity."""
-        if step_s == 0.0:  # nothing is known of the gap
+        if step_s == 0.0:  # the motion during a gap is unknown
             self._now_m_s2 = self._gravity_m_s2
             return
         self._now_m_s2 += min(step_s / JOLT_SMOOTH_S, 1.0) * (up_m_s2 - self._now_m_s2)
@@ -122,7 +124,7 @@ class Lifted:
 
 
 class Bump:
-    """Too many contacts in the window, or one that does not end."""
+    """There are too many contacts in the window, or a contact does not end."""
 
     grave = False
 
@@ -160,7 +162,7 @@ class Bump:
         return self._held_s >= self._rule.held_s or len(self._onsets) >= self._rule.count
 
     def _follows(self, now_s: float, distance_m: float) -> bool:
-        """Return True if a contact continues the last one."""
+        """Return True if a contact continues the last contact."""
         if self._touch is None:
             return False
         before_s, before_m = self._touch
@@ -196,7 +198,7 @@ class Cliff:
         self.grave = False
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Check the cliff bit and the distance driven ahead since."""
+        """Check the cliff bit, and the distance driven forward since it was set."""
         reading = inputs.range
         if reading is None or not reading.contacts & _CLIFF:
             self.restart()
@@ -208,7 +210,7 @@ class Cliff:
         return True
 
     def evidence(self) -> Evidence:
-        """Return the distance driven ahead."""
+        """Return the distance driven forward."""
         data: dict[str, Scalar] = {"ahead_m": round(self._ahead_m, 3)}
         if self.grave:
             return f"no floor ahead, and the robot drove on by {100 * self._ahead_m:.0f} cm", data
@@ -231,7 +233,7 @@ class Progress:
         self._since_s: float | None = None
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Extend the square to the pose; start a new one if it is larger than the limit."""
+        """Extend the square to the pose; start a new square if it is larger than the limit."""
         del measured
         x, y, _ = inputs.pose
         if self._since_s is None:

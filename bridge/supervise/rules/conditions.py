@@ -15,7 +15,7 @@ Evidence = tuple[str, "dict[str, Scalar]"]
 class Condition(Protocol):
     """Condition of one rule.
 
-    :meth:`holds` comes first. It sets the attributes that a class declares without a value, before
+    :meth:`holds` is called first. It sets the attributes that a class declares without a value.
     :meth:`evidence` reads them.
     """
 
@@ -29,4 +29,4 @@ class Condition(Protocol):
         """Return the finding as text and data. Called only while the condition holds."""
 
     def restart(self) -> None:
-        """Discard the state before a gap."""
+        """Discard the state from before a gap."""

@@ -27,15 +27,18 @@ _SENSORS = int(
     | Fault.BUMPER
 )
 STANDS_M = 0.004
-"""Maximum distance of a wheel at standstill between two power samples (0.2 s), m: 2 cm/s."""
+"""Maximum distance of a wheel at standstill between two power samples, m. It is 2 cm/s over 0.2
+s."""
 BATTERY_SMOOTH_S = 1.0
-"""Time constant of the voltage, s: longer than the dip of a motor start."""
+"""Time constant of the voltage's smoothing, s. It is longer than the voltage drop at a motor's
+start."""
 STREAMS = (Encoders, Imu, Range, Status, Power, PlannerState)
 """Streams that the silence rule checks."""
 FROZEN_S = 1.0
-"""Time of constant registers that counts as frozen, s. Noise allows only a few equal samples."""
+"""Minimum time of constant IMU registers that counts as frozen, s. With noise, only a few samples
+are equal."""
 TURNS_RAD_S = 0.2
-"""Minimum yaw rate by the wheels for the frozen check, rad/s: at least ten steps of the gyro."""
+"""Minimum yaw rate by the wheels for this check, rad/s. It is at least ten steps of the gyro."""
 
 
 class Stall:
@@ -207,7 +210,7 @@ class Sensor:
 
 
 class Reset:
-    """The device has another boot id than at the start."""
+    """The device's boot id differs from its boot id at the start."""
 
     grave = False
 
@@ -220,7 +223,7 @@ class Reset:
         """Keep the boot id of the start."""
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Compare the boot id."""
+        """Compare the boot id with the boot id at the start."""
         del measured
         self._now = inputs.boot_id
         if self._first is None:

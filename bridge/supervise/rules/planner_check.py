@@ -1,9 +1,10 @@
 """Check of the device's planner against the measured motion and the paper's rules.
 
-It predicts nothing. At the end of a lane it compares D with the odometry. It recomputes the case
-from D, Prev-D and Φ, and Length from W and T. Between decisions it compares the reported phase with
-the measured motion. After each check it continues from the device's own values, so one error gives
-only one finding.
+The symbols are the paper's: D and Prev-D are the distances of this lane and the previous lane, Φ is
+the footprint's diameter, W the mouth's width, T the number of turns. At the end of a lane the check
+compares D with the odometry. It recomputes the case from D, Prev-D and Φ, and Length from W and T.
+Between decisions it compares the reported phase with the measured motion. After each check it
+continues from the device's own values, so one error causes only one finding.
 """
 
 from __future__ import annotations
@@ -32,24 +33,25 @@ _LANES = frozenset({"paper", "u-shape"})
 """Planners with straight lanes, which report D, Prev-D and T."""
 _BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
 GAP_S = 0.7
-"""Maximum time between two planner states (5 Hz), s. A longer gap may hide a decision."""
+"""Maximum time between two planner states, s. They arrive at 5 Hz. A longer gap may hide a
+decision."""
 KEEP_S = 2.0
-"""Time for which a finding holds, s, so that the rule can react."""
+"""Time for which a finding persists, s. The rule reacts in this time."""
 _MM = 0.001 + 1e-9
 """Maximum error of the difference of two values that are rounded to a millimetre, m."""
 _LENGTH_STEP_M = 0.02
 """Resolution of Length in the message, m."""
 _LENGTH_MOST = 255
-"""Maximum raw value of Length; it means this length or more."""
+"""Maximum raw value of Length. It represents this length or any greater length."""
 STANDS_M_S, STANDS_RAD_S = 0.03, 0.15
 """Minimum speed (m/s) and yaw rate (rad/s) that count as motion: three times the estimate's noise
 at standstill."""
 SLIPS_M_S = 0.012
-"""Minimum slip that makes the distance uncertain, m/s: twice that of a hard floor."""
+"""Minimum slip that makes the distance uncertain, m/s. It is twice the slip on a hard floor."""
 TURN_M = 0.06
-"""Maximum distance of a turn in place, m/s."""
+"""Maximum speed during a turn in place, m/s."""
 BEND_RAD = 0.6
-"""Maximum turn of a straight segment, rad/s."""
+"""Maximum yaw rate on a straight segment, rad/s."""
 
 
 @dataclass(slots=True)
@@ -67,7 +69,7 @@ class _Lane:
     """Maximum distance along the lane by the estimate, m. After a bump the wheels may still
     turn."""
     uncertain_m: float = 0.0
-    """Distance during slip or a push, m. The odometry of this part is unreliable."""
+    """Part of the distance with slip or a push, m. The odometry of this part is unreliable."""
 
 
 class PlannerCheck:
@@ -134,7 +136,7 @@ class PlannerCheck:
                 text = f"T went from {before.turn_count} to {reported.turn_count} in one step"
                 self._note(now_s, text, T=reported.turn_count, T_before=before.turn_count)
         if reported.phase != _LANE:
-            # A turn in place has no distance: the lane starts at the end of the turn.
+            # A turn in place has no distance, so the lane starts at the end of the turn.
             self._lane = _Lane(now_s, measured.distance_m, measured.distance_m, inputs.pose)
         elif not whole:
             self._lane = None
@@ -169,7 +171,7 @@ class PlannerCheck:
 
     def _judge_case(self, reported: PlannerState, previous_m: float, now_s: float) -> None:
         distance_m, case = reported.lane_distance_m, reported.lane_case
-        # At a limit both cases are valid.
+        # At a limit between two cases, both are valid.
         cases = {self._case(distance_m, previous_m + off) for off in (-_MM, 0.0, _MM)}
         if case not in cases:
             expected = min(cases)
@@ -195,7 +197,7 @@ class PlannerCheck:
                 )
 
     def _case(self, distance_m: float, previous_m: float) -> int:
-        """Return the paper's case of a lane after another; 0: none."""
+        """Return the paper's case of a lane after the previous lane; 0: no case."""
         if distance_m + self._diameter_m < previous_m:
             return 2
         if distance_m - self._diameter_m > previous_m:

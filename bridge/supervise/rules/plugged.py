@@ -21,7 +21,7 @@ class PluggedCondition:
     """The condition of a plug-in's rule."""
 
     def __init__(self, name: str, rule: PluggedRule, model: RobotModel) -> None:
-        """Ask the rule for its condition."""
+        """Create the rule's condition."""
         self.grave = False
         self._name = name
         self._evidence: Evidence = ("", {})
@@ -58,7 +58,7 @@ class PluggedCondition:
         return self._evidence
 
     def restart(self) -> None:
-        """Discard the state before a gap."""
+        """Discard the state from before a gap."""
         if self._condition is not None:
             try:
                 self._condition.restart()

@@ -1,8 +1,8 @@
-"""Slip: the motion by the wheels differs from that by gyro or ultrasonic sensor.
+"""Slip: the wheels measure another motion than the gyro or the ultrasonic sensor.
 
-The gyro shows slip of one wheel. The range ahead shows equal slip of both wheels: on a straight run
-it must decrease by the driven distance. Otherwise the wheels slip or the sensor is wrong. This rule
-cannot distinguish the two, but both need attention.
+The gyro shows slip of one wheel. The range ahead shows equal slip of both wheels. On a straight run
+the range must decrease by the driven distance. Otherwise the wheels slip or the sensor is faulty.
+This rule cannot distinguish the two causes, but both must be reported.
 """
 
 from __future__ import annotations
@@ -17,22 +17,26 @@ if TYPE_CHECKING:
     from bridge.supervise.settings import SlipRule
 
 RUN_M = 0.30
-"""Length of a run, m. The noise of 5 mm is 2 % of it."""
+"""Length of a straight run for one comparison, m. The range noise of 5 mm is 2 % of this length."""
 MIN_READINGS = 12
 """Minimum number of range samples in a run."""
 HALF_SHARE = 0.6
-"""Minimum share of the whole run's slip that each half must show. Real slip is even. An echo that
-moves along a round column or past an edge is not."""
+"""Minimum slip of each half of a run, as a share of the whole run's slip. Real slip is uniform. The
+apparent slip is not uniform if the echo moves along a round column or past an edge."""
 JUMP_M = 0.03
-"""Maximum change of the range beyond the distance driven, m. A larger one is another object."""
+"""Maximum difference between the change of the range and the driven distance, m. A larger
+difference is caused by another object."""
 STRAIGHT_RAD = 0.06
-"""Maximum turn in a run, rad. With a larger one the cone covers other objects."""
+"""Maximum turn in a run, rad. After a larger turn, the sensor's cone covers other objects."""
 FAR_M = 3.5
-"""Maximum range that is used, m. Near its limit the sensor loses single echoes."""
+"""Maximum range that is used, m. Near the sensor's maximum range, some echoes are lost."""
 
 
 class RangeRun:
-    """A straight run towards an object: the share of the wheels' distance that the range lacks."""
+    """A straight run towards an object.
+
+    It compares the change of the range with the wheels' distance.
+    """
 
     _turn_rad: float
     """Heading at the start of the run, rad."""
@@ -42,7 +46,8 @@ class RangeRun:
         self._run_m, self._min_readings = run_m, min_readings
         self._readings: deque[tuple[float, float]] = deque()
         self.lost = 0.0
-        """Share of the distance that the range lacks; 0 without a whole run."""
+        """Share of the wheels' distance by which the range did not decrease; 0 before a complete
+        run."""
 
     def forget(self) -> None:
         """Discard the current run."""
@@ -50,7 +55,7 @@ class RangeRun:
         self.lost = 0.0
 
     def see(self, inputs: RuleInputs, measured: Measured) -> None:
-        """Take a new range sample."""
+        """Handle a new range sample."""
         range_m = None if inputs.range is None else inputs.range.ultrasonic_m
         if range_m is None or range_m > FAR_M:
             self.forget()
@@ -116,7 +121,7 @@ class Slip:
 
 
 def _lost(points: list[tuple[float, float]]) -> float:
-    """Return the share of the distance that the range lacks; 0 if the halves differ."""
+    """Return the share of the distance by which the range did not decrease; 0: halves differ."""
     whole = 1.0 + _slope(points)
     middle = len(points) // 2
     halves = 1.0 + _slope(points[:middle]), 1.0 + _slope(points[middle:])

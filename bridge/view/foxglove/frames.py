@@ -1,4 +1,4 @@
-"""Frames that the run's process sends to the server's process: a kind, a length and content."""
+"""Frames from the run's process to the server's process: a kind, a length and content."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PipeFrame(NamedTuple):
 
 
 def read_frames(stream: BinaryIO) -> Iterator[PipeFrame]:
-    """Yield the frames until the end of the stream, even within a frame."""
+    """Yield the frames until the end of the stream. An incomplete last frame is ignored."""
     while len(head := stream.read(_HEAD.size)) == _HEAD.size:
         kind, length = _HEAD.unpack(head)
         content = stream.read(length)

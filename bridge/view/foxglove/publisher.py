@@ -1,4 +1,4 @@
-"""The run's side of the live server: a bounded queue for the server's own process."""
+"""Connection from a run to the live server: a bounded queue for the server's process."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MAX_QUEUED = 64
-"""Maximum number of queued chunks: 16 s of a run in real time, 16 MiB at most."""
+"""Maximum number of queued chunks. They are 16 s of a run in real time, and at most 16 MiB."""
 _START_S = 20.0
 """Maximum time for the start of the server, s."""
 _END_S = 0.5
-"""Maximum time at the end of a run for the queued chunks, s."""
+"""Maximum time for sending the queued chunks at the end of a run, s."""
 
 
 _STOP_S = 1.0
@@ -47,7 +47,7 @@ class _Item:
 class FoxglovePublisher:
     """Sends the chunks of a log to a Foxglove server in its own process.
 
-    It is a :class:`bridge.record.chunked_file.ChunkTap`. :meth:`take` never waits: if the server is
+    It is a :class:`bridge.record.chunked_file.ChunkTap`. :meth:`take` never waits. If the server is
     too slow, the oldest chunks are dropped and counted.
     """
 
@@ -56,7 +56,7 @@ class FoxglovePublisher:
 
         Args:
             host: address to listen on.
-            port: TCP port; 0: any free one.
+            port: TCP port; 0: any free port.
             parameters: parameters of the run that clients can read.
 
         Raises:
@@ -67,7 +67,7 @@ class FoxglovePublisher:
         check()
         root = str(Path(__file__).parents[3])
         paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-        self._process = subprocess.Popen(  # noqa: S603 - ourselves
+        self._process = subprocess.Popen(  # noqa: S603 - this program
             [sys.executable, "-P", "-m", "bridge.view.foxglove.server", host, str(port)],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
             stdin=subprocess.PIPE,
@@ -96,11 +96,11 @@ class FoxglovePublisher:
         return self._process.pid
 
     def begin(self) -> None:
-        """Note that a log file begins."""
+        """Report that a log file begins."""
         self._before.append(PipeFrame(FrameKind.FILE))
 
     def take(self, declarations: bytes, chunk: bytes, messages: int) -> None:
-        """Queue a chunk; drop the oldest one if there are too many."""
+        """Queue a chunk; drop the oldest chunk if there are too many."""
         if declarations:
             self._before.append(PipeFrame(FrameKind.RECORDS, declarations))
         item = _Item(self._before, chunk, messages)
@@ -117,7 +117,7 @@ class FoxglovePublisher:
             self._changed.notify()
 
     def close(self) -> None:
-        """End the server, within 2 s. If the server is too slow, the rest of its queue is lost."""
+        """End the server within 2 s. If the server is too slow, the rest of its queue is lost."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -150,7 +150,7 @@ class FoxglovePublisher:
         raise FoxgloveServerError(host, port, rest or "it could not be started")
 
     def _send(self) -> None:
-        """Write the queue to the server's standard input, which may block; end with the queue."""
+        """Write the queue to the server's standard input, which may block. End with the queue."""
         stream = self._process.stdin
         assert stream is not None  # noqa: S101 - it is a pipe
         with contextlib.suppress(OSError, ValueError):  # the server was killed

@@ -1,4 +1,4 @@
-"""Feeds the messages of a recorded log to the live server."""
+"""Transfer of a recorded log's messages to the live server."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class LogFeed:
         tap.begin()
 
     def take(self, messages: Sequence[LogMessage]) -> None:
-        """Pass messages on."""
+        """Pass messages to the tap."""
         for begin in range(0, len(messages), _MAX_MESSAGES):
             declared: list[bytes] = []
             part = messages[begin : begin + _MAX_MESSAGES]
@@ -41,7 +41,7 @@ class LogFeed:
                 self._tap.take(b"".join(declared), chunk_record(closed), closed.messages)
 
     def _id(self, channel: LogChannel, declared: list[bytes]) -> int:
-        """Return the number of a channel, and declare a new one."""
+        """Return the number of a channel. Declare the channel if it is new."""
         key = channel.topic, channel.message_encoding, channel.schema_name
         number = self._ids.get(key)
         if number is not None:

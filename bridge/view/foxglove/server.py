@@ -2,7 +2,7 @@
 
 It reads the frames of :mod:`bridge.view.foxglove.frames` from its standard input and publishes the
 log's messages unchanged. Each topic is a channel with the encoding and the schema of the log. The
-server ends with its input. Clients can only read; all their messages are rejected.
+server ends at the end of its input. Clients can only read; all their messages are rejected.
 """
 
 from __future__ import annotations
@@ -34,22 +34,23 @@ if TYPE_CHECKING:
     from bridge.view.foxglove.frames import PipeFrame
 
 STATE_TOPICS = {"/tf_static": 8, "/map/room": 1, "/map/coverage": 1, "/planner": 1}
-"""Topics that describe a state, with the number of newest messages that a new subscriber gets at
-once. Their messages are rare."""
+"""Map of each topic that describes a state to the number of its newest messages that a new
+subscriber receives at once. Messages of these topics are rare."""
 _PARAMETER_TOPIC = "/device/parameter_value"
 _BACKLOG = 4096
-"""Maximum number of messages that the server keeps for a slow client; older ones are lost. One
-second of a full 3 Mbaud link has 10 000."""
+"""Maximum number of messages that the server stores for a slow client. Older messages are lost. One
+second of a full link at 3 Mbaud has 10 000 messages."""
 _NICE = 5
 _FLUSH_S = 0.3
-"""Time between the last message and the stop of the server, s. Clients get the message in it."""
+"""Time between the last message and the stop of the server, s. Clients receive the message in this
+time."""
 
 
 class ReadOnly(ServerListener):
-    """Listener of the server: answers about parameters, resends states, rejects changes."""
+    """Listener of the server that reports parameters, resends states and rejects changes."""
 
     def __init__(self, parameters: dict[str, Parameter], resend: Callable[[str], None]) -> None:
-        """``resend`` is called with the topic of each new subscription."""
+        """Create the listener; ``resend`` is called with the topic of each new subscription."""
         self._parameters = parameters
         self._resend = resend
         self.server: WebSocketServer | None = None
@@ -62,7 +63,7 @@ class ReadOnly(ServerListener):
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None
     ) -> list[Parameter]:
-        """Return the parameters with these names; without names, all of them."""
+        """Return the parameters with these names; without names, return all parameters."""
         del client, request_id
         known = self._parameters
         return [known[name] for name in param_names or sorted(known) if name in known]
@@ -70,7 +71,7 @@ class ReadOnly(ServerListener):
     def on_set_parameters(
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
-        """Change nothing and return the present values."""
+        """Change nothing and return the current values."""
         del client, request_id
         if self.server is not None:
             text = "parameters are read-only here; use `sweepctl param set`"
@@ -149,7 +150,7 @@ class LiveServer:
                 self._set_parameters({f"device.{parameter.name}": parameter.value})
 
     def _channel(self, declared: LogChannel) -> Channel:
-        """Return the channel of a topic; the same in every file of a run."""
+        """Return the channel of a topic. It is the same channel in every file of a run."""
         key = declared.topic, declared.message_encoding, declared.schema_name
         channel = self._channels.get(key)
         if channel is None:
@@ -165,7 +166,7 @@ class LiveServer:
         return channel
 
     def _resend(self, topic: str) -> None:
-        """Send the state of a topic again; other clients get it twice."""
+        """Send the state of a topic again. Other clients receive it twice."""
         with self._lock:
             for message in self._states.get(topic, ()):
                 self._channel(message.channel).log(message.data, log_time=message.log_ns)

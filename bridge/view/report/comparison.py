@@ -35,7 +35,7 @@ _POINTS = "Differences of shares are in percentage points: from 90 % to 91 % is 
 
 
 def figures_of(data: RunData) -> dict[str, float | None]:
-    """Return the metrics of a run that are compared."""
+    """Return a run's metrics for the comparison."""
     measured = data.coverage
     made: dict[str, float | None] = {
         "duration_s": data.figure("duration_s"),

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_LETTERS = 1000
-"""Maximum length of a text in a figure, characters. The layout of 100 000 takes a minute."""
+"""Maximum length of a text in a figure, characters. The layout of 100 000 characters takes a
+minute."""
 _DPI = 110
 
 
@@ -26,7 +27,7 @@ class PlotMissingError(BridgeError):
 
 
 def blank(width: float, height: float) -> Figure:
-    """Return an empty figure of this size in inches.
+    """Return an empty figure of this size, inches.
 
     Raises:
         PlotMissingError: matplotlib is not installed.
@@ -87,7 +88,7 @@ def nothing(axes: Axes, why: str) -> None:
 
 
 def drawn_text(text: str) -> str:
-    """Return a text that matplotlib draws literally: no TeX between dollars, valid UTF-8."""
+    """Return a text that matplotlib draws literally: valid UTF-8, with no TeX formulas."""
     if len(text) > _MAX_LETTERS:
         text = text[:_MAX_LETTERS] + "…"
     return text.encode("utf-8", "replace").decode().replace("$", r"\$")

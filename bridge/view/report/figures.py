@@ -1,4 +1,4 @@
-"""The figures of a report: room, coverage against time, power, clock and link."""
+"""Figures of a report: room, coverage over time, power, clock and link."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ROOM_REST = 1.0
 
 
 def room_ratio(data: RunData) -> float:
-    """Return height over width of the room or, if it is unknown, of the path."""
+    """Return the ratio of height to width of the room or, without a room, of the path."""
     plan = data.track.plan
     points = plan.walls if plan is not None else [(p.x_m, p.y_m) for _, p in data.track.best]
     (x0, y0), (x1, y1) = np.min(points, axis=0), np.max(points, axis=0)
@@ -42,7 +42,7 @@ def room_ratio(data: RunData) -> float:
 
 
 def room_height(data: RunData, width: float) -> float:
-    """Return the height of a figure of this width that the room fills, inches."""
+    """Return the height of a figure of this width for the room, inches."""
     low, high = _ROOM_HEIGHTS
     return min(max(width * room_ratio(data) + _ROOM_REST, low), high)
 
@@ -55,7 +55,7 @@ def draw_room(axes: Axes, data: RunData) -> None:
     draw_path(axes, data.track)
     floor_axes(axes)
     lines, _ = axes.get_legend_handles_labels()
-    # A figure legend, because a legend of the low axes of a corridor would hide the axis label.
+    # Use a figure legend, because a legend in the low axes of a corridor would hide the axis label.
     axes.figure.legend(
         handles=[*lines, *floor_legend(data.track)],
         loc="outside lower center",
@@ -91,7 +91,7 @@ def coverage_curve(data: RunData) -> tuple[list[float], list[float]]:
 
 
 def draw_coverage(axes: Axes, data: RunData, *, colour: str = BLUE, label: str = "swept") -> None:
-    """Draw the swept share of the sweepable floor against time."""
+    """Draw the swept share of the sweepable floor over time."""
     times, shares = coverage_curve(data)
     axes.plot(times, shares, color=colour, lw=1.8, label=label)
 
@@ -145,7 +145,7 @@ def draw_power(data: RunData, axes: Axes) -> None:
 
 
 def draw_clock(data: RunData, axes: Axes) -> None:
-    """Draw the error bound of the clock and the round trip."""
+    """Draw the error bound of the clock and the round-trip time."""
     times, bound, trip, _ = np.array(data.clock).T
     axes.plot(times, bound, color=BLUE, lw=1.2, label="error bound")
     axes.plot(times, trip, color=SOFT, lw=0.9, label="round trip")
@@ -169,7 +169,7 @@ def draw_link(data: RunData, axes: Axes) -> None:
 
 
 def draw_pose_error(data: RunData, axes: Axes) -> None:
-    """Draw the distance between estimate and truth."""
+    """Draw the distance between estimated and true position."""
     times, error = np.array(data.pose_error).T
     axes.plot(times, 1000.0 * error, color=OTHER, lw=1.2)
     axes.set_ylim(bottom=0)
@@ -179,11 +179,11 @@ def draw_pose_error(data: RunData, axes: Axes) -> None:
 
 
 Panel = tuple[str, str, "Callable[[RunData, Axes], None]"]
-"""Heading, note and drawing."""
+"""Heading, note and drawing function of a plot."""
 
 
 def panels(data: RunData) -> list[Panel]:
-    """Return heading, note and drawing of each plot for which the log has data."""
+    """Return heading, note and drawing function of each plot for which the log has data."""
     made: list[Panel] = []
     if len(data.power) > 1:
         note = "A charged 16 V pack drops by a few tenths of a volt while the motors run."

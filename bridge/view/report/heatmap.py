@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from bridge.view.report.run_track import RunTrack
 
 _RESOLUTION_M = 0.01
-"""Size of a cell, m, for which the coverage metrics are defined."""
+"""Size of a cell, m. The coverage metrics are defined for this size."""
 _OFTEN = 0.5
-"""Minimum share of the runs that miss a piece of floor for it to count as often missed."""
+"""Minimum share of the runs that miss a cell that counts as often missed."""
 _MIN_PIECE_CM2 = 5.0
 """Minimum area of a piece that is listed and outlined, cm²."""
 _MAX_PIECES = 20
@@ -60,9 +60,9 @@ class RoomMisses:
     plan: FloorPlan
     origin_m: tuple[float, float]
     reached: NDArray[np.int32]
-    """Number of runs per cell whose robot could sweep it (rows along y)."""
+    """Number of runs per cell whose robot could sweep the cell (rows along y)."""
     missed: NDArray[np.int32]
-    """Number of these runs per cell that did not sweep it."""
+    """Number of these runs per cell that did not sweep the cell."""
     shares: list[float] = field(default_factory=list)
     """Coverage of each run (``mouth_sweepable``, 0 to 1)."""
 
@@ -73,7 +73,7 @@ class RoomMisses:
 
     @property
     def missed_share(self) -> NDArray[np.float64]:
-        """Share of the runs per cell that missed it; NaN where no robot could sweep."""
+        """Share of the runs per cell that missed the cell; NaN where no robot could sweep."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self.missed / np.where(self.reached, self.reached, np.nan))
 

@@ -52,7 +52,7 @@ footer { color: var(--soft); font-size: .85em; max-width: 66rem; margin: 0 auto 
 """
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?( %)?$|-$|$")
 _LONG = 28
-"""Longest text that a table cell shows on one line, characters. A longer text wraps."""
+"""Maximum length of a text that a table cell shows on one line, characters. A longer text wraps."""
 _SEVERITIES = {"debug", "info", "warning", "error"}
 
 

@@ -53,7 +53,7 @@ def draw_run(log: Path, png: Path) -> Path:
         frameon=False,
         fontsize=9,
     )
-    write(png, as_png(figure, dpi=120))  # a PNG, whatever the file's suffix is
+    write(png, as_png(figure, dpi=120))  # always a PNG, for any suffix of the file
     return png
 
 
@@ -62,9 +62,9 @@ def draw_floor(
     track: RunTrack,
     measured: tuple[CoverageMeter, CoverageReport] | None = None,
 ) -> None:
-    """Draw swept and missed floor and the room's marks; nothing for an unknown room.
+    """Draw swept and missed floor and the room's marks; draw nothing for an unknown room.
 
-    ``measured`` is the run's coverage if the caller has it already.
+    ``measured`` is the run's coverage if the caller has already computed it.
     """
     from matplotlib.colors import ListedColormap  # noqa: PLC0415 - an extra
 

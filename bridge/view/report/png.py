@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 _WIDTH, _HEIGHT = 14.0, 10.0
 _HEAD = 0.16
-"""Share of the height for the title and the summary."""
+"""Share of the picture's height for the title and the summary."""
 _BAND = 0.55
-"""Maximum ratio of height to width at which a room is drawn across the whole sheet."""
+"""Maximum ratio of a room's height to its width for a drawing over the whole width."""
 _LETTERS = 165
 
 
 def picture(data: RunData, found: list[Hole]) -> bytes:
-    """Draw room, curve and health side by side; return the PNG.
+    """Draw the room, the coverage curve and the other plots side by side; return the PNG.
 
     Raises:
         PlotMissingError: matplotlib is not installed.

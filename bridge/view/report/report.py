@@ -47,7 +47,7 @@ def write_report(
     data = load_run(log)
     found = rows.holes(data)
     if out is not None:
-        # Replacement characters stand for parts of a name that are not valid UTF-8.
+        # Parts of a name that are not valid UTF-8 become replacement characters.
         write(out, render(data, found).encode(errors="replace"))
     if png is not None:
         write(png, picture(data, found))

@@ -1,4 +1,4 @@
-"""Reads the data for a run's report from its log."""
+"""Reader of the data for a run's report in its log."""
 
 from __future__ import annotations
 
@@ -28,19 +28,18 @@ if TYPE_CHECKING:
 
 _NS = 1e9
 _GAP_PERIODS = 3.0
-"""Minimum length of a gap, periods. It is three, because one lost frame is normal on a real
-link."""
+"""Minimum length of a gap, in periods of the message. It is three, because one lost frame is normal
+on a real link."""
 _RESOLUTION_M = 0.005
 """Cell size of the coverage, m."""
 _LARGEST = 1e15
-"""Limit of a value that is drawn; axes cannot show larger values. The comparison also rejects
-NaN."""
+"""Maximum value that is drawn. Axes cannot show larger values. The comparison also rejects NaN."""
 _MAX_FRAMES = 1 << 32
-"""Maximum number of damaged frames in one event: more than in an hour at 3 Mbaud."""
+"""Maximum number of damaged frames in one event. It is more than an hour at 3 Mbaud can contain."""
 _MAX_SECONDS = 1_000_000
-"""Maximum length of a log with one row for each second, s: eleven days."""
+"""Maximum length of a log with one row for each second, s. It is eleven days."""
 _LEVELS = {3: "warning", 4: "error", 5: "error"}
-"""Severities of the log lines that are shown as events, by the level of ``foxglove.Log``."""
+"""Map of a log line's level in ``foxglove.Log`` to its severity as an event."""
 
 
 @dataclass(slots=True)
@@ -49,7 +48,7 @@ class MessageStream:
 
     name: str
     asked_hz: float
-    """Default rate from the catalogue."""
+    """Default rate from the catalogue, Hz."""
     count: int = 0
     first_ns: int = 0
     last_ns: int = 0
@@ -59,12 +58,12 @@ class MessageStream:
 
     @property
     def rate_hz(self) -> float | None:
-        """Mean rate between the first and the last message."""
+        """Mean rate between the first and the last message, Hz."""
         span_s = (self.last_ns - self.first_ns) / _NS
         return (self.count - 1) / span_s if self.count > 1 and span_s > 0 else None
 
     def add(self, log_ns: int) -> None:
-        """Take one message."""
+        """Add one message."""
         if self.count:
             pause_s = (log_ns - self.last_ns) / _NS
             self.longest_s = max(self.longest_s, pause_s)
@@ -95,8 +94,8 @@ class RunData:
     track: RunTrack
     meter: CoverageMeter | None
     coverage: CoverageReport | None
-    """Coverage by the true path, or by the estimate if the truth is unknown; None: no room or
-    path."""
+    """Coverage by the true path, or by the estimated path if the true path is unknown; None: there
+    is no room or no path."""
     metadata: dict[str, str]
     whole: bool
     problems: list[str]
@@ -105,13 +104,13 @@ class RunData:
     end_ns: int = 0
     streams: dict[str, MessageStream] = field(default_factory=dict)
     power: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """Time, battery (V), left and right motor (A)."""
+    """Time, battery voltage (V), current of the left and of the right motor (A)."""
     clock: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """Time, bound (ms), round trip (ms), drift (ppm)."""
+    """Time, error bound (ms), round-trip time (ms), drift (ppm)."""
     link: list[tuple[float, int, int]] = field(default_factory=list)
-    """Second, and numbers of received and lost frames in it."""
+    """Second of the run, and numbers of received and of lost frames in this second."""
     pose_error: list[tuple[float, float]] = field(default_factory=list)
-    """Time, distance between estimate and truth (m)."""
+    """Time, distance between estimated and true position (m)."""
     happenings: list[LoggedEvent] = field(default_factory=list)
     damaged: int = 0
     """Number of damaged frames."""
@@ -180,7 +179,7 @@ def load_run(path: Path) -> RunData:
 
 
 def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
-    """Return start and end of the drive on the track's clock; infinite if not recorded."""
+    """Return the start and end of the drive on the track's clock; infinite: not recorded."""
     begin_s, end_s = -math.inf, math.inf
     for message in reader.messages({"/events"}):
         try:
@@ -197,7 +196,7 @@ def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
 
 
 def _phase(event: Any) -> object:  # noqa: ANN401 - decoded
-    """Return the phase in a run's event; in logs of version 0.1 it is the last word of the text.
+    """Return the phase in a run's event. In logs of version 0.1 it is the last word of the text.
 
     Raises:
         ValueError: the data is not JSON; the event comes from another program.
@@ -236,7 +235,7 @@ class _Gatherer:
         self.topics = _Wanted()
 
     def take(self, message: LogMessage) -> None:
-        """Take one message; skip it if it cannot be decoded."""
+        """Handle one message; skip it if it cannot be decoded."""
         data, topic, log_ns = self._data, message.channel.topic, message.log_ns
         if log_ns > LATEST_NS:
             return
@@ -300,7 +299,7 @@ class _Gatherer:
         self._data.happenings.append(LoggedEvent(time_s, severity, "device", kind, text))
 
     def finish(self) -> None:
-        """Compute the row of each second, and remove events that the host has recorded as well."""
+        """Compute the row of each second, and remove events that the host has also recorded."""
         data = self._data
         self._lost[self._second] += self._losses.update()
         seen = {(happening.source, happening.kind) for happening in data.happenings}
@@ -309,7 +308,7 @@ class _Gatherer:
             double = {("device", "stop"), ("device", "new fault")}
         data.happenings = [h for h in data.happenings if (h.source, h.kind) not in double]
         last = max(self._seconds, default=-1)
-        # A damaged stamp may be years away: then only seconds with frames get a row.
+        # A damaged stamp may be years later. Then only seconds with frames have a row.
         seconds = range(last + 1) if last < _MAX_SECONDS else sorted(self._seconds)
         self._data.link = [(float(s), self._seconds[s], self._lost[s]) for s in seconds]
 

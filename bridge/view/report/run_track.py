@@ -1,4 +1,4 @@
-"""Reads the track of a run from its log: room, robot, poses and summary."""
+"""Reader of a run's track in its log: room, robot, poses and summary."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def load_track(path: Path) -> RunTrack:
 def _poses(
     messages: Iterable[LogMessage],
 ) -> tuple[int, list[tuple[float, Pose2]], list[tuple[float, Pose2]]]:
-    """Return both tracks and the Unix time of the first pose; times count from that pose."""
+    """Return both tracks and the Unix time of the first pose; times are relative to this pose."""
     raw: dict[str, list[tuple[int, Pose2]]] = {TRUTH_TOPIC: [], POSE_TOPIC: []}
     for message in messages:
         try:

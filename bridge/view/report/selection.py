@@ -1,4 +1,4 @@
-"""Comparison of many runs: groups of a selection in one table, and as distributions."""
+"""Comparison of many runs by groups, in one table and as distributions."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Row = dict[str, Any]
-"""A run's values by the columns of the library."""
+"""A run's values by the library's column names."""
 _NONE = "(none)"
 _MAX_ROWS = 500
 """Maximum number of runs that a page lists. The table of groups covers all runs."""
 _MAX_GROUPS = 40
 """Maximum number of groups that a picture can show."""
 _JITTER = 0.16
-"""Half width over which the points of a group are spread, relative to the group spacing."""
+"""Half of the width over which a group's points are spread, relative to the group spacing."""
 
 
 class ComparedColumn(NamedTuple):
@@ -52,7 +52,7 @@ _DRAWN = MEASURES[:4]
 
 
 class Group(NamedTuple):
-    """The runs with the same value in the column of the grouping."""
+    """The runs with equal values in the column by which they are grouped."""
 
     name: str
     rows: list[Row]
@@ -191,7 +191,7 @@ def _draw(axes: Axes, groups: Sequence[Group], measure: ComparedColumn) -> None:
         values = group.values(measure)
         if not values:
             continue
-        # Spread evenly, not at random: equal runs give an equal picture.
+        # The spread is regular, not random, so that equal runs give equal pictures.
         steps = [_JITTER * (2 * ((i * 7919) % 101) / 100 - 1) for i in range(len(values))]
         spots = [place + step for step in steps]
         axes.plot(values, spots, "o", ms=4.5, mfc=BLUE, mec="white", mew=0.5, alpha=0.75)

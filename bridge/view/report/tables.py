@@ -20,10 +20,10 @@ PAPER_SHARES = {
     "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
     "comprehensive": (0.9461, "section 5.3"),
 }
-"""The paper's coverage and its source. Eq. 9 is the area under the footprint over the free
-floor."""
+"""The paper's coverage and its source. The paper's eq. 9 divides the area that the footprint has
+covered by the free floor's area."""
 _HOLES = 8
-"""Maximum number of unswept pieces in the table."""
+"""Maximum number of unswept pieces of floor in the table."""
 _MIN_HOLE_CM2 = 1.0
 """Minimum area of an unswept piece in the table, cm²."""
 _MAX_EVENTS = 200
@@ -183,7 +183,7 @@ def event_rows(data: RunData) -> Rows:
 
 
 def _shown(data: RunData) -> list[LoggedEvent]:
-    """Return all events or, if there are too many, the most severe ones."""
+    """Return all events or, if there are too many, the most severe events."""
     happenings = data.happenings
     if len(happenings) <= _MAX_EVENTS:
         return happenings

@@ -1,4 +1,4 @@
-"""The text of a report: title, summary in sentences, and the highlighted values."""
+"""Text of a report: title, summary in sentences, and highlighted values."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def title(data: RunData) -> str:
 
 
 def when(data: RunData) -> str:
-    """Return date and time of the start, UTC. In a simulation they have no meaning."""
+    """Return date and time of the start, UTC. For a simulation they have no meaning."""
     if not data.start_ns:
         return "an empty log"
     if data.metadata.get("port") == VIRTUAL_PORT:
@@ -76,7 +76,7 @@ def summary_sentences(data: RunData) -> list[str]:
             f"always at its top speed of {data.track.model.max_speed_m_s:.2f} m/s, and without "
             "sweeping any floor twice."
         )
-        if share >= _FAIR:  # a stopped run has a small ratio for another reason
+        if share >= _FAIR:  # the ratio of a stopped run is misleading
             lines.append(
                 f"The reference time, lanes at cruise speed without turns or overlap, is "
                 f"{_minutes(report.reference_time_s)}. The run took {report.time_ratio:.2f} times "

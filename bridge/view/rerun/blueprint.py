@@ -1,4 +1,4 @@
-"""The layout of the viewer: the room, the events, and plots beside them."""
+"""Layout of the viewer: the room, the events, and plots beside them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ _DEFAULT_BOUNDS = (-2.0, -2.0, 2.0, 2.0)
 _VIEW_HEIGHT = 1.05
 """Camera height relative to the size of the room, with a margin around it."""
 _NEWEST_S = 60.0
-"""Time for which a path, a lane and the true path stay in full colour, s: 12 m at 0.2 m/s."""
+"""Time for which a path, a lane and the true path have their full colour, s. In this time the robot
+drives 12 m at 0.2 m/s."""
 _LIVE_S = 60.0
 """Time span of the plots during a live run, s."""
 
@@ -27,7 +28,7 @@ _LIVE_S = 60.0
 def blueprint(plan: FloorPlan | None, duration_s: float | None) -> rrb.Blueprint:
     """Return the layout for one run, with the whole room and the whole duration.
 
-    For ``duration_s`` None, the run is live and the plots show the last minute.
+    If ``duration_s`` is None, the run is live and the plots show the last minute.
     """
     if duration_s is None:
         start = rr.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_S)
@@ -114,12 +115,12 @@ def _room(plan: FloorPlan | None) -> rrb.Spatial3DView:
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            # Slightly off the vertical: straight down leaves the direction of "up" undefined.
+            # Slightly off the vertical, because a vertical view has no defined direction of "up".
             position=(centre[0], centre[1] - 1e-3 * size, _VIEW_HEIGHT * size),
             look_target=(centre[0], centre[1], 0.0),
             eye_up=(0.0, 1.0, 0.0),
         ),
-        # The whole path of a long run in full colour is unreadable: highlight the last minute.
+        # The whole path of a long run in full colour is unreadable, so only the last minute has it.
         overrides={
             **dict.fromkeys((paths.WHOLE_PATH, paths.OCCLUDED), so_far),
             **dict.fromkeys((paths.PATH, paths.TRUTH_PATH, paths.LANES), newest),

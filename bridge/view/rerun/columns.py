@@ -1,6 +1,7 @@
-"""Collectors that send a log's values to Rerun in columns, a thousand times faster than in rows.
+"""Collectors that send a log's values to Rerun in columns.
 
-A collector discards the values that it has sent, so it also works for a live run.
+Columns are a thousand times faster than rows. A collector discards the values that it has sent, so
+it also works for a live run.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class RerunRecording:
         colour: paths.Colour,
         width: float,
     ) -> None:
-        """Send line strips, each visible from its time on; the width is in points."""
+        """Send line strips. Each strip becomes visible at its time; the width is in points."""
         radii = rr.Radius.ui_points(width)
         self.style(entity, rr.LineStrips3D.from_fields(colors=colour, radii=radii))
         self.send(entity, times_ns, rr.LineStrips3D.columns(strips=strips))
@@ -108,7 +109,7 @@ class States:
         self._last: str | None = None
 
     def add(self, time_ns: int, state: str) -> None:
-        """Add the state if it differs from the previous one."""
+        """Add the state if it differs from the previous state."""
         if self._last != state:
             self._last = state
             self._times.append(time_ns)
@@ -153,7 +154,7 @@ class Document:
         self._texts: list[str] = []
 
     def add(self, time_ns: int, text: str) -> None:
-        """Add the text that is valid from this time on."""
+        """Add a text that is shown from this time on."""
         self._times.append(time_ns)
         self._texts.append(text)
 

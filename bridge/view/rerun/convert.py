@@ -1,4 +1,4 @@
-"""A recorded run as a Rerun recording."""
+"""Conversion of a recorded run to a Rerun recording."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 _SECOND_NS = 1_000_000_000
 _LONGEST_GAP_NS = 86_400 * _SECOND_NS
-"""Maximum pause that is filled with one point per second, ns: a day."""
+"""Maximum pause that is filled with one point per second, ns. It is a day."""
 _LOG_LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
-"""Severities by the level of ``foxglove.Log``."""
+"""Map of a level in ``foxglove.Log`` to the severity in Rerun."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,5 +265,5 @@ class _LinkHealth:
         self._losses.add(message.sequence)
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         self._series.send(recording)

@@ -1,8 +1,8 @@
-"""Feeds Rerun with a log, while it is written or at the speed of the recording.
+"""Transfer of a log to Rerun, during its recording or later at its recorded speed.
 
-During a live run it is a separate process (``python -m bridge.view.rerun.feeder``) that only reads
-the log's file. So a slow, frozen or closed viewer delays only this process. The file is the buffer:
-delayed data is shown later.
+During a live run, this module is a separate process (``python -m bridge.view.rerun.feeder``) that
+only reads the log's file. So a slow, frozen or closed viewer delays only this process. The file is
+the buffer, so delayed data are shown later.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ _MEMORY = "1GB"
 _NICE = 10
 """Nice value of this process and the viewer, because driving has priority over drawing."""
 _BATCH = 5_000
-"""Number of messages converted at a time. There may be many after a frozen viewer."""
+"""Maximum number of messages in one conversion. Many messages may wait after the viewer was
+frozen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,17 +58,17 @@ class FeedOptions:
     follow: bool = False
     """True if the log is still being written."""
     speed: float | None = None
-    """Seconds of the log for each second; None: as fast as possible."""
+    """Seconds of the log for each second of real time; None: as fast as possible."""
     start_s: float = 0.0
     end_s: float | None = None
     serve: bool = False
-    """Serve a browser on this machine instead of opening a window."""
+    """True to serve a browser on this machine instead of opening a window."""
     headless: bool = False
-    """Render off screen, for tests."""
+    """True to render off screen, for tests."""
     address_file: Path | None = None
     """File for the viewer's address, written after the start."""
     report: Callable[[str], None] = lambda _text: None
-    """Called with the address for a browser."""
+    """Function that is called with the address for a browser."""
 
 
 class Viewer:
@@ -223,7 +224,7 @@ class _Feed:
 
 
 def _write_address(path: Path, viewer: Viewer) -> None:
-    """Write the addresses to a temporary file and rename it, so that no reader sees a part."""
+    """Write the addresses to a temporary file and rename it, so that no reader reads a part."""
     part = path.with_suffix(".part")
     part.write_text(f"{viewer.address}\n{viewer.page}\n{viewer.process.pid}\n", encoding="ascii")
     part.replace(path)

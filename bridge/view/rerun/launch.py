@@ -1,4 +1,4 @@
-"""Starts Rerun for a recorded run, in a separate process."""
+"""Start of Rerun for a recorded run, in a separate process."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ APPLICATION = "sweepctl"
 _LOOPBACK = "127.0.0.1"
 _INSTEAD = ", --save FILE.rrd writes a Rerun file, --png or --screenshot FILE.png a picture"
 _NO_PROXY_THERE = "http://127.0.0.1:9"
-"""Proxy address that never answers: the port of the discard service on this machine."""
+"""Proxy address that never answers. It is the port of the discard service on this machine."""
 _DIRECT = "127.0.0.1,localhost,::1"
 """Hosts that need no proxy, because the viewer receives its data from them."""
 _INTERRUPTED = {-2, 130}
-"""Exit statuses after Ctrl-C, the usual end of a viewer in the foreground."""
+"""Exit statuses after Ctrl-C, which is the usual end of a viewer in the foreground."""
 
 
 def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False) -> LogReader:
     """Show a run, or save it as a Rerun file. Return the log's reader, which reports damage.
 
-    The viewer reads a Rerun file written beforehand, so it cannot affect the log. The function
-    returns when the window is closed, or on Ctrl-C.
+    The run is first converted to a Rerun file. The viewer reads this file, so it cannot change the
+    log. The function returns when the window is closed, or on Ctrl-C.
 
     Args:
         path: the run's MCAP file.
-        save: write a Rerun file (``.rrd``) here, blueprint included, and open nothing.
+        save: write a Rerun file (``.rrd``) with the blueprint to this path, and open nothing.
         serve_web: serve the viewer to a browser on this machine instead of opening a window.
 
     Raises:
         ViewerMissingError: Rerun is not installed.
         LogReadError: the log cannot be read.
         LogWriteError: ``save`` cannot be written.
-        NoDisplayError: a window is wanted and there is no display.
+        NoDisplayError: a window was requested and there is no display.
         ViewerFailedError: the viewer did not start.
 
     """
@@ -111,7 +111,7 @@ def viewer_command(file: Path, *, serve_web: bool) -> list[str]:
 
 
 def viewer_program() -> Path:
-    """Return the path of the viewer. Its Python wrapper would hide the exit status."""
+    """Return the path of the viewer's program. The Python wrapper would hide its exit status."""
     spec = importlib.util.find_spec("rerun_cli")
     if spec is not None and spec.origin is not None:
         folder = Path(spec.origin).parent
@@ -125,8 +125,9 @@ def viewer_environment(log_level: str) -> dict[str, str]:
     """Return the viewer's environment: plain log lines, and no request to other machines.
 
     Rerun sends usage reports unless the user's settings or the variable ``CI`` disable them. This
-    function sets ``CI`` and does not change the settings. The window also looks up the newest
-    release of Rerun. No setting disables this, but a proxy that never answers does.
+    function sets ``CI`` and does not change the settings. The window also requests the number of
+    Rerun's newest release from a server. No setting disables this request, so the environment has a
+    proxy that never answers.
     """
     environment = {"RUST_LOG": log_level, **os.environ}
     environment |= {"RERUN_APP_ONLY": "true", "NO_COLOR": "1", "CI": "1"}
@@ -140,7 +141,7 @@ def viewer_environment(log_level: str) -> dict[str, str]:
 
 
 def has_display() -> bool:
-    """Return True if a window can be opened. Only on Linux is this known in advance."""
+    """Return True if a window can be opened. Only Linux can check this in advance."""
     return sys.platform != "linux" or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     )
@@ -149,7 +150,7 @@ def has_display() -> bool:
 def _run_viewer(command: Sequence[str]) -> None:
     # Only the last lines of the viewer's output matter, and only if it fails.
     environment = viewer_environment("warn")
-    with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours
+    with subprocess.Popen(  # noqa: S603 - the installed viewer, and our own file
         command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace"
     ) as viewer:
         error = ""

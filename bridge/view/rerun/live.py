@@ -19,7 +19,7 @@ _POLL_S = 0.05
 
 
 class LiveViewer:
-    """Shows a log in Rerun while it is written. The viewer cannot affect the run.
+    """Shows a log in Rerun during its recording. The viewer cannot affect the run.
 
     The run's process starts the viewer's process, closes a pipe at the end and never waits for it.
     """
@@ -29,7 +29,7 @@ class LiveViewer:
 
         Raises:
             ViewerMissingError: Rerun is not installed.
-            NoDisplayError: a window is wanted and there is no display.
+            NoDisplayError: a window was requested and there is no display.
 
         """
         check(serve=serve or headless)
@@ -60,7 +60,7 @@ class LiveViewer:
         """Wait until the viewer has started.
 
         Raises:
-            ViewerFailedError: it did not start.
+            ViewerFailedError: the viewer did not start.
 
         """
         for _ in range(round(_START_S / _POLL_S)):
@@ -75,7 +75,7 @@ class LiveViewer:
         raise ViewerFailedError(1, "it did not start")
 
     def close(self) -> None:
-        """Notify the process that the run has ended. A window stays open, a server ends."""
+        """Notify the process that the run has ended. A window stays open, but a server ends."""
         if self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
@@ -92,7 +92,7 @@ def check(*, serve: bool) -> None:
 
     Raises:
         ViewerMissingError: Rerun is not installed.
-        NoDisplayError: a window is wanted and there is no display.
+        NoDisplayError: a window was requested and there is no display.
 
     """
     if importlib.util.find_spec("rerun") is None:

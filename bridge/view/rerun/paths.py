@@ -33,7 +33,8 @@ GREEN: Colour = (80, 200, 120)
 RED: Colour = (240, 90, 90)
 VIOLET: Colour = (190, 130, 255)
 FAINT: Colour = (62, 104, 122)
-"""Colour of the path older than a minute: visible on swept floor, but not brighter."""
+"""Colour of the path older than a minute. It is visible on swept floor, but not brighter than the
+floor."""
 MAGENTA: Colour = (200, 110, 190)
 YELLOW: Colour = (240, 200, 60)
 GREY: Colour = (150, 150, 150)

@@ -1,4 +1,4 @@
-"""Draws the planner's lanes and occluded regions, and the uncertainty of the pose."""
+"""Drawing of the planner's lanes and occluded regions, and of the pose's uncertainty."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _Z_LANE, _Z_OCCLUSION, _Z_COVARIANCE = 0.007, 0.005, 0.013
 _SIGMAS = 2.0
-"""Size of the covariance ellipse, standard deviations."""
+"""Size of the covariance ellipse, in standard deviations."""
 _ELLIPSE_PERIOD_NS = 200_000_000
 """Minimum time between two drawn ellipses, ns."""
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 33)
@@ -34,7 +34,7 @@ Strip = list[list[float]]
 
 
 class Strips:
-    """Line strips, each visible from its own time on."""
+    """Line strips; each strip becomes visible at its own time."""
 
     def __init__(self, entity: str, colour: paths.Colour, width: float) -> None:
         self._entity, self._colour, self._width = entity, colour, width
@@ -63,7 +63,7 @@ class Lanes:
         self._begun: Pose | None = None
 
     def state(self, time_ns: int, name: str, pose: Pose | None) -> None:
-        """Take a change of the planner's state."""
+        """Handle a change of the planner's state."""
         if self._begun is not None and pose is not None:
             (x0, y0, _), (x1, y1, _) = self._begun, pose
             self._strips.add(time_ns, [[x0, y0, _Z_LANE], [x1, y1, _Z_LANE]])
@@ -75,10 +75,11 @@ class Lanes:
 
 
 class OcclusionStrips:
-    """Occluded regions: the floor beyond a lane that an obstacle ended early.
+    """Occluded regions: the floor behind an obstacle that ended a lane early.
 
-    A lane ended early if it stops more than the robot's diameter before the farthest end of all
-    lanes in that direction (the paper's case 2). The occluded region extends to that end.
+    A lane has ended early if its end is more than the robot's diameter before the farthest end of
+    all lanes in its direction (the paper's case 2). The occluded region extends to the farthest
+    end.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -87,10 +88,10 @@ class OcclusionStrips:
         self._axis: tuple[float, float] | None = None
         """Direction of the first lane."""
         self._min_m, self._max_m = math.inf, -math.inf
-        """Extent of all lanes along this direction, m."""
+        """Extent of all lanes along the first lane's direction, m."""
 
     def lane(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
-        """Take the planner's event for a lane that has ended at this pose."""
+        """Handle the planner's event for a lane that has ended at this pose."""
         try:
             length_m = float(json.loads(data_json)["distance_m"])
         except MISREAD:
@@ -113,7 +114,7 @@ class OcclusionStrips:
             self._draw(time_ns, pose, hidden_m)
 
     def report(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
-        """Take an occluded region from the planner's own event, along the driving direction."""
+        """Draw an occluded region from the planner's own event, along the driving direction."""
         try:
             data = json.loads(data_json)
             x_m, y_m = float(data["x_m"]), float(data["y_m"])
@@ -149,7 +150,7 @@ class Covariance:
         self._next_ns = 0
 
     def add(self, time_ns: int, estimate: Any) -> None:  # noqa: ANN401 - decoded
-        """Take an estimate; at most five ellipses a second are drawn."""
+        """Add an estimate. At most five ellipses per second are drawn."""
         if time_ns < self._next_ns:
             return
         self._next_ns = time_ns + _ELLIPSE_PERIOD_NS
@@ -165,12 +166,12 @@ class Covariance:
         )
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         self._strips.send(recording)
 
 
 def describe(state: Any) -> str:  # noqa: ANN401 - decoded
-    """Return the planner's state as Markdown; for the paper's planner, with its variables."""
+    """Return the planner's state as Markdown. The paper's planner also has its variables."""
     target = "none"
     if state.HasField("target_x_m"):
         target = f"({state.target_x_m:.2f}, {state.target_y_m:.2f}) m"

@@ -1,4 +1,4 @@
-"""Draws the room from above: walls, swept floor, paths and the robot."""
+"""Drawing of the room from above: walls, swept floor, paths and the robot."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ _PATH_STEP_M = 0.01
 _MAX_MAP_BYTES = 48 * 1024 * 1024
 """Memory limit of the maps, bytes. Above it, every second map is discarded."""
 
-# Heights that keep the layers in their order; the camera looks down from far above.
+# Heights of the layers, m. They define which layer hides another; the camera is far above.
 _Z_SWEPT, _Z_WHOLE, _Z_WALL, _Z_TRUTH, _Z_PATH, _Z_ROBOT = 0.002, 0.004, 0.006, 0.008, 0.010, 0.014
 
 _RGBA = 4
 _FLOOR, _BLOCK = (46, 50, 58, 255), (120, 108, 96, 255)
 _SWEPT = (64, 170, 110, 150)
 _OPACITY = 0.999
-"""Opacity of the swept map. It is below 1, because Rerun would draw clear cells black. The room is
-opaque: of several transparent maps, Rerun draws the one with the nearest centre last."""
+"""Opacity of the swept map. It is below 1, because with 1 Rerun draws transparent cells black. The
+map of the room is opaque, because Rerun draws several transparent maps in the order of their
+centres' distances, the nearest last."""
 _OCCUPIED = 50
-"""Minimum value of an occupied cell, of 100 (nav_msgs). Lower values are free floor or, in the
+"""Minimum value of an occupied cell, in 0 to 100 (nav_msgs). Lower values are free floor or, in the
 swept map, swept floor."""
 
 
@@ -63,7 +64,7 @@ def _label(
     colour: paths.Colour,
     strips: list[list[list[float]]],
 ) -> None:
-    """Draw lines with a label at the first of them."""
+    """Draw lines with a label at the first line."""
     if strips:
         recording.log_static(
             entity,
@@ -135,7 +136,7 @@ def path_track() -> Track:
 
 
 def whole_track() -> Track:
-    """Return the whole estimated path, drawn faintly below its last minute."""
+    """Return the whole estimated path. It is drawn in a faint colour below its last minute."""
     return Track(paths.WHOLE_PATH, paths.FAINT, _Z_WHOLE, 0.6)
 
 
@@ -157,7 +158,7 @@ class Motion:
         self._poses.append((x_m, y_m, theta_rad))
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         poses = np.array(self._poses, dtype=np.float64)
@@ -172,7 +173,7 @@ class Motion:
 
 
 class Ray:
-    """Ray of one range sensor, in the robot's frame; nothing without an echo."""
+    """Ray of one range sensor, in the robot's frame; without an echo there is no ray."""
 
     def __init__(self, name: str, mount: RangerMount, colour: paths.Colour) -> None:
         self._entity = f"{paths.ROBOT}/range_{name}"
@@ -191,7 +192,7 @@ class Ray:
             self._rays.append([[x_m, y_m, _Z_ROBOT], end])
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         recording.style(
@@ -220,7 +221,7 @@ class TargetPoint:
             self._points.append([*point, _Z_ROBOT])
 
     def send(self, recording: RerunRecording) -> None:
-        """Send what was collected, if anything."""
+        """Send the collected values, if any."""
         if not self._times:
             return
         recording.style(
@@ -245,7 +246,7 @@ class Maps:
         self._stride = self._seen = 1
 
     def add(self, time_ns: int, data: bytes) -> None:
-        """Keep a ``nav_msgs/OccupancyGrid``; beyond the memory limit, every second one."""
+        """Store a ``nav_msgs/OccupancyGrid``. Above the memory limit, discard every second map."""
         self._latest = parse_occupancy_grid(time_ns, data)
         self._seen += 1
         if self._seen % self._stride:
@@ -258,13 +259,14 @@ class Maps:
             self._stride *= 2
 
     def send(self, recording: RerunRecording) -> None:
-        """Send the maps that were kept, and always the last one."""
+        """Send the stored maps, and always the last map."""
         if self._latest is not None and (not self._grids or self._grids[-1] is not self._latest):
             self._grids.append(self._latest)
         stream = recording.stream
         for grid in self._grids:
             rows, columns = grid.cells.shape
-            # Rerun places an image's last row at the origin, an occupancy grid its first.
+            # Rerun places an image's last row at the origin, but an occupancy grid's first row is
+            # there.
             image = self._paint(grid.cells[::-1])
             map_ = rr.GridMap(
                 data=image.tobytes(),
@@ -285,7 +287,10 @@ class Maps:
     def _paint(
         self, cells: np.ndarray[Any, np.dtype[np.int8]]
     ) -> np.ndarray[Any, np.dtype[np.uint8]]:
-        """Return the colours of the cells; unknown cells are clear, or have the background."""
+        """Return the colours of the cells.
+
+        Unknown cells are transparent or have the background colour.
+        """
         image = np.zeros((*cells.shape, _RGBA), dtype=np.uint8)
         if not self._swept:
             image[:] = (*paths.BACKGROUND, 255)

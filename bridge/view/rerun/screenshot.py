@@ -1,4 +1,4 @@
-"""A picture of the viewer without a display: Rerun renders off screen."""
+"""Picture of the viewer without a display, by off-screen rendering in Rerun."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ TRIES = 40
 
 
 def save_screenshot(path: Path, png: Path) -> LogReader:
-    """Draw a log as the viewer shows it. A graphics driver is needed; software rendering works.
+    """Save a picture of a log in the viewer. It needs a graphics driver, for example in software.
 
     Raises:
         ViewerMissingError: Rerun is not installed.
         LogReadError: the log cannot be read.
         LogWriteError: the picture cannot be written.
-        ViewerFailedError: the viewer has no graphics driver, or its picture kept changing.
+        ViewerFailedError: the viewer has no graphics driver, or its picture did not become stable.
 
     """
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
@@ -76,7 +76,7 @@ def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
 
 
 def take_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
-    """Take pictures until two in a row are equal, because then all data is loaded and drawn."""
+    """Save pictures until two consecutive pictures are equal. Then all data is loaded and drawn."""
     last = b""
     for _ in range(TRIES):
         try:

@@ -1,1 +1,1 @@
-"""Pictures of the initial conditions of a run: the robot and the room."""
+"""Pictures of a run's initial conditions: robot and room."""

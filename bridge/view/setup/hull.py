@@ -1,6 +1,6 @@
-"""Arcs of the hull at which the range sensors measure an object in contact.
+"""Arcs of the hull where the range sensors measure an object in contact.
 
-There are also arcs at which the object is too near to be measured.
+It also computes the arcs where the object is too near for a measurement.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount, RobotModel
 
 _STEPS = 1440
-"""Number of bearings: one each quarter of a degree."""
+"""Number of bearings. They are a quarter of a degree apart."""
 _BEAM_RAD = math.radians(1.0)
-"""Minimum half-angle of a sensor's cone, rad. An infrared beam has a cone of 0°, but its spot has a
-width."""
+"""Minimum half-angle of a sensor's cone, rad. An infrared sensor has a cone of 0°, but its beam has
+a width."""
 
 
 class Arc(NamedTuple):
@@ -35,11 +35,11 @@ class HullView(NamedTuple):
 
     measured: list[Arc]
     too_near: list[Arc]
-    """Inside a sensor's cone, but nearer than its minimum range."""
+    """Arcs inside a sensor's cone, but nearer than its minimum range."""
 
 
 def hull_view(model: RobotModel) -> HullView:
-    """Return the arcs of the hull where an object in contact is measured, or is too near for it."""
+    """Return the arcs where an object in contact is measured, and where it is too near for that."""
     measured, too_near = [False] * _STEPS, [False] * _STEPS
     for step in range(_STEPS):
         bearing = 2.0 * math.pi * step / _STEPS
@@ -69,7 +69,10 @@ def _range_in_cone(mount: RangerMount, x_m: float, y_m: float) -> float | None:
 
 
 def _arcs(marks: list[bool]) -> list[Arc]:
-    """Return the runs of marked steps around the circle. A run across the first step is one arc."""
+    """Return the arcs of marked steps on the circle.
+
+    Marked steps on both sides of step 0 are one arc.
+    """
     width = 2.0 * math.pi / len(marks)
     if all(marks):
         return [Arc(0.0, 2.0 * math.pi)]

@@ -1,4 +1,4 @@
-"""A robot as a picture: footprint, mouth, wheels, sensors with their cones, blind places."""
+"""Picture of a robot: footprint, mouth, wheels, sensors with their cones, blind arcs."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount, RobotModel
 
 _VIEW = 2.4
-"""Half the side of the picture, in radii of the footprint. Short infrared ranges fit in."""
+"""Half of the picture's side, in radii of the footprint. It shows short infrared ranges
+completely."""
 _FOOTPRINT, _RIM, _MOUTH, _WHEEL = "#eef1f4", "#8a929c", "#2f9e6e", "#30343b"
 _CONE, _NEAR, _SEEN = "#1f6fb2", "#c0392b", "#1f6fb2"
 _RIM_POINTS = 200
-"""Corners of a drawn piece of the hull."""
+"""Number of corners of a drawn piece of the hull."""
 _VISIBLE_RAD = math.radians(5.0)
-"""Minimum size of a drawn piece of the hull. A smaller one would be invisible."""
+"""Minimum size of a drawn piece of the hull, rad. A smaller piece would be invisible."""
 _WHEEL_WIDTH_M = 0.02
 """Width of a drawn wheel, m. The robot file does not specify it."""
 
@@ -94,7 +95,7 @@ def _draw_body(axes: Axes, model: RobotModel) -> None:
 
 
 def _draw_ranger(axes: Axes, name: str, mount: RangerMount, model: RobotModel) -> None:
-    """Draw the sensor, its cone to its maximum range, and in red the part below its minimum."""
+    """Draw a sensor and its cone to the maximum range; the part below the minimum range is red."""
     far_m = min(mount.max_range_m, 2.0 * _VIEW * model.radius_m)
     _cone(axes, mount, mount.min_range_m, far_m, color=_CONE, alpha=0.16)
     _cone(axes, mount, 0.0, mount.min_range_m, color=_NEAR, alpha=0.35)
@@ -122,7 +123,8 @@ def _cone(axes: Axes, mount: RangerMount, near_m: float, far_m: float, **how: An
     from matplotlib.patches import Wedge  # noqa: PLC0415 - an extra
 
     if mount.cone_rad > 0.0:
-        # The picture's horizontal axis is y and grows to the left, so angles count from x.
+        # The picture's horizontal axis is the robot's y, to the left. So angles are relative to the
+        # robot's x.
         middle_deg, half_deg = 90.0 - math.degrees(mount.yaw_rad), math.degrees(mount.cone_rad) / 2
         axes.add_patch(
             Wedge(
@@ -148,7 +150,7 @@ def _cone(axes: Axes, mount: RangerMount, near_m: float, far_m: float, **how: An
 
 
 def _draw_hull(axes: Axes, model: RobotModel) -> None:
-    """Draw the rim, coloured by the ranges of an object that touches it."""
+    """Draw the rim. Its colour shows how the sensors measure an object in contact with it."""
 
     def rim(arc: Arc, colour: str, width: float, label: str) -> None:
         more_rad = 0.5 * max(_VISIBLE_RAD - arc.width_rad, 0.0)

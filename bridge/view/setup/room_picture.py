@@ -1,4 +1,4 @@
-"""A room as a picture: free, reachable and sweepable floor, and carpets, thresholds and cliffs."""
+"""Picture of a room: free, reachable and sweepable floor, carpets, thresholds and cliffs."""
 
 from __future__ import annotations
 
