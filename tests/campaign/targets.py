@@ -1,7 +1,7 @@
 r"""Closed loop with each firmware: the model in Python and the C core in paired runs.
 
     PYTHONPATH=tests nice python -m campaign.targets --kept build/targets.jsonl \
-        --page docs/firmware-in-simulator.md
+        --page docs/two-firmwares.md
 
 Each pair is a clean of a shipped room with the same planner, seed and noise; only the firmware
 differs. The command prints the mean of each figure with the model, and the mean difference, core

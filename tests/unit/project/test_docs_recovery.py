@@ -50,7 +50,15 @@ def test_every_kind_of_event(seen: tuple[set[str], set[str]]) -> None:
 
 
 def test_every_picture_is_on_a_page_and_the_other_way_round() -> None:
-    pages = ("estimation", "control", "recovery-planner", "recovery-reactions", "paper")
+    pages = (
+        "estimation",
+        "wall-map",
+        "control",
+        "wall-following",
+        "recovery-planner",
+        "recovery-reactions",
+        "paper",
+    )
     shown = {
         name
         for page in pages
