@@ -28,7 +28,7 @@ class StampExtender:
 
     def __init__(self) -> None:
         self._wire_us: int | None = None
-        """Stamp of the last received frame, with wraps undone, µs."""
+        """Reference for the next stamp: the newest stamp received, with wraps undone, µs."""
         self._ahead_us = 0
         """Sender's clock minus ours, µs, estimated from the frame with the least delay."""
         self._at_us = 0
