@@ -1,18 +1,19 @@
 """Authenticated frames: a counter and a tag that only holders of the key can make.
 
-The tag is HMAC-SHA-256 (RFC 2104, FIPS 180-4) with a key of 16 bytes, truncated to 8 bytes on UART
-and 6 on CAN. RFC 2104, section 5, recommends at least half of the hash for a signature that is
-kept. A tag here is valid only for 250 ms, and the line limits the guesses. To try all values of 6
-bytes takes 178 000 years at 50 guesses per second.
+The tag is HMAC-SHA-256 (RFC 2104, FIPS 180-4) with a key of 16 bytes. It is truncated to 8 bytes on
+UART and to 6 bytes on CAN. RFC 2104, section 5, recommends at least half of the hash (16 bytes) for
+signatures that stay valid. These tags are valid for 250 ms only, and the bit rate of the link
+limits the number of guesses. An attacker with 50 guesses per second needs 178 000 years for all
+values of 6 bytes.
 
-The tag first covers the session's nonce (boot id, session id and the device's challenge). So a
-frame of another session is never valid, for any counter. The counter starts at the challenge, must
-increase, and wraps at 32 bits.
+The hash begins with the session's nonce (boot id, session id and the device's challenge). So a
+frame from another session is never valid, whatever its counter. The counter starts at the
+challenge, must increase with each frame, and wraps at 32 bits.
 
 UART: header flag bit 0 is set, and ``counter u32 | tag 8 B`` follows the payload. The tag covers
-nonce, header, payload and counter. CAN: a frame of type ``0x0F`` follows directly after the frames
-of a message, with ``counter (low 16 bits) | tag 6 B``. The tag covers nonce, identifier and data of
-all these frames as sent, and the whole counter.
+nonce, header, payload and counter. CAN: a separate frame of type ``0x0F`` directly follows the
+frames of a message. It contains ``counter (low 16 bits) | tag 6 B``. The tag covers the nonce, the
+identifier and data of each frame of the message, and the whole counter.
 """
 
 from __future__ import annotations
@@ -33,19 +34,20 @@ KEY_SIZE = 16
 TRAILER = struct.Struct("<I8s")
 CAN_TRAILER = struct.Struct("<H6s")
 CAN_AUTH_TYPE = 0x0F
-"""CAN type of the frame with a message's tag; no message of the catalogue has it."""
+"""CAN type of the frame that contains a message's tag. No message uses this type."""
 _COUNTER = struct.Struct("<I")
 _NONCE = struct.Struct("<III")
 _SPAN, _HALF, _SHORT = 1 << 32, 1 << 31, 1 << 16
 GUARDED_TYPES = frozenset(s.type_id for s in map(specify, ALL_MESSAGES) if s.needs_tag)
-"""Types that need a tag once a key is set: velocities, duties, and every command except stop."""
+"""Message types that need a tag if a key is set: velocities, duties, and every command except
+stop."""
 SIGNED_TYPES = GUARDED_TYPES | {specify(TimeRequest).type_id}
-"""Types that a host signs: the guarded types and its time requests. Time requests are included
+"""Message types that a host signs: the guarded types and time requests. A host signs time requests
 because only signed frames keep a session alive."""
 
 
 class BadKeyError(LocalError):
-    """The text is no valid key."""
+    """The key does not have the required length."""
 
 
 class Authenticator:
@@ -67,11 +69,11 @@ class Authenticator:
 
     @property
     def begun(self) -> bool:
-        """True if a session's challenge is known."""
+        """True if a session has begun."""
         return self._session is not None
 
     def begin(self, boot_id: int, session_id: int, challenge: int) -> None:
-        """Begin a session; a call for the present session changes nothing."""
+        """Begin a session; no effect if this session has already begun."""
         session = (boot_id, session_id, challenge)
         if session == self._session:
             return
@@ -81,7 +83,7 @@ class Authenticator:
         self._counter = challenge
 
     def end(self) -> None:
-        """Sign and accept nothing from now on."""
+        """End the session; nothing is signed or accepted until the next :meth:`begin`."""
         self._session = None
 
     def challenge(self, boot_id: int, session_id: int, number: int) -> int:
@@ -99,7 +101,7 @@ class Authenticator:
         return TRAILER.pack(counter, self._tag(covered, counter))
 
     def sign_can(self, frames: Iterable[tuple[int, bytes]]) -> bytes:
-        """Return the data of the CAN frame that follows ``frames`` (identifier and data)."""
+        """Return the data of the tag frame for ``frames`` (identifier and data of each)."""
         self._counter = counter = (self._counter + 1) % _SPAN
         tag = self._tag(covered_can(frames), counter)
         return CAN_TRAILER.pack(counter % _SHORT, tag[:6])
@@ -114,11 +116,11 @@ class Authenticator:
         return self._accept(counter, self._tag(covered, counter), tag)
 
     def check_can(self, frames: Iterable[tuple[int, bytes]], data: bytes) -> bool:
-        """Check a CAN frame that followed ``frames`` in the same way."""
+        """Check the data of the tag frame after ``frames``; accept it if it is valid and new."""
         if self._session is None or len(data) != CAN_TRAILER.size:
             return False
         low, tag = CAN_TRAILER.unpack(data)
-        counter = self._counter + (low - self._counter) % _SHORT  # the next count with this ending
+        counter = self._counter + (low - self._counter) % _SHORT  # next count with these low bits
         counter = counter % _SPAN if counter != self._counter else (counter + _SHORT) % _SPAN
         return self._accept(counter, self._tag(covered_can(frames), counter)[:6], tag)
 
@@ -138,12 +140,12 @@ class Authenticator:
 
 
 def covered_can(frames: Iterable[tuple[int, bytes]]) -> bytes:
-    """Return identifier (16 bits), length and data of each frame, one after the other."""
+    """Return identifier (16 bits), length and data of all frames, concatenated."""
     return b"".join(struct.pack("<HB", can_id, len(data)) + data for can_id, data in frames)
 
 
 def key_words(key: bytes) -> tuple[int, int, int, int]:
-    """Return a key in the form of :class:`SetKey`."""
+    """Return a key as the four words of :class:`SetKey`."""
     words: tuple[int, int, int, int] = struct.unpack("<4I", key)
     return words
 

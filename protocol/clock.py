@@ -1,4 +1,4 @@
-"""The two clocks of a link, as types that cannot be mixed."""
+"""Types for the two clocks of a link; a type checker rejects mixing them."""
 
 from __future__ import annotations
 
@@ -29,5 +29,5 @@ def elapsed_us(since_us: Stamps, until_us: Stamps) -> Stamps:
 
 
 def extend_us(reference: DeviceUs, low32: int) -> DeviceUs:
-    """Return the time nearest to ``reference`` whose low 32 bits are ``low32``."""
+    """Extend a 32-bit stamp to the time nearest to ``reference`` with these low bits."""
     return DeviceUs(reference + elapsed_us(reference, low32))

@@ -1,6 +1,7 @@
 """Commands with an id: repeated until they are answered, and executed once.
 
-:class:`CommandSender` is the sending end, :class:`CommandLog` the executing end.
+:class:`CommandSender` is for the end that sends commands, :class:`CommandLog` for the end that
+executes them.
 """
 
 from __future__ import annotations
@@ -18,18 +19,18 @@ if TYPE_CHECKING:
 
 FIRST_TIMEOUT_US = 100_000
 MIN_TIMEOUT_US = 20_000
-"""Minimum timeout, µs: above an FTDI adapter's 16 ms latency timer. Otherwise every command would
-be sent twice."""
+"""Minimum timeout, µs. It exceeds the 16 ms latency timer of an FTDI adapter; a shorter timeout
+would send every command twice."""
 MAX_TIMEOUT_US = 1_000_000
 STOP_REPEAT_US = 25_000
-"""Interval of an unanswered stop, µs; it does not grow."""
+"""Repetition interval of an unanswered stop, µs; constant, without backoff."""
 MAX_TRIES = 6
-"""Maximum number of transmissions. The timeout starts at 20 ms and doubles, so all attempts
-together take more than a second."""
+"""Maximum number of transmissions of a command. The timeout starts at 20 ms or more and doubles, so
+all attempts together take more than a second."""
 REMEMBERED = 16
 _HALF = 0x8000
-"""Half the range of ids, which wrap at 16 bits. An id less than this behind another one is older
-(RFC 1982)."""
+"""Half the range of command ids, which wrap at 16 bits. An id that is less than this behind another
+id is older (RFC 1982)."""
 
 
 class Command(Protocol):
@@ -37,18 +38,18 @@ class Command(Protocol):
 
     @property
     def command_id(self) -> int:
-        """Id that the sender has chosen; the reply repeats it."""
+        """Command id, chosen by the sender; the reply contains the same id."""
 
 
 class RoundTripEstimate:
-    """Smoothed round trip and the resulting timeout (RFC 6298, section 2)."""
+    """Smoothed round-trip time and the resulting timeout (RFC 6298, section 2)."""
 
     def __init__(self) -> None:
         self.smoothed_us: float | None = None
         self.variation_us = 0.0
 
     def add(self, sample_us: float) -> None:
-        """Take one measurement."""
+        """Add one measurement, µs."""
         if self.smoothed_us is None:
             self.smoothed_us, self.variation_us = sample_us, sample_us / 2
             return
@@ -57,7 +58,7 @@ class RoundTripEstimate:
 
     @property
     def timeout_us(self) -> int:
-        """Return the time to wait for a reply before the next transmission, µs."""
+        """Time to wait for a reply before the next transmission, µs."""
         if self.smoothed_us is None:
             return FIRST_TIMEOUT_US
         timeout = self.smoothed_us + max(1_000.0, 4 * self.variation_us)
@@ -66,7 +67,7 @@ class RoundTripEstimate:
 
 @dataclass(slots=True)
 class Pending:
-    """A command without a reply so far."""
+    """A command that waits for its reply."""
 
     message: Message
     command_id: int
@@ -92,7 +93,7 @@ class Outcome(NamedTuple):
 
 
 class CommandSender:
-    """Keeps commands until they are answered."""
+    """Stores commands until they are answered, and repeats them."""
 
     def __init__(self, first_id: int = 1) -> None:
         self.round_trip = RoundTripEstimate()
@@ -102,13 +103,13 @@ class CommandSender:
     def issue(
         self, make: Callable[[int], Message], type_id: int, now_us: int, *, forever: bool = False
     ) -> int:
-        """Start a command made from its id; return the id.
+        """Create a command with a new id and queue it; return the id.
 
-        With ``forever``, used for a stop, the command is repeated at a constant rate until it is
-        answered.
+        With ``forever``, the command is repeated at a constant rate until it is answered. A stop
+        uses this.
         """
         command_id = self._next_id
-        while command_id in self._pending:  # a stop may have waited for a full cycle of the ids
+        while command_id in self._pending:  # a stop may still wait when the ids have wrapped
             command_id = (command_id + 1) & 0xFFFF
         self._next_id = (command_id + 1) & 0xFFFF
         self._pending[command_id] = Pending(
@@ -127,7 +128,7 @@ class CommandSender:
         return command_id, pending.message
 
     def due(self, now_us: int) -> tuple[list[tuple[Message, bool]], list[Outcome]]:
-        """Return the messages to send now, each with whether it is a retry, and the timeouts."""
+        """Return the messages to send now (True: a retry), and the commands that timed out."""
         messages: list[tuple[Message, bool]] = []
         outcomes: list[Outcome] = []
         for pending in list(self._pending.values()):
@@ -156,7 +157,7 @@ class CommandSender:
         if pending is None or not pending.tries or pending.type_id != reply.command_type:
             return None
         del self._pending[reply.command_id]
-        if pending.tries == 1:  # Karn: a repeated command's reply gives no round trip
+        if pending.tries == 1:  # Karn's algorithm: a reply after a retry is ambiguous
             self.round_trip.add(now_us - pending.first_us)
         if isinstance(reply, Nack):
             return Outcome(pending.message, accepted=False, reason=reply.reason)
@@ -167,9 +168,9 @@ class CommandSender:
         self._pending.pop(command_id, None)
 
     def next_deadline_us(self) -> int | None:
-        """Return the time of the next work of :meth:`due`, or None."""
+        """Return the time at which :meth:`due` must be called next, or None."""
         pending = self._pending
-        if not pending:  # called at every turn of a loop, nearly always without a command
+        if not pending:  # called in each loop iteration, nearly always empty
             return None
         return min(p.due_us for p in pending.values())
 
@@ -183,30 +184,31 @@ class CommandSender:
         return not self._pending
 
     def rests(self, now_us: int) -> bool:
-        """Return whether :meth:`due` has no work yet."""
-        # Called at every turn of a loop, nearly always without a command.
+        """Return whether :meth:`due` has nothing to send yet."""
+        # Called in each loop iteration, nearly always without a pending command.
         return not self._pending or all(p.due_us > now_us for p in self._pending.values())
 
 
 class CommandLog:
-    """The last replies: a repeated command gets its reply again but is not executed again.
+    """Stores the last replies: a repeated command gets its reply again but is not executed again.
 
-    Ids count up within a session, so each of the last sixteen has its own place. A command with an
-    older id may already have been executed, so it is ignored.
+    Ids count up within a session, so each of the last sixteen ids has its own slot. A command with
+    an older id may already have been executed, so it is ignored.
     """
 
     def __init__(self) -> None:
         self._replies: dict[int, tuple[tuple[int, int, int], Ack | Nack]] = {}
-        """Replies by place."""
+        """Replies by slot: the command id modulo ``REMEMBERED``."""
         self._session_id = 0
         self._newest_id = 0
 
     def once(
         self, session_id: int, type_id: int, command: Message, act: Callable[[], int | None]
     ) -> Ack | Nack | None:
-        """Execute a command unless it is a repeat; ``act`` returns a rejection's reason or None.
+        """Execute a command once and return its reply; a repeated command gets the stored reply.
 
-        None: the command is too old to be distinguished from a repeat, and gets no reply.
+        ``act`` executes the command; it returns the reason of a rejection, or None. The result is
+        None for a command with an id so old that a repeat is not detectable. It gets no reply.
         """
         command_id = cast("Command", command).command_id
         place, key = command_id % REMEMBERED, (session_id, command_id, type_id)
@@ -221,14 +223,14 @@ class CommandLog:
         return reply
 
     def amend(self, session_id: int, reply: Ack | Nack) -> None:
-        """Replace the reply of a command whose result is known only later."""
+        """Replace the stored reply of a command after its result has become known."""
         key = (session_id, reply.command_id, reply.command_type)
         place = reply.command_id % REMEMBERED
         if place in self._replies and self._replies[place][0] == key:
             self._replies[place] = (key, reply)
 
     def _is_stale(self, session_id: int, command_id: int) -> bool:
-        """Return whether an id is older than the last sixteen of its session; session 0 is none."""
+        """Return whether an id is older than the last sixteen ids of its session."""
         behind = (self._newest_id - command_id) & 0xFFFF
         if session_id != 0 and session_id == self._session_id and behind < _HALF:
             return behind >= REMEMBERED

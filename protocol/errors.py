@@ -1,4 +1,4 @@
-"""Errors of the protocol, by their origin."""
+"""Errors of the protocol, grouped by the end that caused them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ class ProtocolError(Exception):
 
 
 class LocalError(ProtocolError):
-    """Our own program requested something that the protocol cannot carry."""
+    """Our own program requested something that the protocol cannot represent."""
 
 
 class FieldRangeError(LocalError):
@@ -34,7 +34,7 @@ class RemoteError(ProtocolError):
 
 
 class PayloadError(RemoteError):
-    """A payload that its message's declaration does not allow."""
+    """A payload with a length that does not match the message's declaration."""
 
     def __init__(self, message: str, length: int, expected: int) -> None:
         super().__init__(f"{message}: payload of {length} B, expected {expected} B")

@@ -1,4 +1,4 @@
-"""Scale of an IMU's counts, and their conversion to the catalogue's nominal scale."""
+"""Scale of an IMU's raw counts, and conversion of the counts to the catalogue's nominal scale."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _INFO = CATALOGUE.spec(ImuInfo).fields
 _IMU = CATALOGUE.spec(Imu).fields
 _TEMPERATURE = 3
 _GYRO = 4
-"""Index of the first gyro field; the accelerations come first."""
+"""Index of the first gyro field in the IMU message; the accelerations are before it."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImuScale:
-    """Number of counts for each unit, exact."""
+    """Exact number of counts per physical unit."""
 
     per_g: Fraction
     per_deg_s: Fraction
@@ -34,13 +34,13 @@ class ImuScale:
 
     @classmethod
     def of(cls, info: ImuInfo) -> ImuScale | None:
-        """Return the scale that a device reports; None if a count would have no value."""
+        """Return the scale that a device reports; None if a reported sensitivity is 0."""
         if 0 in {info.accel, info.gyro, info.temperature}:
             return None
         return cls(*(raw * field.scale for raw, field in zip(info, _INFO, strict=True)))
 
     def info(self) -> ImuInfo:
-        """Return the message that states this scale."""
+        """Return the message that reports this scale."""
         values = (self.per_g, self.per_deg_s, self.per_k, self.zero_deg_c)
         return ImuInfo(*(round(v / f.scale) for v, f in zip(values, _INFO, strict=True)))
 
@@ -58,7 +58,7 @@ class ImuScale:
         return replace(field, scale=1 / self.per_deg_s)
 
     def nominal(self, imu: Imu) -> Imu:
-        """Return the sample in nominal counts, not rounded, so that its SI values are exact."""
+        """Return the sample in nominal counts; they are not rounded, so the SI values are exact."""
         raw = tuple(imu)
         accel = float(NOMINAL.per_g / self.per_g)
         gyro = float(NOMINAL.per_deg_s / self.per_deg_s)
@@ -66,7 +66,7 @@ class ImuScale:
         temperature = (warm_k + float(self.zero_deg_c - NOMINAL.zero_deg_c)) * float(NOMINAL.per_k)
         accels = [count * accel for count in raw[:_TEMPERATURE]]
         rates = (count * gyro for count in raw[_GYRO:])
-        made: tuple[Any, ...] = (*accels, temperature, *rates)  # floats, inside the program only
+        made: tuple[Any, ...] = (*accels, temperature, *rates)  # floats, never sent
         return Imu(*made)
 
 
@@ -76,7 +76,7 @@ NOMINAL = ImuScale(
     1 / _IMU[_TEMPERATURE].scale,
     _IMU[_TEMPERATURE].offset,
 )
-"""Scale of the catalogue: an MPU6050 at ±2 g and ±250 °/s."""
+"""Nominal scale in the catalogue: an MPU6050 at ±2 g and ±250 °/s."""
 
 
 class ImuReader:
@@ -85,13 +85,13 @@ class ImuReader:
     def __init__(self, scale: ImuScale | None = None) -> None:
         """Start with an assumed scale.
 
-        None: no sample is converted before the device reports its scale.
+        With None, no sample is converted until the device reports its scale.
         """
         self.scale = scale
         self._as_it_is = scale == NOMINAL
 
     def take(self, message: Message) -> Message | None:
-        """Return the message for a reader of SI values; None for a sample with unknown scale."""
+        """Return the message with nominal counts; None for a sample with an unknown scale."""
         if isinstance(message, Imu):
             if self._as_it_is:
                 return message

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from protocol.schema.message import Direction, Message, MessageSpec
 
 NODE_ALL = 0
-"""Node that addresses every device; for stop, hello and time requests only."""
+"""Node id that addresses every device. Only stop, hello and time requests use it."""
 
 
 class Received(NamedTuple):
@@ -40,9 +40,9 @@ class Received(NamedTuple):
 
 
 _Waiting = tuple[int, int, int, bytes, int, int]
-"""A frame to send: node, type, stamp, payload, flags, rank. It gets its sequence number when it is
-sent, because a replaced frame would otherwise look lost. It is a plain tuple, because every sent
-message needs one."""
+"""A frame to send: node, type, stamp, payload, flags, rank. The sequence number is added at
+transmission; otherwise a replaced frame would look like a lost frame. A plain tuple is used for
+speed, because every sent message needs a new object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +51,9 @@ class Rejected:
 
     frame: Frame
     reason: str
-    """Reason: ``version``, ``direction``, ``type``, ``disabled``, ``payload``, or ``key``. ``key``
-    means that the frame is marked as authenticated, but this end has no key, or tag or counter are
-    wrong."""
+    """Reason: ``version``, ``direction``, ``type``, ``disabled``, ``payload``, or ``key``. The
+    reason ``key`` means that the frame is marked as authenticated, but cannot be verified: this end
+    has no key, or the tag or the counter is wrong."""
 
 
 LinkEvent = Received | Rejected | DamagedFrame
@@ -70,10 +70,10 @@ class LinkStatistics:
     damaged: int = 0
     rejected: int = 0
     lost: int = 0
-    """Number of missing frames, from gaps in the sequence numbers."""
+    """Number of missing frames, computed from gaps in the sequence numbers."""
     reordered: int = 0
     superseded: int = 0
-    """Messages replaced by a newer one before they were sent."""
+    """Number of messages that a newer message replaced before transmission."""
     by_type: dict[int, int] = field(default_factory=dict)
 
 
@@ -86,7 +86,7 @@ class WrongDirectionError(LocalError):
 
 
 def addresses(frame: Frame, spec: MessageSpec, node: int) -> bool:
-    """Return True if a host's frame is for the device of this node."""
+    """Return True if a host's frame addresses the device with this node id."""
     return frame.node == node or (frame.node == NODE_ALL and spec.to_all)
 
 
@@ -95,11 +95,11 @@ class Medium(Enum):
 
     UART = "uart"
     CAN = "can"
-    """Classic CAN: each frame as the 16 bytes of Linux' ``struct can_frame``."""
+    """Classic CAN; each frame is passed as the 16 bytes of Linux' ``struct can_frame``."""
 
 
 class LinkBase:
-    """The functions that a session needs of a link, over any medium."""
+    """Interface of a link that a session uses, for any medium."""
 
     medium = Medium.UART
 
@@ -107,12 +107,13 @@ class LinkBase:
         self.codec = codec or Codec()
         self.statistics = LinkStatistics()
         self.disabled: set[int] = set()
-        """Types whose declaration the peer does not share: neither sent nor decoded."""
+        """Message types that the peer declares differently. They are neither sent nor decoded."""
         self._sends = sends
         self._own_types = {s.type_id for s in self.codec.catalogue if s.direction is sends}
         self._queue: list[_Waiting] = []
         self.key: Authenticator | None = None
-        """Signs frames that need a tag once its session has begun, and checks received tags."""
+        """Key that signs frames and checks received tags. It signs only after its session has
+        begun."""
 
     def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
         """Handle bytes that arrived at ``now_us`` of our clock; return the completed events."""
@@ -142,9 +143,9 @@ class LinkBase:
     ) -> bool:
         """Queue a message; return False if the peer does not share its declaration.
 
-        With ``latest``, the message replaces a waiting message of the same type, because cyclic
-        messages must not queue up. On CAN the lowest ``rank`` is sent first; of equal ranks, the
-        first in the queue. The default rank is the message's type.
+        With ``latest``, the message replaces a queued message of the same type, because cyclic
+        messages must not accumulate. On CAN the message with the lowest ``rank`` is sent first;
+        messages of equal rank keep their order. The default rank is the message's type.
 
         Raises:
             WrongDirectionError: the message belongs to the other end.
@@ -174,10 +175,11 @@ class LinkBase:
         return True
 
     def send_payload(self, type_id: int, payload: bytes, t_us: int, node: int) -> bool:
-        """Queue a payload that a stream has packed itself; return False as for :meth:`send`.
+        """Queue an encoded payload; return False if the peer does not share its declaration.
 
-        This is for a device's streams: there are hundreds of frames a second, and none is
-        authenticated. The caller guarantees a valid type, direction, node and length.
+        This method is faster than :meth:`send`. A device's streams use it for hundreds of frames
+        per second without authentication. The caller guarantees a valid type, direction, node and
+        length.
         """
         if type_id in self.disabled:
             return False

@@ -1,7 +1,8 @@
-"""Steps of every message that compiled code runs without a Python call.
+"""Small operations on each message, for speed in compiled code.
 
-Each function has a twin in ``primitives.pxd``. Call them as ``primitives.make(...)``: a name
-imported from here would be the Python function in compiled code, too.
+Each function also has a C version in ``primitives.pxd``. Compiled code uses the C version only in
+calls such as ``primitives.make(...)``. With ``from protocol.primitives import make``, compiled code
+would call the slower Python function.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ def make(cls: type[T], values: tuple[Any, ...]) -> T:
 
 
 def values_of(instance: Any) -> tuple[Any, ...]:  # noqa: ANN401 - any tuple
-    """Return the values of an instance of a subclass of ``tuple``, as a plain one."""
+    """Return the values of an instance of a subclass of ``tuple``, as a plain tuple."""
     return instance[:]  # type: ignore[no-any-return]
 
 
 def cut(buffer: bytearray, begin: int, end: int) -> bytes:
-    """Return a copy of some bytes of a buffer."""
+    """Return a copy of the bytes from ``begin`` to before ``end``."""
     return bytes(buffer[begin:end])

@@ -1,1 +1,1 @@
-"""A virtual sweeper that speaks the wire protocol: world, plant, sensors, firmware."""
+"""A virtual sweeper (robot) that implements the protocol: world, plant, sensors, firmware."""

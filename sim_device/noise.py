@@ -1,27 +1,27 @@
-"""Every imperfection of the virtual sweeper, by noise level, in one table.
+"""Table of all imperfections of the virtual sweeper, by noise level.
 
-A number is one of three kinds. A *tolerance* ``x`` is drawn once per device, uniform in ±x (the
-spread of a part). A *sigma* is drawn again for each reading. All other numbers state their own
-rule.
+A *tolerance* ``x`` is the spread of a part: its error is drawn once per device, uniform in ±x. A
+*sigma* is a standard deviation; the error is drawn again for each reading. The description of each
+other number defines its distribution.
 
 A calibration at rest does not remove the whole gyro bias. The host measures the bias while the
-robot stands, so a constant bias (``gyro_turn_on_deg_s``) has no effect. A bias that only motion
-causes remains. Vibration of gears and brushes shifts the mean of a MEMS gyro (vibration
-rectification) and stops at rest. ``gyro_motion_bias_deg_s`` is this shift. It is present while the
-wheels turn, and its sign is drawn once.
+robot stands, so a constant bias (``gyro_turn_on_deg_s``) has no effect. But vibration of gears and
+brushes shifts the mean of a MEMS gyro (vibration rectification), and there is no vibration at rest.
+``gyro_motion_bias_deg_s`` is this shift. It is present while the wheels turn, and its sign is drawn
+once.
 
 Later calibrations can measure three more errors: a slow random walk of the bias
-(``gyro_bias_walk``), white noise from the datasheet, and a slope of the bias with temperature
-(``gyro_tempco``). The board warms up by 6 °C (``imu``), at most by 0.02 °C/s. At ``typical`` the
-slope moves the bias by at most 0.0016 °/s over a lane of 20 s in the first minute, a sixth of the
-motion bias, and by a seventh of that after ten minutes. ``harsh`` adds a random walk of the angle
-itself, also only in motion.
+(``gyro_bias_walk``), white noise as in the datasheet, and a change of the bias with temperature
+(``gyro_tempco``). The board warms up by 6 °C (see the module ``imu``), at most by 0.02 °C/s. At the
+level ``typical``, this changes the bias by at most 0.0016 °/s over a lane of 20 s in the first
+minute. This is a sixth of the motion bias. After ten minutes the change is seven times smaller. The
+level ``harsh`` also adds a random walk of the measured angle, only in motion.
 
 Sources: MPU6050: InvenSense PS-MPU-6000A-00 rev. 3.4; ultrasonic: HC-SR04 user's manual
-(ElecFreaks); infrared: Sharp GP2Y0A41SK0F, sheet OP13008EN. The datasheet's limit describes the
-worst part that is sold; a level with less describes a common part.
+(ElecFreaks); infrared: Sharp GP2Y0A41SK0F, sheet OP13008EN. A limit in a datasheet describes the
+worst part that is sold. A noise level with smaller values describes an average part.
 
-``none`` has no noise except quantisation.
+The level ``none`` has no noise except quantisation.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ class UnknownNoiseLevelError(ValueError):
     """A noise level that is not in the table."""
 
     def __init__(self, name: str) -> None:
-        """Keep the requested name."""
+        """Store the requested name."""
         self.name = name
         super().__init__(f"noise level {name!r} is not one of {', '.join(NOISE_LEVELS)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseLevel:
-    """One level; the defaults are ``none``."""
+    """One noise level; the defaults are the level ``none``."""
 
     name: str
 
@@ -64,14 +64,16 @@ class NoiseLevel:
     gyro_yaw_walk_deg_sqrt_s: float = 0.0
     """Random walk of the measured angle while the wheels turn, °/√s."""
     gyro_scale_error: float = 0.0
-    """Relative tolerance of the gyro's scale per axis; ±3 % in the datasheet, less once calibrated.
+    """Relative tolerance of the gyro's scale per axis; ±3 % in the datasheet, less after
+    calibration.
     """
     gyro_tempco_deg_s_c: float = 0.0
-    """Tolerance per axis of the bias slope with temperature, °/s per °C. The datasheet gives ±20
-    °/s over -40..85 °C, which is 0.16 °/s per °C if linear. The levels give the rest after
-    compensation in the firmware."""
+    """Tolerance per axis of the gyro bias' change with temperature, °/s per °C. The datasheet gives
+    ±20 °/s over -40..85 °C, which is 0.16 °/s per °C if linear. The noise levels have the smaller
+    values that remain after compensation in the firmware."""
     gyro_cross_axis: float = 0.0
-    """Tolerance of each of the six shares of one axis' rate in another axis; ±2 % in the datasheet.
+    """Tolerance of the gyro's cross-axis sensitivity, for each of the six pairs of axes; ±2 % in
+    the datasheet.
     """
 
     # Accelerometer (section 6.2).
@@ -81,42 +83,46 @@ class NoiseLevel:
     """Tolerance of the accelerometer's bias per axis, mg; ±50 (x, y) and ±80 (z) in the datasheet.
     """
     accel_tempco_mg_c: float = 0.0
-    """Tolerance per axis of the bias slope with temperature, mg per °C; ±35 mg (x, y) over 0..70 °C
-    in the datasheet, which is 0.5 mg per °C."""
+    """Tolerance per axis of the accelerometer bias' change with temperature, mg per °C. The
+    datasheet gives ±35 mg (x, y) over 0..70 °C, which is 0.5 mg per °C."""
     accel_cross_axis: float = 0.0
-    """Tolerance of each share of one axis' acceleration in another axis; ±2 % in the datasheet."""
+    """Tolerance of the accelerometer's cross-axis sensitivity, for each pair of axes; ±2 % in the
+    datasheet."""
     accel_vibration_mg: float = 0.0
-    """Additional sigma per axis while the wheels turn, mg."""
+    """Additional sigma of the accelerometer per axis while the wheels turn, mg."""
     imu_temperature_error_c: float = 0.0
-    """Tolerance of the temperature register, °C: ±1 °C from a straight line (section 6.3), its
-    offset untrimmed."""
+    """Tolerance of the temperature register, °C. The datasheet gives ±1 °C from a straight line
+    (section 6.3); the offset is not trimmed."""
 
     # Rangers.
     ultrasonic_sigma_m: float = 0.0
     ultrasonic_dropout: float = 0.0
-    """Probability per ping that an echo is missed."""
+    """Probability per ping (ultrasonic pulse) that an echo is missed."""
     ultrasonic_crosstalk: float = 0.0
-    """Probability per ping that the sensor mistakes another sound for the echo; see ``ultrasonic``.
+    """Probability per ping that the sensor detects another sound as the echo; see the module
+    ``ultrasonic``.
     """
     infrared_sigma_m: float = 0.0
     """Sigma of the infrared range at 10 cm from white paper, m. The output voltage is proportional
-    to 1/d and its noise is constant, so the sigma in distance grows as d² (``infrared``)."""
+    to 1/d (d: distance) and its noise is constant, so the sigma in distance grows as d²."""
     infrared_reflectance_spread: float = 0.0
-    """Maximum reduction of a surface's reflectance below white paper's 0.9. Each wall's and
-    obstacle side's value is drawn once, uniformly (a grey card's reflectance is 0.18)."""
+    """Maximum reduction of a surface's reflectance, compared with 0.9 for white paper. The
+    reflectance of each wall and obstacle side is drawn once, uniformly. A grey card has a
+    reflectance of 0.18."""
 
     # Wheels.
     wheel_diameter_error: float = 0.0
     """Relative tolerance of the wheel diameter, common to both wheels."""
     wheel_mismatch: float = 0.0
-    """Relative tolerance of the difference between the wheels: left larger by half of it, right
-    smaller."""
+    """Relative tolerance of the difference between the wheel diameters. The left wheel is larger by
+    half of the drawn difference, the right wheel smaller by half."""
     wheel_base_error: float = 0.0
     """Relative tolerance of the wheel base."""
     slip_mean: float = 0.0
-    """Mean share of the wheel's travel lost on the floor."""
+    """Mean share of a wheel's travel that slip loses on the floor."""
     slip_sigma: float = 0.0
-    """Sigma of that share per wheel, a process with a memory of ``SLIP_TIME_S``."""
+    """Sigma of the lost share per wheel, a random process with the correlation time
+    ``SLIP_TIME_S``."""
 
     # Power.
     voltage_sigma_v: float = 0.0
@@ -127,16 +133,16 @@ SLIP_TIME_S = 0.3
 """Correlation time of the slip, s: about one turn of a wheel at cruise speed."""
 
 WHITE_PAPER = 0.9
-"""Reflectance of white paper, for which the infrared sensor's curve is given."""
+"""Reflectance of white paper, to which the infrared sensor's datasheet curve refers."""
 
 NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
     {
         level.name: level
         for level in (
             NoiseLevel(name="none"),
-            # The paper's robot ends 7 mm off after 7 U-shaped cycles. So its gyro must be better
-            # than the datasheet (0.0015, not 0.005); otherwise a rest of some seconds could not
-            # calibrate it to the 0.0014 °/s which that result implies.
+            # After 7 U-shaped cycles the paper's robot has an error of only 7 mm. This requires a
+            # gyro bias of 0.0014 °/s after a rest of some seconds. With the datasheet's noise
+            # density (0.005) such a calibration is impossible, so this level has 0.0015.
             NoiseLevel(
                 name="paper",
                 gyro_density_deg_s_sqrt_hz=0.0015,
@@ -196,7 +202,7 @@ NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
                 gyro_turn_on_deg_s=10.0,
                 gyro_motion_bias_deg_s=0.03,
                 gyro_bias_walk_deg_s_sqrt_s=3e-4,
-                # 0.3° per lane of 4 m at 0.20 m/s, which takes 20 s: 0.3 / √20.
+                # 0.3° per lane of 4 m, which takes 20 s at 0.20 m/s: 0.3 / √20.
                 gyro_yaw_walk_deg_sqrt_s=0.067,
                 gyro_scale_error=0.003,
                 gyro_tempco_deg_s_c=0.02,
@@ -239,16 +245,16 @@ def noise_level(name: str) -> NoiseLevel:
 
 
 class Draws:
-    """Random draws of one generator, one at a time; a single draw of numpy takes 10 times as long.
+    """Single random values, drawn in blocks, because a single numpy draw is 10 times slower.
 
-    Each part of the device owns one object with its own child generator, so that an additional draw
-    in one part changes nothing in another.
+    Each part of the device has its own object with its own child generator. So an additional draw
+    in one part does not change the random values of other parts.
     """
 
     __slots__ = ("_normals", "_rng", "_uniforms")
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """Own ``rng`` from here on."""
+        """Use ``rng``; no other object may use it from now on."""
         self._rng = rng
         self._normals: list[float] = []
         self._uniforms: list[float] = []
@@ -260,7 +266,7 @@ class Draws:
         return self._normals.pop()
 
     def normals(self, count: int) -> list[float]:
-        """Return the next ``count`` standard normal values, the same as from ``normal``."""
+        """Return the values of the next ``count`` calls of ``normal``."""
         drawn: list[float] = []
         while len(drawn) < count:
             waiting = self._normals or self._rng.standard_normal(_BLOCK).tolist()

@@ -1,4 +1,4 @@
-"""A virtual sweeper behind a line with injected faults; it has the interface of a sweeper."""
+"""A virtual sweeper behind a link, with injected faults; its interface is a sweeper's interface."""
 
 from __future__ import annotations
 
@@ -32,37 +32,37 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 _RETRY_US = 1_000
-"""Time after which data that the host did not take is offered again, µs: a USB frame."""
+"""Time after which data that the host has not read is offered again, µs: one USB frame."""
 WITHOUT_BUS: Mapping[str, str] = MappingProxyType(
     {"can-bus-off": "the device is not on a CAN bus; use emulate --link slcan"}
 )
-"""Kinds of fault that a device on a serial line does not support, with the reason."""
+"""Kinds of fault that a device on a serial link rejects, each with the reason."""
 _SEED = 0x11E
-"""Number that is combined with the seed, so that line and device have different random
+"""Constant that is combined with the seed, so that link and device have different random
 sequences."""
 
 
 @dataclass(slots=True)
 class LineCounts:
-    """Numbers of bytes since power-on of the device: passed on, lost and changed."""
+    """Numbers of transferred, lost and changed bytes since power-on of the device."""
 
     to_host: int = 0
-    """Bytes passed to the host's port."""
+    """Number of bytes passed to the host's port."""
     from_host: int = 0
     device_overrun: int = 0
-    """Bytes lost in the device, which had more data than the line carries."""
+    """Number of bytes lost in the device, because it had more data than the link can transfer."""
     adapter_overrun: int = 0
-    """Bytes lost in the adapter, because the host did not read."""
+    """Number of bytes lost in the adapter, because the host did not read."""
     harmed: int = 0
-    """Bytes lost, changed or added by faults; on a bus, frames."""
+    """Number of bytes (on a CAN bus: frames) that faults have lost, changed or added."""
     unplugged: int = 0
-    """Bytes lost while unplugged."""
+    """Number of bytes lost while unplugged."""
 
 
 class Rig:
-    """Device, line and faults; it steps like :class:`sim_device.sweeper.VirtualSweeper`.
+    """Device, link and faults, with the methods of :class:`sim_device.sweeper.VirtualSweeper`.
 
-    Deterministic for its seed, its faults and the times of its input.
+    The result is deterministic for a seed, faults and times of input.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Rig:
         *,
         seed: int = 0,
     ) -> None:
-        """Connect ``device`` to a line with ``settings``.
+        """Connect ``device`` to a link with ``settings``.
 
         Raises:
             FaultSpecError: a fault is impossible on this device.
@@ -97,12 +97,12 @@ class Rig:
         self._held = b""
         self._offer_us = 0
         self.host_heard = False
-        """True once a host has written data."""
+        """True after a host has sent data."""
 
     # ---- interface of a sweeper --------------------------------------------------------------
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Advance to ``now_us``, then take ``data``; return what has reached the host meanwhile."""
+        """Advance to ``now_us``, then send ``data``; return the bytes that reached the host."""
         out = self._live(now_us)
         if data:
             self.host_heard = True
@@ -123,7 +123,7 @@ class Rig:
         return out
 
     def next_deadline_us(self) -> int:
-        """Return when the next step is due if the host sends nothing."""
+        """Return the time of the next step if the host sends nothing."""
         deadline_us = self._inner_deadline_us()
         return min(deadline_us, self._offer_us) if self._held else deadline_us
 
@@ -141,18 +141,18 @@ class Rig:
 
     @property
     def plugged(self) -> bool:
-        """True if there is a port that a host can open."""
+        """True if the port exists, so that a host can open it."""
         return not self.faults.knobs.unplugged
 
     def room(self) -> int:
-        """Return how many bytes from the host the adapter accepts now.
+        """Return the number of bytes that the adapter accepts from the host now.
 
-        With a real USB adapter the host would have to wait with more bytes.
+        With a real USB adapter, the host would have to wait before it sends more bytes.
         """
         return max(0, self._down.room())
 
     def take_back(self, data: bytes, now_us: int) -> None:
-        """Put data that the host did not take back into the adapter's buffer.
+        """Put data that the host has not read back into the adapter's buffer.
 
         Data that does not fit is lost.
         """
@@ -163,7 +163,7 @@ class Rig:
         self._offer_us = now_us + _RETRY_US
 
     def counts(self) -> LineCounts:
-        """Return the byte counts of the line."""
+        """Return the byte counts of the link."""
         counts = self._counts
         counts.device_overrun = self._up.overrun
         counts.harmed = self._damage_up.harmed + self._damage_down.harmed
@@ -195,7 +195,7 @@ class Rig:
     def _turn(self, now_us: int) -> bytes:
         due_us = self.faults.next_us()
         if due_us is not None and due_us <= now_us:
-            self._speak(now_us, b"")  # advance to now with the old state
+            self._speak(now_us, b"")  # advance to now with the state before the change
             if self.faults.run(now_us):
                 self._turn_knobs()
         if self._delay_down.next_us() is not None:

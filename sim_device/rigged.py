@@ -1,4 +1,4 @@
-"""Interface of a device for its line, its faults and its port, for any kind of firmware."""
+"""Interface of a device (with any kind of firmware) for link, faults and port."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ class RiggedDevice(Protocol):
     sensors: SensorSuite
     clock: DeviceClock
     cannot: Mapping[str, str]
-    """Kinds of fault that the device rejects, and why."""
+    """Kinds of fault that the device rejects, each with the reason."""
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
+        """Advance to ``now_us``, then receive ``data``; return the bytes that the device sends."""
 
     def attach_line(self, end: DeviceEnd) -> None:
-        """Report the counters of this end of the line; a chip with its own counters ignores it."""
+        """Use the counters of this end of the link; ignored by a chip with its own counters."""
 
     def next_deadline_us(self) -> int:
-        """Return the time of the device's next work, apart from received bytes."""
+        """Return the time of the device's next work if it receives no bytes."""
 
     @property
     def truth(self) -> Truth:
         """Return the true state."""
 
     def reset(self, cause: ResetCause, off_s: float = 0.0) -> None:
-        """Reset the chip; the plant stays."""
+        """Reset the chip; the plant does not change."""
 
     def hang(self) -> None:
         """Freeze the firmware until its watchdog resets it."""

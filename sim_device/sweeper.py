@@ -1,4 +1,4 @@
-"""The virtual sweeper: world, plant, sensors and chip behind one ``step(bytes, now)``."""
+"""The virtual sweeper: world, plant, sensors and chip with one method ``step(bytes, now)``."""
 
 from __future__ import annotations
 
@@ -35,26 +35,27 @@ if TYPE_CHECKING:
     from sim_device.line.device_end import DeviceEnd
 
 BOOT_US = 300_000
-"""Time from reset to the first control period, µs: clocks, the IMU's start-up, detection of
+"""Time from reset to the first control period, µs: start of clocks and IMU, detection of
 sensors."""
 WATCHDOG_US = 100_000
-"""Timeout of the independent watchdog (RM0090, section 21), µs. The control loop feeds it in each
-period. Ten missed periods are more than a normal delay. Until it fires, the outputs keep their
-state."""
+"""Timeout of the chip's independent watchdog (RM0090, section 21), µs. The control loop feeds the
+watchdog in each period of 10 ms. Ten missed periods are longer than any normal delay. Until the
+watchdog resets the chip, the outputs do not change."""
 CRASH_PC, CRASH_LR, CRASH_CFSR = 0x0800_4D2A, 0x0800_4C91, 0x0001_0000
-"""Crash record of this firmware: two addresses in the flash, and "undefined instruction" (PM0214,
-section 4.4.10). They are fixed, because the virtual firmware has no real addresses."""
+"""Crash record that this firmware reports: two addresses in the flash, and the fault "undefined
+instruction" (PM0214, section 4.4.10). The addresses are constants, because the virtual firmware has
+no real addresses."""
 _OFF = DeviceState.OFF
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 
 
 def _boot_id(rng: np.random.Generator) -> int:
-    """Return a boot id of the device's own sequence: random, never 0."""
+    """Return a random boot id from the device's generator; never 0."""
     return int(rng.integers(1, 1 << 32))
 
 
 class Program(Protocol):
-    """A firmware from one boot to the next. Times are its uptime, µs."""
+    """Interface of a firmware between two boots. Times are its uptime, µs."""
 
     reboot_wanted: RebootKind | None
     """The reboot that the firmware has accepted; None: no reboot."""
@@ -66,10 +67,10 @@ class Program(Protocol):
         """Return the start of the control period after the one at ``now_us``."""
 
     def receive(self, data: bytes, now_us: int) -> None:
-        """Take bytes that arrived."""
+        """Process bytes that arrived at ``now_us``."""
 
     def data_to_send(self) -> bytes:
-        """Bytes for the port."""
+        """Return the bytes to send."""
 
     @property
     def fed(self) -> bool:
@@ -77,7 +78,7 @@ class Program(Protocol):
 
     @property
     def waits(self) -> bool:
-        """True if time alone can decide about received bytes."""
+        """True if received bytes may time out, such as a command without its tag."""
 
     @property
     def drivers(self) -> bool:
@@ -89,7 +90,7 @@ class Program(Protocol):
 
     @property
     def mode(self) -> Mode:
-        """Mode that the status message shows."""
+        """Mode as in the status message."""
 
     @property
     def stop_cause(self) -> StopCause:
@@ -110,17 +111,17 @@ P = TypeVar("P", bound=Program)
 
 
 class Sweeper(ABC, Generic[P]):
-    """A body in a room with a chip that runs a firmware; deterministic for its seed.
+    """A robot in a room, with a chip that runs a firmware; deterministic for its seed.
 
     Times passed in are true times, in microseconds since the device was first switched on. The
     firmware has its own clock (``clock``), which restarts with each boot. Between two calls the
-    plant advances in control periods of 10 ms of that clock. Bytes are taken at the given time.
+    plant advances in control periods of 10 ms of this clock. Bytes are received at the given time.
     """
 
     firmware: P
-    """The firmware since the last boot."""
+    """The running firmware; each boot creates a new object."""
     cannot: Mapping[str, str] = MappingProxyType({})
-    """Kinds of fault that the device rejects, with the reason; none by default."""
+    """Kinds of fault that the device rejects, each with the reason; none by default."""
 
     def __init__(  # noqa: PLR0913 - options of a device
         self,
@@ -135,7 +136,7 @@ class Sweeper(ABC, Generic[P]):
         boot_id: int | None,
         imu: ImuConfig,
     ) -> None:
-        """Switch on at time 0, at rest at the plan's start; the subclass boots the firmware.
+        """Switch on at time 0, at rest at the plan's start pose; the subclass boots the firmware.
 
         Raises:
             FloorPlanError: the robot does not fit at its start.
@@ -166,14 +167,14 @@ class Sweeper(ABC, Generic[P]):
 
     @abstractmethod
     def _new_firmware(self) -> P:
-        """Boot as ``_identity`` says."""
+        """Boot the firmware with the identity in ``_identity``."""
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
+        """Advance to ``now_us``, then receive ``data``; return the bytes that the device sends."""
         while self._next_tick_us <= now_us:
             self._period()
         if self._hung or not self._modes.awake:
-            return b""  # bytes that come now are lost, and nothing is sent
+            return b""  # received bytes are lost, and nothing is sent
         firmware = self.firmware
         if data or firmware.waits:
             firmware.receive(data, self.clock.uptime_us(now_us))
@@ -185,17 +186,17 @@ class Sweeper(ABC, Generic[P]):
         return out
 
     def attach_line(self, end: DeviceEnd) -> None:
-        """Report what this end of the line counts; a chip with counters of its own ignores it."""
+        """Use the counters of this end of the link; ignored by a chip with its own counters."""
 
     def close(self) -> None:
-        """Release what the firmware needs: nothing, unless a subclass says otherwise."""
+        """Release the resources of the firmware; by default there are none."""
 
     def skip_to(self, now_us: int) -> None:
-        """Set the device's clock ahead, µs, as if it had been on for that time."""
+        """Advance the device's clock to ``now_us``, as if the device had been on for this time."""
         self._next_tick_us = now_us
 
     def next_deadline_us(self) -> int:
-        """Return the time of the device's next work, apart from received bytes."""
+        """Return the time of the device's next work if it receives no bytes."""
         return self._next_tick_us
 
     @property
@@ -205,9 +206,9 @@ class Sweeper(ABC, Generic[P]):
 
     @property
     def drivers(self) -> bool:
-        """Whether the motor drivers are enabled; those of a resetting chip are not.
+        """Whether the motor drivers are enabled; they are disabled during a reset of the chip.
 
-        At rest a disabled bridge holds the wheels like a braking one, so the plant brakes.
+        In the model, a disabled bridge brakes the motors like an enabled bridge at duty 0.
         """
         return self._modes.awake and self.firmware.drivers
 
@@ -236,11 +237,11 @@ class Sweeper(ABC, Generic[P]):
         boot_id: int | None = None,
         crash: CrashRecord | None = None,
     ) -> None:
-        """Reset the chip; the plant stays. The chip boots after ``off_s`` and 0.3 s.
+        """Reset the chip without a change of the plant; the chip boots after ``off_s`` + 0.3 s.
 
-        Until then outputs are off and received bytes are ignored. Everything on its way or in
-        memory is lost, including a save under way. After ``POWER_ON`` and ``BROWN_OUT`` the chip
-        also waits for its supply. Without a ``boot_id`` the device draws one.
+        Until then its outputs are off and received bytes are ignored. Queued data and memory are
+        lost, and a running save is aborted. After ``POWER_ON`` and ``BROWN_OUT`` the chip also
+        waits for its supply voltage. Without a ``boot_id`` the device draws a random id.
         """
         self._modes.fire(Event.SUPPLY_LOST if cause in _SUPPLY_CAUSES else Event.RESET)
         self.duties = (0.0, 0.0)
@@ -258,18 +259,18 @@ class Sweeper(ABC, Generic[P]):
         self._ready_us = self._next_tick_us + round(off_s * 1e6) + BOOT_US
 
     def hang(self) -> None:
-        """Freeze the firmware with its outputs as they are, until the watchdog resets it."""
+        """Freeze the firmware until the watchdog resets it; the outputs do not change."""
         self._hung = self._modes.awake
 
     def crash(self) -> None:
-        """Let the processor fault; its record outlives the reset."""
+        """Cause a processor fault; the crash record survives the reset."""
         if self._modes.awake:
             uptime_us = self.clock.uptime_us(self._next_tick_us)
             record = CrashRecord(CRASH_PC, CRASH_LR, CRASH_CFSR, uptime_us)
             self.reset(ResetCause.CRASH, crash=record)
 
     def fail_crystal(self, drift_ppm: float) -> None:
-        """Let the crystal stop: the watchdog, which has its own clock, resets the chip."""
+        """Stop the crystal; the watchdog, which has its own clock, resets the chip."""
         self._crystal_failed = True
         self.clock.drift_ppm += drift_ppm
         self.reset(ResetCause.WATCHDOG)
@@ -277,7 +278,7 @@ class Sweeper(ABC, Generic[P]):
     # ---- time -----------------------------------------------------------------------------
 
     def _period(self) -> None:
-        """Run one control period: the firmware's tick, if it runs, and the plant up to the next."""
+        """Run one control period: the firmware's tick (if it runs), then the plant."""
         now_us, modes, plant = self._next_tick_us, self._modes, self.plant
         next_us = now_us + TICK_US if modes.awake else self._wait(now_us)
         if modes.awake:
@@ -300,7 +301,7 @@ class Sweeper(ABC, Generic[P]):
             self.reset(ResetCause.BROWN_OUT)
 
     def _wait(self, now_us: int) -> int:
-        """Run a period without firmware; return the time of the next one."""
+        """Run one control period without firmware; return the time of the next period."""
         if self._modes.state is DeviceState.OFF:
             if self.plant.rail_5v_v < SUPPLY_GOOD_V:
                 self._ready_us = max(self._ready_us, now_us + TICK_US + BOOT_US)
@@ -330,23 +331,23 @@ class VirtualSweeper(Sweeper[Firmware]):
         local: bool = True,
         imu: ImuConfig | None = None,
     ) -> None:
-        """Boot at time 0, at rest at the plan's start.
+        """Boot at time 0, at rest at the plan's start pose.
 
         Args:
             plan: The room.
             model: The robot; by default the model of the paper's robot.
-            seed: The seed of every random draw.
-            noise: The name of a level, or a level.
+            seed: The seed of all random values.
+            noise: A noise level or its name.
             node: The device's node number.
             catalogue: The declarations of the firmware's version of the project.
             link: The link to the host.
-            local: Whether reaching the link requires standing beside the robot; otherwise no key
-                can be set.
+            local: True if only a person beside the robot can use the link; otherwise no key can be
+                set.
             boot_id: The boot id; without it, it follows from the seed.
             imu: The IMU settings that the firmware writes.
 
         Raises:
-            FloorPlanError: the robot does not fit where it should start.
+            FloorPlanError: the robot does not fit at its start pose.
             UnknownNoiseLevelError: no such level.
 
         """
@@ -369,7 +370,7 @@ class VirtualSweeper(Sweeper[Firmware]):
         self.firmware = self._new_firmware()
 
     def attach_line(self, end: DeviceEnd) -> None:
-        """Report what this end of the line counts."""
+        """Use the counters of this end of the link."""
         self._line = end
         self.firmware.telemetry.counters.line_health = end.health
 

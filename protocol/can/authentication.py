@@ -14,11 +14,12 @@ if TYPE_CHECKING:
     from protocol.link import Received
 
 TOGETHER_US = 10_000
-"""Maximum time between a message and its tag, µs. After it the message counts as untagged."""
+"""Maximum time between a message and its tag, µs. Without a tag in this time, the message counts as
+untagged."""
 
 
 class Held(NamedTuple):
-    """A held message, the frames that its tag covers, and the stamp state for a valid tag."""
+    """A held message, the frames that its tag covers, and the stamp state after a valid tag."""
 
     came_us: int
     covered: Sequence[tuple[int, bytes]]
@@ -39,14 +40,14 @@ class HeldMessages:
         stamps: StampExtender,
         now_us: int,
     ) -> Received | None:
-        """Store a message and what its tag covers; return an earlier one that got no tag."""
+        """Store a message until its tag arrives; return the node's earlier untagged message."""
         node = event.frame.node
         before = self._held.get(node)
         self._held[node] = Held(now_us, covered, event, stamps)
         return None if before is None else before.event
 
     def tagged(self, node: int, data: bytes, key: Authenticator, now_us: int) -> Held | None:
-        """Use a tag; return the message that it belongs to, marked as authentic, or None."""
+        """Check a tag; return its message, marked as authentic, or None if the tag is invalid."""
         held = self._held.pop(node, None)
         if held is None or now_us - held.came_us > TOGETHER_US:
             return None

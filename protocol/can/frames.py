@@ -1,9 +1,10 @@
 """Classic CAN frames: identifiers, the packing of periodic messages, and their length in bits.
 
-``id = type << 4 | node``: the type comes first, so that a stop wins every arbitration. A periodic
-message is one frame: the low 16 bits of its stamp, then at most 6 B of payload. A longer message
-consists of several such frames, its parts. Each part has its own type, so every frame can be
-decoded alone. The stamp comes first, so that an appended field does not move other fields.
+The identifier is ``type << 4 | node``. A lower identifier wins bus arbitration, so a stop (type 0
+or 1) always wins. A periodic message is one frame: the low 16 bits of its time stamp, then at most
+6 B of payload. A longer periodic message consists of several such frames, its parts. Each part has
+its own type, so every frame can be decoded alone. The stamp comes first, so that an appended field
+does not move other fields.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 STAMP_SHIFT = 4
-"""Unit of a short stamp, as a shift: 2⁴ = 16 µs."""
+"""Unit of a 16-bit time stamp, as a bit shift: 2⁴ = 16 µs."""
 T16 = struct.Struct("<H")
 T32 = struct.Struct("<I")
 MAX_DATA = 8
 
 RECORD = struct.Struct("<IB3x8s")
-"""A frame as bytes: Linux' ``struct can_frame``, 16 B, identifier in little-endian."""
+"""Layout of a frame as 16 bytes: Linux' ``struct can_frame`` with a little-endian identifier."""
 _NOT_PLAIN = 0xE000_0000
 """Mask of the extended, remote and error flags in the identifier's word."""
 _MAX_STANDARD_ID = 0x7FF
@@ -45,7 +46,7 @@ class CanFrame(NamedTuple):
 
     @property
     def node(self) -> int:
-        """Id of the device, 0 for all."""
+        """Node id of the device; 0 addresses all devices."""
         return self.can_id & 0x0F
 
 
@@ -71,7 +72,8 @@ class Part(NamedTuple):
     can_type: int
     number: int
     spans: tuple[tuple[int, int], ...]
-    """Ranges of its fields in the message's payload: first byte, and end (not included)."""
+    """Byte ranges of the part's fields in the message's payload: first byte, and end (not
+    included)."""
     slow_us: int
     """Minimum time between two transmissions, µs; 0: sent with every message."""
     full_stamp: bool
@@ -79,10 +81,10 @@ class Part(NamedTuple):
 
 
 def parts_of(spec: MessageSpec, shared_fields: int) -> tuple[Part, ...]:
-    """Return the frames of a periodic message that shares ``shared_fields`` fields with the peer.
+    """Return the frames that carry the first ``shared_fields`` fields of a periodic message.
 
-    They are in the order of transmission. Slow parts go first; otherwise the first message would
-    wait for them.
+    The peer declares only these fields. The frames are in the order of transmission. Slow parts
+    come first, because a receiver delivers a message only after its slow parts have arrived.
     """
     spans: dict[int, list[tuple[int, int]]] = {}
     offset = 0
@@ -114,7 +116,7 @@ def _joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
 
 
 def is_native(spec: MessageSpec) -> bool:
-    """Return True if a message is packed here; all others are transfers."""
+    """Return True if a message is periodic and uses these frames; all others are transfers."""
     return spec.rate is RateClass.STREAM
 
 
@@ -127,10 +129,10 @@ def pack(part: Part, payload: bytes, t_us: int) -> bytes:
 
 
 def join(fields: Iterable[Field], parts: dict[int, bytes]) -> bytes:
-    """Return a message's payload from its parts' payloads, as far as they are present.
+    """Join the payloads of a message's parts to the message's payload.
 
-    It ends before the first of our fields that the peer did not send. Fields of the peer beyond
-    ours are appended; the codec handles them.
+    The result ends before the first of our fields that the peer did not send. Fields that only the
+    peer declares are appended; the codec skips them.
     """
     left = dict(parts)
     whole: list[bytes] = []
@@ -146,15 +148,15 @@ def join(fields: Iterable[Field], parts: dict[int, bytes]) -> bytes:
 # ---- how long a frame occupies the bus ----------------------------------------------------
 
 _FIXED_BITS = 47
-"""Number of bits of a frame besides its data: start bit, 11 of identifier, 3 of control, 4 of
+"""Number of bits of a frame without its data: start bit, 11 of identifier, 3 of control, 4 of
 length, 15 of CRC, 3 of delimiters and acknowledge, 7 of end, 3 between frames (ISO 11898-1)."""
 
 
 def nominal_bits(length: int) -> int:
-    """Return the bits of a frame with ``length`` data bytes, without stuff bits."""
+    """Return the number of bits of a frame with ``length`` data bytes, without stuff bits."""
     return _FIXED_BITS + 8 * length
 
 
 def worst_bits(length: int) -> int:
-    """Return the same with the maximum number of stuff bits (Davis et al. 2007, eq. 1)."""
+    """Return the frame's number of bits with all possible stuff bits (Davis et al. 2007, eq. 1)."""
     return nominal_bits(length) + (33 + 8 * length) // 4

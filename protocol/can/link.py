@@ -1,7 +1,7 @@
 """One end of a link over classic CAN: the same messages and events as over UART.
 
-Frames are also passed as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), so that ports,
-wires and logs do not depend on their content.
+This module passes each CAN frame as 16 bytes (:data:`protocol.can.frames.RECORD`), so that ports
+and logs handle both media in the same form.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message, MessageSpec
 
 DUPLICATE_US = 500_000
-"""Time within which an equal frame with the same identifier is a duplicate, µs. Stamps and transfer
-ids repeat only later."""
+"""Maximum time between two equal frames that count as duplicates, µs. Stamps and transfer ids
+repeat only after a longer time."""
 _SPAN32, _HALF32 = 1 << 32, 1 << 31
 _VERSION = PROTOCOL_VERSION << 4
 _ID_SIZE = 2
@@ -62,21 +62,21 @@ _rank = itemgetter(5)
 
 @dataclass(slots=True)
 class CanStatistics(LinkStatistics):
-    """Counts of frames by result; ``lost`` comes from the count in Sync."""
+    """Counts of frames by result; ``lost`` is derived from the frame count in Sync."""
 
     foreign: int = 0
     """Number of frames in another format."""
     duplicates: int = 0
     stale: int = 0
-    """Frames with a stamp too old to be extended."""
+    """Number of frames whose short stamp was too old to be extended."""
     incomplete: int = 0
     """Number of parts of messages whose other parts did not arrive."""
     given_up: int = 0
-    """Transfers that lost a frame."""
+    """Number of transfers that were dropped because a frame was missing."""
 
 
 class _Native(NamedTuple):
-    """Place of a frame in a periodic message."""
+    """Periodic message that a frame belongs to, and the frame's part number."""
 
     spec: MessageSpec
     part: int
@@ -88,7 +88,7 @@ class _Incomplete:
 
     stamp_us: int
     frames: dict[int, CanFrame]
-    """Frames by the number of the part."""
+    """Received frames by part number."""
 
 
 class _Sender:
@@ -97,15 +97,16 @@ class _Sender:
     def __init__(self) -> None:
         self.stamps = StampExtender()
         self.pending: dict[tuple[int, int], _Incomplete] = {}
-        """Incomplete messages by node and message type. For messages from a host, the node is that
-        of the addressed device."""
+        """Incomplete messages by node and message type. In a host's message, the node is the
+        addressed device."""
         self.slow: dict[tuple[int, int], bytes] = {}
         self.messages = 0
-        """Number of messages delivered; it replaces the sequence number, which CAN lacks."""
+        """Number of messages delivered. It replaces the sequence number, which CAN frames do not
+        have."""
         self.frames = 0
         """Number of frames since the last Sync."""
         self.count: int | None = None
-        """Count in that Sync."""
+        """Frame count in the last Sync."""
 
 
 class CanLink(LinkBase):
@@ -138,7 +139,7 @@ class CanLink(LinkBase):
         self._frame_count = 0
         self._held = HeldMessages()
         self._unmarked: list[Received] = []
-        """Waiting messages without a tag, because the next message arrived before the tag."""
+        """Held messages to deliver as untagged, because the next message arrived before the tag."""
 
     def _parts_of(self, spec: MessageSpec) -> tuple[Part, ...]:
         shared = self.codec.shared_fields(spec)
@@ -155,10 +156,7 @@ class CanLink(LinkBase):
         return self._reassembler.held_bytes
 
     def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
-        """Take frames that arrived at ``now_us`` of our own clock.
-
-        Return the events they complete.
-        """
+        """Process frames that arrived at ``now_us`` of our clock; return the completed events."""
         data = self._partial + data
         whole = len(data) - len(data) % RECORD.size
         self._partial = data[whole:]
@@ -193,7 +191,7 @@ class CanLink(LinkBase):
             return self._tag(frame, now_us)
         if spec.direction is self._sends:
             if self._sends is Direction.DEVICE:
-                return None  # another device on the bus; a chip's filter keeps it out
+                return None  # from another device; a CAN controller's filter drops it
             head = Frame(_VERSION, frame.node, spec.type_id, 0, 0, data)
             return self._reject(head, "direction")
         statistics.frames_in += 1
@@ -204,7 +202,7 @@ class CanLink(LinkBase):
         return self._take_segment(frame, spec, now_us)
 
     def _take_bare(self, frame: CanFrame, spec: MessageSpec) -> LinkEvent:
-        """Take a frame whose identifier says everything: any data, each time."""
+        """Process a message without fields: the frame's data is ignored, and repeats are valid."""
         self.statistics.bytes_in += _ID_SIZE + len(frame.data)
         self.statistics.frames_in += 1
         by_type = self.statistics.by_type
@@ -213,7 +211,7 @@ class CanLink(LinkBase):
         return self._interpret(spec, frame.node, _VERSION, 0, b"")
 
     def _tag(self, frame: CanFrame, now_us: int) -> LinkEvent:
-        """Handle a frame of no message: the tag of the message before it, or an unknown type."""
+        """Handle a frame that is not part of a message: a tag, or an unknown type."""
         head = Frame(_VERSION, frame.node, frame.can_type, 0, 0, frame.data)
         if frame.can_type != CAN_AUTH_TYPE or self.key is None:
             return self._reject(head, "type")
@@ -229,15 +227,12 @@ class CanLink(LinkBase):
         return self.key is not None and self.key.begun and self._sends is Direction.DEVICE
 
     def _stamps_of(self, sender: _Sender) -> StampExtender:
-        """Return the extender of a frame's stamp.
-
-        A copy if the frame must be tagged to change it.
-        """
+        """Return the sender's stamp state; a copy if only a valid tag may change the state."""
         return copy(sender.stamps) if self._guards else sender.stamps
 
     def _sender(self, node: int) -> _Sender:
-        # A device's frames name the device. All frames of a host come from one sender, whatever
-        # node they name.
+        # The node in a device's frame is the sender. The node in a host's frame is the addressee,
+        # so all frames of the host count as one sender, 0.
         node = node if self._sends is Direction.HOST else 0
         sender = self._senders.get(node)
         if sender is None:
@@ -281,7 +276,7 @@ class CanLink(LinkBase):
             return None
         self._expire(sender, stamp_us)
         parts, frames = self._parts_of(spec), [frame]
-        if len(parts) > 1 or native.part:  # or of a part that the peer does not share
+        if len(parts) > 1 or native.part:  # a part may also have no shared field
             whole = self._join(sender, frame, native, parts, stamp_us, payload)
             if whole is None:
                 return None
@@ -298,7 +293,7 @@ class CanLink(LinkBase):
         stamps: StampExtender,
         now_us: int,
     ) -> LinkEvent | None:
-        """Hold a message that needs a tag until the tag comes, if there is a key to check it."""
+        """Hold a message that needs a tag until the tag arrives; return any other event at once."""
         if not self._guards or not isinstance(event, Received):
             return event
         if event.spec.type_id not in SIGNED_TYPES:
@@ -320,10 +315,10 @@ class CanLink(LinkBase):
         stamp_us: int,
         payload: bytes,
     ) -> tuple[bytes, list[CanFrame]] | None:
-        """Return the payload that a frame completes, and the frames of this stamp that carry it."""
+        """Return the payload that a frame completes, and the message's frames with this stamp."""
         spec, number = native
         part = next((p for p in parts if p.number == number), None)
-        if part is None:  # of fields that are not shared
+        if part is None:  # only the peer has the fields of this part
             self.codec.extra_bytes += len(payload)
             return None
         if part.slow_us:
@@ -341,7 +336,7 @@ class CanLink(LinkBase):
         if len(pending.frames) < len(quick):
             return None
         slow = {p.number: sender.slow.get((spec.type_id, p.number)) for p in parts if p.slow_us}
-        if None in slow.values():  # not sent yet: it comes within its own period
+        if None in slow.values():  # not sent yet; it will arrive within its period
             self._drop(sender, place)
             return None
         del sender.pending[place]
@@ -392,7 +387,7 @@ class CanLink(LinkBase):
         else:
             stamp_us = stamps.short(parsed.stamp, now_us)
             if stamp_us is None and spec.cls is Stop:
-                stamp_us = stamps.sender_us(now_us)  # obeyed whenever it was sent
+                stamp_us = stamps.sender_us(now_us)  # valid at any age
         if stamp_us is None:
             statistics.stale += 1
             return None
@@ -403,9 +398,9 @@ class CanLink(LinkBase):
         return self._guarded(event, [(frame.can_id, whole)], stamps, now_us)
 
     def forget_sequence(self) -> None:
-        """Reset counts, clocks and incomplete messages: the peer's hello shows a new boot.
+        """Reset counts, clocks and incomplete messages, because the peer has booted.
 
-        The hello's stamp is kept, because the short stamps after it refer to it.
+        The stamp of the peer's hello stays, because later short stamps are extended from it.
         """
         for node, before in list(self._senders.items()):
             sender = self._senders[node] = _Sender()
@@ -424,7 +419,7 @@ class CanLink(LinkBase):
         latest: bool = False,
         rank: int | None = None,
     ) -> bool:
-        """Queue a message, as on any link; here flags have three bits.
+        """Queue a message as on any link; on CAN, ``flags`` has three bits instead of four.
 
         Raises:
             FieldRangeError: a value does not fit, or ``flags`` has the bit that CAN needs.
@@ -435,7 +430,7 @@ class CanLink(LinkBase):
         return super().send(message, t_us, node=node, flags=flags, latest=latest, rank=rank)
 
     def data_to_send(self) -> bytes:
-        """Return and remove the queued frames, the most urgent first."""
+        """Return and remove the queued frames, lowest rank first."""
         if not self._queue:
             return b""
         queue, self._queue = self._queue, []
@@ -464,7 +459,7 @@ class CanLink(LinkBase):
                 self._frame_count += 1
             records += [to_record(frame) for frame in frames]
             self.statistics.bytes_out += sum(_ID_SIZE + len(f.data) for f in frames)
-        # Messages were counted when they were queued; on a bus the frames count.
+        # Each queued message was counted as one frame. Add the additional frames of long messages.
         self.statistics.frames_out += len(records) - len(queue)
         return b"".join(records)
 
@@ -477,7 +472,7 @@ class CanLink(LinkBase):
                     continue
                 self._slow_sent_us[part.can_type] = t_us
             self._frame_count += 1
-            if spec.cls is Sync:  # known only now: the count depends on the order of sending
+            if spec.cls is Sync:  # the count depends on the order of transmission, known only now
                 payload = T32.pack(self._frame_count % _SPAN32)
             frames.append(CanFrame(part.can_type << 4 | node, pack(part, payload, t_us)))
         return frames

@@ -1,4 +1,4 @@
-"""The load of a CAN bus by the messages at their default rates."""
+"""Load of a CAN bus by all messages at their default rates."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Load(NamedTuple):
 
 
 def loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
-    """Return the load of every stream at its default rate, of time requests and of a busy log.
+    """Return the load of each stream at its default rate, of time requests and of a busy log.
 
-    Both setpoints are counted, although only one of them is sent at a time.
+    Velocity and duty setpoints are both counted, although a host sends only one kind at a time.
     """
     found = []
     for spec in catalogue:
@@ -73,7 +73,7 @@ def _load(name: str, frames: list[tuple[float, int]]) -> Load:
 
 
 def report(bitrate: int = BITRATE, catalogue: Catalogue = CATALOGUE) -> list[str]:
-    """Return a table for people, the sums last."""
+    """Return the lines of a readable table; the last lines are the sums."""
     rows = loads(catalogue)
     rows.append(
         Load(

@@ -1,8 +1,8 @@
 """Transfers: contents longer than one CAN frame, split and reassembled.
 
-Each frame ends with a tail byte as in UAVCAN and Cyphal: start, end, a toggle bit, and five bits
-that count transfers. A tail byte alone does not detect an even number of lost segments. So a
-transfer of several frames ends with the CRC-32 that frames have on UART.
+Each frame ends with a tail byte as in UAVCAN and Cyphal. It contains a start bit, an end bit, a
+toggle bit, and a 5-bit transfer counter. The toggle bit does not detect an even number of lost
+frames. So a transfer of several frames ends with the CRC-32 that is also used on UART.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from protocol.uart.framing import CRC, MAX_PAYLOAD
 START, END, TOGGLE, TRANSFER = 0x80, 0x40, 0x20, 0x1F
 _SINGLE = START | END | TOGGLE
 SEGMENT = 7
-"""Number of content bytes in one frame, besides its tail byte."""
+"""Number of content bytes in one frame, without its tail byte."""
 FLAG_WHOLE_STAMP = 8
-"""Flag in a transfer's first byte: ``t_us`` has 32 bits, not the 16 of a short stamp."""
+"""Flag in a transfer's first byte: ``t_us`` has 32 bits instead of 16."""
 MAX_CONTENT = 1 + T32.size + MAX_PAYLOAD
 MAX_OPEN = 16
 """Maximum number of transfers reassembled at the same time: one per node."""
@@ -30,7 +30,7 @@ OPEN_US = 1_000_000
 def content(version_flags: int, t_us: int, payload: bytes) -> bytes:
     """Return the content of a transfer: version and flags, stamp, payload.
 
-    The stamp is full, unless only a short one lets the content fit one frame.
+    The stamp is short only if the content then fits one frame, and would not with a full stamp.
     """
     short = 1 + T16.size + len(payload)
     if short <= SEGMENT < 1 + T32.size + len(payload):
@@ -81,14 +81,14 @@ def segments(data: bytes, transfer_id: int) -> list[bytes]:
 
 
 class TransferResult(Enum):
-    """Result for one segment."""
+    """Result of processing one segment."""
 
     PART = "part"
     """Accepted; more segments follow."""
     STRAY = "stray"
     """The segment belongs to no open transfer, because an earlier segment was lost."""
     DAMAGED = "damaged"
-    """The last segment, but the CRC is wrong."""
+    """The transfer is complete, but its CRC is wrong."""
 
 
 class _Open:
@@ -102,14 +102,14 @@ class _Open:
 
 
 class Reassembler:
-    """Reassembles transfers; its memory is bounded whatever arrives.
+    """Reassembles transfers, with bounded memory for any input.
 
-    The caller must leave out duplicate frames, which directly follow each other.
+    The caller must remove duplicate frames. A duplicate directly follows its original.
     """
 
     def __init__(self) -> None:
         self.given_up = 0
-        """Number of transfers begun but not completed."""
+        """Number of transfers that began but were dropped before completion."""
         self._open: dict[int, _Open] = {}
 
     @property
@@ -118,7 +118,7 @@ class Reassembler:
         return sum(len(o.data) for o in self._open.values())
 
     def feed(self, can_id: int, data: bytes, now_us: int) -> bytes | TransferResult:
-        """Take a frame; return the content that it completes, or its result."""
+        """Process a frame; return the content that it completes, or the result of the segment."""
         if not data:
             return TransferResult.STRAY
         piece, tail = data[:-1], data[-1]

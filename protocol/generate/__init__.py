@@ -1,7 +1,7 @@
 """Texts generated from the catalogue, for other languages, tools and people.
 
-Each generator is a module with a pure ``render`` that returns the text of each file by name. It is
-imported only when it is used.
+Each generator is a module with a pure function ``render``. The function returns the generated texts
+by file name. A generator is imported only when it is used.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ GENERATORS: dict[str, Callable[..., dict[str, str]]] = {
 """Generators by their name in ``sweepctl generate``."""
 
 PER_NODE = frozenset({"dbc"})
-"""Generators whose output is for one device; they have the option ``node``."""
+"""Names of the generators whose output is for one device. They have the option ``node``."""
 
 
 def render(
@@ -38,7 +38,7 @@ def render(
     node: int = 1,
     **options: Any,  # noqa: ANN401 - options of the generator
 ) -> dict[str, str]:
-    """Return the texts of one generator by file name; ``options`` are its own.
+    """Return the texts of one generator by file name; ``options`` depend on the generator.
 
     Raises:
         KeyError: there is no generator with this name.

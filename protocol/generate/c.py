@@ -1,6 +1,7 @@
-"""C99 for firmware: one header, one source, only ``stdint`` and the like included.
+"""Generates C99 for firmware: one header and one source, which include only standard headers.
 
-No allocation, no I/O, no recursion; all state is in structs of the caller.
+The generated code has no memory allocation, no I/O and no recursion. All its state is in structs of
+the caller.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from protocol.uart.framing import HEADER as FRAME_HEADER
 HEADER = "sweepctl_protocol.h"
 SOURCE = "sweepctl_protocol.c"
 DELIMITERS = 2
-"""Number of zeros around a frame."""
+"""Number of zero bytes around a frame, as delimiters."""
 _PPM = 1_000_000
 
 

@@ -1,4 +1,4 @@
-"""Tables for classic CAN in C: the fields of each message in each native frame."""
+"""C tables for classic CAN: the fields of each message in each native frame."""
 
 from __future__ import annotations
 

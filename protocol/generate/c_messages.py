@@ -31,7 +31,7 @@ _WIDTHS = {"u16": "u16", "i16": "u16", "u32": "u32"}
 
 
 def enums(catalogue: Catalogue) -> str:
-    """Return a C enum for each enumeration that a field uses, once each, sorted by name."""
+    """Return one C enum for each enumeration that a field uses, sorted by name."""
     found: dict[str, type[IntEnum]] = {}
     for spec in catalogue:
         for field in spec.fields:
@@ -115,7 +115,7 @@ def _one_of(comment: str, name: str, specs: list[MessageSpec]) -> str:
 
 
 def streams(catalogue: Catalogue) -> str:
-    """Return the macro that applies another one to each stream of a device, by rising type."""
+    """Return the macro that applies another macro to each stream of a device, by ascending type."""
     wanted = sorted(
         (s for s in catalogue if s.direction is Direction.DEVICE and s.rate is RateClass.STREAM),
         key=lambda spec: spec.type_id,
@@ -139,7 +139,7 @@ def streams(catalogue: Catalogue) -> str:
 
 
 def switch_macro(spec: MessageSpec) -> str | None:
-    """Return the macro that excludes the message; None if it is always included."""
+    """Return the name of the macro that excludes the message; None if it is always included."""
     return None if spec.bootstrap else f"SP_WITH_{upper(spec)}"
 
 
@@ -342,9 +342,9 @@ def _get(spec: MessageSpec, field: Field, at: int) -> Iterator[str]:
 
 
 def table_rows(catalogue: Catalogue) -> str:
-    """Return type, fields and fixed size of each message.
+    """Return type, number of fields and fixed size of each message.
 
-    The type's top bit: the device sends it.
+    The top bit of the type is set if the device sends the message.
     """
     out = []
     for spec in catalogue:
@@ -355,7 +355,7 @@ def table_rows(catalogue: Catalogue) -> str:
 
 
 def chain_rows(catalogue: Catalogue) -> str:
-    """Return the chain values of each message, before the first field and after each."""
+    """Return the hash-chain values of each message, before the first field and after each field."""
     return "".join(
         guarded(spec, _chain_rows(spec.name, catalogue.chains[spec.type_id])) for spec in catalogue
     )
@@ -370,7 +370,7 @@ def enum_members(catalogue: Catalogue) -> str:
 
 
 def enum_rows(catalogue: Catalogue) -> str:
-    """Return the chains of the enumerations."""
+    """Return the hash chains of the enumerations."""
     return "".join(
         _guarded_enum(catalogue, e, _chain_rows(e.name, e.chain)) for e in catalogue.enums.values()
     )

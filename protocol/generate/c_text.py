@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 WIDTH = 96
 
-# Reserved words of C99, then those of a C++ compiler that includes the header.
+# Reserved words of C99, then reserved words of C++ (a C++ compiler may include the header).
 _WORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline
 int long register restrict return short signed sizeof static struct switch typedef union
@@ -43,7 +43,7 @@ def upper(spec: MessageSpec) -> str:
 
 
 def plain(text: str) -> str:
-    """Return ASCII text that cannot end a comment."""
+    """Return the text in ASCII, without a sequence that ends a C comment."""
     for sign, words in _ASCII.items():
         text = text.replace(sign, words)
     text = text.encode("ascii", "replace").decode().replace("``", "").replace("*/", "* /")

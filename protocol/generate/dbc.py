@@ -1,9 +1,9 @@
-"""CAN database: every periodic frame of one device and its tags, for cantools, SavvyCAN and others.
+"""CAN database (DBC) with every periodic frame of one device, for cantools, SavvyCAN and others.
 
-Each periodic frame can be decoded with this file alone. All other messages are split into segments,
-which the format cannot describe, so they are omitted. The database also contains the frame that
-signs a message (:mod:`protocol.authentication`): it shows whether a setpoint was signed, and with
-which counter.
+This file alone is sufficient to decode a periodic frame. All other messages are split into
+segments. A DBC file cannot describe segments, so these messages are omitted. The database also
+contains the tag frame that signs a message (:mod:`protocol.authentication`). The tag frame shows
+whether a setpoint was signed, and with which counter.
 """
 
 from __future__ import annotations
@@ -33,9 +33,11 @@ STAMP = "t16"
 FULL_STAMP = "t_us"
 TAG = "auth_tag"
 _PLAIN_UNITS = {"percent": "%", "us": "us"}
-"""Units of unscaled fields that are shown; other units only describe the encoding."""
+"""Units of unscaled fields that the database contains. Other units of unscaled fields only describe
+the encoding."""
 _PLAIN_SIGNS = str.maketrans({'"': "'", "±": "+-", "°": "deg", "×": "x", "–": "-", "’": "'"})
-"""Replacements of characters outside ASCII, and of the double quote, which no text can contain."""
+"""Replacements of non-ASCII characters and of the double quote, which a DBC text must not
+contain."""
 
 
 class Signal(NamedTuple):
@@ -63,7 +65,7 @@ class DbcFrame(NamedTuple):
     sender: str
     receiver: str
     cycle_ms: int
-    """Period, ms; 0: sent with other frames."""
+    """Period, ms; 0: the frame is sent together with another frame."""
     doc: str
     signals: tuple[Signal, ...]
 
@@ -71,7 +73,7 @@ class DbcFrame(NamedTuple):
 def render(
     catalogue: Catalogue = CATALOGUE, node: int = 1, imu: ImuScale = NOMINAL
 ) -> dict[str, str]:
-    """Return the database of device ``node`` (1-15), by its file name; ``imu`` is its IMU's scale.
+    """Return the database of device ``node`` (1-15) by file name; ``imu`` is the scale of its IMU.
 
     Raises:
         FieldRangeError: there is no such node.
@@ -108,7 +110,7 @@ def frames_of(spec: MessageSpec, node: int) -> Iterator[DbcFrame]:
 
 
 def tag_frame(node: int) -> DbcFrame:
-    """Return the frame that follows a signed message of the host."""
+    """Return the tag frame, which follows a signed message of the host."""
     counter_bits = 16
     tag_bits = 8 * CAN_TRAILER.size - counter_bits
     signals = (
@@ -227,6 +229,6 @@ def _number(value: float) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return one line in double quotes, in ASCII because readers expect different encodings."""
+    """Return a line in double quotes, in ASCII because programs expect different encodings."""
     plain = " ".join(text.split()).translate(_PLAIN_SIGNS).encode("ascii", "replace").decode()
     return f'"{plain}"'

@@ -1,10 +1,11 @@
 """A Wireshark dissector in one Lua file.
 
-It reads the serial link (DLT_USER0: one frame a packet; DLT_USER1: bytes as they were read) and CAN
-(any link type that Wireshark's own CAN dissector takes, including SocketCAN's 227). The catalogue
-becomes tables; ``templates/sweepctl.lua`` has the code that uses them. It runs on the Lua of every
-Wireshark since 3.0 (5.1 to 5.4): bit operations only with the bundled ``bit`` library, no integer
-division.
+The dissector decodes captures of the serial link and of CAN. For the serial link it has two link
+types: DLT_USER0 has one frame per packet, DLT_USER1 has the bytes as they were read. For CAN it
+accepts each link type of Wireshark's own CAN dissector, including SocketCAN (227). This module
+writes the catalogue as Lua tables; ``templates/sweepctl.lua`` has the code that uses the tables.
+The dissector runs with Lua 5.1 to 5.4, the versions in Wireshark since 3.0. So bit operations use
+the bundled ``bit`` library, and integer division is not used.
 """
 
 from __future__ import annotations
@@ -124,9 +125,6 @@ def _one_line(text: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return a Lua string.
-
-    Lua, like Python, takes a backslash before a byte that would end the string.
-    """
+    """Return a text as a Lua string, with a backslash before special characters."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
     return f'"{escaped}"'

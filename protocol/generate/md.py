@@ -1,7 +1,7 @@
-"""PROTOCOL.md: the protocol specification, from the catalogue and from the programs.
+"""Generates PROTOCOL.md, the protocol specification.
 
-States and timing are defined by the programs on both ends, so the caller passes them in. Without
-them the document contains only the messages.
+The messages come from the catalogue. The programs on both ends define states and timing, so the
+caller passes these in. Without states and timing, the document contains only the messages.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MBAUD = 0.9216
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """A state machine to draw: its initial state, and every (state, event, next state)."""
+    """A state machine to draw: initial state, and transitions (state, event, next state)."""
 
     title: str
     text: str
@@ -45,7 +45,7 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class TimingRule:
-    """One timing rule: the side that applies it, its meaning, its value, and its constant."""
+    """One timing rule: its end of the link, meaning, value and constant."""
 
     who: str
     what: str
@@ -77,7 +77,7 @@ class Behaviour:
     parameters: Sequence[ParameterRow]
     rules: Sequence[TimingRule]
     numbers: Mapping[str, str]
-    """Values for the section about one setpoint, by their names in the template."""
+    """Values for the section that follows one setpoint, by placeholder name in the template."""
 
 
 def render(catalogue: Catalogue = CATALOGUE, behaviour: Behaviour | None = None) -> dict[str, str]:
@@ -143,7 +143,7 @@ def _machines(behaviour: Behaviour) -> Iterator[str]:
 
 
 def diagram(machine: Machine) -> Iterator[str]:
-    """Draw a Mermaid state diagram; moves between the same two states share an arrow."""
+    """Draw a Mermaid state diagram; transitions between the same two states share one arrow."""
     yield "stateDiagram-v2"
     yield f"    [*] --> {machine.first}"
     arrows: dict[tuple[str, str], list[str]] = {}

@@ -19,7 +19,7 @@ BITRATE = 500_000
 
 
 def can_tables(catalogue: Catalogue) -> Iterator[str]:
-    """Layout of every periodic frame, and the bus load."""
+    """Yield the layout of every periodic frame, and the bus load."""
     yield "| identifier, node 1 | message | bytes | period |"
     yield "|---|---|---|---|"
     bits = worst = 0.0
@@ -30,7 +30,7 @@ def can_tables(catalogue: Catalogue) -> Iterator[str]:
             cells = _layout(spec, part)
             length = sum(size for _, size in cells)
             hz = 1e6 / part.slow_us if part.slow_us else spec.default_hz
-            if spec.name != "wheel_duty":  # replaces velocity setpoints in bring-up
+            if spec.name != "wheel_duty":  # sent only in bring-up, instead of velocity setpoints
                 bits += hz * nominal_bits(length)
                 worst += hz * worst_bits(length)
             text = ", ".join(f"{size} `{field}`" for field, size in cells)
@@ -50,7 +50,7 @@ def _every(hz: float) -> str:
 
 
 def _layout(spec: MessageSpec, part: Part) -> list[tuple[str, int]]:
-    """Return names and sizes in the order of the bytes."""
+    """Return name and size of each field in a frame, in byte order."""
     fields: list[Field] = [f for f in spec.fields if f.can_part == part.number]
     mine = [(f.name, f.wire.size) for f in fields]
     return [("t_us", 4) if part.full_stamp else ("t16", 2), *mine]

@@ -19,7 +19,7 @@ _SENDER = {Direction.HOST: "host", Direction.DEVICE: "device"}
 
 
 def message_index(catalogue: Catalogue) -> Iterator[str]:
-    """Table of all messages, a row each."""
+    """Yield the table of all messages, one row per message."""
     yield "## Messages\n"
     yield (
         "Integers are little-endian, without padding. *Stream*: periodic, not acknowledged. "
@@ -43,7 +43,7 @@ def _size(spec: MessageSpec) -> str:
 
 
 def message_section(spec: MessageSpec) -> Iterator[str]:
-    """Layout of one message."""
+    """Yield the layout of one message."""
     rate = f", {spec.default_hz:g} Hz by default" if spec.default_hz else ""
     yield f"### {spec.name}\n"
     yield f"0x{spec.type_id:02x}, from the {_SENDER[spec.direction]}{rate}. {_cell(spec.doc)}\n"
@@ -74,7 +74,7 @@ def _step(field: Field) -> str:
 
 
 def _number(value: Fraction) -> str:
-    """Format as a decimal if that is exact and short, else as a fraction with its value."""
+    """Format as a decimal if the decimal is exact and short, else as a fraction with its value."""
     decimal = f"{float(value):.10g}"
     return decimal if Fraction(decimal) == value else f"{value} ≈ {float(value):.6g}"
 
@@ -101,7 +101,7 @@ def _meaning(field: Field) -> str:
 
 
 def enum_tables(catalogue: Catalogue) -> Iterator[str]:
-    """Values of all enumerations."""
+    """Yield the values of all enumerations."""
     enums = {f.enum.__name__: (f.enum, f.unit) for s in catalogue for f in s.fields if f.enum}
     yield "## Enumerations\n"
     for name, (enum, unit) in sorted(enums.items()):
@@ -119,7 +119,7 @@ def enum_tables(catalogue: Catalogue) -> Iterator[str]:
 
 
 def hash_table(catalogue: Catalogue) -> Iterator[str]:
-    """Chains of all messages and enumerations."""
+    """Yield the hash chains of all messages and enumerations."""
     yield "| message | fields | chain before the first field | after the last |"
     yield "|---|---|---|---|"
     for spec in catalogue:

@@ -1,8 +1,8 @@
 """Protobuf declarations of the log channels ``/device/<message>``.
 
-Field i of a message has number 4 + 2i for its raw value. If it has a unit, number 5 + 2i is its
-value in SI units. Fields of a message are only ever appended, so numbers keep their meaning. The
-syntax is ``proto2``, because it distinguishes an absent field from zero.
+The raw value of a message's field i has the Protobuf number 4 + 2i. If the field has a unit, its
+value in SI units has the number 5 + 2i. New fields are always appended, so existing numbers do not
+change. The syntax is ``proto2``, because it distinguishes an absent field from zero.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fills the files of ``templates/``: real C, Lua and Markdown with placeholders ``@name@``."""
+"""Fills the files of ``templates/``: C, Lua and Markdown with placeholders such as ``@name@``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def fill(name: str, **values: object) -> str:
 
     Args:
         name: file name within ``templates/``.
-        **values: value of each placeholder; each must occur.
+        **values: value of each placeholder; each placeholder must occur in the template.
 
     Raises:
         TemplateError: placeholders and values do not match.

@@ -1,4 +1,4 @@
-"""The set of messages that one side of a link knows."""
+"""The catalogue: all messages that one end of a link declares."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from enum import IntEnum
 
 PROTOCOL_VERSION = 2
-"""Version of framing and bootstrap messages; everything else is negotiated message by message."""
+"""Version of framing and bootstrap messages. All other messages are negotiated individually."""
 
 
 class EnumSpec(NamedTuple):
@@ -24,11 +24,12 @@ class EnumSpec(NamedTuple):
     name: str
     members: tuple[str, ...]
     chain: tuple[int, ...]
-    """Hash before the first member, which identifies the enumeration, and after each member."""
+    """Hash chain. The first hash identifies the enumeration; each further hash includes one more
+    member."""
 
     @property
     def key(self) -> int:
-        """Hash of its name and kind, by which a question names the enumeration."""
+        """Hash of name and kind; it identifies the enumeration in ``describe_enum``."""
         return self.chain[0]
 
 
@@ -59,7 +60,7 @@ class Catalogue:
         self.hash: int = zlib.crc32("".join(f"{line}\n" for line in self._whole()).encode())
 
     def _whole(self) -> Iterator[str]:
-        """Yield what the whole hash covers: each message's last hash, then each enumeration's."""
+        """Yield the inputs of the whole hash: the last hash of each message and enumeration."""
         yield from (f"{t:02x}:{self.chains[t][-1]:08x}" for t in sorted(self.chains))
         yield from (f"{e.key:08x}:{e.chain[-1]:08x}" for e in self.enums.values())
 
@@ -80,7 +81,7 @@ class Catalogue:
 
 
 def _chain(texts: Iterable[str]) -> tuple[int, ...]:
-    """Return the hash after each line: equal values mean an equal prefix."""
+    """Return the hash after each line; two equal hashes mean that all lines so far are equal."""
     values = [0]
     for text in texts:
         values.append(zlib.crc32(f"{text}\n".encode(), values[-1]))
@@ -88,4 +89,4 @@ def _chain(texts: Iterable[str]) -> tuple[int, ...]:
 
 
 CATALOGUE = Catalogue((*ALL_MESSAGES, *plugged_messages(ALL_MESSAGES)))
-"""All messages of this version of the project, and those of plug-ins."""
+"""All messages of this version of the project and of installed plug-ins."""

@@ -19,22 +19,23 @@ if TYPE_CHECKING:
 class Codec:
     """Encodes and decodes the messages that host and device share.
 
-    If the peer declares other fields of a message, :meth:`limit` sets the number of our fields that
-    it shares. Missing fields become None. Additional fields of the peer are skipped and counted.
+    If the peer declares fewer or more fields of a message, :meth:`limit` sets the number of fields
+    that both ends declare. Missing fields are decoded as None. Additional fields of the peer are
+    skipped and their bytes counted.
     """
 
     def __init__(self, catalogue: Catalogue = CATALOGUE) -> None:
         self.catalogue = catalogue
         self.extra_bytes = 0
-        """Number of bytes skipped in fields that only the peer knows."""
+        """Number of skipped bytes in fields that only the peer declares."""
         self._shared: dict[int, int] = {}
         self._whole: dict[type[Message], tuple[int, Callable[..., bytes]]] = {
             spec.cls: (spec.type_id, spec.layout.pack) for spec in catalogue if spec.is_numeric
         }
-        """Messages that ``struct`` alone can encode, because all their fields are sent."""
+        """Messages that ``struct`` alone can encode: numeric, and with all fields sent."""
 
     def limit(self, type_id: int, shared_fields: int | None) -> None:
-        """Set the number of leading fields that the peer shares; None: exactly ours."""
+        """Set the number of leading fields that the peer shares; None: exactly our fields."""
         spec = self.catalogue.by_type.get(type_id)
         if shared_fields is None:
             self._shared.pop(type_id, None)
@@ -89,7 +90,7 @@ class Codec:
             type_id, pack = self._whole[type(message)]
             return type_id, pack(*primitives.values_of(message))
         except (KeyError, struct.error):
-            pass  # the slow path handles the others, and names the field
+            pass  # the slow path handles this message, and reports an invalid field
         spec = self.catalogue.spec(type(message))
         shared = self._shared.get(spec.type_id)
         return spec.type_id, self._encode_other(spec, tuple(message), shared)

@@ -1,4 +1,4 @@
-"""Comparison of message declarations on both ends, by chained hashes."""
+"""Comparison of the message declarations of both ends by hash chains."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ class Match(Enum):
 
     EQUAL = "equal"
     OLDER = "older"
-    """The peer lacks our last fields or members."""
+    """The peer does not have our last fields or members."""
     NEWER = "newer"
-    """The peer appended fields or members that we lack."""
+    """The peer has additional fields or members at the end."""
     MISSING = "missing"
     DIFFERENT = "different"
 
 
 @dataclass(frozen=True, slots=True)
 class EnumComparison:
-    """Result for one enumeration. A peer without it has no message of ours that uses it."""
+    """Result of the comparison of one enumeration."""
 
     spec: EnumSpec
     match: Match
     peer_members: int
 
     def report(self) -> str:
-        """One line for people."""
+        """Return the result as one line of text."""
         name, members = self.spec.name, self.spec.members
         match self.match:
             case Match.OLDER:
@@ -56,13 +56,13 @@ class EnumComparison:
 
 @dataclass(frozen=True, slots=True)
 class MessageComparison:
-    """Result for one message."""
+    """Result of the comparison of one message."""
 
     spec: MessageSpec
     match: Match
     peer_fields: int
     enums: tuple[str, ...] = ()
-    """Enumerations of the message's shared fields whose members have other values on the peer."""
+    """Enumerations that the message's shared fields use and that the peer numbers differently."""
 
     @property
     def usable(self) -> bool:
@@ -75,7 +75,7 @@ class MessageComparison:
         return min(self.peer_fields, len(self.spec.fields)) if self.usable else 0
 
     def report(self) -> str:
-        """One line for people."""
+        """Return the result as one line of text."""
         name = self.spec.name
         names = [f.name for f in self.spec.fields]
         match self.match:
@@ -119,7 +119,7 @@ def describe(catalogue: Catalogue, question: Question) -> Reply:
 
 
 class Comparison:
-    """Asks about every message and enumeration; answers may come in any order."""
+    """Asks the peer about every message and enumeration; answers may arrive in any order."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
@@ -154,7 +154,7 @@ class Comparison:
         return list(self._open.values())[:limit]
 
     def answer(self, reply: Reply) -> bool:
-        """Take one answer; return False for a repeated or unexpected one, which is ignored."""
+        """Process one answer; ignore a repeated or unexpected answer and return False."""
         if isinstance(reply, DescribeEnumReply):
             if self._open.pop((DescribeEnumReply, reply.enumeration), None) is None:
                 return False
@@ -183,7 +183,7 @@ def _match(chain: Sequence[int], peer_count: int, peer_chain: int) -> Match:
 
 
 def _judged(comparison: MessageComparison, other_enums: set[str]) -> MessageComparison:
-    """Mark a message as different if its shared fields use an enumeration with other values."""
+    """Mark a message as different if its shared fields use a differing enumeration."""
     shared = comparison.spec.fields[: comparison.shared_fields]
     used = {f.enum.__name__ for f in shared if f.enum is not None} & other_enums
     if not used:

@@ -1,8 +1,8 @@
-"""Wire types and field declarations: the vocabulary of the catalogue.
+"""Wire types and field declarations for the catalogue.
 
-A message is a ``NamedTuple`` whose annotations carry a :class:`Field` each. Values are the raw wire
-integers. :func:`si` and :func:`si_or_none` add properties in SI units, so decoding stays fast and
-logs stay exact.
+A message is a ``NamedTuple``, and the annotation of each item contains a :class:`Field`. A message
+stores the raw integers of the payload, so decoding is fast and logs are exact. :func:`si` and
+:func:`si_or_none` add properties with the values in SI units.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ class WireType:
     code: str
     """``struct`` format character; empty for text."""
     size: int
-    """Size, bytes; 0 for text, which takes the rest of the payload."""
+    """Size, bytes; 0 for a text, which has a variable length."""
     low: int = 0
     high: int = 0
 
     @property
     def is_text(self) -> bool:
-        """True if the type is UTF-8 up to the payload's end; only as the last field."""
+        """True if the type is UTF-8 text up to the payload's end; only for the last field."""
         return self.name == "text"
 
     @property
@@ -47,11 +47,12 @@ UID96 = WireType("uid96", "12s", 12)
 TEXT = WireType("text", "", 0)
 
 Exact = int | str | Fraction
-"""Exact number in every language: ``"9.80665/16384"``, ``"0.001"`` or 2."""
+"""Number without rounding, in a form that every language can read exactly: ``"9.80665/16384"``,
+``"0.001"`` or 2."""
 
 
 def exact(value: Exact) -> Fraction:
-    """Read ``"a/b"`` with decimal parts, or a plain number, without rounding."""
+    """Convert ``"a/b"`` (decimal numbers) or a plain number to a fraction, without rounding."""
     if isinstance(value, str) and "/" in value:
         numerator, denominator = value.split("/")
         return Fraction(numerator) / Fraction(denominator)
@@ -70,19 +71,20 @@ class Field:
     low: int = 0
     """Minimum valid raw value."""
     high: int = 0
-    """Maximum valid raw value, without the sentinel."""
+    """Maximum valid raw value; the sentinel may be greater."""
     none: int | None = None
-    """Raw value that means "no value"."""
+    """Sentinel: the raw value that means "no value"; None if there is none."""
     enum: type[IntEnum] | None = None
-    """Names of the values, or of the bits if the unit is ``bits``."""
+    """Enumeration with the names of the values, or of the bits if the unit is ``bits``."""
     can_part: int = 0
-    """Number of the CAN frame that carries the field, in a message that needs several."""
+    """Number of the CAN frame that contains the field, if the message needs several frames."""
     name: str = ""
 
     def canonical(self) -> str:
-        """Return the text that schema negotiation hashes: everything that affects the meaning.
+        """Return the input of the schema hash: all properties that affect the field's meaning.
 
-        The range of an enumeration is left out, so that an appended member stays compatible.
+        The range of an enumeration is omitted, so that a version with an appended member stays
+        compatible.
         """
         scale = str(self.scale)
         if self.offset:
@@ -95,7 +97,7 @@ class Field:
 
     @property
     def is_scaled(self) -> bool:
-        """True if the raw integer differs from the value."""
+        """True if the physical value differs from the raw integer."""
         return self.scale != 1 or self.offset != 0
 
     @property
@@ -115,7 +117,7 @@ class Field:
         return float(self.offset) * SI_UNITS[self.unit][1]
 
     def named(self, name: str) -> Field:
-        """Return the declaration under its field's name."""
+        """Return a copy of the declaration with the field's name."""
         return replace(self, name=name)
 
 
@@ -140,7 +142,7 @@ SI_UNITS: dict[str, tuple[str, float]] = {
 PLAIN_UNITS = frozenset(
     {"count", "percent", "enum", "bits", "id", "us", "hash", "text", "uid", "raw"}
 )
-"""Units of fields without a scale: the raw value is the value."""
+"""Units of fields without a scale. For these fields the raw integer is the value."""
 
 
 def number(  # noqa: PLR0913 - a declaration names every property of the field
@@ -156,7 +158,7 @@ def number(  # noqa: PLR0913 - a declaration names every property of the field
     enum: type[IntEnum] | None = None,
     can_part: int = 0,
 ) -> Field:
-    """Declare a number; its default range is that of the enumeration or of the wire type."""
+    """Declare a number; the enumeration or the wire type gives the default range."""
     values = [int(v) for v in enum] if enum is not None and unit == "enum" else []
     return Field(
         wire,
@@ -173,7 +175,7 @@ def number(  # noqa: PLR0913 - a declaration names every property of the field
 
 
 def text(doc: str) -> Field:
-    """Declare a text that takes the rest of the payload."""
+    """Declare a text that extends to the end of the payload."""
     return Field(TEXT, "text", doc)
 
 
@@ -183,7 +185,7 @@ def uid(doc: str) -> Field:
 
 
 class _Si:
-    """Descriptor behind :func:`si`: it reads its gain from the declaration at first use."""
+    """Descriptor for :func:`si`; it reads its gain from the field's declaration at first use."""
 
     __slots__ = ("_field", "_gain", "_index", "_offset")
 
@@ -194,11 +196,11 @@ class _Si:
 
     @property
     def bound_to(self) -> str | None:
-        """Name of its field; None before :meth:`bind`."""
+        """Name of the field; None before :meth:`bind`."""
         return self._field if self._index >= 0 else None
 
     def bind(self, fields: tuple[Field, ...]) -> Field:
-        """Find the field of this name among the message's declarations."""
+        """Find the field with this name in the message's declarations."""
         for index, field in enumerate(fields):
             if field.name == self._field:
                 self._index, self._gain, self._offset = index, field.si_gain, field.si_offset
@@ -231,7 +233,7 @@ class SiValueOrNone(_Si):
         self._none: int | None = None
 
     def bind(self, fields: tuple[Field, ...]) -> Field:
-        """Also take the field's sentinel."""
+        """Find the field and store its sentinel."""
         field = super().bind(fields)
         self._none = field.none
         return field
@@ -255,5 +257,5 @@ def si(field: str) -> SiValue:
 
 
 def si_or_none(field: str) -> SiValueOrNone:
-    """Return the same for a field that has a sentinel or that older peers lack."""
+    """Return a property like :func:`si` for a field that may have no value."""
     return SiValueOrNone(field)

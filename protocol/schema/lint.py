@@ -1,4 +1,4 @@
-"""Rules for the catalogue itself, checked by the tests and before generating."""
+"""Rules for the declarations in the catalogue; tests and generators check these rules."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 STREAM_PAYLOAD_MAX = 25
-"""Maximum payload of a stream, bytes. With header and CRC it is a codeword of 37 B, within which
-the CRC finds every 5-bit error."""
+"""Maximum payload of a stream, bytes. With header and CRC, the codeword has 37 B. Up to this length
+the CRC detects every error of up to 5 bits."""
 CAN_PAYLOAD_MAX = 6
-"""Maximum payload of one native CAN frame, bytes, besides its 16-bit stamp."""
+"""Maximum payload of one native CAN frame, bytes, without its 16-bit stamp."""
 MAX_PAYLOAD = 241
 """Maximum payload, bytes: a decoded frame of 253 B minus header and CRC."""
 
 
 def findings(specs: Iterable[MessageSpec]) -> list[str]:
-    """Return the errors in the declarations, a line each."""
+    """Return the errors in the declarations, one line per error."""
     specs = list(specs)
     found: list[str] = []
     for what, counts in (
@@ -108,7 +108,7 @@ def _field(spec: MessageSpec, field: Field) -> Iterator[str]:
     if field.unit in PLAIN_UNITS and field.is_scaled:
         yield f"a scaled value needs a physical unit, not {field.unit!r}"
     if field.si_suffix is not None:
-        # A field without a sentinel may still be absent, because an older peer does not know it.
+        # A field without a sentinel may still be absent, because an older peer does not declare it.
         wanted = (SiValue, SiValueOrNone) if field.none is None else SiValueOrNone
         if not isinstance(vars(spec.cls).get(field.name + field.si_suffix), wanted):
             yield f"lacks its SI property {field.name}{field.si_suffix}"

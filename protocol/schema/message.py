@@ -1,7 +1,8 @@
 """Converts an annotated class to a message type and its specification.
 
-``@message(...)`` turns a class of annotated fields into an immutable tuple type. Decoding builds
-one from ``struct.unpack`` in a single call. Type checkers see a frozen dataclass.
+``@message(...)`` converts a class of annotated fields to an immutable tuple type. The decoder
+creates an instance directly from the result of ``struct.unpack``. For type checkers, the class is a
+frozen dataclass.
 """
 
 from __future__ import annotations
@@ -44,13 +45,13 @@ class Message:
         def __iter__(self) -> Iterator[Any]: ...
 
     def __eq__(self, other: object) -> bool:
-        """Return whether both have the same type and the same values."""
+        """Return whether type and values are equal."""
         return (
             isinstance(other, Message) and type(self) is type(other) and tuple(self) == tuple(other)
         )
 
     def __ne__(self, other: object) -> bool:
-        """Negate :meth:`__eq__`; a tuple's own would compare values alone."""
+        """Negate :meth:`__eq__`; the inherited ``tuple.__ne__`` would compare only the values."""
         return not self == other
 
     def __hash__(self) -> int:
@@ -58,7 +59,7 @@ class Message:
         return hash((type(self).__name__, tuple(self)))
 
     def __repr__(self) -> str:
-        """Return a text for people: values in SI units if available, else raw values."""
+        """Return a readable text: values in SI units if available, else raw values."""
         cls = type(self)
         in_si = {
             value.bound_to: name
@@ -73,7 +74,7 @@ class Message:
 
 MAX_TYPE = 0x7E
 MAKERS_TYPES = range(0x50, 0x60)
-"""Types reserved for messages of manufacturers. The project never uses them."""
+"""Message types reserved for manufacturers. The project never uses them."""
 _ANY_CASE = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
@@ -88,12 +89,12 @@ class Direction(Enum):
 
 
 class RateClass(Enum):
-    """Timing of a message; it determines the message's budget and its CAN encoding."""
+    """Timing of a message; it determines the maximum size and the CAN encoding."""
 
     STREAM = "stream"
     """Periodic; at most 25 B on UART and self-contained CAN frames of 6 B."""
     COMMAND = "command"
-    """Has an id; acknowledged or rejected, and retried."""
+    """Command with an id; it is retried until it is acknowledged or rejected."""
     RARE = "rare"
     """Occasional; may be long."""
 
@@ -102,11 +103,11 @@ class CanPart(NamedTuple):
     """One of several CAN frames that carry a periodic message."""
 
     can_type: int
-    """Type in the frame's identifier; that of part 0 is the message's own."""
+    """Type in the frame's identifier. Part 0 has the type of the message."""
     name: str = ""
     """Suffix of the message's name in the DBC."""
     slow_us: int = 0
-    """Minimum time between two transmissions, µs; 0: sent with every message. Receivers keep the
+    """Minimum time between two transmissions, µs; 0: sent with every message. Receivers store the
     last value."""
 
 
@@ -121,15 +122,15 @@ class MessageSpec:
     rate: RateClass
     default_hz: float
     bootstrap: bool
-    """True: needed for the handshake. It never changes and is decoded before the negotiation."""
+    """True: needed for the handshake. Such a message never changes and needs no negotiation."""
     to_all: bool
-    """True: may be addressed to node 0, which is every device."""
+    """True: may be addressed to node 0, which means every device."""
     minimal: bool
-    """True: part of the smallest set that the generated C can be reduced to."""
+    """True: part of the smallest set of messages that the generated C can contain."""
     needs_tag: bool
     """True: a device with a key accepts this host message only with a tag."""
     can_parts: tuple[CanPart, ...]
-    """Frames of a periodic message on CAN, by the number of the part."""
+    """CAN frames of a periodic message, by part number."""
     full_stamp: bool
     """True: on CAN the message starts with the full ``t_us`` instead of the short stamp."""
     doc: str
@@ -143,7 +144,7 @@ class MessageSpec:
     range."""
 
     def canonical(self) -> list[str]:
-        """Return the lines that schema negotiation hashes: the message, then each of its fields."""
+        """Return the input lines of the schema hash: the message, then each of its fields."""
         lines = [f"{self.name}|{self.direction.value}|{self.rate.value}"]
         for field in self.fields:
             part = self.can_parts[field.can_part].can_type if field.can_part else None
@@ -152,11 +153,11 @@ class MessageSpec:
 
     @property
     def is_bare(self) -> bool:
-        """Whether the type alone says everything: the frame is the same from every sender."""
+        """True if the message has no fields and every sender sends the same frame."""
         return not self.fields
 
     def prefix_layout(self, count: int) -> struct.Struct:
-        """Return the layout of the first ``count`` fields, for a peer that knows only those."""
+        """Return the layout of the first ``count`` fields, which an older peer declares."""
         return struct.Struct("<" + "".join(f.wire.code for f in self.fields[:count]))
 
 
@@ -191,10 +192,11 @@ def message(  # noqa: PLR0913 - the properties of a message
     can_parts: tuple[CanPart, ...] = (),
     full_stamp: bool = False,
 ) -> Callable[[type[M]], type[M]]:
-    """Declare the ``NamedTuple`` below as a message.
+    """Declare the decorated class as a message.
 
-    ``tagged`` is False for a host's message that only stops, or moves and changes nothing: it needs
-    no tag. ``can_parts`` names the frames of a stream that needs several on CAN.
+    ``tagged`` is False for a host's message that never needs a tag, because it only stops the
+    robot, or neither moves the robot nor changes a setting. ``can_parts`` names the CAN frames of a
+    stream that needs several frames.
     """
 
     def register(cls: type[M]) -> type[M]:
@@ -223,7 +225,7 @@ def message(  # noqa: PLR0913 - the properties of a message
 
 
 def declared_in(module: ModuleType) -> tuple[type[Message], ...]:
-    """Return the messages that a module declares, in its order."""
+    """Return the messages that a module declares, in the order of their declaration."""
     return tuple(v for v in vars(module).values() if isinstance(v, type) and v in _DECLARATIONS)
 
 

@@ -1,6 +1,7 @@
-"""Messages of plug-ins: entry points of the group ``sweepctl.messages``, each a message class.
+"""Messages of plug-ins.
 
-They join the catalogue, so codec, generated code, log schemas and tables have them too.
+Each entry point of the group ``sweepctl.messages`` is a message class. These messages are added to
+the catalogue, so the codec, generated code, log schemas and tables also contain them.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:
-    """Return the messages of installed plug-ins that can join ``own``.
+    """Return the valid messages of installed plug-ins; ``own`` are the project's messages.
 
-    An invalid message is disabled with a warning that names its package. If two packages claim the
-    same type or name, both messages are rejected, because a device could mean either.
+    An invalid message is omitted with a warning that names its package. If two packages use the
+    same type or name, both messages are omitted, because a received frame would be ambiguous.
     """
     taken = {specify(message).name for message in own}
     sound: list[tuple[Plugin, MessageSpec]] = []
@@ -41,7 +42,7 @@ def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:
 
 
 def _wrong(spec: MessageSpec, taken: set[str]) -> list[str]:
-    """Return why a message cannot join the catalogue."""
+    """Return the reasons why a message cannot be added to the catalogue."""
     found = findings([spec])
     low, high = MAKERS_TYPES[0], MAKERS_TYPES[-1]
     found += [
@@ -59,12 +60,12 @@ def _wrong(spec: MessageSpec, taken: set[str]) -> list[str]:
 
 
 def _types(spec: MessageSpec) -> list[int]:
-    """Return the types that a message claims: its own, and those of its parts on CAN."""
+    """Return the types that a message uses: its own type, and the types of its CAN parts."""
     return sorted({spec.type_id, *(part.can_type for part in spec.can_parts)})
 
 
 def _clashes(spec: MessageSpec, sound: list[tuple[Plugin, MessageSpec]]) -> bool:
-    """Return whether another plug-in claims a type or the name too, and report it."""
+    """Return whether another plug-in uses the same type or name, and report the conflict."""
     claims = [(f"type {t:#x}", [str(p) for p, s in sound if t in _types(s)]) for t in _types(spec)]
     claims.append((f"name {spec.name!r}", [str(p) for p, s in sound if s.name == spec.name]))
     for what, plugins in claims:

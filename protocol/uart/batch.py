@@ -1,8 +1,9 @@
 """Decodes a whole capture to numpy arrays, one per message type.
 
-The result equals that of :class:`protocol.uart.framing.UartParser` and
-:class:`protocol.schema.codec.Codec`. It includes damaged stretches with their place in the capture.
-Frames are handled by length (:mod:`protocol.uart.batch_frames`); only texts are decoded one by one.
+The result equals the result of :class:`protocol.uart.framing.UartParser` and
+:class:`protocol.schema.codec.Codec`. It includes damaged stretches of bytes with their offset in
+the capture. All frames of the same length are decoded together (:mod:`protocol.uart.batch_frames`);
+only texts are decoded one by one.
 """
 
 from __future__ import annotations
@@ -40,9 +41,11 @@ class Readable(Protocol):
 
 
 CHUNK_BYTES = 1 << 20
-"""Number of bytes decoded at a time; the memory besides the result is about ten times this."""
+"""Number of bytes per decoding step. The memory needed, without the result, is about ten times
+this."""
 REASONS = ("version", "type", "payload")
-"""Reasons why an intact frame is not a message of the catalogue, by their code in ``rejected``."""
+"""Reasons why an intact frame is not a message of the catalogue. The index is the code in
+``rejected``."""
 DAMAGED_DTYPE = np.dtype([("offset", "<i8"), ("length", "<i8"), ("damage", "u1")])
 REJECTED_DTYPE = np.dtype(
     {
@@ -58,7 +61,7 @@ _HEAD = {
     "seq": ("u1", OFFSET_SIZE + 3),
     "t_us": ("<u4", OFFSET_SIZE + 4),
 }
-"""Format and place of the header's fields in each row."""
+"""Format and offset of the header's fields in each row."""
 _HEAD_DTYPE = np.dtype([(name, code) for name, (code, _) in _HEAD.items()])
 _HEAD_SIZE = OFFSET_SIZE + HEADER.size
 _FLAGS, _TYPE = OFFSET_SIZE, OFFSET_SIZE + 2
@@ -67,15 +70,16 @@ _FORMATS = {"u8": "u1", "u16": "<u2", "u32": "<u4", "i16": "<i2", "uid96": "V12"
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """Content of a capture; each array is in the capture's order."""
+    """Content of a capture; the rows of each array are in the order of the capture."""
 
     catalogue: Catalogue
     messages: dict[str, NDArray[np.void]]
-    """Rows of :func:`row_dtype` by the message's name; empty without such messages."""
+    """Array of :func:`row_dtype` for each message name; empty if the capture has no such
+    message."""
     damaged: NDArray[np.void]
-    """Damaged stretches, rows of :data:`DAMAGED_DTYPE`; see :meth:`damage_of`."""
+    """Damaged stretches as rows of :data:`DAMAGED_DTYPE`; see :meth:`damage_of`."""
     rejected: NDArray[np.void]
-    """Intact frames that are no message of the catalogue, rows of :data:`REJECTED_DTYPE`."""
+    """Intact frames that are not messages of the catalogue, as rows of :data:`REJECTED_DTYPE`."""
     bytes_seen: int
     """Number of bytes of the capture up to the end of this result."""
 
@@ -102,9 +106,9 @@ class BatchResult:
 def row_dtype(spec: MessageSpec) -> np.dtype[np.void]:
     """Return the columns of one message type: offset, header, then the raw fields by name.
 
-    ``offset`` is the place of the first encoded byte in the capture. ``frame_flags`` are the flags
-    in the header; the name is different because a message may have a field ``flags``. A 96-bit id
-    is a void of 12 bytes, a text is an object (str).
+    ``offset`` is the index of the frame's first encoded byte in the capture. ``frame_flags`` are
+    the flags in the header; a message may have a field named ``flags``. A 96-bit id is a void of 12
+    bytes, a text is an object (str).
     """
     fixed = _fixed_dtype(spec)
     if spec.text_field is None:
@@ -114,7 +118,7 @@ def row_dtype(spec: MessageSpec) -> np.dtype[np.void]:
 
 
 def _fixed_dtype(spec: MessageSpec) -> np.dtype[np.void]:
-    """Return the columns that have the same layout as the frame, without the constant type byte."""
+    """Return the columns with the same layout as the frame, without the constant type byte."""
     heads = [name for name in _HEAD if name != "type_id"]
     names = [*heads]
     formats = [_HEAD[name][0] for name in heads]
@@ -135,10 +139,10 @@ def decode_capture(
     *,
     chunk_bytes: int = CHUNK_BYTES,
 ) -> BatchResult:
-    """Decode a whole capture: bytes, pieces of it in order, or an open binary file.
+    """Decode a whole capture: bytes, an iterable of consecutive pieces, or an open binary file.
 
-    The memory besides the result depends on ``chunk_bytes`` alone. If the result itself is too
-    large, use :func:`iter_capture`.
+    The memory needed, without the result, depends only on ``chunk_bytes``. If the result itself is
+    too large, use :func:`iter_capture`.
     """
     return join(list(iter_capture(source, catalogue, chunk_bytes=chunk_bytes)), catalogue)
 
@@ -171,8 +175,8 @@ def _chunks(
     pieces: list[bytes] = []
     size = 0
     for piece in source:  # type: ignore[union-attr]  # no file: an iterable
-        # Reads of a port are small. They are gathered, because numpy's calls would cost more than
-        # the work.
+        # Pieces read from a port are small. They are joined first, because a numpy call has a high
+        # fixed cost.
         if size + len(piece) < chunk_bytes:
             pieces.append(piece)
             size += len(piece)
@@ -183,7 +187,7 @@ def _chunks(
 
 
 def join(results: list[BatchResult], catalogue: Catalogue = CATALOGUE) -> BatchResult:
-    """Put the results of successive chunks together."""
+    """Concatenate the results of successive chunks."""
     if len(results) == 1:
         return results[0]
     empty = {spec.name: np.empty(0, row_dtype(spec)) for spec in catalogue}
@@ -205,29 +209,30 @@ class _Layout(NamedTuple):
 
     spec: MessageSpec
     fixed: np.dtype[np.void]
-    """Columns of everything except a text."""
+    """Columns without the text field."""
     row: np.dtype[np.void]
 
 
 class BatchDecoder:
-    """Decodes a capture chunk by chunk; keeps at most one frame's bytes between two."""
+    """Decodes a capture in chunks; stores at most one incomplete frame between two chunks."""
 
     def __init__(self, catalogue: Catalogue = CATALOGUE) -> None:
         self.catalogue = catalogue
         self.bytes_seen = 0
         self._partial = b""
         self._overlong = 0
-        """Number of dropped bytes of a stretch that is already longer than any frame."""
+        """Number of dropped bytes of the present stretch, if it is already longer than any
+        frame."""
         self._layouts = {s.type_id: _Layout(s, _fixed_dtype(s), row_dtype(s)) for s in catalogue}
         self._empty = {w.spec.name: np.empty(0, w.row) for w in self._layouts.values()}
 
     def feed(self, chunk: bytes | memoryview) -> BatchResult:
-        """Decode the frames that end in the next bytes."""
+        """Decode the frames that end in the next chunk."""
         data = b"".join((self._partial, chunk))
         first = self.bytes_seen - len(self._partial)
         self.bytes_seen += len(chunk)
         end = data.rfind(b"\0") + 1
-        # One byte more than any frame has: the stretch stays too long, whatever follows.
+        # Store one byte more than the longest frame, so that the stretch still counts as too long.
         self._partial = data[end : end + MAX_ENCODED + 1]
         dropped = len(data) - end - len(self._partial)
         if not end:
@@ -242,7 +247,7 @@ class BatchDecoder:
         found = find_stretches(data)
         if len(found.overlong_starts):
             offsets, lengths = found.overlong_starts + first, found.overlong_lengths.copy()
-            if self._overlong:  # then it is the first stretch, whose kept part is already too long
+            if self._overlong:  # then the first stretch is already too long
                 offsets[0] -= self._overlong
                 lengths[0] += self._overlong
             sorter.damage(offsets, lengths, np.full(len(offsets), LENGTH, np.uint8))
@@ -276,7 +281,7 @@ def _concatenate(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
     row = parts[0].dtype
     if row.hasobject:
         return np.concatenate(parts)
-    # Bare bytes, because structured rows would be copied column by column.
+    # View the rows as plain bytes; numpy would copy structured rows column by column.
     whole = np.concatenate([part.view(f"V{row.itemsize}") for part in parts])
     return whole.view(row)
 
@@ -300,13 +305,13 @@ class _Sorter:
     def damage(
         self, offsets: NDArray[np.int64], lengths: NDArray[np.int64], kinds: NDArray[np.uint8]
     ) -> None:
-        """Take damaged stretches."""
+        """Add damaged stretches."""
         rows = np.empty(len(offsets), DAMAGED_DTYPE)
         rows["offset"], rows["length"], rows["damage"] = offsets, lengths, kinds
         self.damaged.append(rows)
 
     def frames(self, rows: NDArray[np.uint8]) -> None:
-        """Take intact frames of one length."""
+        """Add intact frames of one length."""
         current = rows[:, _FLAGS] >> 4 == PROTOCOL_VERSION
         if not current.all():
             self._reject(rows[~current], "version")
@@ -324,7 +329,7 @@ class _Sorter:
     def _message(self, layout: _Layout, rows: NDArray[np.uint8]) -> None:
         spec, fixed = layout.spec, layout.fixed.itemsize
         extra = rows.shape[1] - fixed
-        # The codec's rule: a bootstrap message may have grown at its end.
+        # As in the codec: a later version may append fields to a bootstrap message.
         if extra < 0 or (extra and spec.text_field is None and not spec.bootstrap):
             self._reject(rows, "payload")
             return

@@ -1,4 +1,4 @@
-"""Framing of a whole capture with numpy: delimiters, COBS, CRC-32, for all frames of a length.
+"""Decodes delimiters, COBS and CRC-32 of a whole capture with numpy, frame length by length.
 
 The streaming parser (:mod:`protocol.uart.framing`) is the reference; both must give the same
 results.
@@ -17,24 +17,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DAMAGES = (Damage.COBS, Damage.LENGTH, Damage.CRC)
-"""Kinds of damage by their code in arrays."""
+"""Kinds of damage; the index is the code in arrays."""
 COBS, LENGTH, CHECK = range(3)
 INTACT = 255
 OFFSET_SIZE = 8
-"""Number of bytes before the content in each row: the frame's offset, as a little-endian i8."""
+"""Number of bytes before the content in each row. They contain the frame's offset in the capture as
+a little-endian 64-bit integer."""
 _FEW = 256
-"""Number of rows below which zlib frame by frame is faster than numpy calls for each byte."""
+"""Number of rows below which one zlib call per frame is faster than one numpy call per byte
+column."""
 
 
 class Stretches(NamedTuple):
-    """Stretches of bytes between the delimiters; none is empty or overlong."""
+    """Stretches of bytes between two delimiters; empty and overlong stretches are excluded."""
 
     starts: NDArray[np.int64]
-    """Start of each stretch in the bytes."""
+    """Index of the first byte of each stretch."""
     lengths: NDArray[np.int64]
-    """Length of each stretch, 1-254."""
+    """Length of each stretch, 1 to 254 bytes."""
     overlong_starts: NDArray[np.int64]
-    """Start of each stretch that is longer than any frame."""
+    """Index of the first byte of each stretch that is longer than any frame."""
     overlong_lengths: NDArray[np.int64]
 
 
@@ -57,14 +59,15 @@ def find_stretches(data: bytes) -> Stretches:
 def decode_frames(
     data: bytes, starts: NDArray[np.int64], length: int, first: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Decode all stretches of one length, 1-254 B.
+    """Decode all stretches of one length, 1 to 254 bytes.
 
-    Returns the damage of each stretch (:data:`INTACT` if none), and a row for each intact one: its
-    offset, counted from ``first`` bytes before ``data``, as 8 bytes, then its header and payload.
+    Return the damage of each stretch (:data:`INTACT` if none), and a row for each intact frame. A
+    row contains the frame's offset (8 bytes), header and payload. ``first`` is the offset of
+    ``data`` in the capture.
     """
     encoded = _gather(data, starts, length)
     whole = _undo_cobs(encoded)
-    size = length - 1  # a stretch of at most 254 B has one byte besides its content
+    size = length - 1  # COBS adds one byte to a content of up to 253 B
     if size < MIN_DECODED:
         return np.empty((0, OFFSET_SIZE), np.uint8), np.where(
             whole, np.uint8(LENGTH), np.uint8(COBS)
@@ -85,17 +88,18 @@ def decode_frames(
 
 
 def _gather(data: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
-    # One overlapping item of `length` bytes at each byte, so that numpy copies whole frames.
+    # View with an item of `length` bytes at each byte offset, so that numpy copies whole frames.
     places = len(data) - length + 1
     items = np.ndarray((places,), f"V{length}", data, 0, (1,))
     return items[starts].view(np.uint8).reshape(-1, length)
 
 
 def _undo_cobs(encoded: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Restore the zeros in place; return False for rows whose distances do not lead to the end.
+    """Restore the zeros in place; return False for rows with invalid COBS distances.
 
-    The data has no zeros, so each step moves forward. In stretches of up to 254 B a code 0xFF
-    always leads past the end.
+    The distances are invalid if they do not lead exactly to the row's end. The encoded data has no
+    zeros, so each step moves forward. In stretches of up to 254 bytes, a distance of 0xFF always
+    leads past the end.
     """
     count, length = encoded.shape
     flat = encoded.reshape(-1)
@@ -124,11 +128,13 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
             zlib.crc32(bytes(4) and zlib.crc32(b"").to_bytes(4))
         )
         return residue
-    # A CRC is affine: it is the exclusive or of each byte's effect at its distance from the end.
+    # A CRC is affine: it is the XOR of an effect of each byte, which depends on the byte's value
+    # and its distance from the end.
     content = size - CRC.size
     register = np.full(count, zlib.crc32(bytes(content)), np.uint32)
     for column in range(content):
-        # Bytes are never out of bounds. Mode "wrap" skips the check and saves a third of the time.
+        # A byte is always a valid index. Mode "wrap" skips the bounds check and saves a third of
+        # the time.
         register ^= _EFFECTS[content - 1 - column].take(body[:, column], mode="wrap")
     stored = np.ascontiguousarray(body[:, content:]).view("<u4").ravel()
     equal: NDArray[np.bool_] = register == stored
@@ -136,7 +142,7 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _effects() -> NDArray[np.uint32]:
-    """Return the effect of one byte on the CRC: by its distance from the end, then by its value."""
+    """Return the effect of one byte on the CRC, indexed by distance from the end and by value."""
     step = np.arange(256, dtype=np.uint32)
     for _ in range(8):
         step = (step >> np.uint32(1)) ^ np.where(step & np.uint32(1), _POLYNOMIAL, np.uint32(0))

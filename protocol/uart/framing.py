@@ -1,7 +1,8 @@
 """UART framing: ``00 | COBS( header 8 B | payload | CRC-32 ) | 00``.
 
-COBS is that of Cheshire and Baker (1999); the CRC is that of zlib (reflected 0x04C11DB7),
-little-endian, over header and payload.
+COBS (consistent overhead byte stuffing) is specified in Cheshire and Baker (1999). The CRC-32 is
+the CRC of zlib (polynomial 0x04C11DB7, reflected). It covers header and payload and is sent in
+little-endian order.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from protocol.schema.message import MAX_TYPE
 HEADER = struct.Struct("<BBBBI")
 CRC = struct.Struct("<I")
 MAX_DECODED = 253
-"""Maximum length of a frame without its COBS byte; COBS then adds exactly one."""
+"""Maximum length of a decoded frame, bytes. Up to this length, COBS adds exactly one byte."""
 MAX_ENCODED = MAX_DECODED + 1
 MIN_DECODED = HEADER.size + CRC.size
 MAX_PAYLOAD = MAX_DECODED - MIN_DECODED
@@ -26,13 +27,13 @@ FLAG_AUTHENTICATED = 1
 MAX_FLAGS = 15
 MAX_NODE = 15
 OWN_VERSION = PROTOCOL_VERSION << 4
-"""First byte of a frame without flags."""
+"""First header byte of a frame without flags."""
 RESIDUE = 0xDEBB20E3
-"""CRC register after an intact frame including its CRC."""
+"""Value of the CRC register after an intact frame and its CRC."""
 
 
 def _crc_table() -> list[int]:
-    """Return the effect of one byte on the CRC register."""
+    """Return the effect of each byte value on the CRC register."""
     table = []
     for byte in range(256):
         register = byte
@@ -45,21 +46,21 @@ def _crc_table() -> list[int]:
 _CRC_TABLE = _crc_table()
 _MAX_ENCODED, _MAX_PAYLOAD, _MIN_DECODED = MAX_ENCODED, MAX_PAYLOAD, MIN_DECODED
 _RESIDUE = RESIDUE
-# In compiled code these are C integers; the names above are still Python's.
+# In compiled code these names are C integers; the names above are Python objects.
 
 
 class Frame(NamedTuple):
     """One intact frame."""
 
     version_flags: int
-    """Protocol version in the high nibble, flags in the low one."""
+    """Protocol version in the high nibble, flags in the low nibble."""
     node: int
-    """The device's id, 1-15, in both directions; 0: all."""
+    """Node id of the device, 1-15, in both directions; 0: all devices."""
     type_id: int
     seq: int
     """Counter of the sender's frames; wraps at 8 bits."""
     t_us: int
-    """Sender's clock when the content was sampled, µs; wraps at 32 bits."""
+    """Time at which the content was sampled, by the sender's clock, µs; wraps at 32 bits."""
     payload: bytes
 
     @property
@@ -86,7 +87,7 @@ class DamagedFrame(NamedTuple):
 
     damage: Damage
     offset: int
-    """Place of its first byte in the stream, counted from the parser's start."""
+    """Index of its first byte in the stream, counted from the parser's start."""
     length: int
     data: bytes
     """The bytes, at most the first 254."""
@@ -103,7 +104,7 @@ class FrameSizeError(LocalError):
 def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
     node: int, type_id: int, seq: int, t_us: int, payload: bytes, flags: int = 0
 ) -> bytes:
-    """COBS-encode one frame, with its closing delimiter but without the leading one.
+    """Encode one frame with its closing delimiter, but without a leading delimiter.
 
     Raises:
         FrameSizeError: the payload is longer than a frame can hold.
@@ -137,7 +138,7 @@ class UartEncoder:
     def frame(  # noqa: PLR0913, PLR0917 - the header's fields
         self, version_flags: int, node: int, type_id: int, seq: int, t_us: int, payload: bytes
     ) -> bytes:
-        """Encode one frame, with its closing delimiter but without the leading one.
+        """Encode one frame with its closing delimiter, but without a leading delimiter.
 
         Raises:
             FrameSizeError: the payload is longer than a frame can hold.
@@ -160,7 +161,8 @@ class UartEncoder:
         body[size], body[size + 1] = crc & 0xFF, crc >> 8 & 0xFF
         body[size + 2], body[size + 3] = crc >> 16 & 0xFF, crc >> 24
         size += 4
-        # COBS: each zero becomes the distance to the next; the first distance comes first.
+        # COBS: each zero is replaced by the distance to the next zero. The first byte is the
+        # distance to the first zero.
         zero = 0
         for place in range(size):
             byte = body[place]
@@ -175,11 +177,11 @@ class UartEncoder:
 
 
 class UartParser:
-    """Finds frames in a byte stream, however it is split; keeps at most one frame's bytes.
+    """Finds frames in a byte stream that arrives in pieces; stores at most one frame's bytes.
 
-    :meth:`feed` returns everything that some bytes complete. :meth:`take` and :meth:`next_event`
-    return the same one by one, with the header's fields as attributes, for a loop that handles
-    each.
+    :meth:`feed` processes a piece and returns all frames and damage that it completes. :meth:`take`
+    and :meth:`next_event` return the same events one by one, with the header's fields as
+    attributes.
     """
 
     def __init__(self) -> None:
@@ -193,15 +195,15 @@ class UartParser:
         """Payload of the newest frame."""
         self._data = b""
         self._place = 0
-        """Place of the next byte in the data."""
+        """Index of the next byte in the present piece."""
         self._stretch = bytearray(MAX_ENCODED)
-        """The first bytes after the last delimiter."""
+        """First bytes after the last delimiter, up to the length of a frame."""
         self._length = 0
-        """Number of bytes after the last delimiter, kept or not."""
+        """Number of bytes after the last delimiter, stored or dropped."""
         self._body = bytearray(MAX_DECODED)
 
     def feed(self, data: bytes) -> list[Frame | DamagedFrame]:
-        """Take the next bytes; return what they complete, in order."""
+        """Process the next bytes; return the completed frames and damage, in order."""
         found: list[Frame | DamagedFrame] = []
         self.take(data)
         event = self.next_event()
@@ -211,12 +213,12 @@ class UartParser:
         return found
 
     def take(self, data: bytes) -> None:
-        """Take the next bytes, after :meth:`next_event` has returned None for those before."""
+        """Set the next bytes to process, after :meth:`next_event` has returned None."""
         self._data = data
         self._place = 0
 
     def next_event(self) -> Frame | DamagedFrame | None:
-        """Return the next frame or damage in the bytes taken; None if there is no more."""
+        """Return the next frame or damage in the present bytes; None if there are no more."""
         view, stretch = self._data, self._stretch
         begin, length = self._place, self._length
         for place in range(begin, len(self._data)):
@@ -237,11 +239,12 @@ class UartParser:
         return None
 
     def _judged(self, length: int) -> Frame | DamagedFrame:
-        """Return the frame, or the damage, in the last ``length`` bytes before a delimiter."""
+        """Decode the last ``length`` bytes before a delimiter; return the frame or the damage."""
         stretch, body = self._stretch, self._body
         damage = _LENGTH
         if length <= _MAX_ENCODED:
-            # COBS and CRC in one pass: a distance leads to each zero, and the last one to the end.
+            # COBS and CRC in one pass. Each distance leads to a zero; the last distance leads to
+            # the end.
             left = stretch[0]
             crc = 0xFFFF_FFFF
             for place in range(1, length):

@@ -1,4 +1,4 @@
-"""One end of a link over a serial line: it converts bytes to messages, and messages to bytes."""
+"""One end of a serial link: it converts bytes to messages, and messages to bytes."""
 
 from __future__ import annotations
 
@@ -30,21 +30,22 @@ if TYPE_CHECKING:
 
 _HALF_SEQ = 128
 _STOPS = frozenset({"stop", "stop_all"})
-"""Names of the messages that need no tag, and that a wrong tag does not reject."""
+"""Names of the stop messages. They need no tag and are accepted even with a wrong tag."""
 _TIME_REQUEST = "time_request"
-"""Name of the message that needs no tag and is answered even with a wrong tag. So a host with
-another key can measure the link, although its commands are rejected."""
+"""Name of the time request. It needs no tag and is answered even with a wrong tag. So a host with a
+wrong key can measure the link, although the device rejects its commands."""
 _HELLO = "hello"
-"""Name of the message with the boot id that the device's sequence numbers belong to."""
+"""Name of the message with the device's boot id. Sequence numbers restart at each boot."""
 _PLAIN_MASK = 0xF0 | FLAG_AUTHENTICATED
-"""Mask of the version and the authentication flag. A marked frame takes the general path."""
+"""Mask of the version and the authentication flag in the first header byte. Frames with this flag
+are decoded by the general path, not by the fast path."""
 _OWN_VERSION = OWN_VERSION
 _UNKNOWN = -1
-"""Unknown sequence number: the sender's next number may be any."""
+"""Placeholder for an unknown sequence number: any next number is accepted."""
 
 
 class _Ordinary:
-    """Decoding of a message that type and length alone identify."""
+    """Decoding data for the fast path: a message that type and length alone identify."""
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
@@ -54,7 +55,7 @@ class _Ordinary:
 
 
 class Link(LinkBase):
-    """Turns a byte stream into messages and messages into bytes."""
+    """Converts a byte stream to messages, and messages to bytes."""
 
     medium = Medium.UART
 
@@ -64,15 +65,15 @@ class Link(LinkBase):
         self._encoder = UartEncoder()
         self._seq = 0
         self._expected_seq = [_UNKNOWN] * 256
-        """Next sequence number of each sender; compared with every frame's."""
+        """Expected next sequence number of each sender."""
         self._boots: dict[int, int] = {}
-        """Boot in the newest hello of each device."""
-        # A device's frames contain the device's node. A host counts all its frames together, for
-        # any node.
+        """Boot id in the newest hello of each device."""
+        # The node in a device's frame is the sender. A host uses one sequence for its frames to all
+        # nodes.
         self._sender_mask = 0xFF if sends is Direction.HOST else 0
         self._ordinary: list[_Ordinary | None] = [None] * 256
-        """Ordinary messages by type; None: this end does not receive the type, or needs the general
-        path."""
+        """Messages for the fast path, by type; None: this end does not receive the type, or the
+        type needs the general path."""
         for spec in self.codec.catalogue:
             if spec.direction is not sends and spec.text_field is None and not spec.is_bare:
                 self._ordinary[spec.type_id] = _Ordinary(spec)
@@ -80,7 +81,7 @@ class Link(LinkBase):
     # ---- receiving ------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_us: int = 0) -> list[LinkEvent]:  # noqa: ARG002 - stamps are whole
-        """Take bytes from the port; return what they complete, in order."""
+        """Process bytes from the port; return the completed events, in order."""
         parser, statistics = self._parser, self.statistics
         by_type, expected = statistics.by_type, self._expected_seq
         found: list[LinkEvent] = []
@@ -128,18 +129,18 @@ class Link(LinkBase):
         statistics = self.statistics
         statistics.frames_in += 1
         statistics.by_type[type_id] = statistics.by_type.get(type_id, 0) + 1
-        # a bare message has no number: any sender may have sent it
+        # a bare message (stop_all) has no sequence number: all senders send the same bytes
         if spec is None or not spec.is_bare:
             self._count(spec, frame)
         if spec is None:
             return self._reject(frame, "type")
         genuine = True
         if version_flags & FLAG_AUTHENTICATED and type_id not in self.disabled:
-            if spec.name in _STOPS:  # obeyed from any sender, with any tag; it is not authentic
+            if spec.name in _STOPS:  # executed with any tag, but not marked as authentic
                 frame = frame._replace(version_flags=version_flags & ~FLAG_AUTHENTICATED)
             else:
                 frame, genuine = self._opened(frame)
-                if not genuine and spec.name == _TIME_REQUEST:  # answered, but not authentic
+                if not genuine and spec.name == _TIME_REQUEST:  # answered, but not marked authentic
                     frame = frame._replace(version_flags=version_flags & ~FLAG_AUTHENTICATED)
                     genuine = True
         if not genuine or type_id in self.disabled:
@@ -150,14 +151,14 @@ class Link(LinkBase):
             return self._reject(frame, "payload")
 
     def _opened(self, frame: Frame) -> tuple[Frame, bool]:
-        """Return an authenticated frame without its trailer, and whether it is authentic."""
+        """Return a frame without its authentication trailer, and whether the trailer is valid."""
         payload, trailer = frame.payload[: -TRAILER.size], frame.payload[-TRAILER.size :]
         frame = frame._replace(payload=payload)
         covered = HEADER.pack(*frame[:-1]) + payload
         return frame, self.key is not None and self.key.check(covered, trailer)
 
     def _count(self, spec: MessageSpec | None, frame: Frame) -> None:
-        """Count missing frames by a frame's sequence number."""
+        """Update the counts of lost and reordered frames from a frame's sequence number."""
         sender, seq = frame.node & self._sender_mask, frame.seq
         booted = spec is not None and spec.name == _HELLO and self._booted(sender, spec, frame)
         if booted or self._expected_seq[sender] in {seq, _UNKNOWN}:
@@ -166,7 +167,7 @@ class Link(LinkBase):
             self._out_of_sequence(sender, seq)
 
     def _booted(self, sender: int, spec: MessageSpec, frame: Frame) -> bool:
-        """Return whether a hello names another boot than the last one: its numbers restart."""
+        """Return whether a hello's boot id has changed, so that sequence numbers restart."""
         try:
             boot_id = getattr(self.codec.decode(spec, frame.payload), "boot_id", None)
         except PayloadError:
@@ -194,10 +195,10 @@ class Link(LinkBase):
         """Return and remove the queued bytes."""
         if not self._queue:
             return b""
-        # A leading delimiter on an idle line keeps the rest of a damaged frame from this one.
+        # A leading delimiter separates this frame from the rest of a damaged frame.
         data = b"\0"
         by_type = self.codec.catalogue.by_type
-        for node, type_id, t_us, payload, flags, _ in self._queue:  # hardly ever more than one
+        for node, type_id, t_us, payload, flags, _ in self._queue:  # rarely more than one
             version_flags, stamp_us = OWN_VERSION | flags, t_us & 0xFFFF_FFFF
             content = payload
             if not payload and by_type[type_id].is_bare:  # the same frame from every sender

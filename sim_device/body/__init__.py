@@ -1,1 +1,1 @@
-"""Mechanics and supply of the virtual sweeper: motors, wheels, contact, battery."""
+"""Mechanics and power supply of the virtual sweeper: motors, wheels, contact, battery."""

@@ -22,34 +22,38 @@ class Chassis:
     """Forces between the robot, the floor and the walls, and the load of the electronics."""
 
     traction_n: float = 7.0
-    """Maximum push of one wheel, N: 3 kg, 80 % of it on the wheels, friction coefficient 0.6."""
+    """Maximum traction of one wheel, N: from 3 kg, 80 % of the weight on the wheels, and a friction
+    coefficient of 0.6."""
     wall_friction: float = 0.2
     """Friction coefficient of the plastic bumper on a painted wall."""
     electronics_w: float = 1.5
     """Power of controller, sensors and idle bridges, W, drawn from the battery."""
     mass_kg: float = 3.0
-    """Mass of the robot, kg. With 0 no wheel spins on free floor, and thresholds cost no force."""
+    """Mass of the robot, kg. With 0, wheels do not spin on free floor, and thresholds need no
+    force."""
     wheel_share: float = 0.8
-    """Share of the weight on the wheels; the caster carries the rest."""
+    """Share of the weight on the wheels, 0..1; the caster carries the rest."""
     caster_drag_n: float = 0.3
     """Rolling resistance of the caster, N: 5 % of its load."""
     caster_x_m: float = 0.115
-    """Distance of the caster ahead of the axle, m; negative behind it, never 0."""
+    """Distance of the caster ahead of the axle, m; negative if the caster is behind the axle; never
+    0."""
     caster_radius_m: float = 0.015
 
 
 @dataclass(slots=True)
 class PlantFaults:
-    """Present faults of the drive; they may change between two calls of ``advance_ms``."""
+    """Present faults of the drive; they may change between two calls of ``Plant.advance_ms``."""
 
     stuck_left: bool = False
-    """True: the left gearbox is jammed. The wheel stands, and its motor draws the stall current."""
+    """True: the left gearbox is jammed. The wheel does not turn, and its motor draws the stall
+    current."""
     stuck_right: bool = False
     slip_left: float = 0.0
     """Extra share of the left wheel's travel that is lost on the floor, 0..1."""
     slip_right: float = 0.0
     lifted: bool = False
-    """True: the robot is held in the air. The wheels turn freely, and nothing touches it."""
+    """True: the robot is in the air. The wheels turn freely, and the robot has no contacts."""
     touched: bool = field(default=True, init=False, repr=False, compare=False)
     """True if a fault was set since the plant last read this object."""
 
@@ -60,7 +64,7 @@ class PlantFaults:
 
 
 def fill_parameters(b: Body, motor: MotorParameters, chassis: Chassis, model: RobotModel) -> None:
-    """Write the parameters of the parts into the kernel's body."""
+    """Write the parameters of all parts into the kernel's ``Body``."""
     radius_m = 0.5 * model.wheel_diameter_m
     b.back_emf_v_s, b.resistance_ohm = motor.back_emf_v_s, motor.resistance_ohm
     b.friction_v, b.drop_v = motor.friction_v, model.driver_drop_v
@@ -80,7 +84,7 @@ def set_lag(
     *,
     lifted: bool,
 ) -> None:
-    """Write the lag of the wheels into the body; lifted wheels carry only their own inertia."""
+    """Write the time constants of the wheels' lag; lifted wheels have only their own inertia."""
     tau = motor.time_constant_s
     if lifted:
         radius_m = 0.5 * model.wheel_diameter_m

@@ -1,8 +1,9 @@
 """Compiled kernel of the plant: wheels, pose, contact and battery, one millisecond at a time.
 
-``advance`` works on a ``Body`` and allocates nothing. Each millisecond depends only on the state
-before it, so equal calls give equal floats however time is split. Slow quantities (battery, slip)
-are renewed by ``renew`` every ten milliseconds. ``plant`` and ``motors`` describe the models.
+``advance`` changes a ``Body`` and allocates no memory. Each step depends only on the previous
+state, so the results are bit-equal for any split of the time into calls. ``renew`` updates the slow
+quantities (battery, slip) every ten milliseconds. The modules ``plant`` and ``motors`` describe the
+models.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ if TYPE_CHECKING:
 
 TICK_S = 0.001
 SLOW_MS = 10
-"""Period of the slow quantities, ms."""
+"""Update period of the slow quantities (battery, slip), ms."""
 REARM_MS = 500.0
-"""Contact-free time after which the next onset counts as a collision, ms."""
+"""Time without contact after which the next onset of contact counts as a collision, ms."""
 MAX_TOUCHES = 16
 SLIP_DRAWS = 512
 
@@ -39,25 +40,27 @@ _RAIL_WHOLE_V = cython.declare(cython.double, RAIL_WHOLE_V)
 _BRIDGE_LOGIC_V = cython.declare(cython.double, BRIDGE_LOGIC_V)
 _SECONDS_PER_HOUR = cython.declare(cython.double, 3600.0)
 _TOUCH_M = cython.declare(cython.double, 2e-5)
-"""Gap below which the disc is in contact, m: far below any sensor, far above rounding."""
+"""Gap below which the disc (the robot's footprint) is in contact, m. It is far below the resolution
+of any sensor, and far above rounding errors."""
 _PENETRATION_M = cython.declare(cython.double, 1e-9)
-"""Maximum depth of the disc in a wall, m, unless it started deeper."""
+"""Maximum depth of the disc in a wall, m, unless the disc started deeper."""
 _COLLISION_SPEED_M_S = cython.declare(cython.double, 0.03)
 """Minimum normal speed of a collision, m/s; slower onsets of contact do not count."""
 _WALKER = cython.declare(cython.int, -1)
-"""Index of the walker among the edges in contact."""
+"""Index that marks the walker (a moving round obstacle) in the list of edges in contact."""
 _NEAR_M = cython.declare(cython.double, 0.35)
 _NEAR_MOVED_M = cython.declare(cython.double, 0.25)
-"""Distance after which the list of near edges is renewed, m. The list holds the edges within the
-radius and ``_NEAR_M``."""
+"""Distance after which the list of near edges is renewed, m. The list contains the edges within the
+disc's radius plus ``_NEAR_M``."""
 _SMALL_STEP_M = cython.declare(cython.double, 0.02)
 _PASSES = cython.declare(cython.int, 12)
 _HALVINGS = cython.declare(cython.int, 10)
 _SHOVE_M = cython.declare(cython.double, 0.005)
-"""Maximum distance that a walker pushes the disc in one step, m, so that it never crosses a wall.
+"""Maximum distance that a walker pushes the disc in one step, m. It keeps the disc from crossing a
+wall.
 """
 _BOUNCE_S = cython.declare(cython.double, 0.05)
-"""Decay time of a spinning tyre's bouncing in front of a threshold, s."""
+"""Decay time of the bouncing of a spinning tyre at a threshold, s."""
 
 
 @cython.final
@@ -68,27 +71,29 @@ class Wheel:
     radius_m = cython.declare(cython.double, visibility="public")
     stuck = cython.declare(cython.bint, visibility="public")
     slope_n = cython.declare(cython.double, visibility="public")
-    """Force of the weight on a slope against the wheel, N."""
+    """Downhill force of the robot's weight on a slope, against the wheel, N."""
     carpet_n = cython.declare(cython.double, visibility="public")
     """Drag of the carpet under the wheel, N."""
     carpet_slip = cython.declare(cython.double, visibility="public")
-    """Share of the wheel's travel that is lost on this carpet."""
+    """Share of the wheel's travel that is lost on the present carpet."""
     extra_slip = cython.declare(cython.double, visibility="public")
-    """Share of the travel lost in addition, by a fault."""
+    """Additional share of the travel that a fault makes the wheel lose."""
     slip = cython.declare(cython.double, visibility="public")
-    """Random part of the lost share, with its mean subtracted."""
+    """Random part of the lost share, with zero mean."""
     travel_m_rad = cython.declare(cython.double, visibility="public")
-    """Half of the wheel's travel over the floor per radian, m, after slip."""
+    """Motion of the body's centre per radian of the wheel, m/rad: half of the wheel's travel after
+    slip."""
     yaw_rad_rad = cython.declare(cython.double, visibility="public")
-    """Turn of the body per radian of the wheel."""
+    """Turn of the body per radian of the wheel, rad/rad."""
     duty = cython.declare(cython.double, visibility="public")
-    """Duty of the bridge, -1..1."""
+    """Duty of the motor bridge, -1..1."""
     volt = cython.declare(cython.double, visibility="public")
-    """Voltage behind the bridge, V."""
+    """Motor voltage after the bridge, V."""
     rad_s = cython.declare(cython.double, visibility="public")
     angle_rad = cython.declare(cython.double, visibility="public")
     grip_rad_s = cython.declare(cython.double, visibility="public")
-    """Wheel speed without spin, rad/s; it equals the wheel's speed unless the wheel spins."""
+    """Speed at which the wheel would roll without spin, rad/s; it equals the wheel speed unless the
+    wheel spins."""
 
     def __init__(self) -> None:
         """Start at rest on level floor."""
@@ -101,14 +106,15 @@ class Wheel:
 @cython.final
 @cython.cclass
 class Body:
-    """The robot's body in its room: parameters of the parts, and the state."""
+    """The robot in its room: parameters of the parts, and the state."""
 
     left = cython.declare(Wheel, visibility="public")
     right = cython.declare(Wheel, visibility="public")
 
     # Parameters.
     tau_s = cython.declare(cython.double, visibility="public")
-    """Time constant of a wheel's lag, s. ``decay`` is the share that remains after a tick."""
+    """Time constant of a wheel's lag, s. ``decay`` is the share that remains after a tick (1
+    ms)."""
     decay = cython.declare(cython.double, visibility="public")
     back_emf_v_s = cython.declare(cython.double, visibility="public")
     resistance_ohm = cython.declare(cython.double, visibility="public")
@@ -122,12 +128,12 @@ class Body:
     wall_friction = cython.declare(cython.double, visibility="public")
     traction_n = cython.declare(cython.double, visibility="public")
     rad_s_per_n = cython.declare(cython.double, visibility="public")
-    """Change of a wheel's speed over a tick per newton of push."""
+    """Change of a wheel's speed in one tick per newton of push, rad/s/N."""
     caster_n = cython.declare(cython.double, visibility="public")
     caster_x_m = cython.declare(cython.double, visibility="public")
     full_v = cython.declare(cython.double, visibility="public")
-    """Open-circuit voltage of the full battery, V. This and the next ones are as in
-    ``BatteryParameters``."""
+    """Open-circuit voltage of the full battery, V. This attribute and the next ones are the values
+    of ``BatteryParameters``."""
     capacity_ah = cython.declare(cython.double, visibility="public")
     empty_ratio = cython.declare(cython.double, visibility="public")
     battery_ohm = cython.declare(cython.double, visibility="public")
@@ -136,41 +142,46 @@ class Body:
     knee_resistance = cython.declare(cython.double, visibility="public")
     electronics_w = cython.declare(cython.double, visibility="public")
     slip_kick = cython.declare(cython.double, visibility="public")
-    """Random step of the slip every ``SLOW_MS``. ``slip_fade`` is the share of the slip that
-    remains."""
+    """Standard deviation of the slip's random step every ``SLOW_MS``. ``slip_fade`` is the share by
+    which the slip decays in this time."""
     slip_fade = cython.declare(cython.double, visibility="public")
     unslipped = cython.declare(cython.double, visibility="public")
-    """1 minus the mean of the slip."""
+    """1 minus the mean slip."""
     tilt_x_m_s2 = cython.declare(cython.double, visibility="public")
-    """Specific force along x that a tilt causes at the accelerometer. ``tilt_y_m_s2``: along y."""
+    """Specific force along x that a tilt causes at the accelerometer, m/s². ``tilt_y_m_s2``: along
+    y."""
     tilt_y_m_s2 = cython.declare(cython.double, visibility="public")
     lifted = cython.declare(cython.bint, visibility="public")
     held = cython.declare(cython.bint, visibility="public")
-    """True: an obstacle that a fault moved onto the robot holds it."""
+    """True: the robot is immobile, because a new obstacle overlaps it and there is no free
+    place."""
     wanders = cython.declare(cython.bint, visibility="public")
-    """True: the wheels stand on a floor on which they slip."""
+    """True: the wheels are on a floor on which they slip."""
 
-    # The pose, and the quantities that sensors derive from it.
+    # The pose, and the quantities from which sensor readings are computed.
     tick = cython.declare(cython.double, visibility="public")
-    """Milliseconds since power-on."""
+    """Time since power-on, ms."""
     x_m = cython.declare(cython.double, visibility="public")
     y_m = cython.declare(cython.double, visibility="public")
     theta_rad = cython.declare(cython.double, visibility="public")
     path_m = cython.declare(cython.double, visibility="public")
     sway = cython.declare(cython.double, visibility="public")
-    """Σ ds·dθ: over a tick, the lateral velocity that turning takes up. ``slide_sway``: sideways.
+    """Sum of ds·dθ over all ticks, m·rad. Divided by the tick's length, it is the time integral of
+    the centripetal acceleration. ``slide_sway`` is the sum for lateral motion.
     """
     slide_sway = cython.declare(cython.double, visibility="public")
     slide_v_m_s = cython.declare(cython.double, visibility="public")
-    """Speed along a wall, m/s. ``slide_aside_m_s``: its part to the left."""
+    """Forward part of the speed at which the robot slides along a wall, m/s. ``slide_aside_m_s``:
+    the part to the left."""
     slide_aside_m_s = cython.declare(cython.double, visibility="public")
     gravity_x_m_s = cython.declare(cython.double, visibility="public")
-    """Impulse of the weight along x by tilt, m/s. ``gravity_y_m_s``: along y."""
+    """Time integral of gravity's component along x in a tilted body, m/s. ``gravity_y_m_s``: along
+    y."""
     gravity_y_m_s = cython.declare(cython.double, visibility="public")
 
     # The energy.
     drawn_c = cython.declare(cython.double, visibility="public")
-    """Charge that the bridges have drawn, C."""
+    """Charge that the bridges have drawn since power-on, C."""
     bridge_j = cython.declare(cython.double, visibility="public")
     winding_j = cython.declare(cython.double, visibility="public")
     shaft_j = cython.declare(cython.double, visibility="public")
@@ -190,7 +201,7 @@ class Body:
     touches = cython.declare(cython.int, visibility="public")
     """Number of edges in contact."""
     disturbed = cython.declare(cython.bint, visibility="public")
-    """True if the contacts may have changed without a motion of the robot."""
+    """True if the contacts may have changed although the robot has not moved."""
     collisions = cython.declare(cython.int, visibility="public")
     contact_ms = cython.declare(cython.double, visibility="public")
     armed = cython.declare(cython.bint, visibility="public")
@@ -209,28 +220,28 @@ class Body:
     gap_m: cython.double
     """Distance to the nearest obstacle, m; a lower bound."""
     at_x_m: cython.double
-    """End of a move, x, m."""
+    """End of the present move, x, m."""
     at_y_m: cython.double
     edges: FloatGrid
-    """Edges of the room, as in ``ray_kernel``."""
+    """Edges of the room, in the format of ``ray_kernel``."""
     near: Ints
-    """Indices of the edges near the place of the last search."""
+    """Indices of the edges near the robot's place at the last search."""
     near_count: cython.int
     near_x_m: cython.double
     near_y_m: cython.double
     touch_edge: Ints
-    """Index of each touched edge. The normals beside it point from the contact to the disc's
-    centre."""
+    """Index of each edge in contact. ``touch_x`` and ``touch_y`` are the unit vectors from the
+    contacts to the disc's centre."""
     touch_x: Floats
     touch_y: Floats
     known: Ints
-    """Edges that were in contact one millisecond ago."""
+    """Indices of the edges that were in contact one millisecond ago."""
     slips: Floats
-    """Standard normal values for the slip; ``slip_at`` of them are used."""
+    """Standard normal random values for the slip. The first ``slip_at`` values are used."""
     slip_at: cython.int
 
     def __init__(self) -> None:
-        """Start at rest; the caller sets parameters and room."""
+        """Start at rest; the caller must set parameters and room."""
         self.left, self.right = Wheel(), Wheel()
         self.tau_s = self.decay = self.back_emf_v_s = self.resistance_ohm = 0.0
         self.friction_v = self.drop_v = self.load_v_n = self.radius_m = self.wheel_base_m = 0.0
@@ -259,7 +270,7 @@ class Body:
         self.take_edges(np.zeros((0, 7)))
 
     def take_edges(self, edges: FloatGrid) -> None:
-        """Replace the edges by those of another room."""
+        """Set the edges of another room."""
         self.edges, self.near = edges, np.zeros(edges.shape[0], dtype=np.int32)
         self.near_count, self.near_x_m = 0, _INFINITY
 
@@ -273,11 +284,11 @@ class Body:
         return [(self.touch_x[i], self.touch_y[i]) for i in range(self.touches)]
 
     def draws_used(self) -> int:
-        """Return how many random values for the slip are used."""
+        """Return the number of used random values for the slip."""
         return self.slip_at
 
     def take_draws(self, draws: Floats) -> None:
-        """Replace the used random values for the slip, behind those that are left."""
+        """Remove the used random values for the slip and append new values."""
         left: cython.int = SLIP_DRAWS - self.slip_at
         k: cython.int
         for k in range(left):
@@ -290,7 +301,7 @@ class Body:
 @cython.ccall
 @cython.exceptval(check=False)
 def switch(left: cython.double, right: cython.double, b: Body) -> cython.void:
-    """Set the motor voltages that the bridges make of the battery at these duties (-1..1)."""
+    """Compute the motor voltages at these duties (-1..1) and the present battery voltage."""
     supply_v, drop_v = b.supply_v, b.drop_v
     if supply_v - _RAIL_DROPOUT_V < _BRIDGE_LOGIC_V:
         left = right = 0.0
@@ -303,10 +314,10 @@ def switch(left: cython.double, right: cython.double, b: Body) -> cython.void:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _turn(wheel: Wheel, load_n: cython.double, blocked_v: cython.double, b: Body) -> cython.double:
-    """Turn one wheel by an exact first-order lag; return the turn, rad.
+    """Turn one wheel for one tick by an exact first-order lag; return the turn, rad.
 
-    Friction holds the wheel when it passes through rest. The function adds the motor's charge to
-    the balance. A braking motor's energy becomes heat in the bridge.
+    Friction holds the wheel when its speed crosses zero. The function adds the motor's charge to
+    the energy balance. The energy of a braking motor becomes heat in the bridge.
     """
     rad_s, volt, emf = wheel.rad_s, wheel.volt, b.back_emf_v_s
     after = turn = squared = 0.0
@@ -380,10 +391,10 @@ def _measure_gap(b: Body) -> cython.void:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _free(push: cython.bint, b: Body) -> cython.double:
-    """Push the disc out of the walker, then of each edge in turn; return the smallest gap.
+    """Push the disc out of the walker, then out of each edge in turn; return the smallest gap.
 
-    Without ``push`` the function only measures. Only walls count for the gap: a walker is soft and
-    gives way in a wedge.
+    Without ``push`` the function only measures. An overlap with the walker does not count for the
+    gap, because the walker yields if a wall holds the disc.
     """
     least = _SMALL_STEP_M
     count: cython.int = 0
@@ -420,7 +431,7 @@ def _free(push: cython.bint, b: Body) -> cython.double:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _push_out(b: Body) -> cython.bint:
-    """Push the disc out of every obstacle; return whether it is then free."""
+    """Push the disc out of all obstacles; return whether it is free afterwards."""
     for _ in range(_PASSES):
         b.gap_m = _free(True, b)  # noqa: FBT003 - positional, as kernels are called
         if b.gap_m >= -_PENETRATION_M:
@@ -431,15 +442,15 @@ def _push_out(b: Body) -> cython.bint:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
-    """Move the disc as far as the walls allow; ``at`` receives the end of the move.
+    """Move the disc as far as the walls allow; ``at_x_m`` and ``at_y_m`` are set to the end.
 
-    A touched wall stops the part of the motion that goes into it. Coulomb friction takes some of
-    the rest.
+    A wall in contact removes the motion component towards the wall. Coulomb friction reduces the
+    motion along the wall.
     """
     blocked = 0.0
     count = b.touches
     k: cython.int
-    # twice: the second wall of a corner may push the disc back into the first
+    # Two passes: the second wall of a corner may push the disc back into the first wall.
     for k in range(2 * count):
         nx, ny = b.touch_x[k % count], b.touch_y[k % count]
         into = dx * nx + dy * ny
@@ -460,7 +471,7 @@ def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
     b.at_x_m, b.at_y_m = b.x_m + dx, b.y_m + dy
     if _push_out(b):
         return
-    # The wedge is too narrow: go as far as its second side and touch that too.
+    # The corner is too narrow for the whole move: move until the disc also touches the second wall.
     share, step, end_x, end_y = 0.0, 0.5, b.x_m, b.y_m
     for _ in range(_HALVINGS):
         b.at_x_m, b.at_y_m = b.x_m + (share + step) * dx, b.y_m + (share + step) * dy
@@ -474,10 +485,10 @@ def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _count_contact(vx: cython.double, vy: cython.double, known: cython.int, b: Body) -> cython.void:
-    """Count a millisecond in contact, and a collision if one began in it.
+    """Count a millisecond in contact, and a collision if it begins in this millisecond.
 
-    A collision is a fast contact with an edge that was not touched a millisecond before
-    (``known``). A slow contact is no collision.
+    A collision is a fast contact with an edge that was not in contact a millisecond before (the
+    first ``known`` edges). A slow contact is not a collision.
     """
     new: cython.bint
     if b.tick - b.last_ms > _REARM_MS:
@@ -500,7 +511,7 @@ def _count_contact(vx: cython.double, vy: cython.double, known: cython.int, b: B
 @cython.cfunc
 @cython.exceptval(check=False)
 def _blocked(push: cython.double, b: Body) -> cython.double:
-    """Return how directly the wheels push into the contacts, forwards or backwards, 0..1."""
+    """Return the share of the wheels' push that acts against the contacts, 0..1."""
     if b.held:
         return 1.0
     c, d = push * cos(b.theta_rad), push * sin(b.theta_rad)
@@ -513,7 +524,7 @@ def _blocked(push: cython.double, b: Body) -> cython.double:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _grip(wheel: Wheel, turn: cython.double, b: Body) -> cython.double:
-    """Let the floor follow a wheel as fast as traction allows; return the turn that grips, rad."""
+    """Limit a wheel's rolling speed by traction; return the part of the turn that grips, rad."""
     grip, load_n = wheel.grip_rad_s, wheel.slope_n
     least = grip - (b.traction_n + load_n) * b.rad_s_per_n
     most = grip + (b.traction_n - load_n) * b.rad_s_per_n
@@ -530,7 +541,7 @@ def _grip(wheel: Wheel, turn: cython.double, b: Body) -> cython.double:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _pose_tick(ds: cython.double, dth: cython.double, v: cython.double, b: Body) -> cython.void:
-    """Move the body by ``ds`` along the tick's middle heading, as far as the walls allow."""
+    """Move the body by ``ds`` along the tick's midpoint heading, as far as the walls allow."""
     mid = b.theta_rad + 0.5 * dth
     c, d = cos(mid), sin(mid)
     dx, dy = ds * c, ds * d
@@ -626,10 +637,10 @@ def advance(ticks: cython.int, left: cython.double, right: cython.double, b: Bod
 
     Args:
         ticks: Number of milliseconds, at most to the next multiple of ``SLOW_MS``. Parameters are
-            constant meanwhile. 0 only updates the contacts.
+            constant in this time. 0 only updates the contacts.
         left: Duty of the left motor, -1..1.
         right: Duty of the right motor, -1..1.
-        b: The body; changed.
+        b: The body; the function changes it.
 
     """
     switch(left, right, b)
@@ -644,7 +655,7 @@ def advance(ticks: cython.int, left: cython.double, right: cython.double, b: Bod
 @cython.ccall
 @cython.exceptval(check=False)
 def sag(b: Body) -> cython.void:
-    """Compute the battery's voltage at its charge and current."""
+    """Compute the battery's terminal voltage from its charge and current."""
     charge = b.charge_ah / b.capacity_ah
     ohm = b.battery_ohm
     open_v = b.full_v * (b.empty_ratio + (1.0 - b.empty_ratio) * charge)
@@ -658,16 +669,16 @@ def sag(b: Body) -> cython.void:
     b.open_v, b.supply_v = open_v, supply_v
     if supply_v >= _RAIL_WHOLE_V:
         b.electronics_a = b.electronics_w / supply_v
-    else:  # the logic rail takes less
+    else:  # the logic rail draws less power
         b.electronics_a = b.electronics_w / _RAIL_WHOLE_V if supply_v > 0.0 else 0.0
 
 
 @cython.ccall
 @cython.exceptval(check=False)
 def discharge_battery(b: Body) -> cython.void:
-    """Update the battery with the charge drawn since the last time.
+    """Update the battery with the charge drawn since the last update.
 
-    The voltage was constant meanwhile: it follows the current of the period before.
+    The voltage was constant in this time, because it depends on the current of the previous period.
     """
     duration_s = (b.tick - b.settled_ms) * _TICK_S
     if duration_s > 0.0:
@@ -693,13 +704,13 @@ def _tread_wheel(wheel: Wheel, b: Body) -> cython.void:
 @cython.ccall
 @cython.exceptval(check=False)
 def tread(b: Body) -> cython.void:
-    """Compute how far one radian of each wheel moves and turns the robot, after slip."""
+    """Compute the robot's travel and turn per radian of each wheel, after slip."""
     _tread_wheel(b.left, b)
     _tread_wheel(b.right, b)
 
 
 def felt(b: Body) -> Felt:
-    """Return the quantities that are read at every step.
+    """Return the quantities that the plant reads at every step.
 
     Returns:
         Position and heading, the angles of both wheels, the specific impulses ahead and to the left

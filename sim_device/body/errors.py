@@ -1,10 +1,10 @@
-"""Errors of the plant: an invalid duty, an invalid walker."""
+"""Errors of the plant: invalid duties and invalid walkers."""
 
 from __future__ import annotations
 
 
 class DutyError(ValueError):
-    """A duty that is not a finite number; the caller's error, not a fault of the robot."""
+    """A duty is not a finite number; the caller's error, not a fault of the robot."""
 
     def __init__(self, left: float, right: float) -> None:
         """Store both duties."""

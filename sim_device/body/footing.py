@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 GRAVITY_M_S2 = 9.80665
 _FADE = SLOW_MS * TICK_S / SLIP_TIME_S
 _FASTEST_M_TICK = 0.005
-"""Maximum motion in a millisecond, m, a pushing walker included."""
+"""Maximum motion of the robot in a millisecond, m, including the push of a walker."""
 _PERIODS = SLIP_DRAWS // 2
 
 
 class Footing:
-    """Computes travel per radian and drag of each wheel for the kernels."""
+    """Computes each wheel's travel per radian and drag from the floor, for the kernels."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - the parts of a robot
         self,
@@ -42,7 +42,7 @@ class Footing:
         slip: Draws,
         body: Body,
     ) -> None:
-        """Draw wheel sizes from ``parts`` and slip from ``slip``; own ``slip``."""
+        """Draw wheel sizes from ``parts``; no other object may use the generator ``slip``."""
         common = 1.0 + parts.tolerance(noise.wheel_diameter_error)
         skew = 0.5 * parts.tolerance(noise.wheel_mismatch)
         nominal_m = 0.5 * model.wheel_diameter_m
@@ -75,7 +75,7 @@ class Footing:
         tread(b)
 
     def set_extra_slip(self, left: float, right: float) -> None:
-        """Set the extra share of its travel that each wheel loses."""
+        """Set the additional share of its travel that each wheel loses."""
         self._b.left.extra_slip, self._b.right.extra_slip = left, right
         tread(self._b)
 
@@ -107,7 +107,7 @@ class Footing:
         return self.fallen != was
 
     def on_thresholds(self, thresholds: NDArray[np.float64]) -> int:
-        """Apply the thresholds for the next milliseconds; return for how many they are valid."""
+        """Compute the effect of thresholds; return for how many milliseconds it is valid."""
         felt, b = self._felt, self._b
         climb(b.x_m, b.y_m, b.theta_rad, self._stance, thresholds, felt)
         b.left.slope_n, b.right.slope_n = felt.load_left_n, felt.load_right_n

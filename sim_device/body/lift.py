@@ -1,9 +1,9 @@
-"""Lifting and setting down of the robot, as the inertial sensor measures it.
+"""Lifting and setting down of the robot, as the inertial sensor measures them.
 
-A person lifts the robot 10 cm within 0.4 s. It accelerates upwards for half of that time and
-downwards for the other half: 0.1 m / (0.2 s)² = 0.25 g. Meanwhile the nose rises by 8° and stays
-there. Setting down is the same in reverse. Between both, the robot does not move. The plant decides
-where it is set down.
+A person lifts the robot 10 cm within 0.4 s. The robot accelerates upwards for 0.2 s, then downwards
+for 0.2 s, each time with 0.1 m / (0.2 s)² = 0.25 g. In the same time the nose rises by 8° and stays
+at this angle. Setting down is the reverse motion. The robot does not move between lifting and
+setting down. The plant defines the place where the robot is set down.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _WHOLE_MS = 2000.0 * HALF_S
 
 
 class Lift:
-    """Times of lifting and setting down, and the accelerations and rates they cause."""
+    """Times of lifting and setting down, and the resulting accelerations and rates."""
 
     __slots__ = ("_since_ms", "_up", "active")
 
@@ -33,7 +33,7 @@ class Lift:
     def felt(
         self, tick_ms: int, interval_ms: int, *, lifted: bool
     ) -> tuple[float, float, float, float, float, float]:
-        """Return the mean effect over the interval that ends at ``tick_ms``.
+        """Return the mean acceleration and rate over the interval that ends at ``tick_ms``.
 
         Returns:
             Acceleration x, y, z in addition to gravity at rest (g), and rate x, y, z (°/s).
@@ -50,7 +50,8 @@ class Lift:
         sign = 1.0 if lifted else -1.0
         tilt_rad = math.radians(TILT_DEG * (tilt if lifted else 1.0 - tilt))
         up_g = sign * PUSH_G * (_ramp(end_ms) - _ramp(begin_ms)) / interval_ms
-        # A rising nose is a negative turn about y (left). It tips the reaction to gravity ahead.
+        # A rising nose is a negative rotation about y (left). Gravity then gives a positive reading
+        # along x.
         return (
             (1.0 + up_g) * math.sin(tilt_rad),
             0.0,
@@ -66,7 +67,7 @@ def _progress(ms: float) -> float:
 
 
 def _ramp(ms: float) -> float:
-    """Return the integral over time (ms) of +1 during acceleration and -1 during deceleration."""
+    """Return the time integral (ms) of +1 in the acceleration, and -1 in the deceleration."""
     half_ms = 0.5 * _WHOLE_MS
     ms = min(_WHOLE_MS, max(0.0, ms))
     return ms if ms < half_ms else _WHOLE_MS - ms

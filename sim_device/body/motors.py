@@ -2,13 +2,13 @@
 
 The model is a brushed motor without inductance: V = R·i + K·ω and J·dω/dt = K·i - friction. This is
 a first-order lag with time constant τ = J·R/K² towards ω = (V - V_friction)/K. Friction is given as
-the voltage that overcomes it. The bridge gives |duty| · supply minus its saturation drop, and
-nothing below that. Drop and friction together make the dead band, about 15 % of duty.
+the voltage that overcomes it. The output of the bridge is |duty| · supply minus the saturation
+drop, but at least 0. Drop and friction together cause the dead band, about 15 % of duty.
 
-``drive_kernel`` integrates this model exactly over each millisecond. The L298 (datasheet, V_CEsat
-total) loses at least 1.8 V at 1 A and about 1.2 V more per ampere. The constant part is the drop in
-the robot file; the slope is part of the winding's resistance. At duty 0 the bridge connects both
-ends of the motor, and the motor brakes.
+``drive_kernel`` integrates this model exactly over each millisecond. The drop of the L298
+(datasheet, V_CEsat total) is at least 1.8 V at 1 A, and increases by about 1.2 V per ampere. The
+constant part is the drop in the robot file; the increase per ampere is included in the winding's
+resistance. At duty 0 the bridge connects both ends of the motor, and the motor brakes.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class MotorParameters:
-    """A 12 V gear motor of about 120 turns a minute, typical for robots of this size.
+    """A 12 V gear motor with about 120 revolutions per minute, typical for robots of this size.
 
-    After the bridge's drop it reaches 0.40 m/s on a 65 mm wheel with a full battery (16 V). With an
-    empty battery it still exceeds the maximum speed of the robot file, 0.30 m/s.
+    With a 65 mm wheel, a full battery (16 V) and the bridge's drop, it reaches 0.40 m/s. With an
+    empty battery the speed still exceeds 0.30 m/s, the maximum speed in the robot file.
     """
 
     back_emf_v_s: float = 1.10
-    """Motor constant K at the wheel, V per rad/s; equally N·m per ampere."""
+    """Motor constant K at the wheel, V per rad/s; the same number is the torque constant, N·m/A."""
     resistance_ohm: float = 8.0
     """Resistance of winding, brushes and the bridge's current-dependent part, Ω. The stall current
     at full battery is 1.76 A."""
@@ -42,10 +42,10 @@ class MotorParameters:
         return magnitude if duty > 0.0 else -magnitude
 
     def target_rad_s(self, terminal_v: float, wheel_rad_s: float, drag_v: float) -> float:
-        """Return the wheel speed that the lag tends to.
+        """Return the wheel speed that the first-order lag approaches.
 
-        Drag acts against the motion, and at rest against the pull. The result is 0 if
-        ``wheel_rad_s`` is 0 and the pull does not overcome the drag.
+        Drag acts against the motion, or at rest against the motor torque. The result is 0 if
+        ``wheel_rad_s`` is 0 and the torque does not overcome the drag.
         """
         if wheel_rad_s > 0.0:
             return (terminal_v - drag_v) / self.back_emf_v_s
@@ -68,7 +68,8 @@ class MotorParameters:
     def charge_c(self, terminal_v: float, turned_rad: float, duration_s: float) -> float:
         """Return the integral of the motor current at a constant voltage.
 
-        The current is linear in the wheel speed, so only the angle matters.
+        The current is linear in the wheel speed, so the integral depends only on the turned angle
+        and the duration.
         """
         return (terminal_v * duration_s - self.back_emf_v_s * turned_rad) / self.resistance_ohm
 

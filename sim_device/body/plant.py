@@ -1,23 +1,25 @@
 """The sweeper's mechanics: wheels, pose, contact and energy, integrated at 1 kHz.
 
-The plant holds only the truth, none of the host's estimates. Wheel speeds follow the motors' lag
-exactly. The pose takes each millisecond's midpoint heading. Walls stop the disc. Equal calls give
-bit-equal truth, however ``advance_ms`` is split: the compiled ``drive_kernel`` computes each
-millisecond from the one before, and renews slow quantities every ten milliseconds.
+The plant contains the true state, not the host's estimates. Wheel speeds follow the motors'
+first-order lag exactly. The pose is integrated with the midpoint heading of each millisecond. Walls
+stop the disc (the robot's footprint). The compiled ``drive_kernel`` computes each millisecond from
+the previous one, and updates slow quantities every ten milliseconds. So the result is bit-equal for
+any split of the time into calls of ``advance_ms``.
 
-Contact is quasi-static. A wall ahead stops the part of the motion that goes into it; the disc
-slides along the wall with friction, or stops. Meanwhile the wheels slip. Each pushes with at most
-``traction_n``; the motor feels this as a load, the more the wall is straight ahead. A duty too low
-for the load stalls the wheel. A higher duty spins it on the spot, and the encoders count the turns.
-The wall's force goes through the centre of the disc, which is the centre of the axle, so it turns
-nothing. Friction at the rim would turn the robot; the model leaves it out.
+Contact is quasi-static. A wall removes the motion component towards the wall; the disc slides along
+the wall with friction, or stops. The wheels then slip. Each wheel pushes with at most
+``traction_n``. This push loads the motor, and the load is greatest with the wall straight ahead. A
+duty too low for the load stalls the wheel. With a higher duty the wheel spins, and the encoders
+count its turns. The force of the wall acts through the centre of the disc, which is the centre of
+the axle, so it causes no rotation. Friction at the rim would turn the robot; the model omits it.
 
-Traction also limits acceleration and deceleration; a wheel that demands more spins. A spinning
-wheel has the same lag as a wheel that moves the robot. The caster's drag acts against its own
-motion over the floor. Thresholds are hills of a few millimetres, which store and return the energy
-of the weight. In front of a threshold too steep for the tyres the wheels spin. When a wheel passes
-the edge of one of the room's ``cliffs``, the robot lies on its underside. Its wheels then turn
-freely and it does not move, until there is floor again (``replace_world``).
+Traction also limits acceleration and deceleration; a wheel that would need more traction spins. A
+spinning wheel has the same lag as a wheel that moves the robot. The caster's drag acts against the
+caster's motion over the floor. Door thresholds are modelled as hills of a few millimetres; the
+robot gains potential energy uphill and loses it downhill. If a threshold is too steep for the
+tyres, the wheels spin. When a wheel passes the edge of a cliff of the room, the robot falls on its
+underside. The wheels then turn freely and the robot does not move, until ``replace_world`` gives it
+floor again.
 """
 
 from __future__ import annotations
@@ -51,10 +53,11 @@ __all__ = ["Chassis", "DutyError", "Inertial", "Plant", "PlantFaults", "Truth", 
 _JOULES_PER_WH = 3600.0
 _WALKER_GAP_MS = 250
 _WALKER_M_S = 3.0
-"""Maximum speed of a walker whose place is set again, m/s. A faster walker jumps to the new place.
+"""Maximum speed of a walker between two places that are set, m/s. If a higher speed is needed, the
+walker jumps to the new place.
 """
 _PLACES = 50
-"""Number of places that are tried from a place that is not free to the robot's present place."""
+"""Number of places to try on the line from an occupied place to the robot's present place."""
 _CHASSIS, _MOTOR = Chassis(), MotorParameters()
 _new = tuple.__new__
 
@@ -62,7 +65,7 @@ _new = tuple.__new__
 class Plant:
     """The virtual sweeper's mechanics in its room.
 
-    ``rng`` only spawns child generators here, so it may be shared with the sensors.
+    The plant only spawns child generators from ``rng``, so the sensors may share this generator.
     """
 
     def __init__(  # noqa: PLR0913 - the parts of a robot, each with a default
@@ -76,7 +79,7 @@ class Plant:
         battery: BatteryParameters | None = None,
         chassis: Chassis = _CHASSIS,
     ) -> None:
-        """Put the robot at rest at the room's start; the battery defaults to the model's."""
+        """Start at rest at the room's start pose; the default battery is the model's battery."""
         part_rng, slip_rng = rng.spawn(2)
         self.faults = PlantFaults()
         self.tick_ms = 0
@@ -86,13 +89,14 @@ class Plant:
         self._footing = Footing(model, chassis, noise, Draws(part_rng), Draws(slip_rng), b)
         self._supply = Supply(battery, model, b)
         self._applied = (False, False, 0.0, 0.0, False)
-        """The faults in effect in the kernels."""
+        """Faults that the kernels presently apply."""
         self._walker_ms = 0
         self._unfelt_rad = 0.0
-        """Sum of the turns by :meth:`place`, rad. The inertial sensor does not measure them."""
+        """Sum of the heading changes by :meth:`place`, rad. The inertial sensor does not measure
+        these changes."""
         b.x_m, b.y_m, b.theta_rad = world.plan.start
         self.felt = felt(b)
-        """The result of ``drive_kernel.felt`` at this tick, cached because it is read so often."""
+        """Result of ``drive_kernel.felt`` at this tick, cached because it is read often."""
         set_lag(b, motor, chassis, model, lifted=False)
         self._world = world
         self._take_world(world)
@@ -150,10 +154,10 @@ class Plant:
     def replace_world(self, world: World) -> None:
         """Replace the walls and obstacles around the robot; a walker stays.
 
-        An overlapping obstacle pushes the robot out on the shortest path. If no free place within
-        one robot diameter can be reached, the robot is held: its wheels slip or stall, and it stays
-        in contact without moving until the next call. Neither counts as a collision, because a new
-        obstacle has no speed.
+        If an obstacle overlaps the robot, the robot is moved on the shortest path to a free place.
+        If no free place within one robot diameter can be reached, the robot is held until the next
+        call: it stays in contact and does not move, and its wheels slip or stall. Neither case
+        counts as a collision, because a new obstacle has no speed.
         """
         b = self._b
         x_m, y_m = b.x_m, b.y_m
@@ -173,10 +177,10 @@ class Plant:
         self._changed()
 
     def place(self, pose: Pose2) -> Pose2:
-        """Put the robot down elsewhere at once; the inertial sensor feels nothing of it.
+        """Move the robot to another pose at once; the inertial sensor does not measure this.
 
-        If the place is not free, it stands at the nearest free place on the straight line to where
-        it was. Return the pose.
+        If the place is not free, the robot is put at the nearest free place on the straight line to
+        its previous place. Return the resulting pose.
         """
         b, world = self._b, self._world
         x_m, y_m, theta_rad = b.x_m, b.y_m, b.theta_rad
@@ -196,13 +200,14 @@ class Plant:
     def set_walker(self, x_m: float, y_m: float, radius_m: float) -> None:
         """Put a round obstacle (a person's leg) at (x, y), or let it walk there.
 
-        A second call within 250 ms makes the walker walk to the new place, for as long as the time
-        since the last call. After a longer time it appears there at once. The walker pushes the
-        robot ahead until a wall holds the robot; then the walker gives way (a leg is soft, a wall
-        is not). Range sensors see the walker at its destination (``world.walker``).
+        A second call within 250 ms makes the walker walk to the new place. The walk lasts as long
+        as the time since the last call. After more than 250 ms, the walker appears at the new place
+        at once. The walker pushes the robot until a wall holds the robot; then the walker yields,
+        because a leg is soft and a wall is not. Range sensors measure the walker at its destination
+        (``world.walker``).
 
         Raises:
-            WalkerError: a number is not finite, or the radius not above 0.
+            WalkerError: a number is not finite, or the radius is not positive.
 
         """
         if not (isfinite(x_m) and isfinite(y_m) and isfinite(radius_m) and radius_m > 0.0):
@@ -236,13 +241,13 @@ class Plant:
 
     @property
     def pose(self) -> Pose2:
-        """True pose, heading wrapped."""
+        """True pose; the heading is wrapped to [-π, π)."""
         x_m, y_m, theta_rad, _, _, _, _, _ = self.felt
         return Pose2(x_m, y_m, wrap_angle(theta_rad))
 
     @property
     def world(self) -> World:
-        """The room with its walker."""
+        """The room, including the walker."""
         return self._world
 
     @property
@@ -278,7 +283,7 @@ class Plant:
 
     @property
     def motor_voltages_v(self) -> tuple[float, float]:
-        """Voltages of the left and the right motor behind the bridge, V."""
+        """Voltages of the left and the right motor after the bridge, V."""
         return self._supply.bridges_v
 
     @property
@@ -303,7 +308,7 @@ class Plant:
 
     @property
     def rail_5v_v(self) -> float:
-        """Voltage of the logic rail, V; it falls with a battery below 6.5 V."""
+        """Voltage of the logic rail, V; it falls if the battery voltage is below 6.5 V."""
         supply_v = self.felt[7]
         return RAIL_V if supply_v >= RAIL_WHOLE_V else rail_5v_v(supply_v)
 
@@ -327,12 +332,12 @@ class Plant:
 
     @property
     def energy(self) -> EnergyBalance:
-        """Balance of the battery's energy."""
+        """Energy balance of the battery."""
         return self._supply.energy()
 
     @property
     def truth(self) -> Truth:
-        """The whole truth at this tick."""
+        """Complete true state at this tick."""
         b, left, right = self._b, self._b.left, self._b.right
         x_m, y_m, theta_rad, left_rad, right_rad, ahead_m_s, aside_m_s, _ = self.felt
         v = left.travel_m_rad * left.grip_rad_s + right.travel_m_rad * right.grip_rad_s

@@ -1,4 +1,4 @@
-"""Supply of the motors: battery, logic rail and L298N bridges, with their energy balance."""
+"""Power supply of the motors: battery, logic rail and L298N bridges, and the energy balance."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from sim_device.body.drive_kernel import Body
 
 BROWN_OUT_V = 4.0
-"""Brown-out voltage on the 5 V rail, V. The 3.3 V behind its regulator then falls below brown-out
-level 3 (2.7 to 3.6 V in RM0090, section 5.2.3), and the chip holds itself in reset."""
+"""Brown-out voltage of the 5 V rail, V. At this voltage the 3.3 V supply falls below brown-out
+level 3 (2.7 to 3.6 V in RM0090, section 5.2.3), and the chip stays in reset."""
 SUPPLY_GOOD_V = 4.3
-"""Voltage on the 5 V rail that ends a brown-out, V."""
+"""Voltage of the 5 V rail at which a brown-out ends, V."""
 
 
 class Supply:
-    """The duties, and the battery's part of the kernels' body."""
+    """The duties, and the battery's values in the kernel's ``Body``."""
 
     __slots__ = ("_body", "left", "right")
 
     def __init__(self, battery: BatteryParameters | None, model: RobotModel, body: Body) -> None:
-        """Write the battery into the ``body``; it defaults to the model's."""
+        """Write the battery's values into ``body``; the default battery is the model's battery."""
         battery = battery or BatteryParameters(full_v=model.battery_v, capacity_ah=model.battery_ah)
         self._body = b = body
         b.full_v, b.capacity_ah = battery.full_v, battery.capacity_ah
@@ -43,7 +43,7 @@ class Supply:
 
     @property
     def bridges_v(self) -> tuple[float, float]:
-        """Voltages of the left and the right motor behind the bridge, V."""
+        """Voltages of the left and the right motor after the bridge, V."""
         switch(self.left, self.right, self._body)
         return self._body.left.volt, self._body.right.volt
 
@@ -54,7 +54,7 @@ class Supply:
         sag(self._body)
 
     def energy(self) -> EnergyBalance:
-        """Balance of the battery's energy, up to the present tick."""
+        """Energy balance of the battery up to the present tick."""
         b = self._body
         electronics_c = b.electronics_a * (b.tick - b.settled_ms) * TICK_S
         open_c = b.drawn_c - b.settled_c + electronics_c

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class Inertial(NamedTuple):
-    """The part of the truth that the inertial sensor needs, named as in ``Truth``.
+    """Part of the true state that the inertial sensor needs; the names are as in ``Truth``.
 
     Each value is an integral since power-on: an angle is the integral of a rate, and a speed is the
     integral of an acceleration. So the difference of two values, divided by the time between them,
@@ -29,11 +29,12 @@ class Inertial(NamedTuple):
     """Roll angle, rad, left side up positive. ``impulse_y_m_s`` already includes the component of
     gravity that this roll causes."""
     climb_m_s: float
-    """Vertical speed of the axle's centre, m/s. Differences over time are mean accelerations."""
+    """Vertical speed of the axle's centre, m/s. A difference divided by its time is a mean
+    acceleration."""
 
 
 class EnergyBalance(NamedTuple):
-    """Use of the battery's energy since power-on, J.
+    """Energy balance of the battery since power-on, J.
 
     ``battery_j`` = ``electronics_j`` + ``bridge_j`` + ``winding_j`` + ``shaft_j``.
     """
@@ -48,7 +49,7 @@ class EnergyBalance(NamedTuple):
     winding_j: float
     """Heat in the windings of both motors, J."""
     shaft_j: float
-    """Mechanical work of the motors, J. Friction and the drag of the floor take it, except the
+    """Mechanical work of the motors, J. Friction and the floor's drag dissipate it, except for the
     present kinetic energy."""
 
 
@@ -63,17 +64,18 @@ class Truth(NamedTuple):
     v_m_s: float
     """Forward speed over the floor, m/s."""
     v_lateral_m_s: float
-    """Lateral speed, m/s, positive to the left. It is 0 unless the robot slides along a wall."""
+    """Lateral speed, m/s, positive to the left. It is nonzero only while the robot slides along a
+    wall."""
     yaw_rate_rad_s: float
     left_rad: float
-    """Angle of the left wheel, rad, continuous; a slipping wheel counts too."""
+    """Angle of the left wheel, rad, continuous; turns of a slipping wheel are included."""
     right_rad: float
     left_rad_s: float
     right_rad_s: float
     impulse_x_m_s: float
-    """Specific impulse along the body's x since power-on, m/s: the integral of an accelerometer at
-    the centre of the axle. It includes the centripetal part and the weight of a tilted body.
-    Differences over time are mean accelerations."""
+    """Specific impulse along the body's x axis since power-on, m/s: the time integral of an
+    accelerometer at the centre of the axle. It includes centripetal acceleration and, if the body
+    is tilted, a component of gravity. A difference divided by its time is a mean acceleration."""
     impulse_y_m_s: float
     path_m: float
     """Path length of the axle's centre over the floor, m."""
@@ -83,6 +85,6 @@ class Truth(NamedTuple):
     contact_s: float
     """Time in contact, s, grazing included."""
     touch_bearings_rad: tuple[float, ...]
-    """Bearings of the present contacts from the heading, rad, counter-clockwise, [-π, π)."""
+    """Bearings of the present contacts relative to the heading, rad, counter-clockwise, [-π, π)."""
     energy_wh: float
     """Energy drawn from the battery, W·h."""

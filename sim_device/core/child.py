@@ -1,8 +1,9 @@
-"""A process with a firmware library, driven over two pipes.
+"""Child process that runs a firmware library; the parent controls it over two pipes.
 
-:mod:`sim_device.ports.core_process` starts it as ``python -m sim_device.core.child LIBRARY``.
-Requests arrive on stdin and replies leave on stdout. Output of the library itself on stdout is
-redirected to stderr. A message has a header of five bytes (kind and length) and a payload.
+:mod:`sim_device.ports.core_process` starts it as ``python -m sim_device.core.child LIBRARY``. The
+process reads requests from stdin and writes replies to stdout. Output that the library itself
+writes to stdout is redirected to stderr. A message has a header of five bytes (kind and length) and
+a payload.
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from sim_device.core.chip import FirmwareLibraryError, LocalChip, catch_signals
 HEAD = struct.Struct("<BI")
 """Header of a message: kind or operation, and length of the payload."""
 OPENED, REJECTED, REPLY, ASKED, ANSWER = 64, 65, 66, 67, 68
-"""Kinds of messages in addition to a chip's operations."""
+"""Kinds of messages in addition to the operations of a chip
+(:class:`sim_device.core.chip.Operation`)."""
 REJECTED_STATUS = 3
 """Exit status if the library cannot be loaded."""
 
 
 class Pipes:
-    """Complete messages over two file descriptors."""
+    """Reads and writes complete messages over two file descriptors."""
 
     def __init__(self, reading: int, writing: int) -> None:
         self._reading, self._writing = reading, writing

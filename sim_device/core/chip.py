@@ -1,8 +1,8 @@
-"""The virtual board in C (``firmware/board_virtual``) with one firmware library, in this process.
+"""The virtual board in C (``firmware/board_virtual``) with a firmware library, in this process.
 
-Each access to the chip is one call with bytes in and bytes out. So a chip in another process is
-called in the same way (``sim_device.ports.core_process``). This module imports only the standard
-library, so that the other process starts quickly.
+Each access to the chip is one function call; arguments and result are bytes. So a chip in another
+process has the same interface (``sim_device.ports.core_process``). This module imports only the
+standard library, so that the other process starts quickly.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 BUILT_IN = Path(__file__).with_name(f"core_library{sysconfig.get_config_var('EXT_SUFFIX')}")
-"""Virtual board and firmware core, built with the package."""
+"""Library with the virtual board and the firmware core, built with the package."""
 PAYLOAD_MAX = 65_536
 """Maximum length of a payload or a reply, bytes."""
 ANSWER_MAX = 10
 """Maximum length of an answer to a request of the chip, bytes."""
 VERSION = 2
-"""Version of the message layout in ``board_virtual/chip.h``, which this package also defines."""
+"""Version of the message layout; it must equal the version in ``board_virtual/chip.h``."""
 _SYMBOL = "sweepctl_firmware"
 _ASK = ctypes.CFUNCTYPE(None, ctypes.c_uint32)
 
@@ -40,7 +40,7 @@ class Operation(IntEnum):
 
 
 class Ask(IntEnum):
-    """Request of a chip while its program runs."""
+    """Request of a chip to its caller while the chip's program runs."""
 
     RANGES = 1
     CONTACTS = 2
@@ -48,7 +48,7 @@ class Ask(IntEnum):
 
 
 class FirmwareLibraryError(Exception):
-    """A file is not a firmware library for this program, or cannot be loaded."""
+    """A file is not a firmware library for this program, or the file cannot be loaded."""
 
     def __init__(self, path: Path, reason: str) -> None:
         """Store the file and the reason."""
@@ -57,7 +57,7 @@ class FirmwareLibraryError(Exception):
 
 
 class FirmwareCrashError(Exception):
-    """A firmware in its own process has ended the process, or does not return from a call."""
+    """A firmware in a child process has ended this process, or does not return from a call."""
 
     def __init__(self, what: str, output: str, trace: list[str]) -> None:
         """Store the details of the crash.
@@ -81,7 +81,7 @@ class Chip(Protocol):
     """A virtual board, in this or another process."""
 
     imu_settings: bytes
-    """Registers 0x19 to 0x1C of the board's IMU, as set by the firmware's board."""
+    """Registers 0x19 to 0x1C of the board's IMU, as configured by the firmware."""
 
     def call(self, operation: int, payload: bytes) -> bytes:
         """Execute an operation and return its reply."""
@@ -97,10 +97,10 @@ class LocalChip:
         """Load ``library``; None: the built-in core.
 
         ``answer`` returns the answer to a request of the chip (:class:`Ask`), in the layout of
-        ``chip.h``. It is called within :meth:`call` and must not raise an exception.
+        ``chip.h``. :meth:`call` calls it, and it must not raise an exception.
 
         Raises:
-            FirmwareLibraryError: the file is not such a library.
+            FirmwareLibraryError: the file is not a firmware library.
 
         """
         board = _board()
@@ -113,7 +113,7 @@ class LocalChip:
                 raise FirmwareLibraryError(library, f"it has no function {_SYMBOL}()") from None
         firmware.restype = ctypes.c_void_p
         self._answer = answer
-        self._asked = _ASK(self._ask)  # stored here, because C keeps no reference
+        self._asked = _ASK(self._ask)  # stored here, because C holds no reference
         self._board = board
         self._chip = board.chip_open(firmware(), self._asked)
         if not self._chip:
@@ -162,7 +162,7 @@ def _load(path: Path) -> ctypes.CDLL:
 
 
 _boards: list[ctypes.CDLL] = []
-"""The built-in library, once it is loaded."""
+"""The built-in library after it is loaded; empty before."""
 
 
 def _board() -> ctypes.CDLL:
@@ -172,7 +172,7 @@ def _board() -> ctypes.CDLL:
 
 
 def _declared(board: ctypes.CDLL) -> ctypes.CDLL:
-    """State the types of the functions of ``chip.h``."""
+    """Declare the types of the functions of ``chip.h``."""
     pointer, number = ctypes.c_void_p, ctypes.c_uint32
     board.chip_open.restype, board.chip_open.argtypes = pointer, (pointer, _ASK)
     board.chip_error.restype = ctypes.c_char_p

@@ -1,4 +1,4 @@
-"""The C firmware on a virtual board, from one boot of the virtual sweeper's chip to its reset."""
+"""The C firmware on a virtual board, from a boot of the simulated chip to its next reset."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _REPLY = struct.Struct("<2h??BBB??B?HIIq")
 RANGES = struct.Struct("<3HI")
 POWER = struct.Struct("<4H")
 NO_LIMIT = 0xFFFF_FFFF
-"""Free space of a line without a limit (``CHIP_NO_LIMIT``)."""
+"""Free space of a link without a limit (``CHIP_NO_LIMIT``)."""
 DUTY_ONE = 10_000
 _PAGES, _PAGE_SIZE = 2, 1024
 NO_CLOCK, REMOTE = 1, 4
@@ -42,7 +42,7 @@ STATES = (
     DeviceState.RUNNING,
     DeviceState.PAUSED,
 )
-"""State of each mode number in ``core/modes.h``."""
+"""Device state for each mode number in ``core/modes.h``."""
 
 
 class View(NamedTuple):
@@ -60,34 +60,34 @@ class View(NamedTuple):
     stop_cause: int
     negotiated: bool
     keyed: bool
-    """True if the program obeys signed commands only."""
+    """True if the program accepts only signed commands."""
     flash_busy: int
     blocked: bool
     """True if frames wait for the bus."""
     faults: int
     session_id: int
     waited_us: int
-    """Time for which the program blocked its main loop, µs."""
+    """Time for which the program has blocked its main loop, µs."""
     due_us: int
     """Uptime of the program's next control period, µs."""
 
 
 def view_of(reply: bytes) -> tuple[View, bytes]:
-    """Return the chip's state from a reply, and the bytes that the chip has sent."""
+    """Split a reply into the chip's state and the bytes that the chip has sent."""
     return View._make(_REPLY.unpack_from(reply)), reply[_REPLY.size :]
 
 
 class LineState(NamedTuple):
-    """State of the chip's end of the line."""
+    """State of the chip's end of the link."""
 
     room: int = NO_LIMIT
-    """Free space of the line: bytes, or frames on a bus."""
+    """Free space of the link: bytes on a serial link, frames on a CAN bus."""
     send_errors: int = 0
     receive_errors: int = 0
     off: bool = False
-    """True if the controller has left the bus."""
+    """True if the CAN controller is in the bus-off state."""
     offs: int = 0
-    """Number of times that it has left the bus since the boot."""
+    """Number of bus-off events since the boot."""
 
 
 class CoreFirmware:
@@ -109,9 +109,9 @@ class CoreFirmware:
             chip: the virtual board.
             sensors: the sensors.
             identity: the identity that the device reports.
-            can: whether the host is on a CAN bus instead of a UART.
+            can: whether the link to the host is a CAN bus instead of a UART.
             local: whether only a person beside the robot can use the UART.
-            line: returns the present state of the line.
+            line: returns the present state of the link.
 
         """
         self._chip, self._sensors, self._line = chip, sensors, line
@@ -119,7 +119,7 @@ class CoreFirmware:
         self._out = b""
         self.identity = identity
         self.reboot_wanted: RebootKind | None = None
-        """Reset requested by the program; None: no request. A factory reset has already been
+        """Reset that the program has requested; None: no request. A factory reset is already
         executed."""
         crash = identity.crash
         self.view = self._take(
@@ -142,7 +142,7 @@ class CoreFirmware:
                 ),
             )
         )
-        """State reported after the last call."""
+        """State that the chip reported after the last call."""
 
     # ---- interface of a program -------------------------------------------------------------
 
@@ -158,7 +158,7 @@ class CoreFirmware:
         return view.left / DUTY_ONE, view.right / DUTY_ONE
 
     def next_us(self, now_us: int) -> int:
-        """Return the time of the next control period, which may change before it is reached."""
+        """Return the time of the next control period; the time may still change."""
         return max(now_us + 1, self.view.due_us)
 
     def receive(self, data: bytes, now_us: int) -> None:
@@ -190,7 +190,7 @@ class CoreFirmware:
 
     @property
     def waits(self) -> bool:
-        """Whether a command on CAN may wait for its tag, or frames for room on the bus."""
+        """Whether a command on CAN may wait for its tag, or frames may wait for the bus."""
         return self.view.keyed or self.view.blocked
 
     @property
@@ -200,12 +200,12 @@ class CoreFirmware:
 
     @property
     def state(self) -> DeviceState:
-        """Where it stands in the mode table."""
+        """State in the mode table."""
         return STATES[self.view.state]
 
     @property
     def mode(self) -> Mode:
-        """What moves the wheels."""
+        """Present mode: the source of motion."""
         return MODE_OF[self.state]
 
     @property
@@ -215,48 +215,48 @@ class CoreFirmware:
 
     @property
     def latch(self) -> StopLatch:
-        """The latched stop, as it is now."""
+        """The stop latch with its present cause."""
         return StopLatch(self.stop_cause)
 
     @property
     def session_id(self) -> int:
-        """The host's session; 0: none."""
+        """Session id of the host; 0: no session."""
         return self.view.session_id
 
     @property
     def negotiated(self) -> bool:
-        """Whether the host has agreed on the messages."""
+        """True if schema negotiation with the host is complete."""
         return self.view.negotiated
 
     @property
     def faults(self) -> Fault:
-        """As the status message says them."""
+        """Fault bits as in the status message."""
         return Fault(self.view.faults)
 
 
 class ChipFlash:
-    """The flash of a chip, beyond its resets."""
+    """Flash memory of a chip; it keeps its content over resets."""
 
     def __init__(self, chip: Chip) -> None:
-        """Of this chip."""
+        """Use the flash of this chip."""
         self._chip = chip
 
     def power_lost(self) -> None:
-        """End the program, and what the flash was doing where it is."""
+        """End the program, and abort an operation of the flash at its present point."""
         self._chip.call(Operation.RESET, b"")
 
     def write(self, page: int, content: bytes) -> None:
-        """Let a page begin with these bytes, as if they had been written in a life before."""
+        """Write these bytes at the start of a page, as if before this boot."""
         self._chip.call(Operation.FLASH, bytes((page,)) + content)
 
     def erase(self) -> None:
-        """As it leaves the factory."""
+        """Erase everything, as in a new chip."""
         for page in range(_PAGES):
             self.write(page, b"\xff" * _PAGE_SIZE)
 
 
 def answer(sensors: SensorSuite, what: int) -> bytes:
-    """Return the readings that a chip asks for, in the layout of ``chip.h``."""
+    """Return the readings that a chip requests, in the layout of ``chip.h``."""
     if what == Ask.CONTACTS:
         return bytes((contact_bits(sensors.bumpers(), cliff=sensors.cliff()),))
     if what == Ask.RANGES:

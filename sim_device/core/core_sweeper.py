@@ -29,13 +29,13 @@ CANNOT = MappingProxyType(
         "--target python has this fault",
     }
 )
-"""Kinds of fault that this device rejects, and why."""
+"""Kinds of fault that this device rejects, each with the reason."""
 _FULL_SCALE = 3
-"""Offset of the two range bits in a register (FS_SEL and AFS_SEL)."""
+"""Bit offset of the two range bits (FS_SEL, AFS_SEL) in a configuration register."""
 
 
 class CoreSweeper(Sweeper[CoreFirmware]):
-    """A sweeper that runs the C core, or a user's library, on a virtual board."""
+    """A sweeper that runs the C core, or a user's firmware library, on a virtual board."""
 
     cannot: Mapping[str, str] = CANNOT
 
@@ -53,16 +53,16 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         key: bytes | None = None,
         make_chip: Callable[[Callable[[int], bytes]], Chip] = LocalChip,
     ) -> None:
-        """Boot at time 0, at rest at the plan's start.
+        """Boot at time 0, at rest at the start pose of the floor plan.
 
-        The chip's flash contains ``key`` and every parameter of ``model`` that differs from the
-        default robot, for which the core is built. If ``local`` is false, no key can be set over
-        the link. ``make_chip`` creates a chip with another library or in another process. Its
-        argument answers the chip's requests.
+        The core is built for the default robot. So the chip's flash contains the parameters of
+        ``model`` that differ from the default robot, and ``key``. If ``local`` is false, no key can
+        be set over the link. ``make_chip`` creates a chip with another library or in another
+        process. Its argument is the function that answers the chip's requests.
 
         Raises:
-            FloorPlanError: the robot does not fit at its start.
-            UnknownNoiseLevelError: there is no such noise level.
+            FloorPlanError: the robot does not fit at its start pose.
+            UnknownNoiseLevelError: the noise level does not exist.
             FirmwareLibraryError: the library does not load, or was built for another simulator.
 
         """
@@ -93,11 +93,11 @@ class CoreSweeper(Sweeper[CoreFirmware]):
         self.chip.close()
 
     def attach_line(self, end: DeviceEnd) -> None:
-        """Attach the device's end of the line. The chip reads its free space and its counters."""
+        """Attach the device's end of the link; the chip reads its free space and counters."""
         self._line = end
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Advance to ``now_us``, then take ``data``; return what the device writes meanwhile."""
+        """Advance to ``now_us``, then receive ``data``; return the bytes that the device sends."""
         while self._next_tick_us <= now_us:
             self._period()
         self._true_us = now_us

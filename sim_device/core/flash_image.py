@@ -1,4 +1,4 @@
-"""A record of ``core/flash_store.h``: parameters and key as if they had been saved before."""
+"""Creates a record in the format of ``core/flash_store.h``, with saved parameters and key."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _CHECK = struct.Struct("<I")
 
 
 def record(values: Mapping[str, int]) -> bytes:
-    """Return the record of the first save of some values, 32 bits each, by name."""
+    """Return the record of a first save; ``values`` contains 32-bit values by name."""
     entries = b"".join(_ENTRY.pack(crc32(name.encode()), raw) for name, raw in values.items())
     content = _HEAD.pack(_MAGIC, 0, len(values)) + entries
     return content + _CHECK.pack(crc32(content))
 
 
 def set_up(model: RobotModel, key: bytes | None) -> dict[str, int]:
-    """Return the saved values that a firmware for the default robot needs to run on this robot."""
+    """Return the values to save so that firmware for the default robot runs on this robot."""
     pairs = zip(table(model, 1), table(RobotModel(), 1), strict=True)
     values = {
         own.name: to_raw(own.kind, own.default)

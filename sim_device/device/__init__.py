@@ -1,1 +1,1 @@
-"""The virtual sweeper's firmware."""
+"""The virtual sweeper's firmware, in Python."""

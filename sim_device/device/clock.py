@@ -8,9 +8,10 @@ _MILLION = 1_000_000
 class DeviceClock:
     """Microseconds since boot as the firmware counts them.
 
-    The crystal gives two clocks. *Uptime* is the timer of the control loop and of every deadline;
-    its only error is drift. *Stamps* mark the samples: they follow the uptime and can jump by
-    :meth:`jump_us`. A jump of the stamps must not extend the life of a setpoint.
+    The crystal drives two clocks. The control loop and all deadlines use *uptime*; its only error
+    is drift. *Stamps* are the times of samples: they follow the uptime, and :meth:`jump_us` makes
+    them jump. They are separate, because a jump of the stamps must not extend the time to live of a
+    setpoint.
     """
 
     def __init__(self) -> None:
@@ -27,7 +28,7 @@ class DeviceClock:
 
     @property
     def drift_ppm(self) -> float:
-        """Rate error of the crystal, ppm, positive if it is fast; resets do not change it."""
+        """Rate error of the crystal, ppm; positive if it is fast. Resets do not change it."""
         return self._drift_ppm
 
     @drift_ppm.setter
@@ -40,7 +41,7 @@ class DeviceClock:
         self._rate = 1.0 + ppm / _MILLION
 
     def jump_us(self, delta: int) -> None:
-        """Move the stamps ahead by ``delta`` microseconds at once, or back if it is negative."""
+        """Change the stamps by ``delta`` microseconds at once."""
         self.offset_us += delta
 
     def boot(self, true_us: int) -> None:
@@ -50,18 +51,18 @@ class DeviceClock:
         self.offset_us = 0
 
     def uptime_us(self, true_us: int) -> int:
-        """Return the microseconds counted since boot; true times must not go back between calls."""
+        """Return the microseconds counted since boot; ``true_us`` must not decrease."""
         self._seen_us = true_us
         if self._rate == 1.0:
             return int(self._own_us) + true_us - self._true_us
         return int(self._own_us + (true_us - self._true_us) * self._rate)
 
     def stamp_us(self, true_us: int) -> int:
-        """Return the stamp of a sample taken at that moment; changes nothing."""
+        """Return the stamp of a sample taken at ``true_us``, without changing the clock's state."""
         return int(self._own_us + (true_us - self._true_us) * self._rate) + self.offset_us
 
     def true_us(self, uptime_us: int) -> int:
-        """Return the first whole true microsecond at which the uptime has reached a value."""
+        """Return the first whole true microsecond at which the uptime is at least ``uptime_us``."""
         if self._rate == 1.0 and self._own_us == 0.0:
             return self._true_us + uptime_us
         return self._true_us - int((self._own_us - uptime_us) / self._rate // 1)

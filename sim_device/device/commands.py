@@ -1,7 +1,7 @@
-"""The firmware's reaction to each command, and its reasons to reject one.
+"""Execution of each command by the firmware, and the reasons for rejections.
 
-The command log removes repeated commands before they arrive here, and stores each answer. So every
-command here is new.
+The command log handles repeated commands with its stored replies. So every command in this module
+is new.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ if TYPE_CHECKING:
     from sim_device.device.streams import Schedule
 
 RATE_MAX = 10_000
-"""Maximum rate of a stream, tenths of a hertz, as declared. A rate above the control rate means
-every tick."""
+"""Maximum rate of a stream, tenths of a hertz, from the declaration of ``set_stream_rate``. A rate
+above the control rate means one message per control period."""
 SYNC_RATE_MIN = 40
 """Minimum rate of the sync message, tenths of a hertz: 4 Hz. On CAN a receiver can extend a stamp
 only within 0.5 s after a sync. At 4 Hz this holds even if one sync is lost."""
 
 
 class Commanded(Protocol):
-    """The part of the firmware that commands act on."""
+    """Interface of the firmware that the commands use."""
 
     negotiated: bool
-    """True if a session is open."""
+    """True if a session is open and schema negotiation is complete."""
     control: Control
     parameters: ParameterStore
     schedule: Schedule
@@ -59,10 +59,10 @@ class Commanded(Protocol):
         """True while the flash is written."""
 
     def begin_save(self) -> None:
-        """Begin to write the parameters to the flash."""
+        """Start to write the parameters to the flash."""
 
     def stream_spec(self, type_id: int) -> MessageSpec | None:
-        """The declaration of a stream that this firmware sends."""
+        """Return the declaration of a stream that this firmware sends, or None."""
 
 
 Act = Callable[["Commanded", Any], NackReason | None]
@@ -113,7 +113,7 @@ def _set(firmware: Commanded, command: SetParameter) -> NackReason | None:
 
 
 def _save(firmware: Commanded, _command: SaveParameters) -> NackReason | None:
-    # While the robot drives, the control loop needs the flash bus for itself.
+    # While the robot drives, only the control loop may use the flash bus.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
     firmware.begin_save()
@@ -144,7 +144,7 @@ def _reboot(firmware: Commanded, command: Reboot) -> NackReason | None:
 
 
 def _key(firmware: Commanded, command: SetKey) -> NackReason | None:
-    # As in a save: the flash must not be written while the robot may move.
+    # The flash must not be written while the robot may move.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
     return firmware.keyring.change(command)

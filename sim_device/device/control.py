@@ -1,4 +1,4 @@
-"""Motion control of the device: mode table, latch, watchdogs, onboard planner, wheel control."""
+"""Motion control of the device: modes, stop latch, watchdogs, onboard planner, wheel control."""
 
 from __future__ import annotations
 
@@ -32,18 +32,20 @@ _EXPIRED, _LIMITED, _DRIVERS_OFF = (
     int(Fault.DRIVERS_OFF),
 )
 _RESTING = frozenset({DeviceState.STOPPED, DeviceState.IDLE})
-"""States without motion: the drivers are disabled once the robot rests."""
+"""States without motion. In these states the motor drivers are disabled when the robot is at
+rest."""
 _STEP = 0.5e-4
-"""Half of the smallest step of a duty in the bridge's timer."""
+"""Smallest duty that is not rounded to 0: half of the PWM timer's resolution of 1e-4."""
 BRAKE_TICKS = 50
-"""Number of periods for which the motors brake at rest after a latched stop: 0.5 s. Without the
-brake the robot would continue to roll down a slope."""
+"""Number of control periods for which the motors continue to brake at rest after a latched stop:
+0.5 s. Without braking, the robot would roll down a slope."""
 _SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
-"""Events that require working sensors, because the host does not check the heading."""
+"""Events that start or resume the device's own planner. They require a working IMU, because no host
+checks the heading."""
 
 
 class Control:
-    """Processing from commands to duties; one instance per boot."""
+    """Computes motor duties from commands; one instance per boot."""
 
     def __init__(
         self,
@@ -98,7 +100,7 @@ class Control:
 
     @property
     def fault_bits(self) -> int:
-        """Fault bits, of ``protocol.messages.values.Fault``."""
+        """Fault bits (``protocol.messages.values.Fault``)."""
         bits = self.health.bits | self._expired
         if self.reflexes.limited:
             bits |= _LIMITED
@@ -106,7 +108,7 @@ class Control:
 
     @property
     def watchdog(self) -> Watchdog:
-        """Watchdog of the host's cyclic message in this mode."""
+        """Watchdog of the host's cyclic message in the present mode."""
         return self.duties if self.modes.state is DeviceState.BRINGUP else self.setpoints
 
     def planner_state(self) -> PlannerState:
@@ -150,8 +152,8 @@ class Control:
     def stop(self, cause: int, event: Event = Event.STOP) -> None:
         """Latch a stop and leave any driving mode.
 
-        For events other than ``STOP`` the table may change nothing: a host that leaves after an
-        orderly end does not turn it into a lost link.
+        For an event other than ``STOP``, the mode table may define no change: a lost link after a
+        clean session end does not replace the latched cause.
         """
         self.fire(event)
         if self.modes.state is DeviceState.STOPPED and (
@@ -164,7 +166,7 @@ class Control:
             self._log.add(LogLevel.WARNING, f"stop latched: {label(StopCause, self.latch.cause)}")
 
     def clear(self, cause: int) -> NackReason | None:
-        """Release the latch if ``cause`` holds it and is no longer present."""
+        """Release the latch if ``cause`` is the latched cause and its condition has ended."""
         holding = []
         if cause != self.latch.cause:
             holding.append(Guard.OTHER_CAUSE)
@@ -177,7 +179,7 @@ class Control:
         return reason
 
     def start(self, number: int) -> NackReason | None:
-        """Start the planner of this number."""
+        """Start the planner with this number."""
         name = planner_name(number)
         holding = () if name is not None else (Guard.NO_PLANNER,)
         return self.fire(Event.START, holding, planner=name or "")
@@ -219,7 +221,7 @@ class Control:
     def _drive(
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> tuple[float, float]:
-        """Return the duties in every case without a valid host velocity, also while latched."""
+        """Return the duties when there is no valid velocity setpoint, or a stop is latched."""
         counts = sampler.counts
         if not self.latch.cause:
             if self.modes.state is DeviceState.BRINGUP:
@@ -235,7 +237,7 @@ class Control:
         return self.wheels.release(counts)
 
     def _switch_drivers(self, state: DeviceState, duties: tuple[float, float]) -> None:
-        """Enable the drivers in a driving mode; disable them once a stopped robot is at rest."""
+        """Enable the drivers in a driving mode; disable them when a stopped robot is at rest."""
         if state not in _RESTING:
             self.drivers, self._rest_ticks = True, 0
         elif self.drivers:
@@ -256,12 +258,12 @@ class Control:
         return wanted
 
     def on_power(self, reading: PowerReading) -> None:
-        """Take a reading of the supply."""
+        """Process a reading of the supply."""
         self.power, self._supply_v = reading, reading.battery_v
         self.health.on_power(reading, self._low_v, self._empty_v)
 
     def _judge(self) -> None:
-        """End each motion that is unsafe with the present faults."""
+        """Stop any motion that is unsafe with the present faults."""
         health = self.health
         if not (health.bits or health.battery_empty or self.reflexes.counting):
             return

@@ -1,4 +1,4 @@
-"""Counters that the device reports of itself."""
+"""Counters for the device's own status and link reports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class LineHealth(NamedTuple):
-    """Counters of the line's queues and of its CAN controller, as in the link counters."""
+    """Counters of the link's queues and of its CAN controller, as in ``link_counters``."""
 
     receive_dropped: int = 0
     send_dropped: int = 0
@@ -24,8 +24,8 @@ class Counters:
     """Counters since the boot."""
 
     line_health: Callable[[], LineHealth] = LineHealth
-    """Returns the counters of the line's queues and of its CAN controller."""
+    """Function that returns the counters of the link's queues and of its CAN controller."""
     stale: int = 0
     """Number of rejected setpoints."""
     load_percent: int = 0
-    """Busy share of the last ten periods."""
+    """Busy share of the last ten control periods, %."""

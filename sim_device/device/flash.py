@@ -1,8 +1,8 @@
-"""Two pages of flash that hold the parameters, safe against a loss of supply at any moment.
+"""Two flash pages for the parameters; a loss of supply at any time leaves one page valid.
 
-A save erases the unused page and writes the new image there, with its checksum last. Until the last
-byte is written, the next boot reads the other page. The two banks of an STM32F429 let the program
-run meanwhile (RM0090, section 3: read while write).
+A save erases the older page and writes the new image there, with the checksum last. Until the last
+byte is written, a boot uses the other page. An STM32F429 has two flash banks, so the program can
+run during the save (RM0090, section 3: read while write).
 """
 
 from __future__ import annotations
@@ -16,26 +16,27 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _HEAD = struct.Struct("<IH")
-"""Head of a page: number of the save, length of the image."""
+"""Layout of a page's header: number of the save, length of the image."""
 _CHECK = struct.Struct("<I")
 _SPAN, _HALF = 1 << 32, 1 << 31
 ERASE_MS = 250
-"""Time to erase a 16 KiB sector, ms: typical, 32 bits at a time (STM32F429 data sheet, flash
-programming)."""
+"""Time to erase a 16 KiB sector, ms: typical value for 32-bit parallelism (STM32F429 data sheet,
+flash programming)."""
 BYTES_PER_MS = 250
-"""Programming speed, bytes/ms: a word of four bytes takes 16 µs (same place)."""
+"""Programming speed, bytes/ms: a word of four bytes takes 16 µs (STM32F429 data sheet, flash
+programming)."""
 
 
 class Flash:
-    """Both pages, as bytes; tests may read and damage ``pages``."""
+    """Both pages as bytes; tests may read and damage ``pages``."""
 
     def __init__(self) -> None:
         """Start with erased pages, as from the factory."""
         self.pages = [b"", b""]
         self.key: bytes | None = None
-        """Key that authenticates motion, in a page of its own; None: no key."""
+        """Key that authenticates motion, in a separate page; None: no key."""
         self.worn = False
-        """True: the flash is worn out and does not keep what is written."""
+        """True: the flash is worn out and does not store written data."""
         self._job: bytes | None = None
         self._written = b""
         self._page = 0
@@ -43,7 +44,7 @@ class Flash:
         self._done = 0
 
     def load(self) -> dict[str, int]:
-        """Return the newest complete image; empty if there is none."""
+        """Return the newest complete image; empty if no page is complete."""
         newest = self._newest()
         return {} if newest is None else _read(self.pages[newest])[1]  # type: ignore[index]  # whole
 
@@ -59,7 +60,7 @@ class Flash:
         return self._job is not None
 
     def begin(self, image: Mapping[str, int]) -> None:
-        """Start to save; :meth:`advance` continues the save."""
+        """Start a save; :meth:`advance` continues it."""
         newest = self._newest()
         number = 0 if newest is None else _number(self.pages[newest]) + 1
         self._page = 0 if newest is None else 1 - newest
@@ -83,11 +84,11 @@ class Flash:
         return True
 
     def reads_back(self) -> bool:
-        """Return whether the page holds the image that was written last."""
+        """Return whether the page contains the last written image."""
         return self.pages[self._page] == self._written
 
     def power_lost(self) -> None:
-        """Abort the save at a reset or a loss of supply; the page stays half written."""
+        """Abort a save at a reset or a loss of supply; the page stays incomplete."""
         self._job = None
 
     def _newest(self) -> int | None:
@@ -104,7 +105,7 @@ def _number(page: bytes) -> int:
 
 
 def _read(page: bytes) -> tuple[int, dict[str, int]] | None:
-    """Return number and image of a page; None if it is incomplete."""
+    """Return save number and image of a page; None if the page is incomplete."""
     if len(page) < _HEAD.size + _CHECK.size:
         return None
     number, length = _HEAD.unpack_from(page)

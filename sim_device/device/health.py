@@ -1,7 +1,7 @@
-"""The firmware's checks of its own hardware: each fault bit, and how it is set and cleared.
+"""The firmware's checks of its hardware: the conditions that set and clear each fault bit.
 
-All checks use only the readings, as on the robot: a fault bit means that readings contradict each
-other. The checks have no access to the injected faults.
+The checks use only sensor readings, as on the real robot: a fault bit means that readings
+contradict each other. The checks have no access to the injected faults.
 
 | bit | set | cleared |
 |---|---|---|
@@ -51,24 +51,25 @@ _NO_DUTIES = (0.0, 0.0)
 
 STALL_S = 1.0
 STALL_STOP_S = 3.0
-"""Maximum time at stall current, s. The planner ends its attempt after half of this time."""
+"""Maximum time at stall current, s. The planner ends an attempt after half of this time."""
 STALL_A = 0.4
 """Minimum current of a stalled motor, A. A stalled motor draws 1 A or more. A running motor with a
 broken encoder draws a fifth of this limit."""
 JOLT_LSB = 2458
-"""Minimum acceleration of a jolt, counts: 0.15 g at ±2 g. A person's lift reaches more (0.25 g for
-0.2 s)."""
+"""Minimum acceleration of a jolt, counts: 0.15 g at ±2 g. A lift by a person exceeds this limit
+(0.25 g for 0.2 s)."""
 JOLT_MEAN_TICKS = 8
-"""Number of samples in the mean that is tested for a jolt: 80 ms. It reduces a vibration of 40 mg,
-as at ``harsh``, to 14 mg."""
+"""Number of samples in the mean acceleration for jolt detection: 80 ms. The mean reduces a
+vibration of 40 mg (noise level ``harsh``) to 14 mg."""
 GRAVITY_TICKS = 128
-"""Number of samples in the mean that is taken as gravity: 1.3 s. With a fixed reference, a bias of
-50 mg would use up a third of the limit."""
+"""Number of samples in the mean that is used as gravity: 1.3 s. With a constant instead of this
+mean, a sensor bias of 50 mg would use a third of the jolt limit."""
 _MEANS, _JOLT_SUM = GRAVITY_TICKS // JOLT_MEAN_TICKS, GRAVITY_TICKS * JOLT_LSB
 JOLT_TICKS = 100
 REST_TICKS = 50
 REST_RATE_LSB = 2620
-"""Maximum rate at rest, counts: 20 °/s, the data sheet's limit (PS-MPU-6000A-00, section 6.1)."""
+"""Maximum rate reading at rest, counts: 20 °/s, the zero-rate output limit of the data sheet
+(PS-MPU-6000A-00, section 6.1)."""
 GRAVITY_LSB = 16384
 GRAVITY_OFF = 0.3
 IMPLAUSIBLE_TICKS = 30
@@ -76,9 +77,9 @@ REPEAT_TICKS = 50
 QUIET_TICKS = 20
 LEARN_TICKS = 200
 LIVELY_TICKS = 3
-"""Maximum number of repeats after the start of a chip with noise. Nearly every chip has noise. On
-such a chip, repeats for half a second mean that no new sample arrives. A chip without noise is
-compared with the wheels."""
+"""Maximum number of repeated readings of a chip with noise after its start. Nearly every chip has
+noise. If such a chip repeats its readings for half a second, no new samples arrive. Repeats of a
+chip without noise are a fault only if the yaw rate differs from the wheels' yaw rate."""
 DISAGREE_RAD_S = 0.2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
 NEAR_M = 0.10
@@ -91,7 +92,7 @@ TURN_RAD = math.radians(60.0)
 CREEP_M = 0.002
 EMPTY_READINGS = 5
 PRESSED_READINGS = 200
-"""Number of readings after which a pressed switch is a fault: 10 s at 20 readings a second."""
+"""Number of readings after which a pressed switch is a fault: 10 s at 20 readings per second."""
 BESIDE_M = 0.08
 """Maximum side infrared range to an obstacle in contact on that side, m: 0.05 m and a margin."""
 
@@ -102,16 +103,16 @@ class Health:
     def __init__(self) -> None:
         """Start without readings and without a fault."""
         self.bits = 0
-        """Fault bits, of ``protocol.messages.values.Fault``."""
+        """Fault bits (``protocol.messages.values.Fault``)."""
         self.battery_empty = False
         self._currents_a = (0.0, 0.0)
         self._empty = 0
         self._imu: ImuCounts | None = None
         self._tick = self._repeats = self._longest = self._disagrees = self._implausible = 0
         self._moved_tick, self._jolt_tick = 0, -JOLT_TICKS
-        """Ticks of the last turn of a wheel, and of the last jolt."""
+        """Control periods of the last wheel motion and of the last jolt."""
         self._up = [GRAVITY_LSB] * JOLT_MEAN_TICKS
-        """Last readings along z. Their sum is in the next attribute."""
+        """Last acceleration readings along z. The next attribute is their sum."""
         self._up_sum = GRAVITY_LSB * JOLT_MEAN_TICKS
         self._gravity_sum, self._gravity_next = GRAVITY_LSB * GRAVITY_TICKS, 0
         """Sums over the last complete and over the present run of ``GRAVITY_TICKS`` readings."""
@@ -127,7 +128,7 @@ class Health:
 
     @property
     def stopping(self) -> str | None:
-        """The fault that forbids driving, in words; None without such a fault."""
+        """Description of the fault that prevents driving; None without such a fault."""
         bits = self.bits
         if bits & LIFTED:
             return "lifted"
@@ -147,7 +148,7 @@ class Health:
         wheels: WheelControl,
         duties: tuple[float, float],
     ) -> None:
-        """Check one 10 ms period, after the wheel control."""
+        """Run the checks of one control period (10 ms), after the wheel control."""
         self._tick = tick = self._tick + 1
         if counts != self._counts:
             self._moved_tick = tick
@@ -171,7 +172,7 @@ class Health:
             self._judge_stall(wheels)
 
     def _feel(self, up_lsb: int, tick: int) -> None:
-        """Take the acceleration along z: a jolt is a mean that is far from gravity."""
+        """Detect jolts in the acceleration along z: the short mean then differs from gravity."""
         place = tick % JOLT_MEAN_TICKS
         self._up_sum += up_lsb - self._up[place]
         self._up[place] = up_lsb
@@ -232,7 +233,7 @@ class Health:
     # ---- each reading ---------------------------------------------------------------------
 
     def on_power(self, reading: PowerReading, low_v: float, empty_v: float) -> None:
-        """Take a reading of the supply, five a second."""
+        """Process a reading of the supply (5 Hz)."""
         battery_v = reading.battery_v
         self._currents_a = reading.left_a, reading.right_a
         self._set(BATTERY_LOW, present=battery_v < low_v)
@@ -240,7 +241,7 @@ class Health:
         self.battery_empty = self._empty >= EMPTY_READINGS
 
     def on_around(self, around: Around, wheel_base_m: float, metres_per_count: float) -> None:
-        """Take a reading of rangers and contacts, and the wheels' travel since the last one."""
+        """Process rangers and contacts, and the wheels' travel since the last reading."""
         sonar_m, left_m, right_m, bumper_left, bumper_right, cliff, _ = around
         (left, right), (left_0, right_0) = self._counts, self._range_counts
         self._range_counts = self._counts
@@ -274,7 +275,7 @@ class Health:
         self.bits = bits
 
     def _switch_stays(self, around: Around) -> bool:
-        """Return whether a switch has long been pressed without any other sign of a contact."""
+        """Return whether a switch is pressed for a long time without other evidence of contact."""
         sonar_m, left_m, right_m, bumper_left, bumper_right, _, _ = around
         ahead = sonar_m is not None and sonar_m <= NEAR_M
         stalls = bool(self.bits & MOTOR_STALL)
@@ -294,7 +295,7 @@ class Health:
         ahead_m: float,
         turned_rad: float,
     ) -> bool:
-        """Return whether the ultrasonic has contradicted the other sensors for long enough."""
+        """Return whether the ultrasonic sensor contradicts the other sensors for a long time."""
         if touched and not self._touched:
             saw = sonar_m is not None and sonar_m <= NEAR_M
             self._blows = 0 if saw else self._blows + 1

@@ -22,7 +22,7 @@ CAPABILITIES = (
 
 @dataclass(frozen=True, slots=True)
 class CrashRecord:
-    """Record that a fault handler keeps in memory across a reset."""
+    """Record that the fault handler stores in memory that a reset does not clear."""
 
     pc: int
     """Program counter: address of the instruction that faulted."""
@@ -52,10 +52,10 @@ class Identity:
     crash: CrashRecord | None = None
     """Crash that ended the previous boot, if any."""
     crystal_failed: bool = False
-    """True: the clock is the internal oscillator, which is too imprecise for a CAN bus."""
+    """True: the chip runs on its internal oscillator, which is too inaccurate for a CAN bus."""
 
     def hello(self, catalogue_hash: int, session_id: int, *, keyed: bool) -> Hello:
-        """Return the device's hello; ``keyed``: motion must be signed."""
+        """Return the device's hello; ``keyed`` means that motion commands must be signed."""
         capabilities = CAPABILITIES | Capability.AUTHENTICATION if keyed else CAPABILITIES
         return Hello(
             catalogue_hash,

@@ -21,7 +21,7 @@ class Keyring:
     """Use of the key in the flash during one boot."""
 
     def __init__(self, flash: Flash, link: LinkBase, boot_id: int, *, local: bool) -> None:
-        """Use the link. With ``local``, only a person beside the robot can reach it."""
+        """Use a link; ``local`` means that only a person beside the robot can use the link."""
         self._flash, self._link, self._boot_id = flash, link, boot_id
         self.may_set = local and link.medium is Medium.UART
         self._session_id = 0
@@ -35,7 +35,7 @@ class Keyring:
         self._link.key = None if key is None else Authenticator(key)
 
     def open(self, session_id: int) -> None:
-        """Begin a session; signed frames of other sessions become invalid."""
+        """Begin a session; signed frames of other sessions are invalid."""
         self._session_id = session_id
         key = self._link.key
         if key is None:
@@ -50,12 +50,12 @@ class Keyring:
             self._link.key.end()
 
     def challenge(self) -> Challenge:
-        """Return the data that a host needs to sign in this session."""
+        """Return the message that a host needs to sign frames in this session."""
         return Challenge(self._counter)
 
     @staticmethod
     def refuses(frame: Frame) -> bool:
-        """Return whether a frame needs a tag, because a key is set, and has none."""
+        """Return whether a frame without a tag must be rejected; call only with a key set."""
         return frame.type_id in GUARDED_TYPES and not frame.version_flags & FLAG_AUTHENTICATED
 
     def change(self, command: SetKey) -> NackReason | None:

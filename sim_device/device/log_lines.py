@@ -1,4 +1,4 @@
-"""Log lines for the host, limited so that they do not fill the link."""
+"""Queue of log lines for the host, with a limited rate."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ if TYPE_CHECKING:
     from protocol.messages.values import LogLevel
 
 LOG_PERIOD_US = 100_000
-"""Minimum time between log lines, µs: ten lines a second. The queue drops its oldest line when
-full."""
+"""Minimum time between log lines, µs: ten lines per second. A full queue drops its oldest line."""
 LOG_WAITING = 16
 LOG_BYTES = 120
-"""Maximum length of a log line, bytes, whatever name a host has."""
+"""Maximum length of a log line, bytes."""
 
 
 class LogLines:
@@ -31,7 +30,7 @@ class LogLines:
         del self.waiting[:-LOG_WAITING]
 
     def take(self, now_us: int) -> LogText | None:
-        """Return the next line if one may be sent now."""
+        """Return the next line, or None if no line may be sent now."""
         if not self.waiting or now_us - self._sent_us < LOG_PERIOD_US:
             return None
         self._sent_us = now_us

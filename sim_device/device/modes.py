@@ -1,7 +1,7 @@
-"""The device's modes as a table: the effect of each event in each state, with conditions.
+"""The device's modes as a transition table: the effect of each event in each state.
 
-The table is the state machine: the firmware looks up each event and applies the result. The printed
-specification is drawn from the table, and the tests visit all of it.
+The firmware looks up each event in the table and applies the result. The diagrams in the
+specification are generated from the table, and the tests cover every entry.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class DeviceState(Enum):
     OFF = "off"
     """No supply: outputs off, memory lost."""
     BOOT = "boot"
-    """Starting: outputs off; nothing is received or sent."""
+    """The device starts: outputs off; nothing is received or sent."""
     STOPPED = "stopped"
     """A stop is latched."""
     IDLE = "idle"
@@ -32,7 +32,7 @@ class DeviceState(Enum):
     RUNNING = "running"
     """The device's own planner drives."""
     PAUSED = "paused"
-    """The device's own planner is paused and keeps its plan."""
+    """The device's own planner is paused and can resume its plan."""
 
 
 class Event(Enum):
@@ -68,11 +68,12 @@ class Guard(Enum):
 
 
 Outcome = DeviceState | NackReason | None
-"""Outcome of an event. A state: enter it. A reason: reject the event. None: nothing to do."""
+"""Outcome of an event. A state: enter the state. A reason: reject the event. None: ignore the
+event."""
 
 
 class Branch(NamedTuple):
-    """One outcome and its condition; without a guard it always applies."""
+    """One outcome and its condition (guard); without a guard the outcome always applies."""
 
     outcome: Outcome
     guard: Guard | None = None
@@ -99,12 +100,12 @@ SET_EVENT: dict[int, Event] = {
     Mode.ONBOARD: Event.SET_ONBOARD,
 }
 PLANNING = frozenset({DeviceState.RUNNING, DeviceState.PAUSED})
-"""States that have a plan."""
+"""States in which a plan exists."""
 GUARDED = frozenset(
     {DeviceState.VELOCITY, DeviceState.ONBOARD, DeviceState.RUNNING, DeviceState.PAUSED}
 )
-"""States that a stopping fault ends. Bring-up is not among them: its wheels are off the floor, its
-duty is limited, and a person is present."""
+"""States that end at a fault that prevents driving. Bring-up is not in this set, because the wheels
+are off the floor, the duty is limited, and a person is present."""
 _UNPOWERED = frozenset({DeviceState.OFF, DeviceState.BOOT})
 _AWAKE = tuple(s for s in DeviceState if s not in _UNPOWERED)
 _FREE = tuple(s for s in _AWAKE if s is not DeviceState.STOPPED)
@@ -178,7 +179,7 @@ TABLE: dict[tuple[DeviceState, Event], Branches] = {
     **{(state, event): NOTHING for state in DeviceState for event in Event},
     **{(state, event): branches for state, event, branches in _rows()},
 }
-"""Branches for every state and event. The first branch whose guard is true, or that has none,
+"""Branches for every state and event. The first branch with a true guard, or without a guard,
 applies."""
 
 
@@ -186,20 +187,19 @@ class ModeMachine:
     """Applies events by the table."""
 
     def __init__(self, state: DeviceState = DeviceState.OFF) -> None:
-        """Start without supply."""
+        """Start in a state; the default is without supply."""
         self._go(state)
 
     def _go(self, state: DeviceState) -> None:
         self.state = state
-        # A stored flag, because it is read in each period and hashing an enumeration is slow in
-        # Python.
+        # Stored as a flag, because each control period reads it and hashing an enumeration is slow.
         self.awake = state not in _UNPOWERED
         self.planning = state in PLANNING
 
     def fire(self, event: Event, holding: Collection[Guard] = ()) -> Outcome:
-        """Apply an event; return the table's outcome after the change of state.
+        """Apply an event and change the state; return the outcome from the table.
 
-        ``holding`` are the conditions that are true now.
+        ``holding`` contains the guards that are true now.
         """
         outcome = next(b.outcome for b in TABLE[self.state, event] if b.guard in {None, *holding})
         if isinstance(outcome, DeviceState):
@@ -208,7 +208,7 @@ class ModeMachine:
 
 
 def drawn() -> list[tuple[str, str, str]]:
-    """Return the changes of state as (from, event and its conditions, to), for a diagram."""
+    """Return the transitions as (from, event and its conditions, to), for a diagram."""
     found: list[tuple[str, str, str]] = []
     for (state, event), branches in TABLE.items():
         target = branches[-1].outcome

@@ -1,8 +1,9 @@
 """The onboard mode: the device runs the planner itself, from its own readings.
 
-It uses the same parts as the host (estimator, wall corrections, plan runner) without a link between
-them. The gyro is read at 100 Hz and the rangers at 20 Hz. Wheel counts and decisions run at 50 Hz.
-The origin of the start frame is the robot's place at the start of the plan, and x is its heading.
+It uses the same components as the host (estimator, wall corrections, plan runner), but without a
+link between them. The gyro is read at 100 Hz and the rangers at 20 Hz. Wheel counts are read and
+decisions are made at 50 Hz. The start frame has its origin at the robot's place at the start of the
+plan; its x axis is the heading at the start.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ if TYPE_CHECKING:
     from sim_device.device.sampling import Around, Sampler
 
 AT_REST_US = 2_500_000
-"""Time at rest before the first move, µs: 250 samples for the mean of the gyro bias."""
+"""Time at rest before the first move, µs. The gyro bias is the mean of 250 samples in this time."""
 STEP_TICKS = 2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
 """Gyro scale, rad/s per count: MPU6050 at ±250 °/s, 131 counts per °/s."""
 _TEMPERATURE_C = 1.0 / 340.0
-"""Scale of the temperature register, °C per count (map, section 4.18). The offset does not matter
-here."""
+"""Scale of the temperature register, °C per count (MPU6050 register map, section 4.18). Only
+temperature changes are used, so the offset is not needed."""
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _NAMES = {
     OnboardPlanner.PAPER: "paper",
@@ -53,13 +54,13 @@ _PHASES = {
     "recovery-step": PlannerPhase.RECOVERY_LANE,
     "recovery-return": PlannerPhase.RECOVERY_RETURN,
 }
-"""Phase on the wire for each phase name of a planner; any other name is a lane."""
+"""Phase in the message for each phase name of a planner. Any other name is reported as a lane."""
 _SPLIT_BY_TURN = {PlannerPhase.LANE, PlannerPhase.STEP}
-"""Phases within which a turn in place is reported as a turn."""
+"""Phases in which a turn in place is reported as a turn."""
 
 
 def planner_name(number: int) -> str | None:
-    """Return the planner with this number; None if this firmware has none."""
+    """Return the name of the planner with this number; None if the number is unknown."""
     if number not in set(OnboardPlanner):
         return None
     name = _NAMES[OnboardPlanner(number)]
@@ -67,10 +68,10 @@ def planner_name(number: int) -> str | None:
 
 
 class Onboard:
-    """One plan, from its start to its end."""
+    """Runs one plan, from its start to its end."""
 
     def __init__(self, model: RobotModel, planner: str, seed: int, now_us: int) -> None:
-        """Start with 2.5 s at rest, then begin the first leg.
+        """Rest for 2.5 s to estimate the gyro bias, then begin the first leg.
 
         ``seed`` is for planners that use random numbers.
 
@@ -90,11 +91,11 @@ class Onboard:
 
     @property
     def finish_reason(self) -> str | None:
-        """Reason for which the plan ended by itself; None while it runs."""
+        """Reason why the plan has ended by itself; None while it runs."""
         return self._runner.finish_reason
 
     def pause(self) -> None:
-        """Hold still; the estimate continues."""
+        """Stop the robot; the estimator continues."""
         self._runner.pause()
         self._command = HALT
 
@@ -103,7 +104,7 @@ class Onboard:
         self._runner.resume()
 
     def end(self) -> None:
-        """End the plan, finished or aborted."""
+        """End the plan after its last leg or at an abort."""
         done = self._runner.finished
         self._end = PlannerPhase.FINISHED if done else PlannerPhase.ABORTED
         self._command = HALT
@@ -111,9 +112,9 @@ class Onboard:
     def step(
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> VelocityCommand:
-        """Run one control period: take the readings, return the velocity.
+        """Run one control period: process the readings and return the velocity.
 
-        ``around`` is given in the periods with a range measurement.
+        ``around`` is None in periods without a range measurement.
         """
         t_s = now_us * 1e-6
         imu = sampler.imu_nominal
@@ -155,7 +156,7 @@ class Onboard:
         )
 
     def _see_walls(self, around: Around, t_s: float) -> None:
-        """Correct the estimate with observations of known walls."""
+        """Update the estimate with observations of known walls."""
         if self._moving:
             self._walls.update(
                 around.ultrasonic_m,
@@ -168,7 +169,7 @@ class Onboard:
             )
 
     def drain_decisions(self) -> list[str]:
-        """Return the planner's decisions since the last call, a line each."""
+        """Return the planner's decisions since the last call, one line per decision."""
         return [f"{event.kind}: {event.reason}" for event in self._runner.drain_events()]
 
     # ---- reports -------------------------------------------------------------------------
@@ -189,7 +190,7 @@ class Onboard:
     def message(self) -> PlannerState:
         """Return the paper's variables and the target point.
 
-        Without a target, the robot's position.
+        Without a target, the point is the robot's position.
         """
         state = self._runner.state
         x_m, y_m = state.target or self._leg_target()

@@ -1,8 +1,8 @@
 """The device's parameters: a table of their properties, and a store of their values.
 
-A value is sent as 32 bits with its kind. A value that is set is valid until the next boot; a save
-keeps the present values for the next boot. A parameter of the geometry takes effect at the next
-boot, so that odometry stays consistent while the robot drives.
+A value is sent as 32 bits together with its kind (data type). A changed value is valid until the
+next boot; a save stores the present values in flash. Parameters of the robot's geometry take effect
+at the next boot, so that odometry stays consistent.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ if TYPE_CHECKING:
 _F32 = struct.Struct("<f")
 _U32 = struct.Struct("<I")
 STOP_DECELERATION_M_S2 = 1.0
-"""Deceleration of a stop, m/s²: from top speed to rest in 0.3 s. It is the maximum that the tyres
-can transfer without slip."""
+"""Deceleration of a stop, m/s²: from top speed to rest in 0.3 s. At a higher deceleration the tyres
+would slip."""
 BATTERY_LOW_V = 12.8
-"""Battery voltage of the fault ``battery_low``, V: 3.2 V for each of four cells."""
+"""Battery voltage below which the fault ``battery_low`` is set, V: 3.2 V for each of four cells."""
 BATTERY_EMPTY_V = 12.0
-"""Battery voltage that ends driving, V: 3.0 V per cell. A pack below it for a second is damaged."""
+"""Battery voltage below which the robot stops, V: 3.0 V per cell. A lower voltage for a second
+damages the pack."""
 
 
 RANGERS = ("ultrasonic", "infrared_left", "infrared_right")
@@ -52,7 +53,7 @@ class TableParameter:
     read_only: bool = False
     needs_reboot: bool = False
     doc: str = ""
-    """Meaning, for people."""
+    """Meaning, for documentation."""
 
     @property
     def label(self) -> str:
@@ -71,7 +72,7 @@ def to_raw(kind: ParameterKind, value: float) -> int:
 
 
 def from_raw(kind: ParameterKind, raw: int) -> float:
-    """Return the value of 32 bits; a float may be infinite or not a number."""
+    """Return the value that 32 bits represent; a float may be infinite or NaN."""
     match kind:
         case ParameterKind.F32:
             value: float = _F32.unpack(_U32.pack(raw))[0]
@@ -81,7 +82,7 @@ def from_raw(kind: ParameterKind, raw: int) -> float:
 
 
 def table(model: RobotModel, node: int) -> tuple[TableParameter, ...]:
-    """Return every parameter by its number; append new ones at the end."""
+    """Return all parameters in the order of their numbers; append new parameters at the end."""
     u32, f32 = ParameterKind.U32, ParameterKind.F32
 
     def robot(  # noqa: PLR0913, PLR0917 - a row of the table
@@ -151,7 +152,7 @@ def table(model: RobotModel, node: int) -> tuple[TableParameter, ...]:
 
 
 class ParameterStore:
-    """Present values on top of the stored ones. Only ``stored`` outlives the boot."""
+    """Stores the present values and the saved values. Only ``stored`` remains after a reset."""
 
     def __init__(self, parameters: Sequence[TableParameter], stored: Mapping[str, int]) -> None:
         """Read the stored values by name; a value outside its parameter's range is ignored."""
@@ -214,7 +215,7 @@ class ParameterStore:
         return None
 
     def image(self) -> dict[str, int]:
-        """Return the image to store so that the next boot has every present settable value."""
+        """Return the image to store so that the next boot uses the present values."""
         return {
             **self._stored,
             **{
@@ -225,19 +226,19 @@ class ParameterStore:
         }
 
     def saved(self, image: Mapping[str, int]) -> None:
-        """Take over an image that is now stored."""
+        """Record that the flash now contains this image."""
         self._stored = dict(image)
 
     def value(self, name: str) -> float:
-        """Value in effect, in its unit: the present one, or that at boot if a change needs one."""
+        """Return the value in effect: the value at boot if ``needs_reboot``, else the present."""
         number = self._number[name]
         parameter = self.parameters[number]
         raw = (self._boot if parameter.needs_reboot else self.present)[number]
-        # The default itself, not its 32-bit rounding.
+        # Return the exact default, not its 32-bit rounding.
         return parameter.default if raw == self._defaults[number] else from_raw(parameter.kind, raw)
 
     def range_corrections(self) -> tuple[tuple[float, float], ...] | None:
-        """Scale and offset (m) in effect for each ranger; None if they change nothing."""
+        """Scale and offset (m) in effect for each ranger; None without any correction."""
         found = tuple((self.value(f"{r}_scale"), self.value(f"{r}_offset")) for r in RANGERS)
         return None if found == ((1.0, 0.0),) * len(RANGERS) else found
 
@@ -254,7 +255,7 @@ class ParameterStore:
 
 
 def _allowed(parameter: TableParameter, raw: int) -> bool:
-    """Return whether 32 bits are within the parameter's range, its bounds rounded to 32 bits."""
+    """Return whether a value is within the parameter's range, with bounds rounded to 32 bits."""
     value = from_raw(parameter.kind, raw)
     low, high = (
         from_raw(parameter.kind, to_raw(parameter.kind, end))

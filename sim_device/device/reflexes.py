@@ -1,39 +1,40 @@
-"""The device's own reaction to a cliff and to a pressed bumper, whatever speed is requested.
+"""The device's reflexes at a cliff and at a pressed bumper: they limit any requested speed.
 
-At a cliff the robot may reverse and turn, but not drive forward. With a pressed bumper it drives
-slowly. Neither reflex latches a stop. A robot that stays over a cliff does: see
-:attr:`Reflexes.over`.
+At a cliff the robot may reverse and turn, but not drive forward. With a pressed bumper the robot
+drives slowly. These reflexes do not latch a stop. But a stop is latched if the robot stays over a
+cliff: see :meth:`Reflexes.over`.
 """
 
 from __future__ import annotations
 
 CREEP_M_S = 0.05
-"""Forward speed with a pressed bumper, m/s: fast enough for the wheel control, and harmless in a
-push."""
+"""Maximum forward speed with a pressed bumper, m/s. It is high enough for the wheel control, and
+harmless when the robot pushes an obstacle."""
 OVER_M = 0.05
-"""Travel ahead without floor that latches a stop, m. From 0.2 m/s the reflex needs 2 to 3 cm."""
+"""Forward travel beyond the floor's edge that latches a stop, m. The reflex itself stops the robot
+from 0.2 m/s within 2 to 3 cm."""
 OVER_TICKS = 100
-"""Maximum number of control periods with a forward command over a cliff before a stop latches: 1 s.
-A host that detects the cliff needs 0.07 s. The time to reverse does not count, because from 0.28
-m/s the robot needs 1.0 s to come back."""
+"""Maximum number of control periods with a forward command over a cliff before a stop is latched: 1
+s. A host reacts to a cliff within 0.07 s. Periods with a reverse command do not count, because the
+robot needs 1.0 s to return after a speed of 0.28 m/s."""
 SHOWN_TICKS = 10
-"""Number of control periods for which a limit stays visible: one period of the status message."""
+"""Number of control periods for which a limit stays reported: one period of the status message."""
 _HALF_WRAP, _MASK = 0x8000, 0xFFFF
 
 
 class Reflexes:
-    """Limits the forward speed, once per control period in which the robot may drive."""
+    """Limits the forward speed, once in each control period in which the robot may drive."""
 
     def __init__(self) -> None:
-        """Start without a limit; both reflexes are on."""
+        """Start without a limit; both reflexes are enabled."""
         self.at_cliff = self.at_bumper = True
-        """Enabled reflexes, by parameter."""
+        """True if the reflex is enabled, as set by its parameter."""
         self._shown = 0
         self._ticks = 0
-        """Number of periods without floor ahead in which forward speed was requested."""
+        """Number of control periods with a forward command and without floor ahead."""
         self._counts: tuple[int, int] | None = None
         self._ahead = 0
-        """Counts of both wheels since the floor ended, forward positive."""
+        """Sum of both wheels' encoder counts since the cliff was detected, forward positive."""
 
     @property
     def limited(self) -> bool:
@@ -42,7 +43,7 @@ class Reflexes:
 
     @property
     def counting(self) -> bool:
-        """True while the robot is at the place where the floor ended."""
+        """True while the robot is at the cliff."""
         return self._counts is not None
 
     def over(self, metres_per_count: float) -> bool:
@@ -63,7 +64,7 @@ class Reflexes:
         contacts: tuple[bool, bool, bool],
         counts: tuple[int, int],
     ) -> float:
-        """Return the allowed forward speed; contacts are left and right bumper, and cliff."""
+        """Return the allowed forward speed; ``contacts``: left bumper, right bumper, cliff."""
         left, right, cliff = contacts
         allowed_m_s = v_m_s
         if cliff and self.at_cliff:

@@ -1,6 +1,7 @@
-"""Latch, freshness and watchdog: they keep the robot from unwanted motion.
+"""Stop latch, freshness check and watchdogs, which prevent unwanted motion.
 
-These are pure rules over device microseconds. The firmware evaluates them, and the wheels obey.
+These rules have no I/O; their only clock is the device's time in microseconds. The firmware applies
+the rules to the wheels.
 """
 
 from __future__ import annotations
@@ -16,18 +17,19 @@ if TYPE_CHECKING:
 MAX_TIME_TO_LIVE_US = 250_000
 HOST_SILENCE_US = 1_000_000
 DRIFT_ALLOWANCE_PPM = 250
-"""Maximum drift between host and device, ppm; two crystals of ±100 ppm differ by 200. The smallest
-delay of a session grows at this rate."""
+"""Maximum drift between the clocks of host and device, ppm; two crystals of ±100 ppm differ by up
+to 200 ppm. The smallest delay of a session is increased at this rate."""
 BRINGUP_DUTY_MAX = 0.5
-"""Maximum duty in bring-up mode: half of full scale, which turns a wheel of a lifted robot
+"""Maximum duty in bring-up mode: half of full scale. It turns the wheels of a lifted robot
 visibly."""
 _HALF_COUNTER = 128
 
 
 class StopLatch:
-    """Holds the most severe cause of a stop until a command clears this cause.
+    """Stores the most severe cause of a stop until a command clears this cause.
 
-    A device boots with the latched cause ``SESSION_END``, so it moves only after a clear.
+    A device boots with the latched cause ``SESSION_END``, so it moves only after this cause is
+    cleared.
     """
 
     def __init__(self, cause: StopCause = StopCause.SESSION_END) -> None:
@@ -35,16 +37,16 @@ class StopLatch:
 
     @property
     def latched(self) -> bool:
-        """True if the robot must stand still."""
+        """True if a stop is latched and the robot must not move."""
         return self.cause is not StopCause.NONE
 
     def latch(self, cause: int) -> bool:
-        """Latch a cause; return False if an equal or graver cause is latched already."""
+        """Latch a cause; return False if an equal or more severe cause is already latched."""
         held, self.cause = self.cause, latched_cause(self.cause, cause)
         return self.cause is not held
 
     def clear(self, cause: int) -> bool:
-        """Release the latch if it holds ``cause``; return whether it did."""
+        """Release the latch if ``cause`` is the latched cause; return whether it was released."""
         if not self.latched or cause != self.cause:
             return False
         self.cause = StopCause.NONE
@@ -52,12 +54,12 @@ class StopLatch:
 
 
 class Freshness:
-    """Additional delay of a frame compared with the fastest frame of its session.
+    """Computes the additional delay of a frame compared with the fastest frame of its session.
 
-    Host and device clocks are not synchronised. A frame's delay is its arrival minus the host
-    stamp. The additional delay is this value minus the minimum of the session. The minimum
-    increases with the maximum drift of two crystals; otherwise every frame of a long session would
-    be rejected.
+    Host and device clocks are not synchronised. So a frame's arrival time minus its host stamp is
+    the delay plus an unknown constant. The additional delay is this difference minus its minimum in
+    the session. The minimum is increased at the maximum drift of two crystals; otherwise clock
+    drift would make all frames of a long session look late.
     """
 
     def __init__(self) -> None:
@@ -66,11 +68,11 @@ class Freshness:
         self._at_us = 0
 
     def reset(self) -> None:
-        """Start a session without any delay."""
+        """Start a session; its minimum is still unknown."""
         self._host_us = None
 
     def extra_delay_us(self, host_stamp: int, arrival_us: int) -> float:
-        """Take a frame of the session; return its delay beyond the fastest frame's."""
+        """Process a frame of the session; return its additional delay, µs."""
         if self._host_us is None:
             self._host_us = DeviceUs(host_stamp)
             self._min_us = float(arrival_us - host_stamp)
@@ -86,13 +88,13 @@ class Freshness:
 
 
 class Watchdog:
-    """Holds the last valid pair of cyclic values during its time to live."""
+    """Stores the last valid pair of cyclic values until its time to live ends."""
 
     def __init__(self) -> None:
         self.first = self.second = 0.0
         self.counter: int | None = None
         self.until_us = 0
-        """End of the time to live, µs of uptime; 0: no values are held."""
+        """End of the time to live, µs of uptime; 0: no values are stored."""
         self._was_live = False
 
     def reset(self) -> None:
@@ -101,7 +103,7 @@ class Watchdog:
         self.counter = None
 
     def halt(self) -> None:
-        """Discard the values; later ones of the session are accepted again."""
+        """Discard the values; later values of the session are still accepted."""
         self.first = self.second = 0.0
         self.until_us = 0
         self._was_live = False
@@ -115,7 +117,7 @@ class Watchdog:
         extra_delay_us: float,
         now_us: int,
     ) -> bool:
-        """Take values; return False if they are repeated, reordered or too old."""
+        """Store new values; return False if they are repeated, reordered or too old."""
         if self.counter is not None:
             advance = (counter - self.counter) & 0xFF
             if advance == 0 or advance >= _HALF_COUNTER:
@@ -142,11 +144,11 @@ class Watchdog:
 
 
 class SetpointWatchdog(Watchdog):
-    """Holds the body velocity that the host requests."""
+    """Stores the body velocity that the host requests."""
 
     @property
     def wanted(self) -> tuple[float, float]:
-        """Requested forward speed and counter-clockwise rate."""
+        """Requested forward speed, m/s, and yaw rate, rad/s (counter-clockwise positive)."""
         return self.first, self.second
 
     @property
@@ -160,7 +162,7 @@ class SetpointWatchdog(Watchdog):
         return self.second
 
     def offer(self, setpoint: VelocitySetpoint, extra_delay_us: float, now_us: int) -> bool:
-        """Take a setpoint; return False if it is repeated, reordered or too old."""
+        """Store a setpoint; return False if it is repeated, reordered or too old."""
         return self.take(
             setpoint.v_m_s,
             setpoint.yaw_rate_rad_s,
@@ -172,7 +174,7 @@ class SetpointWatchdog(Watchdog):
 
 
 class DutyWatchdog(Watchdog):
-    """Holds the motor duties that the host requests in bring-up mode, limited."""
+    """Stores the limited motor duties that the host requests in bring-up mode."""
 
     @property
     def duties(self) -> tuple[float, float]:
@@ -180,7 +182,7 @@ class DutyWatchdog(Watchdog):
         return self.first, self.second
 
     def offer(self, wanted: WheelDuty, extra_delay_us: float, now_us: int) -> bool:
-        """Take duties; return False if they are repeated, reordered or too old."""
+        """Store duties; return False if they are repeated, reordered or too old."""
         return self.take(
             _capped(wanted.left_duty),
             _capped(wanted.right_duty),

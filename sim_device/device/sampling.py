@@ -1,4 +1,4 @@
-"""Reads the hardware for the firmware: each sensor at most once per period."""
+"""Reads the sensors for the firmware, each sensor at most once per control period."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _MASK = 0xFFFF
 
 
 class Sensors(Protocol):
-    """Sensor readings that the firmware needs from its hardware."""
+    """Interface of the hardware: all sensor readings that the firmware needs."""
 
     def imu(self) -> ImuCounts:
         """Return the MPU6050 registers: acceleration, temperature, rates."""
 
     def imu_samples(self) -> int:
-        """Return the number of fetched samples.
+        """Return the number of samples read from the IMU.
 
-        The number need not increase by one per period: the chip samples by its own clock, and its
-        bus may be stuck.
+        The number may increase by more or less than one per control period, because the chip has
+        its own sampling clock and its bus may be stuck.
         """
 
     def encoders(self) -> tuple[int, int]:
@@ -46,7 +46,7 @@ class Sensors(Protocol):
 
 
 class Around(NamedTuple):
-    """Ranges and contacts as they are known in one period."""
+    """Ranges and contacts in one control period."""
 
     ultrasonic_m: float | None
     infrared_left_m: float | None
@@ -55,7 +55,7 @@ class Around(NamedTuple):
     bumper_right: bool
     cliff: bool
     ultrasonic_age_us: int
-    """Time since the pulse that gave the ultrasonic range, µs."""
+    """Time since the pulse of the ultrasonic range, µs."""
 
 
 class Sampler:
@@ -69,30 +69,31 @@ class Sampler:
     ) -> None:
         """Start without any reading.
 
-        ``corrections`` are scale and offset (m) of each ranger, by calibration; ``imu_scale`` is
-        the scale of the IMU's counts.
+        ``corrections`` are the calibrated scale and offset (m) of each ranger; ``imu_scale`` is the
+        scale of the IMU's counts.
         """
         self._imu_scale = None if imu_scale == NOMINAL else imu_scale
         self._corrections = corrections
         self._sensors = sensors
         self._zero: tuple[int, int] | None = None
-        """Counters at boot; None: they were 0, or are not known yet."""
+        """Encoder counters at boot; None: they were 0, or have not been read yet."""
         self._begun = False
         self._around: Around | None = None
         self._contacts: tuple[bool, bool, bool] | None = None
         self.counts = (0, 0)
-        """Encoder counts in this period. The hardware counters start at 0 at a boot."""
+        """Encoder counts in this period, relative to the boot."""
         self.imu: ImuCounts
-        """Registers of this period."""
+        """IMU registers in this period."""
         self.imu_nominal: ImuCounts
-        """Registers of this period in nominal counts, for the device's own checks."""
+        """IMU registers in this period, converted to nominal counts, for the device's own
+        checks."""
         self.imu_samples = 0
-        """Number of the IMU sample that the registers belong to."""
+        """Number of the IMU sample in the registers."""
         self.imu_us = 0
-        """Uptime when that sample was taken, µs."""
+        """Uptime of the IMU sample in the registers, µs."""
 
     def begin(self, now_us: int) -> None:
-        """Start a period at an uptime, µs: read counts and IMU."""
+        """Start a control period at uptime ``now_us``: read encoders and IMU."""
         sensors = self._sensors
         counts = sensors.encoders()
         if not self._begun:

@@ -1,10 +1,10 @@
-"""Check that each encoder counts in the direction of its motor, and on its own side.
+"""Detects reversed and swapped encoders: compares each wheel's counts with its motor's duty.
 
-A wheel that counts against its duty has a reversed encoder or motor. Swapped encoders look correct
-while the robot drives straight. In a turn each wheel then seems to count against its duty, because
-the wheels turn in opposite directions. Two reversed encoders look the same in a turn in place, so
-the device then reports swapped encoders. ``sweepctl bringup`` turns one wheel at a time and
-distinguishes these faults.
+If a wheel counts against its duty, its encoder or motor is reversed. Swapped encoders (left and
+right exchanged) look correct while the robot drives straight. In a turn in place the wheels turn in
+opposite directions, so with swapped encoders both wheels count against their duties. Two reversed
+encoders give the same counts in a turn in place. The device reports both cases as swapped encoders.
+``sweepctl bringup`` turns one wheel at a time, so it can distinguish these faults.
 """
 
 from __future__ import annotations
@@ -12,24 +12,27 @@ from __future__ import annotations
 from protocol.messages.values import Fault
 
 DRIVEN = 0.2
-"""Minimum duty that turns a wheel: the dead band ends at 0.15 with a full battery, at 0.2 with an
-empty one."""
+"""Minimum duty that turns a wheel. The dead band ends at 0.15 with a full battery, and at 0.2 with
+an empty battery."""
 IDLE = 0.05
 """Maximum duty of a wheel that is not driven."""
 TURNS_M_S = 0.03
-"""Minimum speed of a turning wheel, m/s: two counts a period."""
+"""Minimum speed of a turning wheel, m/s: two counts per control period."""
 STANDS_M_S = 0.005
 """Maximum speed of a standing wheel, m/s."""
 AGAINST_TICKS = 15
-"""Number of consecutive periods against the duty that set a fault. A reversing wheel runs on for 3
-at the ramp's rate. In this time a runaway robot covers 5 cm."""
+"""Number of consecutive control periods with counts against the duty that set a fault. A wheel that
+changes its direction may turn against its new duty for 3 periods. With reversed encoders, the robot
+travels 5 cm out of control before the fault is set."""
 ALSO_TICKS = 5
-"""Minimum number of periods in which the other wheel must also count against its duty."""
+"""Minimum number of periods in which the other wheel also counts against its duty, for a fault of
+both wheels."""
 ALONE_TICKS = 25
-"""Number of periods for one wheel while the other wheel counts correctly. With swapped encoders on
-a straight run, the second wheel turns back 0.1 s after the first."""
+"""Number of periods against the duty that set a fault of one wheel while the other wheel counts
+correctly. With swapped encoders on a straight path, the second wheel turns back 0.1 s after the
+first wheel, so a shorter time would report the wrong fault."""
 AGREES_TICKS = 30
-"""Number of consecutive periods with the duty that clear a fault."""
+"""Number of consecutive periods with counts in the direction of the duty that clear a fault."""
 REVERSED = int(Fault.ENCODER_LEFT_REVERSED), int(Fault.ENCODER_RIGHT_REVERSED)
 SWAPPED = int(Fault.ENCODERS_SWAPPED)
 BITS = REVERSED[0] | REVERSED[1] | SWAPPED
@@ -63,18 +66,18 @@ class _Side:
 
 
 class Signs:
-    """Compares duties with counts."""
+    """Compares motor duties with encoder counts."""
 
     def __init__(self) -> None:
         """Start without a fault."""
         self.bits = 0
-        """Fault bits, of ``protocol.messages.values.Fault``."""
+        """Fault bits (``protocol.messages.values.Fault``)."""
         self.driven = False
-        """True if a wheel had a duty in the last period, or if there is nothing to compare."""
+        """True if a wheel had a nonzero duty in the last period."""
         self._left, self._right = _Side(), _Side()
 
     def tick(self, duties: tuple[float, float], speeds_m_s: tuple[float, float]) -> None:
-        """Take duties and measured speeds of one control period."""
+        """Process the duties and measured speeds of one control period."""
         self.driven = duties != (0.0, 0.0)
         left, right = self._left, self._right
         (left_duty, right_duty), (left_m_s, right_m_s) = duties, speeds_m_s
@@ -94,7 +97,7 @@ class Signs:
                 self.bits = REVERSED[1]
 
     def _forgive(self) -> None:
-        """Clear a fault after a long enough agreement of the counts, also in bring-up mode."""
+        """Clear a fault when counts have agreed with duties long enough, also in bring-up mode."""
         for side, bit in zip((self._left, self._right), REVERSED, strict=True):
             if side.agrees >= AGREES_TICKS:
                 self.bits &= ~bit

@@ -1,7 +1,7 @@
 """Content of each stream.
 
-A method of :class:`StreamMessages` makes the message of the stream with its name. The schedule and
-the sending follow from the catalogue.
+:class:`StreamMessages` has one method per stream, with the stream's name, that creates the message.
+The catalogue defines when each stream is sent and how it is encoded.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LEFT, _RIGHT, _CLIFF = (
 
 
 class StreamMessages:
-    """Makes the message of each stream at an uptime in µs."""
+    """Creates the message of each stream; the argument is the uptime, µs."""
 
     def __init__(
         self, sampler: Sampler, control: Control, statistics: LinkStatistics, counters: Counters
@@ -36,7 +36,7 @@ class StreamMessages:
         self._statistics, self._counters = statistics, counters
 
     def sync(self, _now_us: int) -> Message:
-        """Count the frame itself too."""
+        """Return the number of frames sent, including this frame."""
         return device.Sync((self._statistics.frames_out + 1) & 0xFFFF_FFFF)
 
     def status(self, now_us: int) -> Message:

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 TICK_HZ = 100
-"""Rate of the control loop, Hz; no stream is faster."""
+"""Rate of the control loop, Hz; also the maximum rate of a stream."""
 _NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
 _CYCLE_MAX = 2_000
-"""Maximum length of the schedule's cycle for which a table is kept, ticks."""
+"""Maximum cycle length of a schedule that is stored as a table, control ticks."""
 
 
 class Rate(NamedTuple):
@@ -70,7 +70,7 @@ class Schedule:
         self._table = tuple(self._due(tick) for tick in range(ticks))
 
     def default_phase(self, name: str, period: int) -> int:
-        """Return the phase of a stream at a period, ticks; 0 if the device does not declare it."""
+        """Return the phase of a stream at a period, ticks; 0 if the stream is not declared."""
         phases = (p for t, p in self._phases.items() if self._streams[t].name == name)
         return next(phases, 0) % period
 

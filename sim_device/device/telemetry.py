@@ -1,4 +1,4 @@
-"""Telemetry of the firmware: a message for each stream, from the readings of the period."""
+"""Telemetry of the firmware: creates the message of each stream from the present readings."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 
 TICK_WORK_US = 400
 FRAME_WORK_US = 25
-"""Assumed time of a control period and of a frame on a 168 MHz Cortex-M4, µs, for ``load``."""
+"""Assumed computing time of a control period and of a frame on a 168 MHz Cortex-M4, µs. The
+reported ``load`` uses it."""
 LOAD_TICKS = 10
 _LOAD_US = LOAD_TICKS * 1_000_000 // TICK_HZ
 
 
 class Telemetry:
-    """Packs each stream's readings, by the stream's name."""
+    """Encodes the readings of each stream, by the stream's name."""
 
     def __init__(self, link: LinkBase, sampler: Sampler, control: Control) -> None:
         self.counters = Counters()
@@ -41,13 +42,13 @@ class Telemetry:
             for spec in link.codec.catalogue
             if is_device_stream(spec)
         }
-        """By the stream's name: its type, and the function that returns its payload at an uptime in
-        µs."""
+        """Type of each stream, and the function that returns its payload at an uptime (µs), by the
+        stream's name."""
 
     def _packer(self, spec: MessageSpec) -> Callable[[int], bytes]:
-        """Return the function that packs a stream's readings as the catalogue declares it."""
+        """Return the function that encodes a stream's readings as the catalogue declares."""
         sampler, codec, pack = self._sampler, self._codec, spec.layout.pack
-        if spec.cls is Imu:  # these two carry most of the bytes
+        if spec.cls is Imu:  # a fast path: these two streams have most of the bytes
             return lambda _now_us: pack(*sampler.imu)
         if spec.cls is Encoders:
             return lambda _now_us: pack(*sampler.counts)
@@ -57,8 +58,8 @@ class Telemetry:
         return lambda now_us: codec.encode(as_spec(maker(now_us), spec))[1]
 
     def _maker(self, spec: MessageSpec) -> Callable[[int], Message]:
-        """Return the function that makes a stream's message, in this program's own class."""
-        # A stream of another version of the project: zeros.
+        """Return the function that creates a stream's message, in this program's own class."""
+        # This version of the project does not have the stream: all fields are zero.
         blank_one = functools.partial(_blank, spec)
         simulated = getattr(spec.cls, "simulated", None)
         if simulated is not None:
@@ -80,7 +81,7 @@ def _blank(spec: MessageSpec, _now_us: int) -> Message:
 
 
 class _Simulated:
-    """Values of a plug-in's message by its ``simulated(now_us)``; zeros after an exception."""
+    """Creates a plug-in's message by its ``simulated(now_us)``; zeros after an exception."""
 
     def __init__(
         self,

@@ -1,7 +1,7 @@
-"""A firmware of another version of the project: its declarations, this program's content.
+"""Simulates firmware of another version: its message declarations with this program's values.
 
-Messages and their fields are matched by name. A field that only the other version declares is zero.
-A field or message that it does not declare is left out.
+Messages and fields are matched by name. A field that only the other version declares is zero. A
+field or message that the other version does not declare is omitted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def as_ours(message: Message, spec: MessageSpec) -> Message:
-    """Return a received message in this program's own class, absent fields as zero.
+    """Return a received message in this program's own class; absent fields are zero.
 
     A message without a class here is returned unchanged.
     """
@@ -27,7 +27,7 @@ def as_ours(message: Message, spec: MessageSpec) -> Message:
 
 
 def as_declared(message: Message, catalogue: Catalogue) -> Message | None:
-    """Return a message in the class that ``catalogue`` declares; None if it has none."""
+    """Return a message in the class that ``catalogue`` declares; None if it declares none."""
     if type(message) in catalogue.by_class:
         return message
     declared = catalogue.by_name.get(CATALOGUE.spec(type(message)).name)
@@ -35,7 +35,7 @@ def as_declared(message: Message, catalogue: Catalogue) -> Message | None:
 
 
 def as_spec(message: Message, declared: MessageSpec) -> Message:
-    """Return one of our messages as another version declares it."""
+    """Return one of our messages in the declaration of another version."""
     if message.__class__ is declared.cls:
         return message
     return _filled(declared, _by_name(CATALOGUE.spec(type(message)), message))

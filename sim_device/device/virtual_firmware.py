@@ -1,7 +1,7 @@
 """The virtual sweeper's firmware: session, commands and streams around its control loop.
 
-Sans-I/O like the firmware on the chip: it takes the device's microseconds, bytes and sensor
-readings, and returns bytes and duties. One control tick is 10 ms.
+Sans-I/O (no ports, no clock): the inputs are the device's time in microseconds, received bytes and
+sensor readings. The outputs are bytes and motor duties. One control tick is 10 ms.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is 
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
 UNKNOWN_HELLO_PERIOD_US = 100_000
 POWER_TICKS = 20
-"""Number of control periods per supply measurement: 5 Hz, in phase with its stream."""
+"""Number of control periods per supply measurement: 5 Hz, in phase with the stream ``power``."""
 RANGE_TICKS = 5
-"""Number of control periods per range measurement: 20 Hz, in phase with its stream."""
+"""Number of control periods per range measurement: 20 Hz, in phase with the stream ``range``."""
 
 
 class Firmware:
@@ -104,7 +104,7 @@ class Firmware:
             identity: The identity that the device reports.
             sensors: The sensors.
             catalogue: The message catalogue of this firmware's version.
-            flash: The memory in which parameters outlive a boot.
+            flash: The flash memory, which stores parameters over resets.
             link: The link to the host.
             clock: The clock of the stamps.
             modes: The mode machine, already booted.
@@ -116,7 +116,7 @@ class Firmware:
         self.negotiated = False
         self.session_id = 0
         self._status_wanted = False
-        """True: a stop for all nodes came; the status is sent in the next period."""
+        """True: a stop for all nodes has arrived; the status is sent in the next period."""
         self.link = link(Direction.DEVICE, codec=Codec(catalogue))
         self._flash = flash or Flash()
         self.parameters = ParameterStore(parameters.table(model, identity.node), self._flash.load())
@@ -135,7 +135,7 @@ class Firmware:
         if identity.crystal_failed:
             self.control.health.bits = int(Fault.CLOCK)
         self.reboot_wanted: RebootKind | None = None
-        """Set once a reboot was accepted; the caller then boots the firmware again."""
+        """Kind of an accepted reboot, else None; the caller then boots the firmware again."""
         self._sampler = Sampler(sensors, self.parameters.range_corrections(), imu_scale)
         self._imu_info = imu_scale.info()
         self._clock = clock or DeviceClock()
@@ -185,12 +185,12 @@ class Firmware:
 
     @property
     def fed(self) -> bool:
-        """Whether the last tick fed the watchdog: each does."""
+        """True, because each tick feeds the watchdog."""
         return True
 
     @property
     def waits(self) -> bool:
-        """With a key, time alone can change the result too: a command on CAN waits for its tag."""
+        """True with a key, because a command on CAN then waits for its tag."""
         return self.link.key is not None
 
     @property
@@ -201,7 +201,7 @@ class Firmware:
     # ---- the link -------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_us: int) -> None:
-        """Take bytes that arrived at ``now_us``, microseconds of uptime."""
+        """Process bytes that arrived at ``now_us``, µs of uptime."""
         if self._off_bus:
             return
         node = self.identity.node
@@ -210,12 +210,12 @@ class Firmware:
                 message, frame, spec = event
                 if addresses(frame, spec, node):
                     if self.link.key is not None and self.keyring.refuses(frame):
-                        self._reject(message, frame, now_us)  # nor does it keep a session alive
+                        self._reject(message, frame, now_us)  # it does not keep the session alive
                         continue
                     self._handle(as_ours(message, spec), frame, now_us)
 
     def data_to_send(self) -> bytes:
-        """Bytes for the port."""
+        """Return the bytes to send."""
         if self._off_bus:
             self.link.data_to_send()
             return b""
@@ -239,7 +239,7 @@ class Firmware:
         self.link.send(message, stamp_us, node=self.identity.node, rank=rank)
 
     def _handle(self, message: Message, frame: Frame, now_us: int) -> None:
-        if message.__class__ is StopAll:  # from any sender: it keeps no session alive
+        if message.__class__ is StopAll:  # any sender; it does not keep the session alive
             self.stop(StopCause.OPERATOR)
             self._status_wanted = True
             return
@@ -247,12 +247,11 @@ class Firmware:
             return
         genuine = bool(frame.version_flags & FLAG_AUTHENTICATED)
         if genuine or self.link.key is None or self.latch.cause != StopCause.NONE:
-            # With a key, only frames that the host alone can send keep a moving robot's session
-            # alive.
+            # If a key is set and no stop is latched, only signed frames keep the session alive.
             self._received_us = now_us
         if isinstance(message, Stop):
-            # A stop is obeyed before any check of session or repetition. Its delay does not enter
-            # the session's freshness either, because any sender may have sent it.
+            # A stop is executed before the checks of session and repetition. Its delay does not
+            # change the session's freshness, because any sender may have sent it.
             self.stop(message.cause)
             self._send(Ack(message.command_id, frame.type_id), now_us)
             return
@@ -264,13 +263,13 @@ class Firmware:
             self._command(message, frame.type_id, now_us)
 
     def _extra_delay_us(self, frame: Frame, now_us: int) -> float:
-        """Return the frame's delay beyond the session's fastest one.
+        """Return the frame's additional delay compared with the session's fastest frame, µs.
 
-        With a key, frames without a tag are left out: anyone can forge their stamps, and a forged
-        stamp could make a delayed setpoint look fresh.
+        With a key, frames without a tag are ignored. An attacker could forge their stamps, and a
+        forged stamp could make a delayed setpoint look fresh.
         """
         if self.link.key is not None and not frame.version_flags & FLAG_AUTHENTICATED:
-            return 0.0  # a message that needs no tag has no time to live
+            return 0.0  # messages without a tag have no time to live
         return self._freshness.extra_delay_us(frame.t_us, now_us)
 
     def _time(self, request: TimeRequest, _extra_us: float, now_us: int) -> None:
@@ -282,7 +281,7 @@ class Firmware:
 
     def _command(self, message: Message, type_id: int, now_us: int) -> None:
         if self._saving is not None and isinstance(message, SaveParameters):
-            return  # a repeated request before the save is done: the answer follows
+            return  # a repeated command during the save; the reply follows later
         reply = self._commands.once(
             self.session_id, type_id, message, lambda: carry_out(self, message)
         )
@@ -290,11 +289,11 @@ class Firmware:
             return
         rank = None
         if isinstance(message, GetParameter | SetParameter) and isinstance(reply, Ack):
-            # A repeated command too: its value may have been lost.
+            # Also for a repeated command, because the first value message may have been lost.
             value = self.parameters.describe(message.parameter)
             if value is not None:
                 self._send(value, now_us)
-                rank = _VALUE  # the acknowledgement follows it
+                rank = _VALUE  # the acknowledgement follows the value
         if self._flash.busy and isinstance(message, SaveParameters):
             self._saving = self.parameters.image(), reply
             return
@@ -307,8 +306,8 @@ class Firmware:
         self._send(describe(codec.catalogue, question), now_us)
         spec = codec.catalogue.by_type.get(question.described_type)
         if spec is not None and spec.direction is Direction.HOST and not spec.bootstrap:
-            # An older host leaves out our last fields; a different host does not send them at all.
-            # Fields that the handshake itself needs never change; otherwise it would fail.
+            # An older host omits our last fields; a host with a different declaration does not send
+            # the message. Bootstrap messages are excluded, because their fields never change.
             fewer = question.field_count < len(spec.fields)
             codec.limit(spec.type_id, question.field_count if fewer else None)
 
@@ -318,23 +317,23 @@ class Firmware:
     # ---- session --------------------------------------------------------------------------
 
     def _answer_unknown_session(self, now_us: int) -> None:
-        """Answer a host that uses an unknown session: report identity and boot at once."""
+        """Send a hello (identity and boot id) to a host that uses an unknown session."""
         if now_us - self._unknown_hello_us >= UNKNOWN_HELLO_PERIOD_US:
             self._unknown_hello_us = now_us
             self._hello(now_us)
 
     def _open(self, hello: HostHello, now_us: int) -> bool:
-        """Take a host's hello; return False if it names no session."""
+        """Process a host's hello; return False if it does not open or continue a session."""
         if not hello.session_id:
-            return False  # 0 means "no session": the loss of such a host is not detected
+            return False  # 0 means "no session"; a lost link would not be detected
         if hello.session_id != self.session_id:
             if hello.boot_id != self.identity.boot_id:
-                self._hello(now_us)  # a first hello, or one for another boot: only an answer
+                self._hello(now_us)  # the host does not know this boot yet: only reply
                 return False
             if self.session_id:
                 self.stop(StopCause.LINK, Event.NEW_SESSION)
             self.session_id = hello.session_id
-            self.link.forget_sequence()  # another host, or the same host with a new session
+            self.link.forget_sequence()  # another host, or a new session of the same host
             self.keyring.open(hello.session_id)
             self._forget_host()
         if hello.negotiated and not self.negotiated:
@@ -354,7 +353,7 @@ class Firmware:
         self._send(hello, now_us)
         if self.session_id and keyed:
             self._send(self.keyring.challenge(), now_us)
-        if self.negotiated:  # before any sample
+        if self.negotiated:  # sent before any IMU sample
             self._send(self._imu_info, now_us)
 
     def _close(self) -> None:
@@ -365,7 +364,7 @@ class Firmware:
         self._forget_host()
 
     def _forget_host(self) -> None:
-        """Discard everything that a session has requested."""
+        """Discard all requests of the session."""
         self.negotiated = False
         self.control.forget_host()
         self._freshness.reset()
@@ -385,7 +384,7 @@ class Firmware:
         return spec if spec is not None and streams.is_device_stream(spec) else None
 
     def begin_save(self) -> None:
-        """Start to store the present parameters; the answer follows when they are stored."""
+        """Start to store the present parameters; the reply follows when they are stored."""
         self._flash.begin(self.parameters.image())
 
     @property
@@ -456,11 +455,11 @@ class Firmware:
         return duties
 
     def next_us(self, now_us: int) -> int:
-        """When the period after the one at ``now_us`` begins, microseconds of uptime."""
+        """Return the start of the control period after ``now_us``, µs of uptime."""
         return ((now_us + _HALF_TICK_US) // TICK_US + 1) * TICK_US
 
     def _answer_stop(self, due: tuple[str, ...], now_us: int) -> None:
-        """Send the status after a stop from any sender, unless it is due anyway."""
+        """Send the status after a stop from any sender, unless the status stream is due."""
         stopped, self._status_wanted = self._status_wanted, False
         if stopped and not (self.negotiated and "status" in due):
             self._send_streams(("status",), now_us)
@@ -478,7 +477,7 @@ class Firmware:
         sampler = self._sampler
         for name in due:
             sampled_us = stamp_us
-            if name == "imu":  # each sample is sent once, with its own time
+            if name == "imu":  # send each sample once, with its own time
                 if sampler.imu_samples == self._imu_sent:
                     continue
                 self._imu_sent = sampler.imu_samples

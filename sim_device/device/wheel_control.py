@@ -23,18 +23,18 @@ PERIOD_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class WheelGains:
-    """Gains in duty per m/s; the feed-forward matches the drive motors at 16 V."""
+    """Control gains in duty per m/s; the feed-forward is for the drive motors at 16 V."""
 
     feed_forward: float = 2.12
     friction: float = 0.15
-    """Duty that overcomes the bridge's drop and the friction."""
+    """Duty that overcomes the voltage drop of the bridge and the friction."""
     proportional: float = 1.6
     integral_s: float = 12.0
     integral_limit: float = 0.5
 
 
 class WheelControl:
-    """Control of both wheels: they follow a body velocity within the acceleration limit."""
+    """Controls both wheels so that the body follows a velocity within the acceleration limit."""
 
     def __init__(
         self, model: RobotModel, stop_decel_m_s2: float, gains: WheelGains | None = None
@@ -48,18 +48,18 @@ class WheelControl:
         loop.integral_gain = gains.integral_s * PERIOD_S
         loop.half_base_m = self._half_base_m = 0.5 * model.wheel_base_m
         self.stalling = False
-        """True if a driven wheel does not turn."""
+        """True if a wheel with a duty does not turn."""
         self.limit(model, stop_decel_m_s2)
 
     def limit(self, model: RobotModel, stop_decel_m_s2: float) -> None:
-        """Use new limits from now on; wheels and counts do not change."""
+        """Set new limits; the state of the wheels does not change."""
         loop = self._loop
         loop.v_max, loop.yaw_max = model.max_speed_m_s, model.max_yaw_rate_rad_s
         loop.v_step = stop_decel_m_s2 * PERIOD_S
         loop.yaw_step = loop.v_step / self._half_base_m
 
     def coast(self, counts: tuple[int, int], duties: tuple[float, float]) -> None:
-        """Count one period in which other code sets the duties."""
+        """Run one period in which other code sets the duties: only measure the wheel speeds."""
         loop = self._loop
         control(loop, 0.0, 0.0, *counts, MIN_V)  # only for its measurement
         loop.v = loop.yaw = 0.0
@@ -76,7 +76,7 @@ class WheelControl:
     def step(
         self, v_m_s: float, yaw_rate_rad_s: float, counts: tuple[int, int], supply_v: float
     ) -> tuple[float, float]:
-        """Run one 10 ms period: take counts, return left and right duty."""
+        """Run one 10 ms period with new encoder counts; return left and right duty."""
         left_count, right_count = counts
         left, right, self.stalling = control(
             self._loop, v_m_s, yaw_rate_rad_s, left_count, right_count, supply_v
@@ -85,7 +85,7 @@ class WheelControl:
 
     @property
     def yaw_rate_rad_s(self) -> float:
-        """Yaw rate by the wheels, rad/s, counter-clockwise."""
+        """Yaw rate computed from the wheels, rad/s, counter-clockwise."""
         return (self.right.speed_m_s - self.left.speed_m_s) * 0.5 / self._half_base_m
 
     @property

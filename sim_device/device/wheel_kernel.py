@@ -6,7 +6,7 @@ import cython
 
 PERIODS_A_SECOND = 100.0
 REST_M_S = 0.005
-"""Maximum measured speed of a standing wheel, m/s: below one count a period."""
+"""Maximum measured speed of a standing wheel, m/s. It is less than one count per period."""
 MIN_V = 8.0
 NO_COUNT = -1
 
@@ -16,10 +16,11 @@ _MIN_V = cython.declare(cython.double, MIN_V)
 _NO_COUNT = cython.declare(cython.int, NO_COUNT)
 _STALL_TARGET_M_S = cython.declare(cython.double, 0.03)
 _MIN_TARGET_M_S = cython.declare(cython.double, 1e-5)
-"""Minimum wheel target, m/s: a tenth of the wire's step. A smaller target is rounding of zero."""
+"""Minimum target speed of a wheel, m/s: a tenth of the resolution of a velocity setpoint. A smaller
+target is a rounding error of zero."""
 _RELEASE_PERIODS = cython.declare(cython.double, 8.0)
-"""Number of periods after the ramp's end at which the duty is 0 in the safe state. The limit of 0.1
-s includes the first period and its rounding."""
+"""Number of periods in which the duty falls to 0 in the safe state, in addition to the ramp's time.
+The limit of 0.1 s includes the first period and rounding."""
 _NOMINAL_V = cython.declare(cython.double, 16.0)
 """Supply voltage that the gains refer to, V; duties are scaled to the measured voltage."""
 _HALF_WRAP = cython.declare(cython.int, 1 << 15)
@@ -32,21 +33,21 @@ class WheelControlState:
     """Measurement and control state of one wheel."""
 
     m_s_per_count = cython.declare(cython.double, visibility="public")
-    """Speed of one count a period, m/s."""
+    """Wheel speed at one count per period, m/s."""
     count = cython.declare(cython.int, visibility="public")
-    """Last count, 16 bits; ``NO_COUNT`` before the first."""
+    """Last encoder count, 16 bits; ``NO_COUNT`` before the first count."""
     integral = cython.declare(cython.double, visibility="public")
     speed_m_s = cython.declare(cython.double, visibility="public")
     """Measured forward speed, m/s."""
     stalled = cython.declare(cython.double, visibility="public")
     """Number of periods for which the wheel has been driven without turning."""
     duty = cython.declare(cython.double, visibility="public")
-    """Duty of the last period."""
+    """Duty in the last period."""
     fall = cython.declare(cython.double, visibility="public")
     """Decrease of the duty per period in the safe state."""
 
     def __init__(self, m_s_per_count: cython.double) -> None:
-        """Start at rest, without a count."""
+        """Start at rest, before the first encoder count."""
         self.m_s_per_count = m_s_per_count
         self.count = _NO_COUNT
         self.integral = self.speed_m_s = self.stalled = self.duty = self.fall = 0.0
@@ -77,10 +78,11 @@ class Loop:
     """Maximum body speed, m/s. ``yaw_max``: maximum yaw rate, rad/s."""
     yaw_max = cython.declare(cython.double, visibility="public")
     v_step = cython.declare(cython.double, visibility="public")
-    """Maximum change of the speed in a period, m/s. ``yaw_step``: of the yaw rate, rad/s."""
+    """Maximum change of the speed per period, m/s. ``yaw_step``: maximum change of the yaw rate,
+    rad/s."""
     yaw_step = cython.declare(cython.double, visibility="public")
     v = cython.declare(cython.double, visibility="public")
-    """Ramped speed, m/s. ``yaw``: ramped yaw rate, rad/s."""
+    """Present speed of the ramp, m/s. ``yaw``: present yaw rate of the ramp, rad/s."""
     yaw = cython.declare(cython.double, visibility="public")
     released = cython.declare(cython.bint, visibility="public")
     """True if the last period was in the safe state."""
@@ -97,10 +99,10 @@ class Loop:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _measure(wheel: WheelControlState, count: cython.int) -> cython.void:
-    """Take an absolute 16-bit count, once a period."""
+    """Measure the speed from an absolute 16-bit count; call once per period."""
     if wheel.count != _NO_COUNT:
         delta = ((count - wheel.count + _HALF_WRAP) & _MASK) - _HALF_WRAP
-        # One count a period is 13 mm/s: average two periods.
+        # One count per period is 13 mm/s, a coarse step, so average two periods.
         wheel.speed_m_s += 0.5 * (delta * wheel.m_s_per_count - wheel.speed_m_s)
     wheel.count = count
 
@@ -110,7 +112,7 @@ def _measure(wheel: WheelControlState, count: cython.int) -> cython.void:
 def _towards(
     value: cython.double, wanted: cython.double, step: cython.double, limit: cython.double
 ) -> cython.double:
-    """Return ``wanted``, limited, or the closest value that one step reaches."""
+    """Move a value towards ``wanted`` by at most one step, within the limit."""
     wanted = max(-limit, min(limit, wanted))
     return value + step if wanted > value + step else max(value - step, wanted)
 
@@ -120,7 +122,7 @@ def _towards(
 def _duty(
     loop: Loop, wheel: WheelControlState, target: cython.double, scale: cython.double
 ) -> cython.double:
-    """Return the duty for the next period; exactly 0 if the wheel should rest and does."""
+    """Return the duty for the next period; exactly 0 if the wheel's target is rest and it rests."""
     speed = wheel.speed_m_s
     base = far = 0.0
     if target > _MIN_TARGET_M_S:
@@ -149,7 +151,7 @@ def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a s
     right_count: cython.int,
     supply_v: cython.double,
 ) -> tuple[float, float, bool]:
-    """Run one period: take body velocity (m/s, rad/s), counts and supply; return duties.
+    """Run one period with body velocity (m/s, rad/s), counts and supply; return duties.
 
     Returns:
         Left and right duty, and whether a driven wheel does not turn.
@@ -170,7 +172,7 @@ def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a s
 @cython.cfunc
 @cython.exceptval(check=False)
 def _let_fall(loop: Loop, wheel: WheelControlState, target: cython.double) -> cython.double:
-    """Return a duty nearer to 0 in the safe state; ``target`` was the wheel's last ramp value."""
+    """Return a reduced duty in the safe state; ``target`` is the wheel's last ramp value."""
     if not loop.released:
         periods = max(target, -target) / loop.v_step + _RELEASE_PERIODS
         wheel.fall = max(wheel.duty, -wheel.duty) / periods
@@ -180,7 +182,7 @@ def _let_fall(loop: Loop, wheel: WheelControlState, target: cython.double) -> cy
 
 
 def release(loop: Loop, left_count: cython.int, right_count: cython.int) -> tuple[float, float]:
-    """Run one period of the safe state: duties only fall, whatever the encoders report.
+    """Run one period of the safe state: duties only decrease, for any encoder counts.
 
     Returns:
         Left and right duty.

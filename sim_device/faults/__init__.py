@@ -1,1 +1,1 @@
-"""Faults that can be injected: their text form, effect and schedule."""
+"""Fault injection: the text form, effect and schedule of faults."""

@@ -1,4 +1,4 @@
-"""Faults of the device and of the floor: processor, clock, sensors, wheels, battery, people."""
+"""Kinds of faults of the device and the room: processor, sensors, wheels, battery, people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damage to bytes and frames on a bad line, seeded and independent of how the data is split."""
+"""Damage to bytes and frames on a bad link; reproducible for a seed and any split of the data."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     import numpy as np
 
 _HISTORY = 1024
-"""Number of past bytes kept: the length of the longest duplicate."""
+"""Number of past bytes that are stored; also the maximum length of a duplicate."""
 
 
 class _Hits:
-    """Selects the bytes that are hit, each with the same independent probability.
+    """Selects bytes to damage, each with the same independent probability.
 
-    The class draws the gap to the next hit instead of a value per byte. This costs nothing per byte
-    and does not depend on how the bytes are split.
+    The class draws the distance to the next damaged byte instead of a random value per byte. So it
+    is fast, and the result does not depend on how the bytes are split into pieces.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -27,13 +27,13 @@ class _Hits:
         self._gap = 0
 
     def set_rate(self, rate: float) -> None:
-        """Change the probability; the gap drawn for the old one is discarded."""
+        """Change the probability and discard the distance drawn for the old probability."""
         if rate != self._rate:
             self._rate = rate
             self._draw()
 
     def among(self, count: int) -> list[int]:
-        """Return the positions of the hits among the next ``count`` bytes."""
+        """Return the positions of the damaged bytes among the next ``count`` bytes."""
         if self._rate <= 0.0:
             return []
         found = []
@@ -50,7 +50,7 @@ class _Hits:
 
 
 class LineDamage:
-    """The damage on one direction of the line."""
+    """Damages the data of one direction of the link."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         """Start without damage."""
@@ -62,10 +62,10 @@ class LineDamage:
         self._garble = garble
         self._knobs = WireKnobs()
         self._burst = b""
-        """Remaining noise of a burst that has begun."""
+        """Remaining noise bytes of the present burst."""
         self._before = b""
         self.harmed = 0
-        """Number of bytes (on a bus: frames) that were lost, changed or added so far."""
+        """Number of bytes (on a CAN bus: frames) that were lost, changed or added so far."""
 
     def turn(self, knobs: WireKnobs) -> None:
         """Apply new settings."""
@@ -78,7 +78,7 @@ class LineDamage:
             self._burst = b""
 
     def stretch(self, data: bytes) -> bytes:
-        """Return what arrives of these bytes."""
+        """Return the bytes that arrive when ``data`` is sent."""
         knobs = self._knobs
         if not data:
             return data
@@ -91,7 +91,7 @@ class LineDamage:
             self.harmed += 1
         self._spark(out)
         if knobs.garbled:
-            # Sampling at a wrong rate turns each byte into zero, one or two others.
+            # Sampling at a wrong rate replaces each byte by zero, one or two other bytes.
             count = int(self._garble.integers(0, 2 * len(out) + 1))
             self.harmed += len(out)
             return self._garble.bytes(count)
@@ -103,7 +103,7 @@ class LineDamage:
         return self._cut_and_repeat(out, set(lost), set(again))
 
     def frame(self, record: bytes) -> list[bytes] | None:
-        """Return what arrives of a CAN frame; None: destroyed, and its sender sends it again."""
+        """Return the CAN frames that arrive; None: destroyed, and the sender repeats the frame."""
         knobs = self._knobs
         if knobs.silent:
             self.harmed += 1
@@ -174,11 +174,11 @@ class Delay:
 
     @property
     def idle(self) -> bool:
-        """Whether bytes pass at once."""
+        """Whether bytes pass without delay."""
         return not (self._latency_us or self._jitter_us or self._waiting)
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Take bytes."""
+        """Add bytes that are sent at ``now_us``."""
         jitter_us = int(self._rng.integers(self._jitter_us + 1)) if self._jitter_us else 0
         at_us = now_us + self._latency_us + jitter_us
         if self._waiting:
@@ -186,7 +186,7 @@ class Delay:
         self._waiting.append((at_us, data))
 
     def pull(self, now_us: int) -> bytes:
-        """Return the bytes whose delay is over."""
+        """Return the bytes that have arrived by ``now_us``."""
         count = 0
         while count < len(self._waiting) and self._waiting[count][0] <= now_us:
             count += 1
@@ -194,7 +194,7 @@ class Delay:
         return b"".join(data for _, data in done)
 
     def next_us(self) -> int | None:
-        """Return the time at which the next delay is over, µs, or None."""
+        """Return the time of the next arrival, µs, or None."""
         return self._waiting[0][0] if self._waiting else None
 
     def clear(self) -> None:

@@ -1,4 +1,4 @@
-"""The adjustable parts of a virtual sweeper, which faults change."""
+"""Applies faults to the adjustable parts of a virtual sweeper."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 STEP_US = 20_000
-"""Period of a person's steps, µs: 16 mm at 0.8 m/s."""
+"""Simulation step of a walking person, µs: 16 mm at 0.8 m/s."""
 BODY_GAP_M = 0.02
 """Gap at which a person stops in front of the robot, m."""
 _PLANT = ("stuck_left", "stuck_right", "slip_left", "slip_right", "lifted")
@@ -54,7 +54,7 @@ class FaultTarget:
     # ---- lasting faults -------------------------------------------------------------------
 
     def turn(self, knobs: Knobs, now_us: int) -> None:
-        """Apply the knobs to the device."""
+        """Apply the values of all knobs to the device."""
         device = self._device
         if knobs.carry != self._carry:
             if self._carry is not None:
@@ -80,10 +80,10 @@ class FaultTarget:
                 self._path.step(now_us)
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """Raise an error now for an argument that would otherwise fail only later.
+        """Check the arguments of a fault before its start.
 
         Raises:
-            UnknownObstacleError: there is no such obstacle.
+            UnknownObstacleError: the room has no obstacle with this index.
 
         """
         check_obstacle(self._world.plan, values)
@@ -98,7 +98,7 @@ class FaultTarget:
     # ---- a person -------------------------------------------------------------------------
 
     def next_us(self) -> int | None:
-        """Return the time of the person's next step, µs, or None."""
+        """Return the time of the person's next simulation step, µs, or None."""
         return None if self._path is None else self._path.next_us
 
     def walk(self, now_us: int) -> None:
@@ -109,7 +109,7 @@ class FaultTarget:
     # ---- momentary faults -----------------------------------------------------------------
 
     def strike(self, what: str, values: Mapping[str, Value]) -> None:
-        """Apply a momentary fault; ``what`` is the ``strike`` of its kind."""
+        """Apply a momentary fault; ``what`` is the attribute ``strike`` of its kind."""
         {
             "reset": self._reset,
             "hang": self._hang,
@@ -154,10 +154,10 @@ class FaultTarget:
 
 
 def check_obstacle(plan: FloorPlan, values: Mapping[str, Value]) -> None:
-    """Check that the room has the obstacle that a fault names by its index.
+    """Check that the room has the obstacle with the index in a fault's arguments.
 
     Raises:
-        UnknownObstacleError: there is no such obstacle.
+        UnknownObstacleError: the room has no obstacle with this index.
 
     """
     count = len(plan.obstacles)
@@ -175,7 +175,7 @@ def moved_plan(plan: FloorPlan, moved: Mapping[int, tuple[float, float]]) -> Flo
 
 
 class _Path:
-    """Path of a walker: to and fro across the heading that the robot had at the start."""
+    """Path of a walker: back and forth across the robot's heading at the fault's start."""
 
     def __init__(self, walker: Walker, device: RiggedDevice, now_us: int) -> None:
         pose = device.plant.pose

@@ -1,7 +1,8 @@
-"""The active faults, and their joint effect on device and link.
+"""The active faults, and their combined effect on device and link.
 
-Each change computes all knobs again from the active faults, in the order of their requests. So
-faults compose, and the end of one never ends another.
+At each change, the injector computes all knobs (the values that faults change) again from the
+active faults, in the order of their requests. So faults combine, and the end of a fault has no
+effect on other faults.
 """
 
 from __future__ import annotations
@@ -24,22 +25,22 @@ if TYPE_CHECKING:
 _EVENTS_KEPT = 1000
 _ALL: Mapping[str, str] = MappingProxyType({})
 MAX_FAULTS = 1000
-"""Maximum number of waiting and active faults. It limits the effect of a runaway script."""
+"""Maximum number of waiting and active faults. It limits the effect of a faulty script."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultEvent:
-    """A fault began, struck or ended."""
+    """Event of a fault: a lasting fault began or ended, or a momentary fault was applied."""
 
     t_us: int
     """Time since power-on of the device, µs."""
     what: str
-    """Event: ``began``, ``struck``, ``ended`` or ``cleared``."""
+    """Kind of event: ``began``, ``struck`` (momentary fault), ``ended`` or ``cleared``."""
     spec: FaultSpec
 
     @property
     def text(self) -> str:
-        """Return a line for people."""
+        """Return the event as a line of text."""
         return f"{self.spec.kind.name} {self.what} ({self.spec.text})"
 
 
@@ -61,10 +62,10 @@ class FaultInjector:
         *,
         cannot: Mapping[str, str] = _ALL,
     ) -> None:
-        """Schedule ``specs``; ``cannot`` gives the kinds that this device rejects, and why.
+        """Schedule ``specs``; ``cannot`` maps the kinds that this device rejects to the reasons.
 
         Raises:
-            FaultSpecError: this device rejects one of them.
+            FaultSpecError: this device rejects a fault in ``specs``.
 
         """
         self._bench = FaultTarget(device)
@@ -74,14 +75,14 @@ class FaultInjector:
         self._changed = False
         self.knobs = Knobs()
         self.events: deque[FaultEvent] = deque(maxlen=_EVENTS_KEPT)
-        """Events that were not fetched yet, oldest first."""
+        """Events that :meth:`take_events` has not returned yet, oldest first."""
         for spec in specs:
             self.start(spec)
 
     # ---- requests -------------------------------------------------------------------------
 
     def start(self, fault: FaultSpec | str) -> FaultSpec:
-        """Start a fault at its time; without a time, or with a past one, at once.
+        """Start a fault at its time; at once if the fault has no time or a time in the past.
 
         Raises:
             FaultSpecError: the text is no fault, or this device does not support it.
@@ -99,7 +100,7 @@ class FaultInjector:
         return spec
 
     def check(self, fault: FaultSpec | str) -> FaultSpec:
-        """Read a fault without starting it.
+        """Parse a fault without starting it.
 
         Raises:
             FaultSpecError: the text is no fault, or this device does not support it.
@@ -115,10 +116,10 @@ class FaultInjector:
         return spec
 
     def clear(self, kind: str | None = None) -> int:
-        """End all active and waiting faults of a kind, or of every kind; return their number.
+        """End all active and waiting faults of a kind (None: of all kinds); return their number.
 
         Raises:
-            FaultSpecError: there is no such kind.
+            FaultSpecError: the kind does not exist.
 
         """
         if kind is not None and kind not in KINDS:
@@ -133,7 +134,7 @@ class FaultInjector:
 
     @property
     def active(self) -> list[FaultSpec]:
-        """Return the lasting faults that are in force."""
+        """Return the active lasting faults."""
         return [fault.spec for fault in self._faults if fault.active]
 
     @property
@@ -150,7 +151,7 @@ class FaultInjector:
     # ---- time -----------------------------------------------------------------------------
 
     def lived(self, now_us: int) -> None:
-        """Set the present time; a fault requested without a time starts then."""
+        """Set the present time, at which a fault without a time starts."""
         self._now_us = max(now_us, self._now_us)
 
     def next_us(self) -> int | None:

@@ -1,6 +1,6 @@
-"""All kinds of faults by name: the only list that parsing, help and docs use.
+"""All kinds of faults by name; parser, help and documentation use this list.
 
-Plug-ins add kinds as entry points of the group ``sweepctl.faults``, each a :class:`FaultKind`.
+Plug-ins can add kinds. Each entry point of the group ``sweepctl.faults`` is a :class:`FaultKind`.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 OWN_KINDS: Mapping[str, FaultKind] = MappingProxyType(
     {kind.name: kind for kind in (*WIRE_KINDS, *BODY_KINDS)}
 )
-"""The project's own kinds, which the documentation lists."""
+"""The project's own kinds by name, as listed in the documentation."""
 
 
 def _plugged() -> dict[str, FaultKind]:
-    """Return the kinds of plug-ins, without the invalid ones."""
+    """Return the valid kinds of plug-ins."""
     found: dict[str, FaultKind] = {}
     for plugin, kind in sweepctl_plugins.usable("faults"):
         wrong = _wrong(kind, {**OWN_KINDS, **found})
@@ -40,7 +40,7 @@ def _plugged() -> dict[str, FaultKind]:
 
 
 def _wrong(kind: object, taken: Mapping[str, FaultKind]) -> str:
-    """Return why an object cannot be a kind of fault, or an empty text."""
+    """Return the reason why an object is not a valid kind of fault, or an empty text."""
     if not isinstance(kind, FaultKind):
         return "is no FaultKind"
     if kind.name in taken:
@@ -55,7 +55,7 @@ def _wrong(kind: object, taken: Mapping[str, FaultKind]) -> str:
 
 
 def _guarded(plugin: str, kind: FaultKind, knobs: Knobs, values: Mapping[str, Value]) -> None:
-    """Apply a plug-in's fault; a kind that has raised has no further effect."""
+    """Apply a plug-in's fault; a kind that has raised an exception has no further effect."""
     if kind.turn is None or kind.name in _BROKEN:
         return
     try:
@@ -66,13 +66,13 @@ def _guarded(plugin: str, kind: FaultKind, knobs: Knobs, values: Mapping[str, Va
 
 
 _BROKEN: set[str] = set()
-"""Kinds of plug-ins that have raised."""
+"""Names of the plug-in kinds that have raised an exception."""
 KINDS: Mapping[str, FaultKind] = MappingProxyType({**OWN_KINDS, **_plugged()})
-"""All kinds by name: the project's own and those of plug-ins."""
+"""All kinds by name: the project's own kinds and the kinds of plug-ins."""
 
 
 def parse_fault(text: str) -> FaultSpec:
-    """Read a fault with its time.
+    """Parse a fault with its start time.
 
     Raises:
         FaultSpecError: the kind is unknown, or a time or a value is invalid.
@@ -82,17 +82,17 @@ def parse_fault(text: str) -> FaultSpec:
 
 
 def parse_fault_now(text: str) -> FaultSpec:
-    """Read a fault with an optional time; without one it starts at once.
+    """Parse a fault with an optional start time; without a time it starts at once.
 
     Raises:
-        FaultSpecError: as for :func:`parse_fault`.
+        FaultSpecError: the kind is unknown, or a time or a value is invalid.
 
     """
     return parse_spec(text, KINDS, timed=False)
 
 
 def as_dict(kind: FaultKind) -> dict[str, Any]:
-    """Return a kind as a dictionary for programs."""
+    """Return a kind as a dictionary, for JSON output."""
     return {
         "kind": kind.name,
         "meaning": kind.meaning,

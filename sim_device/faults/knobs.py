@@ -1,4 +1,4 @@
-"""Knobs: the values that faults change. They are computed again from neutral values each time."""
+"""Knobs: the values that faults change. Each change starts again from neutral values."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from sim_device.sensors.faults import SensorFaultValues
 
 @dataclass(slots=True)
 class WireKnobs:
-    """Faults of one direction of the line."""
+    """Faults of one direction of the link."""
 
     flips: float = 0.0
-    """Share of bytes in which one bit is inverted."""
+    """Share of bytes with one inverted bit, 0..1."""
     loss: float = 0.0
-    """Share of bytes that are lost."""
+    """Share of bytes that are lost, 0..1."""
     duplicates: float = 0.0
-    """Share of bytes after which the last ``duplicate_bytes`` are repeated."""
+    """Share of bytes after which the last ``duplicate_bytes`` bytes are repeated, 0..1."""
     duplicate_bytes: int = 0
     bursts: float = 0.0
-    """Share of bytes at which the next ``burst_bytes`` become noise."""
+    """Share of bytes at which a burst starts, 0..1: the next ``burst_bytes`` bytes become noise."""
     burst_bytes: int = 0
     garbled: bool = False
-    """True: the receiver samples at another rate than the sender. No byte arrives intact."""
+    """True: sender and receiver have different baud rates, and no byte arrives intact."""
     silent: bool = False
     """True: nothing arrives."""
     latency_us: int = 0
@@ -37,10 +37,10 @@ def either(a: float, b: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Walker:
-    """A person who walks to and fro across the robot's path."""
+    """A person who walks back and forth across the robot's path."""
 
     ahead_m: float
-    """Distance of the walker's line ahead of the robot's initial place, m."""
+    """Distance of the walker's path ahead of the robot's initial place, m."""
     reach_m: float
     """Distance that the walker goes to either side, m."""
     speed_m_s: float
@@ -49,7 +49,7 @@ class Walker:
 
 @dataclass(frozen=True, slots=True)
 class Carry:
-    """Place where a lifted robot is put down, relative to its old place, in the room's frame."""
+    """Place where a lifted robot is put down, relative to its old place; room frame."""
 
     dx_m: float
     dy_m: float
@@ -58,7 +58,7 @@ class Carry:
 
 @dataclass(slots=True)
 class Knobs(SensorFaultValues):
-    """All knobs: the faults of the sensors, and those below."""
+    """All knobs: the sensor faults, and the attributes below."""
 
     up: WireKnobs = field(default_factory=WireKnobs)
     """Faults from device to host."""
@@ -66,7 +66,7 @@ class Knobs(SensorFaultValues):
     """Faults from host to device."""
     unplugged: bool = False
     bus_off: bool = False
-    """True: the device's CAN controller has left the bus."""
+    """True: the device's CAN controller is in the bus-off state."""
 
     stuck_left: bool = False
     stuck_right: bool = False
@@ -82,9 +82,9 @@ class Knobs(SensorFaultValues):
     """Additional drift of the device's clock, ppm."""
 
     def wires(self, way: str) -> list[WireKnobs]:
-        """Return the directions that ``way`` names: ``up``, ``down`` or ``both``."""
+        """Return the knobs of the direction ``way``: ``up``, ``down`` or ``both``."""
         return {"up": [self.up], "down": [self.down], "both": [self.up, self.down]}[way]
 
     def sides(self, side: str) -> list[str]:
-        """Return the sides that ``side`` names: ``left``, ``right`` or ``both``."""
+        """Return the list of sides for ``left``, ``right`` or ``both``."""
         return ["left", "right"] if side == "both" else [side]

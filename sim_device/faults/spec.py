@@ -1,7 +1,7 @@
-"""Text form of a fault: ``kind@time[:for][:name=value,...]``, read and written; and its parts.
+"""Parses and writes the text form of a fault: ``kind@time[:for][:name=value,...]``.
 
-Times are seconds since power-on of the device. A fault without ``@time`` starts at once, which
-suits a running device. ``@+2`` means two seconds from now.
+The time is the start in seconds since power-on of the device, ``for`` is the duration. ``@+2``
+means two seconds from now. A fault for a running device may omit ``@time``; it then starts at once.
 """
 
 from __future__ import annotations
@@ -43,25 +43,25 @@ class Number:
 
     @property
     def allowed(self) -> str:
-        """Return the range in words."""
+        """Return the allowed range as text."""
         return f"{self.low:g} to {self.high:g}{f' {self.unit}' if self.unit else ''}"
 
     def parse(self, text: str) -> float:
-        """Read a value.
+        """Parse a value.
 
         Raises:
-            ValueError: the text is no number, or out of range.
+            ValueError: the text is not a number, or the number is out of range.
 
         """
         value = float(text)
-        if not self.low <= value <= self.high:  # "nan" is in no range
+        if not self.low <= value <= self.high:  # also true for "nan"
             raise ValueError(text)
         return value
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An argument that is one of several words."""
+    """An argument with a fixed set of allowed words."""
 
     name: str
     meaning: str
@@ -72,14 +72,14 @@ class Choice:
 
     @property
     def allowed(self) -> str:
-        """Return the words."""
+        """Return the allowed words as text."""
         return ", ".join(self.choices)
 
     def parse(self, text: str) -> str:
-        """Read a value.
+        """Parse a value.
 
         Raises:
-            ValueError: the text is none of the words.
+            ValueError: the text is not an allowed word.
 
         """
         if text not in self.choices:
@@ -92,10 +92,10 @@ Argument = Number | Choice
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """A kind of fault, declared once.
+    """Declaration of a kind of fault.
 
-    Exactly one of ``turn`` and ``strike`` is given. ``turn`` changes knobs while a lasting fault is
-    active. ``strike`` names the method that a momentary fault calls.
+    Exactly one of ``turn`` and ``strike`` is set. ``turn`` changes knobs while a lasting fault is
+    active. ``strike`` is the name of the method that applies a momentary fault.
     """
 
     name: str
@@ -104,9 +104,9 @@ class FaultKind:
     arguments: tuple[Argument, ...] = ()
     turn: Callable[[Knobs, Mapping[str, Value]], None] | None = None
     strike: str | None = None
-    """Method of :class:`.fault_target.FaultTarget` that applies a momentary fault."""
+    """Name of the method of :class:`.fault_target.FaultTarget` that applies a momentary fault."""
     default_for_s: float | None = None
-    """Default duration, s; ``None``: until it is cleared."""
+    """Default duration, s; ``None``: until the fault is cleared."""
 
     @property
     def lasting(self) -> bool:
@@ -129,11 +129,11 @@ class FaultSpec:
     """Duration, s; ``None``: until cleared, or momentary."""
     values: Mapping[str, Value]
     relative: bool = False
-    """True: ``at_s`` counts from the request."""
+    """True: ``at_s`` is relative to the time of the request."""
 
     @property
     def text(self) -> str:
-        """Return the fault as text with every argument; reading it gives an equal fault."""
+        """Return the fault as text with all arguments; parsing this text gives an equal fault."""
         at = "" if self.at_s is None else f"@{'+' if self.relative else ''}{_number(self.at_s)}"
         lasts = "" if self.for_s is None else f":{_number(self.for_s)}"
         values = ",".join(
@@ -149,10 +149,10 @@ def _number(value: float) -> str:
 
 
 def parse_spec(text: str, kinds: Mapping[str, FaultKind], *, timed: bool = True) -> FaultSpec:
-    """Read ``kind@time[:for][:name=value,...]``.
+    """Parse ``kind@time[:for][:name=value,...]``.
 
-    Values may also come without names, in the order of the kind's arguments. With ``timed`` a time
-    is required, because there is no "now" to start at.
+    Values may also be given without names, in the order of the kind's arguments. With ``timed`` a
+    start time is required, because the device does not run yet and "at once" has no meaning.
 
     Raises:
         FaultSpecError: the kind is unknown, or a time or a value is invalid.
@@ -188,7 +188,7 @@ def _kind(text: str, name: str, kinds: Mapping[str, FaultKind]) -> FaultKind:
 
 
 def _is_duration(text: str) -> bool:
-    """Return whether a part that is no plain number has a unit of time."""
+    """Return whether a part of the text is a duration with a unit of time."""
     return "=" not in text and (_is_number(text.removesuffix("ms")) or _is_number(text[:-1]))
 
 
@@ -222,7 +222,7 @@ def _values(text: str, kind: FaultKind, part: str) -> dict[str, Value]:
     items = [item.strip() for item in part.split(",")] if part else []
     for position, item in enumerate(items):
         name, equals, value = item.partition("=")
-        if not equals:  # by its position
+        if not equals:  # an argument without a name
             if position >= len(kind.arguments):
                 raise FaultSpecError(text, f"{item[:40]!r} is too much; {_takes(kind)}")
             name, value = kind.arguments[position].name, item

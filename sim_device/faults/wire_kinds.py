@@ -1,7 +1,7 @@
-"""Faults of the line: the effect of cables, adapters, drivers and sparks on bytes.
+"""Kinds of faults of the link: effects of cables, adapters, drivers and interference on bytes.
 
-On a CAN bus they act on frames. The controllers find a damaged frame by its CRC and send it again,
-so flips and bursts cost time but never change content.
+On a CAN bus these faults act on frames. A CAN controller detects a damaged frame by its CRC, and
+the sender repeats it. So bit flips and bursts cause delays, but never wrong data.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The line between the virtual sweeper and its host."""
+"""Model of the link (UART, USB adapter, CAN bus) between the virtual sweeper and its host."""

@@ -1,21 +1,22 @@
 """Error counters of the device's CAN controller: fault confinement (ISO 11898-1, 12.1.4).
 
-The model is simplified: an error counts either for the sender (+8) or for the receiver (+1). A
-missing acknowledgement is no error, so a missing host does not silence the device.
+The model is simplified: an error increases either the sender's counter (by 8) or the receiver's
+counter (by 1). A missing acknowledgement does not count as an error, so a device without a host
+stays on the bus.
 """
 
 from __future__ import annotations
 
 SEND_ERROR, RECEIVE_ERROR = 8, 1
-"""Increase of the send or the receive error counter after an error; a good frame decreases it by
-1."""
+"""Increase of the send error counter and of the receive error counter after an error. A good frame
+decreases the counter by 1."""
 RECEIVE_MAX = 127
-"""Maximum of the receive error counter; more errors have no effect on the bus."""
+"""Maximum of the receive error counter; further errors have no effect."""
 OFF_AT = 256
 """Value of the send error counter at which the controller leaves the bus."""
 SHOWN_MAX = 255
 RECOVERY_BITS = 128 * 11
-"""Number of recessive bits after which a bus-off controller returns by itself (bxCAN: ABOM)."""
+"""Number of recessive bits after which a controller ends bus-off by itself (bxCAN setting ABOM)."""
 
 
 class CanController:
@@ -24,12 +25,12 @@ class CanController:
     def __init__(self) -> None:
         self._send = self._receive = 0
         self.offs = 0
-        """Number of times that the controller has left the bus."""
+        """Number of bus-off events."""
         self.is_off = False
 
     @property
     def send_errors(self) -> int:
-        """Send error counter (TEC), as its register shows it."""
+        """Send error counter (TEC), as in the controller's register."""
         return SHOWN_MAX if self.is_off else min(SHOWN_MAX, self._send)
 
     @property
@@ -46,18 +47,18 @@ class CanController:
             self.leave()
 
     def received(self, *, good: bool) -> None:
-        """Count a frame of another node."""
+        """Count a frame from another node; ``good`` is False if the frame was destroyed."""
         if not self.is_off:
             change = -1 if good else RECEIVE_ERROR
             self._receive = min(RECEIVE_MAX, max(0, self._receive + change))
 
     def leave(self) -> None:
-        """Leave the bus."""
+        """Enter the bus-off state."""
         if not self.is_off:
             self.is_off = True
             self.offs += 1
 
     def rejoin(self) -> None:
-        """Return to the bus, or start again after a reset of the chip."""
+        """Reset the error counters and join the bus, after bus-off or a reset of the chip."""
         self.is_off = False
         self._send = self._receive = 0

@@ -1,4 +1,4 @@
-"""The device's end of its line: counters of its queues and of its CAN controller."""
+"""The device's end of its link: counters of the queues and of the CAN controller."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 class DeviceEnd:
-    """Counters since the chip's boot. Reception loses nothing: the line holds the host back."""
+    """Counters since the chip's boot. Flow control prevents losses of received data."""
 
     def __init__(self, up: Channel, controller: CanController | None) -> None:
-        """Count what ``up`` drops; ``controller`` is None for a device without a CAN bus."""
+        """Count the data that ``up`` drops; ``controller`` is None without a CAN bus."""
         self._up, self._controller = up, controller
         self._dropped = self._offs = 0
-        """Counts at the boot."""
+        """Counter values at the boot."""
 
     def boot(self) -> None:
         """Reset the counters, because the chip's memory and controller are reset."""
@@ -28,9 +28,9 @@ class DeviceEnd:
             self._controller.rejoin()
 
     def state(self, now_us: int) -> tuple[int, int, int, bool, int]:
-        """Return what a chip sees: room, send and receive errors, bus-off now, bus-offs since boot.
+        """Return free space, send and receive errors, bus-off now, bus-off events since boot.
 
-        The room is in bytes, on a bus in frames.
+        The free space is in bytes, or in frames on a CAN bus.
         """
         room, controller = self._up.space(now_us), self._controller
         if controller is None:

@@ -1,15 +1,16 @@
-"""Timing of the line between device and host: UART, USB adapter, CAN bus, and their buffers.
+"""Timing of the link between device and host: UART, USB adapter, CAN bus, and their buffers.
 
-Sans-I/O: bytes and time go in with :meth:`Channel.push`; :meth:`Channel.pull` returns the bytes
-that have arrived by a moment, and :meth:`Channel.next_us` the time of the next arrival. One channel
-is one direction. Times are microseconds since power-on of the device and never go back.
+A channel models one direction; it has no I/O and no clock. :meth:`Channel.push` sends bytes at a
+given time, and :meth:`Channel.pull` returns the bytes that have arrived by a given time.
+:meth:`Channel.next_us` returns the time of the next arrival. Times are microseconds since power-on
+of the device and never decrease.
 
-Model from device to host: the device's transmit buffer; the UART with 10 bits per byte (8N1); the
-adapter. The adapter delivers when it holds 62 bytes or when its latency timer expires. Its timer
-runs freely from the last delivery (FTDI AN232B-04); 62 is a 64-byte USB packet minus two status
-bytes. Model from host to device: the adapter's buffer and the UART. USB flow control holds back a
-host that writes faster, so no byte is lost there. The port's owner (:class:`sim_device.rig.Rig`)
-models the adapter's buffer for a host that does not read.
+The model from device to host has three parts: the device's transmit buffer, the UART with 10 bits
+per byte (8N1), and the adapter. The adapter delivers its data when it has 62 bytes (a 64-byte USB
+packet minus two status bytes) or when its latency timer expires. The timer restarts at each
+delivery and then fires periodically (FTDI AN232B-04). The model from host to device has two parts:
+the adapter's buffer and the UART. USB flow control blocks a host that writes faster, so no byte is
+lost. :class:`sim_device.rig.Rig` models the adapter's buffer for a host that does not read.
 """
 
 from __future__ import annotations
@@ -38,66 +39,70 @@ FIFO_BYTES = 4096
 TRANSMIT_BYTES = 4096
 """Size of the device's buffer for bytes that wait for the UART, bytes."""
 CAN_QUEUE = 64
-"""Number of frames that can wait for the bus, in the controller's mailboxes and the driver's queue.
+"""Maximum number of frames that wait for the bus, in the controller's mailboxes and the driver's
+queue.
 """
 CONTROLLER_FRAMES = 7
-"""Number of frames that a chip has handed over and cannot reorder: three in mailboxes, and four in
-the board's driver (``stm32f429/can.c``)."""
+"""Number of frames that the firmware can no longer reorder: three in the controller's mailboxes,
+and four in the board's driver (``stm32f429/can.c``)."""
 NO_LIMIT = 0xFFFF_FFFF
-"""Space of a line that takes everything."""
+"""Free space of a link without a limit."""
 _US = 1_000_000
 _CHUNK = 64
-"""Maximum number of bytes after which the device reads its receive buffer: half a DMA ring."""
+"""Maximum number of bytes after which the device reads its receive buffer: half of a DMA ring
+buffer."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """Connection of a device; the defaults are a USB serial adapter in low-latency mode."""
+    """Settings of the link; the defaults are a USB serial adapter in low-latency mode."""
 
     baud: int = DEFAULT_BAUD
-    """Baud rate of the UART; 0: bytes take no time."""
+    """Baud rate of the UART, bit/s; 0: bytes need no time."""
     latency_us: int = DEFAULT_LATENCY_US
-    """Latency timer of the adapter, µs; 0: no adapter. The line then delivers when it becomes idle.
+    """Latency timer of the adapter, µs; 0: no adapter. Data then arrives when the UART becomes
+    idle.
     """
     bitrate: int = 0
-    """Bit rate of a CAN bus, instead of ``baud``; 0: no bus."""
+    """Bit rate of a CAN bus, bit/s, which replaces ``baud``; 0: no bus."""
 
 
 STRAIGHT = LineSettings(0, 0)
-"""A line without delay or limit, for tests and for callers that model the line themselves."""
+"""Settings of a link without delay or limit, for tests and for callers with their own link
+model."""
 
 
 class Channel(ABC):
-    """One direction of a line."""
+    """One direction of a link."""
 
     def __init__(self) -> None:
         self.overrun = 0
-        """Number of bytes lost because a buffer on this side of the line was full."""
+        """Number of bytes lost because the buffer at the sending end was full."""
         self.dropped = 0
-        """Number of frames that lost bytes in this way."""
+        """Number of frames that lost bytes because the buffer was full."""
 
     @abstractmethod
     def push(self, data: bytes, now_us: int) -> None:
-        """Write bytes at the near end."""
+        """Send bytes into the channel."""
 
     @abstractmethod
     def pull(self, now_us: int) -> bytes:
-        """Return what has arrived at the far end."""
+        """Return the bytes that have arrived at the receiving end by ``now_us``."""
 
     @abstractmethod
     def next_us(self) -> int | None:
-        """Time of the next arrival, µs; ``None``: nothing is in flight."""
+        """Time of the next arrival, µs; ``None``: no data is on its way."""
 
     @abstractmethod
     def clear(self) -> None:
-        """Drop the bytes in flight, as an unplugged cable does."""
+        """Drop the bytes on their way, as if the cable were unplugged."""
 
     def room(self) -> int:
         """Return the number of bytes that can be pushed now without loss."""
         return FIFO_BYTES
 
     def space(self, now_us: int) -> int:  # noqa: ARG002 - a line that takes everything has no clock
-        """Return how much a chip at the near end can hand over now: bytes, on a bus frames."""
+        """Return how much a chip can send now without loss: bytes, or frames on a CAN bus."""
         return NO_LIMIT
 
 
@@ -124,7 +129,7 @@ class StraightChannel(Channel):
         return data
 
     def next_us(self) -> int | None:
-        """Return the present time if there are bytes."""
+        """Return the time of the newest bytes, or None without bytes."""
         return self._at_us if self._data else None
 
     def clear(self) -> None:
@@ -133,7 +138,7 @@ class StraightChannel(Channel):
 
 
 class Wire:
-    """A UART's shift register and its queue, exact to the microsecond."""
+    """A UART's transmit queue and shift register, exact to the microsecond."""
 
     def __init__(self, baud: int, capacity: int) -> None:
         self._baud = baud
@@ -141,7 +146,7 @@ class Wire:
         self._waiting = bytearray()
         self._began_us = 0
         self._sent = 0
-        """Number of bytes sent since ``_began_us``, when the line was last idle."""
+        """Number of bytes sent since ``_began_us``, the last time at which the UART was idle."""
         self.overrun = 0
 
     def __len__(self) -> int:
@@ -153,7 +158,7 @@ class Wire:
         return self._capacity - len(self._waiting)
 
     def put(self, data: bytes, now_us: int) -> None:
-        """Queue the bytes that fit; the rest is lost and counted. The line must be up to date."""
+        """Queue the bytes that fit; count and drop the rest. Call :meth:`take` before."""
         if not self._waiting and data and now_us >= self.after_us(0):
             self._began_us, self._sent = now_us, 0
         room = self.room
@@ -163,17 +168,17 @@ class Wire:
         self._waiting += data
 
     def left_by(self, now_us: int) -> int:
-        """Return how many of the waiting bytes have left by a time."""
+        """Return the number of queued bytes that are sent by ``now_us``."""
         sent = (now_us - self._began_us) * self._baud // (BITS_PER_BYTE * _US)
         return min(len(self._waiting), max(0, sent - self._sent))
 
     def after_us(self, count: int) -> int:
-        """Return the time at which ``count`` more bytes will have left, rounded up."""
+        """Return the time at which ``count`` more bytes will be sent, rounded up."""
         bits = (self._sent + count) * BITS_PER_BYTE * _US
         return self._began_us + -(-bits // self._baud)
 
     def take(self, now_us: int, limit: int | None = None) -> bytes:
-        """Return the bytes that have left by now, at most ``limit``."""
+        """Return the bytes that are sent by ``now_us``, at most ``limit``."""
         if not self._waiting:
             return b""
         count = self.left_by(now_us)
@@ -190,7 +195,7 @@ class Wire:
 
 
 class UartUp(Channel):
-    """Device to host: transmit buffer, UART, adapter with its latency timer."""
+    """Channel from device to host: transmit buffer, UART, adapter with its latency timer."""
 
     def __init__(self, baud: int, latency_us: int, damage: Callable[[bytes], bytes]) -> None:
         super().__init__()
@@ -200,7 +205,8 @@ class UartUp(Channel):
         self._packet = bytearray()
         self._handed = bytearray()
         self._timer_us = 0
-        """A time at which the timer fired; it has fired every ``latency_us`` since."""
+        """Reference time of the latency timer, µs; it fires every ``latency_us`` after this
+        time."""
 
     def push(self, data: bytes, now_us: int) -> None:
         """Put bytes into the device's transmit buffer."""
@@ -230,7 +236,7 @@ class UartUp(Channel):
         self._handed.clear()
 
     def space(self, now_us: int) -> int:
-        """Return the number of bytes that the transmit buffer takes now."""
+        """Return the number of bytes that fit the transmit buffer now."""
         return self._wire.room + self._wire.left_by(now_us)
 
     def _next_packet_us(self) -> int | None:
@@ -246,7 +252,7 @@ class UartUp(Channel):
         return timer_us if full_us is None else min(full_us, timer_us)
 
     def _fires_us(self, at_least_us: int) -> int:
-        """Return the first time from ``at_least_us`` on at which the timer fires."""
+        """Return the first time, not before ``at_least_us``, at which the timer fires."""
         periods = -(-(at_least_us - self._timer_us) // self._latency_us)
         return self._timer_us + periods * self._latency_us
 
@@ -260,9 +266,9 @@ class UartUp(Channel):
 
 
 class UartDown(Channel):
-    """Host to device: the adapter's buffer and the UART.
+    """Channel from host to device: the adapter's buffer and the UART.
 
-    The device receives bytes when the link falls idle, and after each 64.
+    The device receives the bytes when the UART becomes idle, and after every 64 bytes.
     """
 
     def __init__(self, baud: int, damage: Callable[[bytes], bytes]) -> None:
@@ -271,12 +277,12 @@ class UartDown(Channel):
         self._damage = damage
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Pass bytes to the adapter; :meth:`room` gives the free space."""
+        """Send bytes to the adapter; :meth:`room` is its free space."""
         self._wire.put(data, now_us)
         self.overrun = self._wire.overrun
 
     def pull(self, now_us: int) -> bytes:
-        """Return the bytes that have come out of the UART."""
+        """Return the bytes that the device has received by ``now_us``."""
         data = self._wire.take(now_us)
         return self._damage(data) if data else b""
 
@@ -286,7 +292,7 @@ class UartDown(Channel):
         return self._wire.after_us(min(waiting, _CHUNK)) if waiting else None
 
     def room(self) -> int:
-        """Return the number of bytes that the adapter takes."""
+        """Return the free space of the adapter, bytes."""
         return self._wire.room
 
     def clear(self) -> None:
@@ -295,10 +301,11 @@ class UartDown(Channel):
 
 
 class CanChannel(Channel):
-    """Frames of 16 bytes over a bus; the controller repeats a damaged frame.
+    """A channel of frames (16 bytes each) over a CAN bus; the controller repeats a damaged frame.
 
-    Each frame takes its time with worst-case bit stuffing. The adapter's latency is a delay. Frames
-    of the other direction do not delay a frame (the bus load is a few per cent).
+    The transmission time of a frame includes worst-case bit stuffing. The adapter's latency is
+    added as a delay. The model ignores delays by frames of the other direction, because the bus
+    load is only a few per cent.
     """
 
     def __init__(
@@ -310,9 +317,11 @@ class CanChannel(Channel):
         sends: CanController | None = None,
         receives: CanController | None = None,
     ) -> None:
-        """``damage`` returns what becomes of a frame; None: it is destroyed and sent again.
+        """Create the channel.
 
-        ``sends`` and ``receives`` count the frames and errors of the device's controller.
+        ``damage`` returns the frames that arrive when a frame is sent; None: the frame is destroyed
+        and sent again. ``sends`` and ``receives`` count frames and errors in the device's
+        controller.
         """
         super().__init__()
         self._sends, self._receives = sends, receives
@@ -321,11 +330,11 @@ class CanChannel(Channel):
         self._damage = damage
         self._queue: deque[bytes] = deque()
         self._sent_us = 0
-        """Time at which the first frame of the queue will have been sent, µs."""
+        """Time at which the transmission of the first frame in the queue ends, µs."""
         self._arriving: deque[tuple[int, bytes]] = deque()
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Queue frames; those without room are lost."""
+        """Queue frames; frames that do not fit are lost."""
         self._run(now_us)
         for start in range(0, len(data) - RECORD.size + 1, RECORD.size):
             record = data[start : start + RECORD.size]
@@ -346,18 +355,18 @@ class CanChannel(Channel):
         return data
 
     def next_us(self) -> int | None:
-        """Return the time at which the next frame arrives, or has been sent."""
+        """Return the time at which the next frame arrives, or its transmission ends."""
         times = [self._sent_us] if self._queue else []
         if self._arriving:
             times.append(self._arriving[0][0])
         return min(times, default=None)
 
     def room(self) -> int:
-        """Return the number of bytes of the frames that still fit."""
+        """Return the free space in bytes, for whole frames."""
         return (CAN_QUEUE - len(self._queue)) * RECORD.size
 
     def space(self, now_us: int) -> int:
-        """Return the number of frames that the controller takes now."""
+        """Return the number of frames that the controller accepts now."""
         self._run(now_us)
         return max(0, CONTROLLER_FRAMES - len(self._queue))
 
@@ -377,7 +386,7 @@ class CanChannel(Channel):
                 self._sent_us += self._duration_us(self._queue[0])
 
     def _count(self, *, good: bool) -> None:
-        """Let the device's controller count a frame; one that leaves the bus is back soon."""
+        """Count a frame in the device's controller; schedule its return after bus-off."""
         if self._receives is not None:
             self._receives.received(good=good)
         sender = self._sends

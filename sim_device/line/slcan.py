@@ -1,7 +1,7 @@
-"""A serial CAN adapter with the LAWICEL protocol: it converts lines of text to frames and back.
+"""Model of a serial CAN adapter with the LAWICEL protocol: converts text lines to frames and back.
 
-Sans-I/O. A command ends with CR. The answer is the requested value and CR, or BELL for an invalid
-command. Frames are the 16 bytes of :data:`protocol.can.frames.RECORD`.
+The module has no I/O. A command ends with CR. The answer is the requested value and CR, or BELL for
+an invalid command. A frame is passed as the 16 bytes of :data:`protocol.can.frames.RECORD`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ VERSION, SERIAL = b"V1013", b"NSW01"
 BUS_ERROR = 0x80
 """Status flag of a bus error."""
 SHORTEST_LINE = 6
-"""Minimum length of a frame line, characters: a standard frame without data, ``t1230`` and CR."""
+"""Minimum length of a line with a frame, characters: a standard frame without data (``t1230`` and
+CR)."""
 LONGEST_LINE = 32
-"""Maximum length of a line, characters: an extended frame with 8 bytes and a time stamp has 30."""
+"""Maximum length of a line, characters. An extended frame with 8 bytes and a time stamp has 30."""
 _EXTENDED, _REMOTE, _FLAGS = 0x8000_0000, 0x4000_0000, 0xE000_0000
 _KINDS = {b"t": (3, 0), b"T": (8, _EXTENDED), b"r": (3, _REMOTE), b"R": (8, _EXTENDED | _REMOTE)}
 """Number of identifier digits and flags for each frame command."""
@@ -35,7 +36,7 @@ _MAX_LENGTH = 8
 
 
 class SlcanAdapter:
-    """One adapter, between a host's serial port and a bus."""
+    """One adapter between a host's serial port and a CAN bus."""
 
     def __init__(self, bus_bitrate: int = 500_000) -> None:
         self.is_open = False
@@ -47,7 +48,7 @@ class SlcanAdapter:
         self._overlong = False
 
     def feed(self, data: bytes) -> tuple[bytes, bytes]:
-        """Take bytes of the serial port; return frames for the bus, and the answer."""
+        """Process bytes from the serial port; return frames for the bus, and the answer."""
         records: list[bytes] = []
         answers: list[bytes] = []
         lines = (self._line + data).split(OK)
@@ -90,7 +91,7 @@ class SlcanAdapter:
         if record is None or not self.is_open or self.listens_only:
             return BELL
         if self._bitrate != self._bus_bitrate:
-            self._flags |= BUS_ERROR  # no node acknowledges it
+            self._flags |= BUS_ERROR  # no node acknowledges the frame
             return BELL
         records.append(record)
         return OK
@@ -108,7 +109,7 @@ class SlcanAdapter:
 
 
 def parse_frame(line: bytes) -> bytes | None:
-    """Return ``tIIILDD…`` and similar lines as a record; None if a line is invalid."""
+    """Convert a line such as ``tIIILDD…`` to a 16-byte record; None if the line is invalid."""
     digits, flags = _KINDS[line[:1]]
     head, rest = line[1 : 2 + digits], line[2 + digits :]
     try:
@@ -123,7 +124,7 @@ def parse_frame(line: bytes) -> bytes | None:
 
 
 def format_frame(record: bytes) -> bytes:
-    """Return a record as the line that an adapter sends, without a time stamp."""
+    """Convert a 16-byte record to the line that an adapter sends, without a time stamp."""
     word, length, data = RECORD.unpack(record)
     extended, remote = bool(word & _EXTENDED), bool(word & _REMOTE)
     kind = ("R" if extended else "r") if remote else ("T" if extended else "t")

@@ -1,7 +1,7 @@
-"""The emulator's only I/O: pseudo-terminals, TCP, CAN buses, QEMU, the control socket, the clock.
+"""All I/O of the emulator: pseudo-terminals, TCP, CAN buses, QEMU, control socket, clock.
 
-Like a UART, a port works without a listener: bytes that do not fit its buffers are dropped and
-counted.
+Like a UART, a port also works without a connected host. Bytes that do not fit its buffers are
+dropped and counted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Interface of a port to the loop that serves it."""
+"""Interface between a port and the serving loop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class PortUnavailableError(OSError):
-    """The port cannot be made; the message is one line for people."""
+    """The port cannot be created; the message is one line for the user."""
 
 
 class DevicePort(ABC):
@@ -25,10 +25,7 @@ class DevicePort(ABC):
 
     @abstractmethod
     def filenos(self) -> list[int]:
-        """File descriptors that become readable when :meth:`read` has work.
-
-        None while unplugged.
-        """
+        """File descriptors that become readable when there is data; empty while unplugged."""
 
     @abstractmethod
     def read(self, limit: int = FIFO_BYTES) -> bytes:
@@ -38,28 +35,28 @@ class DevicePort(ABC):
     def write(self, data: bytes) -> int:
         """Write the bytes that fit; return their number.
 
-        Bytes without a listener count as written.
+        Without a connected host, all bytes count as written.
         """
 
     def tend(self) -> None:  # noqa: B027 - most ports have nothing to do
-        """Do the port's timed work; called at every turn of the loop."""
+        """Do the port's timed work; the serving loop calls this in each iteration."""
 
     @abstractmethod
     def unplug(self) -> None:
-        """Disappear, as if the cable were pulled."""
+        """Remove the port, as if the cable were unplugged."""
 
     @abstractmethod
     def plug(self) -> None:
-        """Come back under the same name, if the port has a name of its own.
+        """Create the port again after :meth:`unplug`, with the same name if it has a stable name.
 
         Raises:
-            PortUnavailableError: another process has the name by now.
+            PortUnavailableError: another process uses the name now.
 
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Close the port and leave nothing behind."""
+        """Close the port and remove its files."""
 
     def __enter__(self) -> Self:
         return self
@@ -92,7 +89,7 @@ class Stopper:
         return self._read.fileno()
 
     def close(self) -> None:
-        """Close the sockets; the stopper cannot wake a loop any more."""
+        """Close the sockets; :meth:`stop` has no effect afterwards."""
         self._read.close()
         self._write.close()
 

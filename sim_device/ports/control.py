@@ -1,20 +1,20 @@
-"""The emulator's control socket: change faults and read the truth while it runs.
+"""The emulator's control socket: change faults and read the true state while it runs.
 
 It is a Unix socket that only its owner may open (mode 0600). A request is one line of text. An
 answer is one line of JSON: ``{"ok": true, ...}`` or ``{"ok": false, "error": "..."}``.
 
 ``start SPEC``
-    starts a fault, at once if SPEC has no time; returns its full text
+    starts a fault (at once if SPEC has no time); returns the complete text of the fault
 ``check SPEC``
-    returns the same as ``start``, but starts nothing
+    returns the same text as ``start``, but does not start the fault
 ``clear [KIND]``
-    ends the faults of a kind, or all; returns their number
+    ends all faults, or all faults of a kind; returns their number
 ``list``
     returns the active and the waiting faults
 ``truth``
     returns the robot's true pose and the plant's counters
 ``line``
-    returns what went over the line, and what was lost on it
+    returns the numbers of bytes that the link has transferred and lost
 """
 
 from __future__ import annotations
@@ -43,21 +43,22 @@ MAX_ANSWER = 1 << 20
 
 
 class ControlServer:
-    """Answers requests on the socket, one turn at a time, from the serving loop."""
+    """Answers requests on the socket; the serving loop calls :meth:`turn`."""
 
     def __init__(self, path: Path) -> None:
-        """Listen.
+        """Listen on the socket ``path``.
 
         Raises:
-            PortUnavailableError: this system has no Unix sockets, another emulator listens there,
-                or the path is taken or too long.
+            PortUnavailableError: this system has no Unix sockets, another emulator listens on the
+                path, or the path is in use or too long.
 
         """
         if not hasattr(socket, "AF_UNIX"):
             raise PortUnavailableError("a control socket needs Linux or macOS")
         self.path = path
         self._clients: dict[socket.socket, bytes] = {}
-        """Each client's incomplete line; the client idle for the longest time comes first."""
+        """Incomplete request line of each client; the client that is idle for the longest time is
+        first."""
         with folder_locked(path):
             self._listener = socket.socket(socket.AF_UNIX)
             try:
@@ -99,7 +100,7 @@ class ControlServer:
         with suppress(OSError):
             client, _ = self._listener.accept()
             client.setblocking(False)  # noqa: FBT003 - positional in C
-            if len(self._clients) >= MAX_CLIENTS:  # an idle client must not keep others out
+            if len(self._clients) >= MAX_CLIENTS:  # an idle client must not block new clients
                 longest_idle = next(iter(self._clients))
                 del self._clients[longest_idle]
                 longest_idle.close()
@@ -114,19 +115,19 @@ class ControlServer:
             return
         except OSError:
             data = b""
-        # now last in the order of idle clients
+        # inserted again below, as the last in the order of idle clients
         *lines, rest = (self._clients.pop(client) + data).split(b"\n")
         self._clients[client] = rest
         for line in lines:
             reply = answer(line.decode(errors="replace"), rig)
-            with suppress(OSError):  # it has left or does not read; the answer is lost
+            with suppress(OSError):  # client disconnected or does not read: no answer
                 client.send(json.dumps(reply).encode() + b"\n")
         if not data or len(rest) > MAX_LINE:
             del self._clients[client]
             client.close()
 
     def close(self) -> None:
-        """Close all connections; remove the socket's name unless another process has it now."""
+        """Close all connections; remove the socket file unless another process has replaced it."""
         for client in self._clients:
             client.close()
         self._clients.clear()
@@ -185,7 +186,7 @@ def ask_control(path: Path, line: str) -> dict[str, Any]:
     """Send a request to a running emulator and return its answer.
 
     Raises:
-        PortUnavailableError: no emulator listens there, or its answer is invalid.
+        PortUnavailableError: no emulator listens on the path, or its answer is invalid.
 
     """
     if not hasattr(socket, "AF_UNIX"):

@@ -22,23 +22,24 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PATIENCE_S = 10.0
-"""Maximum time of one call, s. A call takes microseconds, so a longer one is an endless loop."""
+"""Maximum time of one call, s. A normal call takes microseconds, so a longer call is an endless
+loop."""
 END_S = 5.0
 """Maximum time for the process to end after the last request, s."""
 _ROOT = Path(__file__).resolve().parents[2]
 _TAG = b"sweepctl-core: "
-"""Start of the lines of a backtrace on stderr: see ``board_virtual/crash.c``."""
+"""Prefix of backtrace lines on stderr: see ``board_virtual/crash.c``."""
 _KEPT = 65_536
-"""Maximum number of bytes of the last output that are kept to explain a crash."""
+"""Maximum number of bytes of the latest output that are stored for a crash report."""
 _SANITIZERS = re.compile(rb"lib(?:asan|tsan|ubsan)\.so(?:\.\d+)*")
 _REPORTED = re.compile(
     r"^(=+\d+=+ *ERROR: .*|.*: runtime error: .*|SUMMARY: .*|.*Assertion .*)$", re.MULTILINE
 )
-"""Lines of a sanitizer or of ``assert`` that describe the crash."""
+"""Pattern of the lines of a sanitizer or of ``assert`` that describe the crash."""
 
 
 class CoreProcess:
-    """A chip in another process. ``answer`` handles the chip's own requests."""
+    """A chip in a child process."""
 
     def __init__(
         self,
@@ -48,12 +49,13 @@ class CoreProcess:
         debugged: bool = False,
         started: Callable[[int], None] = lambda _pid: None,
     ) -> None:
-        """Start the process with ``library``; ``started`` gets its id before the first boot.
+        """Start the process with ``library``.
 
-        With ``debugged`` a call may take any time.
+        ``answer`` answers the chip's requests. ``started`` is called with the process id before the
+        first boot. With ``debugged``, a call may take any time.
 
         Raises:
-            FirmwareLibraryError: the file is not such a library.
+            FirmwareLibraryError: the file is not a firmware library.
             FirmwareCrashError: the firmware crashed while it was loaded.
 
         """
@@ -65,7 +67,7 @@ class CoreProcess:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             bufsize=0,
-            start_new_session=True,  # Ctrl-C is ours: the robot stops first
+            start_new_session=True,  # Ctrl-C is for this process, which first stops the robot
         )
         process = self._process
         assert process.stdin is not None  # noqa: S101 - Popen was given PIPE
@@ -120,14 +122,14 @@ class CoreProcess:
     def _read(self) -> tuple[int, bytes]:
         try:
             if not self._debugged and not select.select([self._reading], [], [], PATIENCE_S)[0]:
-                self._process.send_signal(signal.SIGABRT)  # prints where the program is
+                self._process.send_signal(signal.SIGABRT)  # the process prints its backtrace
                 raise self._crash(f"does not return within {PATIENCE_S:g} s")
             return self._pipes.read()
-        except (OSError, EOFError, ValueError):  # ValueError: the pipe was closed
+        except (OSError, EOFError, ValueError):  # ValueError: the pipe is closed
             raise self._crash() from None
 
     def _crash(self, what: str | None = None) -> FirmwareCrashError:
-        """Return the error that describes the end of the process, after ending it."""
+        """End the process; return the error that describes the crash."""
         self.close()
         text = self._output.text()
         said = _REPORTED.search(text)
@@ -144,7 +146,7 @@ class CoreProcess:
 
 
 class _Output:
-    """Output of the process on stderr. It is passed on at once, except a backtrace."""
+    """Output of the process on stderr. It is forwarded at once, except for a backtrace."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stderr is not None  # noqa: S101 - Popen was given PIPE
@@ -166,16 +168,16 @@ class _Output:
                     sys.stderr.flush()
 
     def end(self) -> None:
-        """Wait for the rest."""
+        """Wait for the rest of the output."""
         self._thread.join(END_S)
         self._stream.close()
 
     def text(self) -> str:
-        """The last of it."""
+        """Return the last lines of the output."""
         return self._kept.decode(errors="replace")
 
     def backtrace(self) -> list[tuple[int, Path]]:
-        """Address and file of each frame, the innermost first."""
+        """Return address and file of each stack frame, the innermost frame first."""
         frames = []
         for line in self._trace:
             address, _, path = line.partition(b" ")
@@ -192,7 +194,7 @@ def _signal_name(number: int) -> str:
 
 
 def _environment(library: Path) -> dict[str, str]:
-    """Preload the sanitizers that the library was built with: they must come first in a process."""
+    """Return an environment that preloads the library's sanitizers, which must be loaded first."""
     environment = dict(os.environ)
     path = environment.get("PYTHONPATH")
     environment["PYTHONPATH"] = os.pathsep.join([str(_ROOT), path] if path else [str(_ROOT)])
@@ -200,18 +202,18 @@ def _environment(library: Path) -> dict[str, str]:
         names = sorted({found.decode() for found in _SANITIZERS.findall(library.read_bytes())})
         if names:
             environment["LD_PRELOAD"] = " ".join(names)
-            # Python itself keeps memory at its end; a report names the place in full.
+            # Python does not free all memory at exit, so leak detection is off.
             environment.setdefault("ASAN_OPTIONS", "detect_leaks=0")
             environment.setdefault("UBSAN_OPTIONS", "print_stacktrace=1")
     return environment
 
 
 def _symbolised(frames: list[tuple[int, Path]]) -> list[str]:
-    """Function, file and line of each frame, by ``addr2line`` where that is installed."""
+    """Return function, file and line of each stack frame, by ``addr2line`` if it is installed."""
     program = shutil.which("addr2line")
     lines = []
     for place, (address, path) in enumerate(frames):
-        where = address if place == 0 else address - 1  # behind a call; the first has made none
+        where = address if place == 0 else address - 1  # a return address is behind its call
         text = ""
         if program is not None:
             done = subprocess.run(  # noqa: S603 - found on the path
@@ -227,7 +229,7 @@ def _symbolised(frames: list[tuple[int, Path]]) -> list[str]:
 
 
 def _first_own(lines: list[str], library: Path) -> int:
-    """The innermost frame within the library; below it are those of the C library."""
+    """Return the index of the innermost stack frame in the library, not in the C library."""
     ends = (library.name, f"{library.name})")
     own = [place for place, line in enumerate(lines) if line.endswith(ends)]
     return own[0] if own else 0
@@ -237,7 +239,7 @@ def _first_own(lines: list[str], library: Path) -> int:
 
 
 def await_debugger(pid: int, every_s: float = 0.05) -> None:
-    """Wait until a debugger has attached to a process: Linux only."""
+    """Wait until a debugger has attached to a process (Linux only)."""
     while not _traced(pid):
         time.sleep(every_s)
 

@@ -1,4 +1,4 @@
-"""A CAN bus made of UDP datagrams, which any process on this machine can join."""
+"""A CAN bus over UDP multicast, which any process on this machine can join."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class MulticastPort(DevicePort):
     """The device's node on the bus."""
 
     def __init__(self, join: Callable[[str], can.BusABC], group: str = MULTICAST_GROUP) -> None:
-        """Join the group with ``join``, which returns the bus of a group.
+        """Join the group; the function ``join`` returns the bus object of a group.
 
         Raises:
-            PortUnavailableError: this system has no multicast.
+            PortUnavailableError: this system does not support multicast.
 
         """
         self.path = f"can:udp_multicast:{group}"
@@ -67,14 +67,14 @@ class MulticastPort(DevicePort):
         return [] if self._bus is None else [self._bus.fileno()]
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """Return frames of the other nodes; our own, which the socket echoes, are left out."""
+        """Return frames of the other nodes, without our own frames (the socket returns both)."""
         found: list[bytes] = []
         for _ in range(max(1, limit // RECORD.size)):
             if self._bus is None:
                 break
             try:
                 message = self._bus.recv(0.0)
-            except (self._error, ValueError):  # any process may send any datagram to the group
+            except (self._error, ValueError):  # invalid datagram; any process may send to the group
                 continue
             if message is None:
                 break
@@ -90,7 +90,7 @@ class MulticastPort(DevicePort):
         return b"".join(found)
 
     def write(self, data: bytes) -> int:
-        """Send as many frames as the system takes; while unplugged, drop them."""
+        """Send as many frames as the system accepts; drop frames while unplugged."""
         import can  # noqa: PLC0415 - loaded already
 
         if self._bus is None:

@@ -1,7 +1,7 @@
 """Names in the file system that a running emulator claims and releases.
 
-A name is claimed under a lock on its folder, so that two emulators that start at the same time
-cannot both get it. Afterwards the folder contains the link only.
+An emulator locks the folder while it claims a name. So two emulators that start at the same time
+cannot both get the name. The lock file is removed afterwards; only the link stays in the folder.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def folder_locked(path: Path) -> Iterator[None]:
     """Hold the lock on the folder of ``path``.
 
     Raises:
-        PortUnavailableError: there is no such folder.
+        PortUnavailableError: the folder does not exist.
 
     """
     import fcntl  # noqa: PLC0415 - not on every platform
@@ -44,15 +44,16 @@ def folder_locked(path: Path) -> Iterator[None]:
 class PtyLink:
     """A symbolic link with a stable name to a pseudo-terminal.
 
-    The owner holds a lock on the pseudo-terminal itself, at an offset computed from the link's
-    path. The lock ends with the process, so another emulator may replace a stale link.
+    The owner locks one byte of the pseudo-terminal, at an offset computed from the link's path. The
+    system releases the lock when the process ends, so another emulator can replace a stale link.
     """
 
     def __init__(self, path: Path, slave: int) -> None:
         """Claim the name for the open pseudo-terminal ``slave``.
 
         Raises:
-            PortUnavailableError: another emulator has it, it is no link, or it cannot be made.
+            PortUnavailableError: another emulator has the name, the path is not a link, or the link
+                cannot be created.
 
         """
         self.path = path
@@ -72,7 +73,7 @@ class PtyLink:
             _lock(slave, offset)
 
     def _take_over(self, offset: int) -> None:
-        """Remove a link whose emulator has ended."""
+        """Remove a stale link, which an emulator has left behind."""
         target = self.path.readlink()
         if self.path.is_char_device():
             try:
@@ -92,7 +93,7 @@ class PtyLink:
         self.path.unlink()
 
     def remove(self) -> None:
-        """Remove the link, unless it now points to something else."""
+        """Remove the link, unless it now points to another pseudo-terminal."""
         with suppress(OSError), folder_locked(self.path):
             if str(self.path.readlink()) == self._target:
                 self.path.unlink()
@@ -104,7 +105,8 @@ def _lock(fd: int, offset: int) -> bool:
 
     try:
         if sys.platform == "linux":
-            # The lock belongs to the open file, so it excludes other files of the same process too.
+            # This lock belongs to the open file, so it also excludes other open files of this
+            # process.
             wanted = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, offset, 1, 0)
             fcntl.fcntl(fd, fcntl.F_OFD_SETLK, wanted)
         else:

@@ -1,4 +1,4 @@
-"""A serial line, and a serial CAN adapter, on pseudo-terminals."""
+"""Ports on pseudo-terminals: a serial port, and a serial CAN adapter."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _GONE = -1
 
 
 class PtyPort(DevicePort):
-    """A pseudo-terminal whose far end is the device's serial port."""
+    """A pseudo-terminal that is connected to the device's serial port."""
 
     def __init__(self, link: Path | None = None) -> None:
         """Create a raw pseudo-terminal, and optionally a symbolic link with a stable name to it.
 
         Raises:
-            PortUnavailableError: this system has no pseudo-terminals, or the link's path is taken
-                by a file that is no link, or by a running emulator.
+            PortUnavailableError: this system has no pseudo-terminals, or a running emulator uses
+                the link's path, or the path is a file that is not a link.
 
         """
         if sys.platform == "win32":
@@ -98,13 +98,13 @@ class PtyPort(DevicePort):
 
 
 class SlcanPort(PtyPort):
-    """A serial CAN adapter on a pseudo-terminal, the device alone on its bus."""
+    """A serial CAN adapter on a pseudo-terminal; the device is the only node on its bus."""
 
     def __init__(self, link: Path | None = None, *, bitrate: int = 500_000) -> None:
-        """Create the adapter; the host opens its bus.
+        """Create the adapter; its bus is closed until the host opens it.
 
         Raises:
-            PortUnavailableError: as for :class:`PtyPort`.
+            PortUnavailableError: the pseudo-terminal or its link cannot be created.
 
         """
         self._adapter = SlcanAdapter(bitrate)
@@ -113,7 +113,7 @@ class SlcanPort(PtyPort):
         super().__init__(link)
 
     def plug(self) -> None:
-        """Create the pseudo-terminal. The bus is closed, because the adapter had no power."""
+        """Create the pseudo-terminal. The bus is closed, as after power-on of an adapter."""
         super().plug()
         self._adapter = SlcanAdapter(self._bitrate)
         self._text = b""
@@ -121,14 +121,14 @@ class SlcanPort(PtyPort):
             self.path = f"can:slcan:{self.path}"
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """Return the frames that the host has put on the bus, as many as fit ``limit``."""
+        """Return the frames that the host has sent to the bus, at most ``limit`` bytes."""
         frames = max(1, limit // RECORD.size)
         records, answer = self._adapter.feed(super().read(frames * SHORTEST_LINE))
         self._write_text(answer)
         return records
 
     def write(self, data: bytes) -> int:
-        """Send frames to the host; while its bus is closed they are dropped."""
+        """Send frames to the host; drop them while its bus is closed."""
         self._write_text(b"")
         if self._text:
             return 0

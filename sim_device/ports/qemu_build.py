@@ -1,4 +1,4 @@
-"""Build of the firmware for the emulated chip, whenever its sources have changed."""
+"""Builds the firmware for the emulated chip if its sources have changed."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ ELF = "board_f405_qemu.elf"
 
 
 class FirmwareBuildError(PortUnavailableError):
-    """The firmware cannot be built; the message is one line for people."""
+    """The firmware cannot be built; the message is one line for the user."""
 
 
 def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lambda _: None) -> Path:
     """Return the firmware for the emulated chip; build it if necessary.
 
-    ``notify`` gets a line for people before a step that takes time.
+    ``notify`` is called with a line for the user before a slow step.
 
-    The cache key covers the sources and the compiler, so a change of either builds a new program.
+    The cache key is a hash of the sources and the compiler, so a change of either causes a new
+    build.
 
     Raises:
-        FirmwareBuildError: a tool is missing (the message says how to get it), or fails.
+        FirmwareBuildError: a tool fails or is missing (the message describes its installation).
 
     """
     for tool, remedy in _NEEDED.items():
@@ -60,7 +61,7 @@ def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lamb
             _build(Path(build))
             whole = folder / f"{ELF}.{os.getpid()}"
             shutil.copyfile(Path(build) / ELF, whole)
-            whole.replace(elf)  # atomic: another process may build it too
+            whole.replace(elf)  # atomic, because another process may build at the same time
     except OSError as error:
         reason = error.strerror or error
         raise FirmwareBuildError(f"cannot build the firmware in {folder}: {reason}") from None
@@ -68,7 +69,7 @@ def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lamb
 
 
 def _found(tool: str) -> str | None:
-    """Return the path of a tool, of this environment or of the system."""
+    """Return the path of a tool in this Python environment or in the system."""
     return shutil.which(tool, path=sysconfig.get_path("scripts")) or shutil.which(tool)
 
 
@@ -106,7 +107,7 @@ def _cache() -> Path:
 
 
 def _digest() -> str:
-    """Return a name made of everything that the program depends on."""
+    """Return a hash of all inputs of the build."""
     digest = hashlib.sha256()
     sources = [FIRMWARE / "CMakeLists.txt"]
     for part in _PARTS:

@@ -1,8 +1,9 @@
-"""Frames of the link to the plant, which the emulated chip's second UART carries.
+"""Frames between the emulated chip and the plant, over the chip's second UART.
 
-A frame is 0xA5, type, length of the payload, payload, CRC-32 of zlib over type to payload; all
-numbers little-endian. The chip's end is ``firmware/board_f405_qemu/plant_link.h``, which holds the
-same numbers. This module has no clock and no socket.
+A frame consists of 0xA5, type, payload length, payload and CRC-32 (as in zlib, from type to
+payload). All numbers are little-endian. The chip's end is
+``firmware/board_f405_qemu/plant_link.h``, which defines the same numbers. This module has no clock
+and no socket.
 """
 
 from __future__ import annotations
@@ -62,16 +63,16 @@ class ToChip(IntEnum):
 
 
 class ChipBoot(NamedTuple):
-    """The chip has started and asks for its identity."""
+    """The chip has started and requests its identity."""
 
     version: int
 
 
 class PlantRequest(NamedTuple):
-    """Permission for the plant to advance to ``sample_us``, the time of the requested readings."""
+    """Request for the readings at ``sample_us``; the plant may advance to this time."""
 
     now_us: int
-    """Present time of the chip's clock, µs, 32 bits like all its times."""
+    """Present time of the chip's clock, µs; 32 bits, as all times of the chip."""
     sample_us: int
     newest_us: int
     """Time of the last readings that the chip has received, µs."""
@@ -79,13 +80,13 @@ class PlantRequest(NamedTuple):
     """Left duty, in units of ``DUTY_ONE``."""
     right: int
     stack_free: int
-    """Number of bytes of the chip's stack that were never used."""
+    """Number of bytes of the chip's stack that have never been used."""
     drivers: bool
     """True if the motor drivers are enabled."""
 
 
 class Motors(NamedTuple):
-    """New duties, or a switch of the motor drivers."""
+    """Change of the duties, or of the enabled state of the motor drivers."""
 
     now_us: int
     left: int
@@ -108,7 +109,7 @@ class Write(NamedTuple):
 
 
 class ChipReset(NamedTuple):
-    """The chip is about to reset, for this cause."""
+    """The chip is about to reset; ``cause`` is the reason."""
 
     cause: int
 
@@ -123,12 +124,12 @@ def frame(kind: int, payload: bytes = b"") -> bytes:
 
 
 def identity(uid: bytes, boot_id: int, cause: int, node: int, chunks: int) -> bytes:
-    """Return the identity frame; ``chunks`` counts the pages' frames sent before it."""
+    """Return the identity frame; ``chunks`` is the number of flash frames sent before it."""
     return frame(ToChip.IDENTITY, _IDENTITY.pack(uid, boot_id, cause, node, chunks))
 
 
 def pages(content: Sequence[bytes | bytearray]) -> list[bytes]:
-    """Return frames that fill the chip's copy of its flash; erased parts need none."""
+    """Return the frames that fill the chip's copy of its flash, without frames for erased parts."""
     frames = []
     for number, page in enumerate(content):
         used = len(bytes(page).rstrip(b"\xff"))
@@ -148,9 +149,9 @@ def sample(  # noqa: PLR0913 - all that is sampled together
     cliff: bool,
     imu_age_us: int,
 ) -> bytes:
-    """Return one period's readings at ``at_us`` of the chip's clock.
+    """Return the frame with the readings of one control period, at ``at_us`` of the chip's clock.
 
-    The IMU's sample was taken ``imu_age_us`` earlier.
+    The IMU's sample is ``imu_age_us`` older.
     """
     payload = _SAMPLE.pack(
         at_us & 0xFFFF_FFFF,
@@ -167,7 +168,7 @@ def sample(  # noqa: PLR0913 - all that is sampled together
 
 
 def power(at_us: int, reading: PowerReading) -> bytes:
-    """Return rails and currents in millivolts and milliamperes; currents are unsigned."""
+    """Return the frame with rail voltages, mV, and absolute motor currents, mA."""
     return frame(ToChip.POWER, _POWER.pack(at_us & 0xFFFF_FFFF, *map(milli, reading)))
 
 
@@ -180,11 +181,11 @@ class Parser:
         """Number of frames with a wrong CRC or with invalid content."""
 
     def clear(self) -> None:
-        """Drop half a frame, because the chip restarts."""
+        """Drop an incomplete frame, because the chip restarts."""
         self._data.clear()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """Yield the messages that are complete."""
+        """Process received bytes; yield the completed messages."""
         self._data += data
         while (start := self._data.find(_SYNC)) >= 0:
             del self._data[:start]
@@ -224,7 +225,7 @@ _READERS: dict[int, Callable[[bytes], Message]] = {
 
 
 def _message(kind: int, payload: bytes) -> Message | None:
-    """Return a message; None for an unknown type, a wrong length or a place outside the flash."""
+    """Return a message; None for an unknown type, a wrong length or an invalid flash address."""
     reader = _READERS.get(kind)
     if reader is None:
         return None

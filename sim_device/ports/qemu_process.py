@@ -26,15 +26,16 @@ END_S = 5.0
 _PR_SET_PDEATHSIG = 1
 _READ = 65_536
 _BACKLOG = 65_536
-"""Number of bytes kept for a chip that does not read; more are lost, as in an adapter."""
+"""Maximum number of bytes stored for a chip that does not read; further bytes are lost, as in an
+adapter."""
 
 
 class QemuGoneError(PortUnavailableError):
-    """QEMU could not be started, or has ended by itself; the message is one line for people."""
+    """QEMU cannot be started, or has ended by itself; the message is one line for the user."""
 
 
 class Lane:
-    """Our end of a serial line of the chip; it never waits."""
+    """Our end of a serial link to the chip; its methods never block."""
 
     def __init__(self) -> None:
         ours, self.theirs = socket.socketpair()
@@ -44,11 +45,11 @@ class Lane:
         self.gone = False
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable after output of the chip or the end of QEMU."""
+        """Return a file descriptor that becomes readable when the chip sends data or QEMU ends."""
         return self._socket.fileno()
 
     def write(self, data: bytes) -> None:
-        """Send bytes, or keep those that cannot be sent yet."""
+        """Send bytes; store the bytes that cannot be sent yet."""
         self._waiting += data[: _BACKLOG - len(self._waiting)]
         if self._waiting:
             with suppress(BlockingIOError, InterruptedError, BrokenPipeError, ConnectionError):
@@ -65,7 +66,7 @@ class Lane:
                     data += chunk
             except ConnectionError:
                 pass
-            self.gone = True  # the end of the stream: otherwise recv would have raised
+            self.gone = True  # empty data: the end of the stream
         return data
 
     def close(self) -> None:
@@ -78,7 +79,7 @@ def find_qemu() -> str:
     """Return the path of the program.
 
     Raises:
-        QemuGoneError: it is not installed; the message says how to get it.
+        QemuGoneError: QEMU is not installed; the message describes the installation.
 
     """
     if sys.platform == "win32":
@@ -93,7 +94,7 @@ def find_qemu() -> str:
 
 
 class QemuProcess:
-    """QEMU with a firmware: USART1 is ``wire``, USART2 ``plant``; QMP controls it."""
+    """QEMU with a firmware, controlled over QMP. ``wire`` is USART1, ``plant`` is USART2."""
 
     def __init__(self, firmware: Path) -> None:
         """Start QEMU; the chip runs at once.
@@ -140,7 +141,7 @@ class QemuProcess:
         return [self.wire.fileno(), self.plant.fileno()]
 
     def check(self) -> None:
-        """Read QEMU's answers.
+        """Read QEMU's messages and check that QEMU runs.
 
         Raises:
             QemuGoneError: QEMU has ended.
@@ -152,7 +153,7 @@ class QemuProcess:
                 self._process.wait(1.0)
             self._said.seek(0)
             lines = self._said.read().decode(errors="replace").strip().splitlines()
-            # A crash ends with a page of registers; the cause stands before them.
+            # After a crash, QEMU prints the cause before many lines with registers.
             lines = [line for line in lines if line.startswith("qemu")] or lines
             why = lines[0] if lines else f"status {self._process.returncode}"
             raise QemuGoneError(f"QEMU has ended by itself: {why}")
@@ -162,15 +163,15 @@ class QemuProcess:
         self._order("system_reset")
 
     def halt(self) -> None:
-        """Stop the chip and its clock."""
+        """Pause the chip and its clock."""
         self._order("stop")
 
     def resume(self) -> None:
-        """Let the chip and its clock continue."""
+        """Continue the chip and its clock after :meth:`halt`."""
         self._order("cont")
 
     def close(self) -> None:
-        """End QEMU and leave nothing behind."""
+        """End QEMU and remove its files."""
         if self._process.poll() is None:
             self._process.terminate()
             try:
@@ -190,7 +191,7 @@ class QemuProcess:
 
 
 def _end_with_parent() -> Callable[[], None] | None:
-    """Return a function that lets the kernel end QEMU with this process; None if unsupported."""
+    """Return a function that makes the kernel end QEMU with this process; None if unsupported."""
     if sys.platform != "linux":
         return None
     prctl = ctypes.CDLL(None).prctl

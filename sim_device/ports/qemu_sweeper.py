@@ -1,10 +1,11 @@
-"""The virtual sweeper with the real firmware: its binary runs on a chip that QEMU emulates.
+"""The virtual sweeper with the real firmware: the binary runs on a chip that QEMU emulates.
 
-Line, faults and port use it like :class:`sim_device.sweeper.VirtualSweeper`. The chip's clock paces
-the plant. Before each control period the chip requests the readings at the start of that period.
-The plant advances to this time and answers; the duties do not change before it. While the chip is
-silent, the plant follows this computer's clock. The chip may boot, be off, or wait for a busy
-computer. So a robot with a dead chip still rolls on.
+The interface for link, faults and port is the interface of
+:class:`sim_device.sweeper.VirtualSweeper`. The chip's clock determines the time of the plant.
+Before each control period, the chip requests the sensor readings at the start of the period. The
+plant advances to this time with the present duties and sends the readings. If the chip sends no
+requests (it boots, is off, or the computer is busy), the plant follows this computer's clock. So
+the robot keeps moving even if its chip has failed.
 """
 
 from __future__ import annotations
@@ -37,20 +38,21 @@ if TYPE_CHECKING:
 CANNOT = "the emulated chip keeps its own time; --target python has this fault"
 CANNOT_IMU = "the emulated chip reads a sample in each period; --target python has this fault"
 START_S = 10.0
-"""Maximum time from QEMU's start to the chip's first message, s; measured 0.2 s on an idle
+"""Maximum time from QEMU's start to the chip's first message, s; 0.2 s was measured on an idle
 computer."""
 TURN_US = 10_000
 """Period at which the plant advances while the chip is silent, µs."""
 SILENCE_US = 50_000
-"""Silence after which the plant advances without the chip, µs: five missed requests."""
+"""Time without a request after which the plant advances without the chip, µs: five missed
+requests."""
 LOST_US = 200_000
-"""Time after which readings count as lost, µs: a reset has interrupted them."""
+"""Time after which unconfirmed readings count as lost, µs, for example because of a reset."""
 DEAD_US = 2_000_000
-"""Silence after which a running chip counts as dead, µs: its interrupts are off for good. Its own
-watchdog counts in an interrupt, so it cannot detect this. The time is long because a busy computer
-may suspend QEMU."""
+"""Time without a request after which a running chip counts as dead, µs. The cause is that its
+interrupts stay disabled. The emulated watchdog counts in an interrupt, so it cannot detect this.
+The time is long because a busy computer may suspend QEMU."""
 GATHER_S = 0.0002
-"""Time to wait for the rest of a frame, s. QEMU delivers byte by byte, and a wake-up for each byte
+"""Time to wait for the rest of a frame, s. QEMU delivers single bytes, and a wake-up for each byte
 would be slow."""
 POWER_PERIODS = 10
 _WRAP = 1 << 32
@@ -67,7 +69,7 @@ def _boot_id(rng: np.random.Generator) -> int:
 
 
 class QemuSweeper:
-    """A plant in a room, with a chip in its own process. Times are since the start of the plant."""
+    """A plant in a room, with a chip in a QEMU process. Times are since the start of the plant."""
 
     def __init__(  # noqa: PLR0913 - options of a device
         self,
@@ -83,7 +85,7 @@ class QemuSweeper:
         """Start QEMU with ``firmware``; the chip gets its identity in :meth:`step`.
 
         Raises:
-            FloorPlanError: the robot does not fit at its start.
+            FloorPlanError: the robot does not fit at its start pose.
             QemuGoneError: QEMU is not installed, or does not run this firmware.
 
         """
@@ -93,8 +95,7 @@ class QemuSweeper:
         self.plant = Plant(World(plan, model), model, level, plant_rng)
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         self.clock = DeviceClock()
-        """A device clock without effect, because the chip's own clock cannot be changed; see
-        ``cannot``."""
+        """Unused device clock: faults cannot change the chip's clock; see ``cannot``."""
         self.cannot: Mapping[str, str] = {
             "clock-drift": CANNOT,
             "clock-jump": CANNOT,
@@ -102,33 +103,34 @@ class QemuSweeper:
             "i2c-stuck": CANNOT_IMU,
             "imu-clock": CANNOT_IMU,
         }
-        """Kinds of faults that this device rejects, and why."""
+        """Kinds of fault that this device rejects, each with the reason."""
         self.flash = [bytearray(b"\xff" * link.PAGE_SIZE) for _ in range(link.PAGES)]
         self.drivers = False
         """True if the motor drivers are enabled."""
         self.stack_free = 0
-        """Number of bytes of the chip's stack that were never used, as it reports."""
+        """Number of bytes of the chip's stack that have never been used, reported by the chip."""
         self._node, self._uid = node, identity_rng.bytes(12)
         self._boot_id = boot_id or _boot_id(identity_rng)
         self._identity_rng = identity_rng
         self._cause = ResetCause.POWER_ON
         self._state = _Chip.BOOTING
         self._on_us = 0
-        """Time at which a chip that is off starts again, µs."""
+        """Time at which a switched-off chip starts again, µs."""
         self._now_us = self._deadline_us = 0
         self._received_us = 0
         """Time at which the chip last requested readings, or booted, µs."""
         self._base_us: int | None = None
         """Time of the plant when the chip's clock was 0; None until its first request."""
         self._chip_us = 0
-        """The chip's clock at its last request, extended beyond 32 bits."""
+        """Time of the chip's clock at its last request, µs, extended beyond 32 bits."""
         self._answered_us = 0
         """Time of the chip's clock for the last readings that were sent, µs."""
         self._answered_at_us = -LOST_US
         """Time at which these readings were sent, µs."""
         self._periods = 0
         self._imu_sample = (0, 0)
-        """Number of the IMU's newest sample, and the chip's time when it was fetched, µs."""
+        """Number of the IMU's newest sample, and the time of its reading by the chip's clock,
+        µs."""
         self._parser = link.Parser()
         self._out = bytearray()
         self._asked = False
@@ -142,7 +144,7 @@ class QemuSweeper:
     # ---- like a virtual sweeper -----------------------------------------------------------
 
     def step(self, data: bytes, now_us: int) -> bytes:
-        """Advance to ``now_us``, then take ``data``; return what the chip has sent meanwhile.
+        """Advance to ``now_us``, then send ``data`` to the chip; return the bytes that it has sent.
 
         Raises:
             QemuGoneError: QEMU has ended.
@@ -159,7 +161,7 @@ class QemuSweeper:
         return out
 
     def attach_line(self, end: DeviceEnd) -> None:
-        """Ignore it: the chip has counters of its own."""
+        """Do nothing, because the chip has its own counters."""
 
     def next_deadline_us(self) -> int:
         """Return the time of the next work."""
@@ -171,9 +173,9 @@ class QemuSweeper:
         return self.plant.truth
 
     def reset(self, cause: ResetCause, off_s: float = 0.0, *, boot_id: int | None = None) -> None:
-        """Reset the chip; the plant stays. The chip starts again after ``off_s``.
+        """Reset the chip without a change of the plant; the chip starts again after ``off_s``.
 
-        After ``POWER_ON`` and ``BROWN_OUT`` it also waits for its supply.
+        After ``POWER_ON`` and ``BROWN_OUT`` the chip also waits for its supply voltage.
         """
         self._begin_anew(cause, boot_id)
         self._out.clear()
@@ -185,15 +187,15 @@ class QemuSweeper:
             self.qemu.reset()
 
     def hang(self) -> None:
-        """Freeze the firmware with its outputs as they are, until its watchdog resets it."""
+        """Freeze the firmware until its watchdog resets it; the outputs do not change."""
         self.qemu.plant.write(link.frame(link.ToChip.HANG))
 
     def crash(self) -> None:
-        """Let the processor fault on an invalid instruction."""
+        """Cause a processor fault by an invalid instruction."""
         self.qemu.plant.write(link.frame(link.ToChip.CRASH))
 
     def fail_crystal(self, drift_ppm: float) -> None:
-        """Never called: see ``cannot``."""
+        """Not supported; never called, see ``cannot``."""
         raise NotImplementedError(drift_ppm)
 
     # ---- interface of the serving loop -------------------------------------------------------
@@ -203,7 +205,7 @@ class QemuSweeper:
         return self.qemu.filenos()
 
     def poll(self, now_us: int) -> None:
-        """Note that the chip has sent bytes; the next step at ``now_us`` reads them."""
+        """Record that the chip has sent bytes; the next step, at ``now_us``, reads them."""
         time.sleep(GATHER_S)
         self._deadline_us = min(self._deadline_us, now_us)
 
@@ -248,7 +250,7 @@ class QemuSweeper:
     def _listen(self) -> None:
         self.qemu.check()
         messages = list(self._parser.feed(self.qemu.plant.read()))
-        # the second read: all that was sent before the chip's own reset
+        # read again: the chip's last data before its reset
         said = self.qemu.wire.read()
         if self._state is _Chip.RUNNING:
             self._out += said
@@ -263,11 +265,11 @@ class QemuSweeper:
 
     def _take(self, message: link.Message, *, answered: bool) -> None:
         if isinstance(message, link.ChipBoot):
-            if self._state is _Chip.RUNNING:  # it restarted without a message: a fault of its own
+            if self._state is _Chip.RUNNING:  # restart without a reset message: a fault
                 self._begin_anew(ResetCause.SOFTWARE)
             self._asked = True
         elif self._state is not _Chip.RUNNING:
-            return  # the last message of a program before its reset
+            return  # last message before a reset
         elif isinstance(message, link.PlantRequest):
             self._request(message)
             if answered and self._wanted(message):
@@ -299,7 +301,7 @@ class QemuSweeper:
             self._base_us = self._now_us - request.now_us
         chip_us = self._extended(request.now_us)
         ahead_us = 1000 * self.plant.tick_ms - (self._base_us + chip_us)
-        if ahead_us > SILENCE_US:  # the chip's clock stood still, and the plant advanced
+        if ahead_us > SILENCE_US:  # the plant has advanced while the chip's clock stood still
             self._base_us += ahead_us
         self._chip_us = chip_us
         self._received_us = self._now_us
@@ -308,21 +310,22 @@ class QemuSweeper:
         self._advance(self._extended(request.sample_us))
 
     def _wanted(self, request: link.PlantRequest) -> bool:
-        """Return whether to answer: a chip that is late gets fewer answers, the later the fewer.
+        """Return whether to answer a request: a slow chip gets fewer answers.
 
-        Otherwise the data that QEMU takes too slowly would queue up, and all of it would be late.
+        A request is answered only if the chip has received the previous readings, or these are
+        lost. Otherwise readings would accumulate in QEMU's queue, and all of them would be late.
         """
         had = request.newest_us == self._answered_us % _WRAP
         return had or self._now_us - self._answered_at_us > LOST_US
 
     def _send_readings(self, at_us: int) -> None:
-        """Answer a request."""
+        """Send the readings at ``at_us`` to the chip."""
         self._answered_us, self._answered_at_us = at_us, self._now_us
         sensors, plant = self.sensors, self.qemu.plant
         imu = sensors.imu()
         samples = sensors.imu_samples()
         number, fetched_us = self._imu_sample
-        if samples != number or at_us < fetched_us:  # the chip's clock begins anew with a boot
+        if samples != number or at_us < fetched_us:  # the chip's clock restarts at a boot
             fetched_us = at_us
         self._imu_sample = samples, fetched_us
         plant.write(
@@ -347,11 +350,11 @@ class QemuSweeper:
     # ---- time -------------------------------------------------------------------------------
 
     def _extended(self, chip_us: int) -> int:
-        """Return the chip's clock beyond 32 bits, nearest to its last value."""
+        """Extend a 32-bit time of the chip's clock to the value nearest to its last time."""
         return extend_us(DeviceUs(self._chip_us), chip_us)
 
     def _advance(self, chip_us: int) -> None:
-        """Advance the plant to a time of the chip's clock; never back."""
+        """Advance the plant to a time of the chip's clock, if the plant is not already later."""
         if self._base_us is not None:
             self._advance_to(self._base_us + chip_us)
 

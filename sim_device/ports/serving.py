@@ -1,4 +1,4 @@
-"""The real-time loop: it runs the device by the clock and measures its own lateness."""
+"""The real-time loop, which runs the device in real time and measures its own lateness."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
 
 _STEPS = 8
-"""Number of lateness bins per doubling: a percentile is exact to 9 %."""
+"""Number of histogram bins per doubling of the lateness. Percentiles have a resolution of 9 %."""
 _BINS = 28 * _STEPS
-"""Number of bins; the last one is at four minutes."""
+"""Number of histogram bins; the last bin is at four minutes."""
 
 
 @dataclass(slots=True)
@@ -41,7 +41,7 @@ class Lateness:
         self._bins[min(place, _BINS - 1)] += 1
 
     def percentile_us(self, percent: float) -> int:
-        """Return the lateness that ``percent`` of the periods did not exceed, µs."""
+        """Return a percentile of the lateness, µs."""
         wanted = math.ceil(self.periods * percent / 100.0)
         seen = 0
         for place, count in enumerate(self._bins):
@@ -61,10 +61,10 @@ class ServeReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Watchers:
-    """Callbacks while a device is served; times are Unix times in nanoseconds."""
+    """Callbacks during a served run; times are Unix times in nanoseconds."""
 
     on_truth: Callable[[Truth, int], None] | None = None
-    """Called after every control period with the truth and its time."""
+    """Called after every control period with the true state and its time."""
     on_fault: Callable[[FaultEvent, int], None] | None = None
     """Called at each start and end of a fault."""
     on_plug: Callable[[str | None], None] | None = None
@@ -75,13 +75,13 @@ NOBODY = Watchers()
 
 
 class SelfTimed(Protocol):
-    """A device with its own work times, because its chip is another process."""
+    """A device that needs the loop at its own times, because its chip is another process."""
 
     def filenos(self) -> list[int]:
         """File descriptors that become readable when the device has work."""
 
     def poll(self, now_us: int) -> None:
-        """Note that the device has work, so that the loop steps it at this time."""
+        """Record that the device has work, so that the loop steps it at ``now_us``."""
 
 
 def serve(  # noqa: PLR0913 - participants of a run
@@ -98,7 +98,7 @@ def serve(  # noqa: PLR0913 - participants of a run
     ``waker`` is the device itself, if it is a :class:`SelfTimed`.
 
     Raises:
-        PortUnavailableError: a port that was unplugged cannot come back.
+        PortUnavailableError: a port cannot be created again after it was unplugged.
 
     """
     rig = device if isinstance(device, Rig) else Rig(device)
@@ -109,7 +109,7 @@ def serve(  # noqa: PLR0913 - participants of a run
 
 
 class _Served:
-    """One device on one port, a turn at a time."""
+    """One served device on one port; :meth:`turn` is one loop iteration."""
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class _Served:
         self._plugged = True
 
     def turn(self, stopper: Stopper) -> None:
-        """Wait for bytes, a request or the time; advance to now; write."""
+        """Wait for bytes, a request or the deadline; advance the device; write its bytes."""
         rig, port = self._rig, self._port
         wait_s = max(0.0, (rig.next_deadline_us() - self._now_us()) / 1e6)
         room = rig.room()

@@ -1,4 +1,4 @@
-"""The device's serial port on a TCP socket: one host at a time, and a stop from any client."""
+"""The device's serial port on a TCP socket: for one host, and for a stop from any client."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ LOOPBACK = "127.0.0.1"
 QUIET_S = 10.0
 """Minimum time between two log lines about rejected clients, s."""
 SILENT_S = 3.0
-"""Silence of a host after which another client may replace it, s: three times the device's session
-timeout. A connected host sends at least one ping per second."""
+"""Time without data from the host after which another client may replace it, s: three times the
+device's session timeout. A connected host sends at least one time request per second."""
 GRACE_S = 1.0
-"""Maximum time in which a second client may send its first frame, which may be a stop, s."""
+"""Maximum time that a second client has for its first frame (a stop), s."""
 STOPPING_S = 5.0
-"""Time for which a client that has sent a stop receives the device's data, s; ``sweepctl stop``
+"""Time for which a client receives the device's data after it has sent a stop, s. ``sweepctl stop``
 waits for 3 s."""
 WAITING_MAX = 4
-"""Maximum number of waiting clients. One more client ends the wait of the first."""
+"""Maximum number of waiting clients. A further client replaces the client that waits longest."""
 _STOPS = frozenset(CATALOGUE.by_class[stop].type_id for stop in (StopAll, Stop))
 _READ_MAX = 4096
-"""Number of bytes of a waiting client that are parsed: about 20 frames of maximum length."""
+"""Maximum number of bytes to read from a waiting client at once: about 15 frames of maximum
+length."""
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach an address."""
+    """Return whether an address can be reached only from this machine."""
     if host == "localhost":
         return True
     try:
@@ -48,7 +49,7 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(eq=False, slots=True)
 class _Client:
-    """A connection, and its received data."""
+    """A client's connection and its received data."""
 
     socket: socket.socket
     who: str
@@ -56,12 +57,12 @@ class _Client:
     """Time of its last intact frame, s; before the first frame, the time of its connection."""
     parser: UartParser = field(default_factory=UartParser)
     data: bytes = b""
-    """Bytes that it wrote while it waited."""
+    """Bytes that the client has sent while it waited."""
     stopped_s: float | None = None
     """Time of its last stop while it waited, s."""
 
     def receive(self, limit: int, now_s: float) -> tuple[bytes, list[Frame]] | None:
-        """Return its new bytes, and the intact frames that they complete; None if it has closed."""
+        """Return new bytes and the intact frames that they complete; None after disconnection."""
         try:
             data = self.socket.recv(limit)
         except (BlockingIOError, InterruptedError):
@@ -76,7 +77,7 @@ class _Client:
         return data, frames
 
     def send(self, data: bytes) -> int | None:
-        """Return the number of bytes that its socket takes; None if it has closed."""
+        """Send data; return the number of accepted bytes; None after disconnection."""
         try:
             return self.socket.send(data)
         except (BlockingIOError, InterruptedError):
@@ -85,7 +86,7 @@ class _Client:
             return None
 
     def dismiss(self, reason: str) -> None:
-        """Close the connection, with a line that gives the reason."""
+        """Send a line with the reason, and close the connection."""
         with suppress(OSError):
             self.socket.send(f"{reason}\r\n".encode())
             self.socket.shutdown(socket.SHUT_WR)
@@ -93,28 +94,29 @@ class _Client:
 
 
 def client_url(host: str, port: int) -> str:
-    """Return the name by which a client on this machine opens a socket that listens on ``host``."""
+    """Return the URL with which a client on this machine opens a socket listening on ``host``."""
     if host in {"", "0.0.0.0", "::"}:  # noqa: S104 - a text; the user chose it
         host = LOOPBACK
     return f"socket://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 class TcpServerPort(DevicePort):
-    """A listening socket. Its first client is the host; any other client may only stop the robot.
+    """A listening socket. The first client is the host; any other client may only stop the robot.
 
-    A second client has :data:`GRACE_S` to send a frame. A stop is passed to the device, and the
-    client then receives the device's data. After another frame, or none, the client gets the host's
-    address and is closed. If the host has sent no intact frame for :data:`SILENT_S`, the new client
-    becomes the host instead. Without a client, the device's data is dropped, as on a serial line.
+    A second client must send a frame within :data:`GRACE_S`. If the frame is a stop, it is passed
+    to the device, and the client then receives the device's data. Otherwise the client is rejected:
+    it receives a line with the host's address, and the connection is closed. If the host has sent
+    no intact frame for :data:`SILENT_S`, the new client becomes the host instead. Without a client,
+    the device's data is dropped, as on a serial port.
     """
 
     def __init__(
         self, host: str = LOOPBACK, port: int = 0, notify: Callable[[str], None] = lambda _: None
     ) -> None:
-        """Listen; ``notify`` gets a line for people when a client comes, goes or is rejected.
+        """Listen; ``notify`` is called with a log line for each client event.
 
         Raises:
-            PortUnavailableError: the address is not ours, or taken.
+            PortUnavailableError: the address is not an address of this machine, or is in use.
 
         """
         self._host, self._port, self._notify = host, port, notify
@@ -124,13 +126,13 @@ class TcpServerPort(DevicePort):
         self._stops = b""
         """Frames of waiting clients that the device has not received yet."""
         self._rejected = 0
-        """Number of rejections since the last line about them."""
+        """Number of rejected clients since the last log line about rejections."""
         self._rejection_s = -QUIET_S
         self.path = ""
         self.plug()
 
     def plug(self) -> None:
-        """Listen, on the same port as before."""
+        """Listen on the previous port number."""
         if self._listener is not None:
             return
         family = socket.AF_INET6 if ":" in self._host else socket.AF_INET
@@ -180,18 +182,18 @@ class TcpServerPort(DevicePort):
         client, room = self._client, min(limit - len(stops), FIFO_BYTES)
         if client is None or not room:
             return stops
-        if client.data:  # from before it became the host
+        if client.data:  # received before the client became the host
             data, client.data = client.data[:room], client.data[room:]
             return stops + data
         received = client.receive(room, time.monotonic())
         if received is None:
             self._hang_up()
             return stops
-        # A stop may cut a frame of the host: that one frame is damaged.
+        # A stop may split a frame of the host, which is then damaged.
         return stops + received[0]
 
     def write(self, data: bytes) -> int:
-        """Send what the host's socket takes; send everything to a client that stops the robot."""
+        """Send what the host's socket accepts, and all bytes to clients that stop the robot."""
         written = len(data)
         if self._client is not None:
             taken = self._client.send(data)
@@ -203,11 +205,11 @@ class TcpServerPort(DevicePort):
         for client in stopping:
             if client.send(data) is None:
                 self._drop(client)
-        # A host that does not read then loses data, so that the answer to the stop is not delayed.
+        # A host that does not read loses data here. Otherwise it would delay the reply to the stop.
         return len(data) if stopping else written
 
     def tend(self) -> None:
-        """End the waits that are over; a waiting client becomes the host if there is none."""
+        """End expired waits; if there is no host, a waiting client becomes the host."""
         now_s = time.monotonic()
         for client in list(self._waiting):
             if client.stopped_s is None:
@@ -226,7 +228,7 @@ class TcpServerPort(DevicePort):
                 return
             try:
                 accepted, address = self._listener.accept()
-            except OSError:  # no client, or it has left again
+            except OSError:  # no client, or the client has already disconnected
                 return
             accepted.setblocking(False)  # noqa: FBT003 - positional in C
             with suppress(OSError):
@@ -263,7 +265,7 @@ class TcpServerPort(DevicePort):
         return b"\0" + encode_frame(node, newest.type_id, seq, t_us, newest.payload, flags)
 
     def _decide(self, client: _Client) -> None:
-        """Make a client that sends more than a stop the host, or reject it."""
+        """Make a client the host if the host is silent; else reject the client."""
         host = self._client
         if host is not None:
             if time.monotonic() - host.heard_s < SILENT_S:
@@ -286,9 +288,9 @@ class TcpServerPort(DevicePort):
         self._notify(f"{client.who} is connected")
 
     def _reject(self, client: _Client) -> None:
-        """Close the connection.
+        """Close the connection of a rejected client.
 
-        Limit the log lines, because a client may retry four times a second.
+        The log lines are limited, because a client may retry four times per second.
         """
         host = "" if self._client is None else self._client.who
         client.dismiss(f"refused: this sweeper has a host already, {host}; end it first")
@@ -308,7 +310,7 @@ class TcpServerPort(DevicePort):
         self._waiting.remove(client)
 
     def _has_left(self) -> bool:
-        """Return whether the host closed while its successor connected: both come in one turn."""
+        """Return whether the host has disconnected, possibly in the present loop iteration."""
         if self._client is None:
             return True
         try:

@@ -1,9 +1,9 @@
-"""The front bumper: two halves of a sprung shell, each with a switch.
+"""The front bumper: a spring-loaded shell with two halves; each half has a switch.
 
-The plant's disc is the outline of the shell at the point where the switches close, so a contact
-presses its switch at once. A pressed switch opens only when the shell has moved back by
-``RELEASE_M``. This is the case when the obstacle at that half is farther than this from the disc.
-``contacts`` defines which bearings press which switch.
+The plant's disc is the outline of the shell at the position where the switches close. So a contact
+closes the switch at once. The switch opens when the shell has moved back by ``RELEASE_M``, which
+means that the obstacle is at least this distance away from the disc. The module ``contacts``
+defines which bearings press which switch.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from sim_device.body.plant import Plant
 
 RELEASE_M = 0.001
-"""Travel between closing and opening of the switch, m: a microswitch's 0.1 mm times a lever of 10.
-Our choice."""
+"""Travel of the shell between closing and opening of the switch, m. It is chosen as 0.1 mm of a
+microswitch times a lever ratio of 10."""
 _FREE = Bumpers(left=False, right=False)
 
 
@@ -31,12 +31,12 @@ class Bumper:
     __slots__ = ("_plant", "_pressed", "_radius_m")
 
     def __init__(self, plant: Plant, radius_m: float) -> None:
-        """Take the disc's radius; no switch is pressed."""
+        """Start with open switches."""
         self._plant, self._radius_m = plant, radius_m
         self._pressed = _FREE
 
     def read(self) -> Bumpers:
-        """Return the switches that are pressed or have not come back far enough."""
+        """Return the closed switches: pressed, or not yet released far enough to open."""
         bearings, before = self._plant.touch_bearings_rad, self._pressed
         if not bearings and before is _FREE:
             return _FREE

@@ -9,10 +9,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 BUMPER_SPAN_RAD = math.radians(87.0)
-"""Half the angle of the shell, rad. It ends just short of the side, so a wall that grazes the robot
-exactly abeam does not press it."""
+"""Half of the bumper shell's angle, rad. It is a little less than 90°, so that a wall exactly at
+the robot's side does not press the bumper."""
 BUMPER_OVERLAP_RAD = math.radians(10.0)
-"""Bearing within which a contact presses both switches, rad."""
+"""Maximum bearing to either side at which a contact presses both switches, rad."""
 
 
 class Bumpers(NamedTuple):
@@ -23,7 +23,7 @@ class Bumpers(NamedTuple):
 
 
 def bumpers(touch_bearings_rad: Iterable[float]) -> Bumpers:
-    """Return the switches pressed by contacts at these bearings from the heading, rad, left +."""
+    """Return the switches pressed by contacts at these bearings (rad, positive to the left)."""
     left = right = False
     for bearing in touch_bearings_rad:
         if abs(bearing) > BUMPER_SPAN_RAD:

@@ -1,4 +1,4 @@
-"""Quadrature encoders: absolute counts of the wheels' angles, 16 bits, wrapping."""
+"""Quadrature encoders: absolute 16-bit counts of the wheel angles; the counts wrap."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _TAU = 2.0 * pi
 
 
 class EncoderCounters:
-    """Both counters, zero at power-on and rising forwards.
+    """Both counters; they are 0 at power-on and increase in forward motion.
 
-    They count the turns of the wheels, including those of a slipping wheel. The plant models the
-    errors of the wheels themselves (diameter, slip).
+    They also count the turns of a slipping wheel. The plant models the errors of the wheels
+    (diameter, slip).
     """
 
     __slots__ = (
@@ -39,15 +39,15 @@ class EncoderCounters:
         self._counts_per_rad = model.counts_per_turn / _TAU
         self._dropouts = CountDropout(), CountDropout()
         self._lossy = False
-        """True once a fault has caused lost counts."""
+        """True after a fault has caused lost counts."""
         self._before: tuple[int, int] | None = None
         self._wiring: Miswiring | None = None
-        """State of a wiring fault; None before the first one."""
+        """State of the encoder wiring faults; None before the first wiring fault."""
 
     def read(self) -> tuple[int, int]:
         """Return the left and the right counter, 0..65535."""
         felt, per_rad, faults = self._plant.felt, self._counts_per_rad, self._faults
-        # An edge lies between two counts: the counter holds the number of edges passed.
+        # An encoder edge is between two counts; the counter is the number of passed edges.
         counts = floor(felt[3] * per_rad) & _MASK, floor(felt[4] * per_rad) & _MASK
         if faults.encoder_dropout_left or faults.encoder_dropout_right or self._lossy:
             counts = self._lose(*counts)

@@ -1,4 +1,4 @@
-"""Faults of the sensors, which may change while they run; by default there are none."""
+"""Faults of the sensors, which may change during a run; by default there are none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _set = object.__setattr__
 
 @dataclass(slots=True)
 class SensorFaultValues:
-    """Values of the faults; by default there is no fault."""
+    """Parameters of the sensor faults; by default there is no fault."""
 
     imu_frozen: bool = False
     """True: the registers repeat their last content."""
@@ -19,30 +19,31 @@ class SensorFaultValues:
     """Bias added to the rates x, y, z before saturation, °/s."""
     accel_bias_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
     encoder_dropout_left: float = 0.0
-    """Share of the left encoder's counts that is lost, 0..1, in both directions; lost counts stay
-    lost."""
+    """Share of the left encoder's counts that is lost, 0..1, in both directions. Lost counts are
+    not recovered."""
     encoder_dropout_right: float = 0.0
     encoder_reversed_left: bool = False
     """True: the two channels of the left encoder are exchanged, and it counts backwards."""
     encoder_reversed_right: bool = False
     encoders_swapped: bool = False
-    """True: each encoder is in the plug of the other wheel."""
+    """True: the plugs of both encoders are exchanged."""
     i2c_stuck: bool = False
-    """True: the bus to the inertial sensor is dead. No new sample arrives."""
+    """True: the I2C bus to the inertial sensor is stuck, and no new sample arrives."""
     imu_clock: float = 0.0
-    """Share by which the inertial sensor's own clock runs fast."""
+    """Relative error of the inertial sensor's own clock; positive if the clock is fast."""
     adc_frozen: bool = False
-    """True: the converter of the supply voltages repeats its last readings."""
+    """True: the analog-to-digital converter of the supply voltages repeats its last readings."""
     ultrasonic_blind: bool = False
     """True: no echo is detected."""
     ultrasonic_constant_m: float | None = None
-    """Range reported instead of any measurement, m, also with ``ultrasonic_blind``."""
+    """Constant ultrasonic range that replaces each measurement, m, also with
+    ``ultrasonic_blind``."""
     bumper_stuck_left: bool = False
     """True: the left switch is stuck pressed."""
     bumper_stuck_right: bool = False
     lifted: bool = False
-    """True: the robot is in the air. The cliff sensor sees no floor, and ``lift`` acts on the
-    accelerometer."""
+    """True: the robot is in the air. The cliff sensor detects no floor, and the module ``lift``
+    changes the accelerometer readings."""
 
 
 @dataclass(slots=True)
@@ -59,12 +60,12 @@ class SensorFaults(SensorFaultValues):
 
 
 class Miswiring:
-    """Counters with reversed or swapped encoders, without a jump at the fault's start or end."""
+    """Counters of reversed or swapped encoders; they do not jump at the fault's start or end."""
 
     __slots__ = ("_raw", "_seen")
 
     def __init__(self, counts: tuple[int, int]) -> None:
-        """Start with both counters as they are."""
+        """Start with the present values of both counters."""
         self._raw = self._seen = counts
 
     def apply(self, counts: tuple[int, int], faults: SensorFaults) -> tuple[int, int]:
@@ -98,7 +99,7 @@ class CountDropout:
     def apply(self, count: int, share: float) -> int:
         """Return the counter that the firmware reads, 0..65535, with ``share`` of new counts lost.
 
-        The wheel must turn less than half the counter's range between calls.
+        The wheel must turn by less than half of the counter's range between two calls.
         """
         if self.before is not None and share > 0.0:
             new = ((count - self.before + _HALF_WRAP) & _MASK) - _HALF_WRAP

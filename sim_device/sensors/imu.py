@@ -1,21 +1,23 @@
-"""MPU6050: register counts, as configured; by default ±2 g, ±250 °/s, 100 Hz.
+"""Model of the MPU6050: register counts for a configuration; default ±2 g, ±250 °/s, 100 Hz.
 
 Sources: InvenSense PS-MPU-6000A-00 rev. 3.4 (the datasheet), sections 6.1 (gyroscope), 6.2
 (accelerometer), 6.3 (temperature); RM-MPU-6000A-00 rev. 4.2 (the register map), sections 4.2
-(sample rate), 4.3 (filter), 4.4 and 4.5 (ranges), 4.18 (temperature). The chip sits at the axle's
-centre. Its axes are the body's: x ahead, y left, z up, yaw rate positive counter-clockwise.
+(sample rate), 4.3 (filter), 4.4 and 4.5 (ranges), 4.18 (temperature). The chip is at the axle's
+centre. Its axes are the body's axes: x ahead, y left, z up; the yaw rate is positive
+counter-clockwise.
 
 The registers change at the output rate. A read before the next sample returns the same values. The
-low-pass filter is a running mean over twice the chip's group delay, so its delay is exact. The
-default delay of 9.6 ms equals the time between samples, so no sample is lost. Firmware that reads
-more slowly than the chip samples averages the chip's buffer (section 7.17), so its reading is the
-mean since the last one. White noise with one-sided density n then has sigma n/√(2T) over a time T.
-A filter faster than the sample rate passes more noise, by the root of the ratio. The plant gives
-only the mean motion within a reading's interval, so a faster filter shows no more detail.
+low-pass filter is modelled as a running mean over twice the chip's group delay, so its delay is
+exact. With the default settings the window of 9.6 ms is about the time between samples, so the
+motion between two samples is not lost. If the firmware reads less often than the chip samples, it
+averages the chip's buffer (section 7.17), so a reading is the mean since the previous reading.
+White noise with the one-sided density n then has the sigma n/√(2T) over a time T. If the filter's
+window is shorter than the sample time, the noise is greater by the square root of the ratio. The
+plant provides only the mean motion in a reading's interval, so a faster filter does not add detail.
 
-``noise`` defines the noise levels. The model leaves out the change of scale with temperature, the
-scale's non-linearity (0.2 %), and the gyro's response to acceleration (0.1 °/s per g; under
-constant gravity this is part of the bias).
+The module ``noise`` defines the noise levels. The model omits three effects: the change of scale
+with temperature, the non-linearity of the scale (0.2 %), and the gyro's response to acceleration
+(0.1 °/s per g; with constant gravity this is a part of the bias).
 """
 
 from __future__ import annotations
@@ -40,30 +42,30 @@ if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
 
 GYRO_LSB_PER_DEG_S = {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}
-"""Gyro scale by full scale (°/s), counts per °/s: FS_SEL 0 to 3, section 6.1."""
+"""Gyro scale for each full-scale range (°/s), counts per °/s: FS_SEL 0 to 3, section 6.1."""
 ACCEL_LSB_PER_G = {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}
-"""Accelerometer scale by full scale (g), counts per g: AFS_SEL 0 to 3, section 6.2."""
+"""Accelerometer scale for each full-scale range (g), counts per g: AFS_SEL 0 to 3, section 6.2."""
 GYRO_DELAY_MS = (0.98, 1.9, 2.8, 4.8, 8.3, 13.4, 18.6)
-"""Group delay of the gyro by DLPF_CFG, ms, register map section 4.3. The accelerometer's is within
-0.9 ms of it."""
+"""Group delay of the gyro for each filter setting DLPF_CFG, ms (register map, section 4.3). The
+accelerometer's delay differs by at most 0.9 ms."""
 GRAVITY_M_S2 = 9.80665
 AMBIENT_C = 25.0
 WARMING_C = 6.0
-"""Warming of the board above ambient, °C, with time constant ``imu_kernel.WARMING_TIME_S``. Our
-choice for 1.5 W under a cover."""
+"""Temperature rise of the board above ambient, °C, with the time constant
+``imu_kernel.WARMING_TIME_S``. It is an assumption for 1.5 W under a cover."""
 
 _BLOCK = 512 * DRAWS
 _DEG = 180.0 / math.pi
 _new = tuple.__new__
 _EIGHTHS = 8
-"""Samples of the unfiltered gyro (8 kHz) per millisecond."""
+"""Number of samples of the unfiltered gyro (8 kHz) per millisecond."""
 
 
 class ImuConfigError(ValueError):
     """A setting that the chip does not have."""
 
     def __init__(self, setting: str, value: int, known: str) -> None:
-        """Keep the setting, its value and the valid values."""
+        """Store the setting, its value and the valid values."""
         self.setting, self.value, self.known = setting, value, known
         super().__init__(f"{setting} {value} is not one of {known}")
 
@@ -80,9 +82,9 @@ class ImuConfig:
     gyro_range_deg_s: int = 250
     accel_range_g: int = 2
     dlpf: int = 3
-    """Filter setting DLPF_CFG, 0 to 6; 3 is 42 Hz."""
+    """Filter setting DLPF_CFG, 0 to 6; 3 is a bandwidth of 42 Hz."""
     divider: int = 9
-    """Sample divider SMPLRT_DIV, 0 to 255; 9 is 100 Hz with a filter."""
+    """Sample rate divider SMPLRT_DIV, 0 to 255; 9 is 100 Hz with a filter."""
 
     def __post_init__(self) -> None:
         """Check each setting."""
@@ -97,12 +99,12 @@ class ImuConfig:
 
     @property
     def sample_period_ms(self) -> float:
-        """Time between samples: (1 + SMPLRT_DIV) over 1 kHz, or over 8 kHz unfiltered."""
+        """Time between samples, ms: (1 + SMPLRT_DIV) / 1 kHz, or / 8 kHz without the filter."""
         return (1 + self.divider) / (1.0 if self.dlpf else 8.0)
 
     @property
     def scale(self) -> ImuScale:
-        """Scale of the counts; section 4.18 of the register map gives the temperature's."""
+        """Scale of the counts; the temperature scale is in section 4.18 of the register map."""
         return ImuScale(
             Fraction(ACCEL_LSB_PER_G[self.accel_range_g]),
             Fraction(str(GYRO_LSB_PER_DEG_S[self.gyro_range_deg_s])),
@@ -142,7 +144,7 @@ class ImuSensor:
         faults: SensorFaults | None = None,
         config: ImuConfig = _CONFIG,
     ) -> None:
-        """Draw this chip's own errors from ``rng``, which it owns; apply ``faults``."""
+        """Draw this chip's errors from ``rng``, which no other object may use; apply ``faults``."""
         self._plant = plant
         self._noise = noise
         self._rng = rng
@@ -151,7 +153,7 @@ class ImuSensor:
         self._alias = math.sqrt(max(1.0, config.sample_period_ms / config.window_ms))
         self._period_eighths = round(_EIGHTHS * config.sample_period_ms)
         self._bias, self._extra = np.zeros(AXES), np.zeros(AXES)
-        """Offsets added to each axis: the bias with faults, and the effect of lifting."""
+        """Offsets added to each axis: the bias including faults, and the effect of lifting."""
         self._chip = _drawn_chip(noise, rng, config, self._bias, self._extra)
         self._own_bias = self._bias.copy()
         self._reported_bias: tuple[object, object] = (None, None)
@@ -165,7 +167,7 @@ class ImuSensor:
         self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
         self._last = self._reported = self._sample(now)
         self.samples = 1
-        """Number of samples that the firmware has fetched."""
+        """Number of samples that the firmware has read."""
 
     def read(self) -> ImuCounts:
         """Return the registers at this tick."""
@@ -216,7 +218,7 @@ class ImuSensor:
         self._bias[:] = self._own_bias + np.array((*faults.accel_bias_g, *faults.gyro_bias_deg_s))
 
     def _set_interval(self, interval_ms: int) -> None:
-        """Compute the noise of samples this far apart; the interval seldom changes."""
+        """Compute the noise for a sample interval; the interval rarely changes."""
         noise, chip = self._noise, self._chip
         interval_s = 0.001 * interval_ms
         self._interval_ms = interval_ms
@@ -239,9 +241,9 @@ def _drawn_chip(
     bias: NDArray[np.float64],
     extra: NDArray[np.float64],
 ) -> ImuChip:
-    """Draw a chip's own errors, in a fixed order; append new draws at the end.
+    """Draw the errors of a chip in a fixed order; append new draws at the end.
 
-    ``bias`` is filled in; the chip keeps it and ``extra``.
+    The function fills ``bias``. The chip stores references to ``bias`` and ``extra``.
     """
 
     def tolerance(limit: float, *shape: int) -> NDArray[np.float64]:

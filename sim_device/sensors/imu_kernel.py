@@ -1,6 +1,6 @@
 """Compiled kernel for one sample of the inertial sensor: motion, errors, filter, counts.
 
-Axes in the order of the registers: acceleration x, y, z (g), then rate x, y, z (°/s).
+The axes are in the order of the registers: acceleration x, y, z (g), then rate x, y, z (°/s).
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ _DRAWS = cython.declare(cython.int, 10)
 _ROWS = cython.declare(cython.int, 64)
 _AXES = cython.declare(cython.int, 6)
 DRAWS = _DRAWS
-"""Number of normal values per sample: six axes, three for the walk of the bias, one for the angle.
+"""Number of normal random values per sample: six for the axes, three for the random walk of the
+bias, one for the random walk of the angle.
 """
 ROWS = _ROWS
-"""Number of rows in the filter's memory. The widest window is 37 ms, and a row lasts at least 1 ms.
+"""Number of rows in the filter's memory. The longest window is 37 ms, and a row covers at least 1
+ms.
 """
 AXES = _AXES
 
@@ -37,27 +39,29 @@ _TEMPERATURE_OFFSET_C = cython.declare(cython.double, 36.53)
 _MIN = cython.declare(cython.double, -32768.0)
 _MAX = cython.declare(cython.double, 32767.0)
 _ROUNDS = cython.declare(cython.double, 6755399441055744.0)
-"""Rounding constant 1.5 · 2⁵². Adding it removes a small number's fraction; halves go to even."""
+"""Rounding constant 1.5 · 2⁵². Adding it to a small number rounds the number to an integer, and
+halves to the nearest even integer."""
 
 
 @cython.final
 @cython.cclass
 class ImuChip:
-    """State of one chip: its drawn and configured values, the walk of its bias, the last sample."""
+    """State of one chip: errors, configuration, random walk of the bias, last sample."""
 
     matrix: FloatGrid
-    """Matrix from true values to the values of each axis, with cross-axis terms; ``(6, 3)``."""
+    """Matrix from the true values to the values of each axis, with cross-axis terms; shape ``(6,
+    3)``."""
     bias: Floats
-    """Bias of each axis at the reference temperature, with faults."""
+    """Bias of each axis at the reference temperature, including faults."""
     tempco: Floats
     """Change of each axis' bias per °C."""
     extra: Floats
-    """Offset added to the motion on each axis (lifting)."""
+    """Offset added to the motion on each axis while a person lifts the robot."""
     rest_sigma_g = cython.declare(cython.double, visibility="public")
-    """White noise of the accelerometer in one row at rest, g."""
+    """Sigma of the accelerometer's white noise in one row at rest, g."""
     moving_sigma_g = cython.declare(cython.double, visibility="public")
     sigma_deg_s = cython.declare(cython.double, visibility="public")
-    """White noise of the gyro in one row, °/s."""
+    """Sigma of the gyro's white noise in one row, °/s."""
     walk_sigma_deg_s = cython.declare(cython.double, visibility="public")
     yaw_sigma_deg_s = cython.declare(cython.double, visibility="public")
     motion_deg_s = cython.declare(cython.double, visibility="public")
@@ -67,13 +71,14 @@ class ImuChip:
     lsb_gyro = cython.declare(cython.double, visibility="public")
     """Scale of the gyro, counts per °/s."""
     window_ms = cython.declare(cython.double, visibility="public")
-    """Window of the filter, ms."""
+    """Length of the filter's window, ms."""
     temperature_error_c = cython.declare(cython.double, visibility="public")
     ambient_c = cython.declare(cython.double, visibility="public")
     warming_c = cython.declare(cython.double, visibility="public")
     interval_ms = cython.declare(cython.double, visibility="public")
     per_s = cython.declare(cython.double, visibility="public")
-    """Reciprocal of the interval, 1/s; then divided by gravity (for g), and in degrees."""
+    """Reciprocal of the sample interval, 1/s. The next attributes are this value divided by gravity
+    (for results in g), and in degrees."""
     per_g = cython.declare(cython.double, visibility="public")
     per_deg = cython.declare(cython.double, visibility="public")
     # Inputs of the last call of ``sample``.
@@ -86,18 +91,18 @@ class ImuChip:
     roll_rad: cython.double
     climb_m_s: cython.double
     walk: Floats
-    """Walk of the gyro's bias so far, °/s."""
+    """Present random walk of the gyro's bias, °/s."""
     durations_ms: Floats
     """Durations of the rows of the filter's memory, ms; 0: empty."""
     rows: FloatGrid
-    """Means of the samples, a row of six axes for each sample."""
+    """Mean values of the samples: one row of six axes per sample."""
     head: cython.int
     """Index of the next row."""
     mean: Floats
     """Output of the filter."""
 
     def __init__(self, matrix: FloatGrid, bias: Floats, tempco: Floats, extra: Floats) -> None:
-        """Use the given arrays, which the caller may change later."""
+        """Store references to the arrays; the caller may change their content later."""
         self.matrix, self.bias, self.tempco, self.extra = matrix, bias, tempco, extra
         self.walk, self.mean = np.zeros(3), np.zeros(AXES)
         self.durations_ms, self.rows, self.head = np.zeros(ROWS), np.zeros((ROWS, AXES)), 0
@@ -119,7 +124,7 @@ class ImuChip:
         roll_rad: cython.double,
         climb_m_s: cython.double,
     ) -> None:
-        """Set the sums that the next sample's means start from; see ``sample``."""
+        """Set the start values of the inputs, from which the next sample's means are computed."""
         self.heading_rad = heading_rad
         self.impulse_x_m_s, self.impulse_y_m_s = impulse_x_m_s, impulse_y_m_s
         self.left_rad, self.right_rad = left_rad, right_rad
@@ -140,15 +145,15 @@ def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes
     roll_rad: cython.double,
     climb_m_s: cython.double,
 ) -> Registers:
-    """Put the means since the last sample into the filter and return the registers.
+    """Add the mean motion since the last sample to the filter; return the registers.
 
     Args:
-        chip: Changed.
-        normals: Standard normal values; ``DRAWS`` from ``at`` are used.
+        chip: State of the chip; the function changes it.
+        normals: Standard normal values; ``DRAWS`` values from index ``at`` are used.
         at: Index of the first value to use.
         tick_ms: Time since power-on, ms; it gives the temperature of the board.
-        heading_rad: Heading. This and the next ones are as in ``truth.Inertial``; their differences
-            are means.
+        heading_rad: Heading. This value and the next ones are fields of ``truth.Inertial``. Their
+            change since the last sample gives the mean motion.
         impulse_x_m_s: Specific impulse ahead.
         impulse_y_m_s: Specific impulse to the left.
         left_rad: Angle of the left wheel; motion noise is present while a wheel turns.
@@ -211,8 +216,8 @@ def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes
 def _filter(chip: ImuChip, head: cython.int) -> cython.void:
     """Compute the running mean over the window that ends with the row ``head``.
 
-    If the window begins within a row, the means with and without that row are mixed so that the
-    delay is exactly half the window.
+    If the window begins within a row, the result is a weighted mean of the means with and without
+    this row. The weights make the delay exactly half of the window.
     """
     mean, rows, durations_ms = chip.mean, chip.rows, chip.durations_ms
     window_ms, taken_ms, share = chip.window_ms, 0.0, 1.0
@@ -242,5 +247,5 @@ def _axis(chip: ImuChip, axis: cython.int, warm_c: cython.double, lsb: cython.do
 @cython.cfunc
 @cython.exceptval(check=False)
 def _counts(value: cython.double) -> cython.int:
-    """Round to a register, saturating as the chip does."""
+    """Round to a register value, with saturation as in the chip."""
     return int((min(_MAX, max(_MIN, value)) + _ROUNDS) - _ROUNDS)

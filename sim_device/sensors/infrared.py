@@ -1,19 +1,20 @@
-"""Triangulating infrared ranger: one diffuse beam, a voltage, and the firmware's inverse.
+"""Infrared ranger (triangulation): one beam, its output voltage, and the firmware's conversion.
 
 Source: Sharp GP2Y0A41SK0F, sheet OP13008EN, electro-optical characteristics: range 4 to 30 cm; 0.4
-V at 30 cm and 2.25 V more at 4 cm (white paper, 90 %). With the optics' V = A/(d + B) these give A
-= 0.1225 V·m and B = 6.2 mm. Consequences:
+V at 30 cm and 2.25 V more at 4 cm (white paper, 90 % reflectance). The optics give V = A/(d + B)
+for the distance d, so A = 0.1225 V·m and B = 6.2 mm. Consequences:
 
-- The noise is a voltage noise, so its sigma in distance grows as (d + B)².
-- Below ``PEAK_SHARE`` of the minimum range the light spot leaves the detector and the voltage falls
-  again. A wall at 2 cm reads like a wall at 5.5 cm, and a closer wall reads still farther. Between
-  the peak and the minimum range the sensor reads the minimum range.
-- A darker wall reflects less light. The noise grows as the root of the loss, and the range is too
-  long by ``DARK_ERROR`` of the range per unit of reflectance. This is 2 % for the 18 % grey card
-  compared with the white one, the difference of their curves in the datasheet's figure.
+- The noise is constant in voltage, so the sigma in distance grows as (d + B)².
+- Below ``PEAK_SHARE`` of the minimum range, the light spot leaves the detector and the voltage
+  falls again. A wall at 2 cm gives the reading of a wall at 5.5 cm; a closer wall gives a greater
+  reading. Between this peak and the minimum range, the reading is the minimum range.
+- A darker wall reflects less light. The noise grows with the square root of this loss. The reading
+  is too long by the share ``DARK_ERROR`` of the range per unit of missing reflectance. A grey card
+  (18 %) reads 2 % longer than white paper, as in the datasheet's figure.
 
-The firmware uses the curve of white paper for this individual part ("after calibration"). A
-measurement takes 16.5 ms, less than the period of the readings; the model omits this delay.
+The firmware converts with the white-paper curve of this individual sensor (as after a calibration).
+A measurement takes 16.5 ms. This is less than the period of the readings, so the model omits the
+delay.
 """
 
 from __future__ import annotations
@@ -31,23 +32,23 @@ _NEAR_M, _NEAR_V, _FAR_M, _FAR_V = 0.04, 2.65, 0.30, 0.40
 OFFSET_M = (_FAR_V * _FAR_M - _NEAR_V * _NEAR_M) / (_NEAR_V - _FAR_V)
 GAIN_V_M = _FAR_V * (_FAR_M + OFFSET_M)
 PEAK_SHARE = 0.8
-"""Distance of the highest voltage, as a share of the minimum range: 3.2 cm of 4 cm in the
+"""Distance with the highest voltage, as a share of the minimum range: 3.2 cm of 4 cm in the
 datasheet's figure."""
 DARK_ERROR = 0.03
 _SIGMA_AT_M = 0.10
 _NO_LIGHT_V = 0.02
-"""Voltage below which the inverse is undefined, V; it is beyond 6 m."""
+"""Voltage below which no distance is computed, V; it corresponds to more than 6 m."""
 
 
 def volts(distance_m: float, peak_m: float) -> float:
-    """Return the output for white paper at a distance, V; it falls again below ``peak_m``."""
+    """Return the output voltage for white paper at a distance; it falls again below ``peak_m``."""
     if distance_m >= peak_m:
         return GAIN_V_M / (distance_m + OFFSET_M)
     return GAIN_V_M / (peak_m + OFFSET_M) * distance_m / peak_m
 
 
 def metres(output_v: float) -> float:
-    """Return the distance beyond the peak for a voltage, as the firmware does; ``inf``: dark."""
+    """Return the firmware's distance for a voltage, beyond the peak; ``inf``: no reflection."""
     return GAIN_V_M / output_v - OFFSET_M if output_v > _NO_LIGHT_V else math.inf
 
 
@@ -62,12 +63,12 @@ class Reflectances:
     __slots__ = ("_drawn", "_draws", "_spread")
 
     def __init__(self, noise: NoiseLevel, draws: Draws) -> None:
-        """Store ``draws``, which belongs to this object."""
+        """Store ``draws``, which no other object may use."""
         self._spread, self._draws = noise.infrared_reflectance_spread, draws
         self._drawn: list[float] = []
 
     def of(self, edge: int) -> float:
-        """Return the reflectance of an edge, 0..1; -1, a walker, has the level's darkest value."""
+        """Return the reflectance of an edge, 0..1; the walker (-1) has the level's minimum."""
         if edge < 0:
             return WHITE_PAPER - self._spread
         while edge >= len(self._drawn):
@@ -76,14 +77,14 @@ class Reflectances:
 
 
 class Infrared:
-    """One ranger at its mount."""
+    """One infrared ranger at its mount."""
 
     __slots__ = ("_draws", "_mount", "_peak_m", "_sigma_v", "reflectances")
 
     def __init__(
         self, mount: RangerMount, noise: NoiseLevel, draws: Draws, reflectances: Reflectances
     ) -> None:
-        """Use ``draws``, which the ranger on the other side may share: one value a reading."""
+        """Use one value of ``draws`` per reading; both infrared rangers may share ``draws``."""
         self._mount, self._draws, self.reflectances = mount, draws, reflectances
         self._peak_m = PEAK_SHARE * mount.min_range_m
         self._sigma_v = sigma_v(noise.infrared_sigma_m)

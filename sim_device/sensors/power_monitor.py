@@ -15,7 +15,7 @@ class PowerReading(NamedTuple):
     rail_v: float
     """Voltage of the 5 V logic rail, V."""
     left_a: float
-    """Current of the left motor, A; negative while it brakes."""
+    """Current of the left motor, A; negative while the motor brakes."""
     right_a: float
 
 
@@ -41,7 +41,7 @@ class PowerMonitor:
     __slots__ = ("_draws", "_noise", "_plant")
 
     def __init__(self, plant: Powered, noise: NoiseLevel, draws: Draws) -> None:
-        """Measure ``plant``; ``draws`` belongs to the monitor."""
+        """Measure ``plant``; no other object may use ``draws``."""
         self._plant = plant
         self._noise = noise
         self._draws = draws
@@ -58,7 +58,7 @@ class PowerMonitor:
         )
         return PowerReading(
             max(0.0, supply_v + volt * normal()),
-            # the rail's divider is 1:2, the battery's 1:6
+            # the rail's voltage divider is 1:2, the battery's divider 1:6
             max(0.0, rail_v + 0.3 * volt * normal()),
             left_a + amp * normal(),
             right_a + amp * normal(),

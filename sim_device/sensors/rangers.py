@@ -25,14 +25,14 @@ class Ranges(NamedTuple):
     infrared_left_m: float | None
     infrared_right_m: float | None
     ultrasonic_age_us: int
-    """Time since the pulse that gave the ultrasonic range, µs; the infrared ranges have none."""
+    """Time since the pulse of the ultrasonic range, µs; infrared ranges have no delay."""
 
 
 class Rangers:
     """All range sensors of the robot."""
 
     def __init__(self, model: RobotModel, noise: NoiseLevel, rng: np.random.Generator) -> None:
-        """Use the mounts of ``model``; own ``rng``, which spawns the rangers' generators."""
+        """Use the mounts of ``model``; ``rng`` spawns a generator for each ranger."""
         sonar, light, paint = (Draws(child) for child in rng.spawn(3))
         self.ultrasonic = Ultrasonic(model.ultrasonic, noise, sonar)
         self.reflectances = Reflectances(noise, paint)
@@ -46,8 +46,8 @@ class Rangers:
     def read(self, tick_ms: int, pose: Pose2, world: World) -> Ranges:
         """Return the range from each sensor's face at this tick, m.
 
-        The infrared sensors measure now; the ultrasonic gives its last returned ping. Times must
-        not go back.
+        The infrared sensors measure now; the ultrasonic sensor returns the result of its last
+        completed ping. Times must not decrease between calls.
         """
         ultrasonic_m = self.ultrasonic.read(tick_ms, pose, world)
         hits = self._hits

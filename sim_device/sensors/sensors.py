@@ -31,7 +31,7 @@ class SensorSuite:
     """Raw readings of one plant, computed on demand.
 
     ``rng`` only spawns child generators, one per noisy sensor. So the use of one sensor does not
-    change the random values of another. New sensors use later children.
+    change the random values of another sensor. A new sensor must use the next child generator.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class SensorSuite:
         rng: np.random.Generator,
         imu: ImuConfig | None = None,
     ) -> None:
-        """Attach to ``plant``; ``model`` gives the mounts and the encoder's counts."""
+        """Measure ``plant``; ``model`` defines the mounts and the encoder's counts per turn."""
         imu = imu or ImuConfig()
         imu_rng, range_rng, power_rng = rng.spawn(3)
         self.faults = SensorFaults()
@@ -51,10 +51,10 @@ class SensorSuite:
         self.encoders: Callable[[], tuple[int, int]] = EncoderCounters(
             plant, model, self.faults
         ).read
-        """Returns the left and the right count, 0..65535."""
+        """Function that returns the left and the right count, 0..65535."""
         self._imu = ImuSensor(plant, noise, imu_rng, self.faults, imu)
         self.imu: Callable[[], ImuCounts] = self._imu.read
-        """Returns the MPU6050's registers: acceleration, temperature, rotation."""
+        """Function that returns the MPU6050's registers: acceleration, temperature, rotation."""
         self._rangers = Rangers(model, noise, range_rng)
         self._bumper = Bumper(plant, model.radius_m)
         self._cliff = CliffSensor(model.radius_m)
@@ -62,7 +62,7 @@ class SensorSuite:
         self._power_before: PowerReading | None = None
 
     def imu_samples(self) -> int:
-        """Return how many of the chip's samples have been fetched."""
+        """Return the number of the IMU's samples that the firmware has read."""
         return self._imu.samples
 
     def ranges(self) -> Ranges:

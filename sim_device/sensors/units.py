@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sim_device.sensors.contacts import Bumpers
 
 NO_RANGE = 0xFFFF
-"""Value of a ranger without an object in range."""
+"""Reading of a ranger if no object is in range."""
 _LEFT, _RIGHT, _CLIFF = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT), int(Contact.CLIFF)
 
 
@@ -26,5 +26,5 @@ def range_steps(range_m: float | None, per_m: float) -> int:
 
 
 def milli(value: float) -> int:
-    """Return volts or amperes in thousandths. A current has no sign."""
+    """Return volts or amperes as absolute value in thousandths (mV, mA)."""
     return min(0xFFFF, round(1000.0 * abs(value)))

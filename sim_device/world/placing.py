@@ -1,4 +1,4 @@
-"""Place of the robot after a change of the room."""
+"""Computes the place of the robot after a change of the room."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _FREE_M = 1e-9
 
 
 def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[float, float] | None:
-    """Find where a disc at (x, y) is pushed as ``before`` becomes ``after``.
+    """Return the new place of a disc at (x, y) when the room changes to ``after``.
 
-    An obstacle that overlaps the disc pushes it out on the shortest path. The push is repeated if
-    it ends in another obstacle. None: the disc is held, because no free place within its diameter
-    can be reached.
+    An obstacle that overlaps the disc pushes the disc out on the shortest path. The push is
+    repeated if it ends in another obstacle. The result is None if no free place within the disc's
+    diameter can be reached; the disc is then held.
     """
     x, y, radius = x_m, y_m, after.radius_m
     for _ in range(_PASSES):
@@ -24,7 +24,7 @@ def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[fl
         floor = after.is_floor(x, y)
         if floor and wall.distance_m >= radius - _FREE_M:
             break
-        out = radius if floor else -radius  # from inside an obstacle the way out leads past
+        out = radius if floor else -radius  # inside an obstacle, the disc must move past the edge
         x = wall.x_m + out * wall.normal_x
         y = wall.y_m + out * wall.normal_y
     else:
@@ -40,7 +40,7 @@ def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[fl
 
 
 def _crosses(a: tuple[float, float], b: tuple[float, float], edge: list[float]) -> bool:
-    """Return whether the line from a to b crosses an edge (corner and vector)."""
+    """Return whether the line from a to b crosses an edge, given as corner and vector."""
     px, py, ex, ey = edge
     dx, dy = b[0] - a[0], b[1] - a[1]
     cross = dx * ey - dy * ex

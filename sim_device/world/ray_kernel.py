@@ -1,8 +1,8 @@
-"""Rays against the room's edges and a round walker, compiled.
+"""Compiled kernel for ray casts against the room's edges and a round walker.
 
-All geometry comes as float64 arrays. ``edges`` has a row per edge: corner a (2), the vector e along
-it (2), 1/|e|², and the unit vector along it (2). ``walker`` is centre and radius; radius 0 means no
-walker.
+All geometry is in float64 arrays. ``edges`` has one row per edge: first corner (2), vector e along
+the edge (2), 1/|e|², and unit vector along the edge (2). ``walker`` contains centre (2) and radius;
+radius 0 means no walker.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ if TYPE_CHECKING or cython.compiled:
     from cython.cimports.bridge.motion.arrays import FloatGrid, Floats
 
 HIT_RANGE, HIT_COSINE, HIT_EDGE = 0, 1, 2
-"""Columns of a hit: range, m (``inf``: none); cosine of the angle between the ray and the normal of
-the surface (1: perpendicular); index of the edge (-1: the walker, or nothing)."""
+"""Columns of a ray's first hit: range, m (``inf``: no hit); cosine of the angle between ray and
+surface normal (1: perpendicular); index of the edge (-1: the walker, or no hit)."""
 _INFINITY = cython.declare(cython.double, math.inf)
 _SEAM = cython.declare(cython.double, 1e-9)
-"""Relative tolerance at the ends of an edge. Neighbouring edges share a corner, and no ray may pass
-between them."""
+"""Relative tolerance at the ends of an edge. Neighbouring edges share a corner, and the tolerance
+prevents a ray from passing between them."""
 _IN_SIGHT_M = cython.declare(cython.double, 1e-6)
 
 
@@ -37,11 +37,11 @@ class UltrasonicGeometry:
     half_angle_rad = cython.declare(cython.double, visibility="public")
     """Half angle of the cone, rad, below π/2."""
     cosine = cython.declare(cython.double, visibility="public")
-    """Minimum cosine of the angle to the normal at which a wall echoes."""
+    """Minimum cosine of the angle between ray and wall normal at which a wall gives an echo."""
     reach_m = cython.declare(cython.double, visibility="public")
-    """Maximum range at which corners echo, m."""
+    """Maximum range at which corners of the room give an echo, m."""
     edge_reach_m = cython.declare(cython.double, visibility="public")
-    """Maximum range at which corners that jut into the floor echo, m."""
+    """Maximum range at which convex corners (corners of obstacles) give an echo, m."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - its numbers
         self,
@@ -53,7 +53,7 @@ class UltrasonicGeometry:
         reach_m: cython.double,
         edge_reach_m: cython.double,
     ) -> None:
-        """Take each number."""
+        """Store the numbers."""
         self.x_m, self.y_m, self.yaw_rad = x_m, y_m, yaw_rad
         self.half_angle_rad, self.cosine = half_angle_rad, cosine
         self.reach_m, self.edge_reach_m = reach_m, edge_reach_m
@@ -65,11 +65,11 @@ class _Hit:
     """The first hit of a ray."""
 
     range_m: cython.double
-    """Range of the hit, m; infinite: nothing."""
+    """Range of the hit, m; infinite: no hit."""
     cosine: cython.double
-    """Cosine of the angle between the ray and the normal."""
+    """Cosine of the angle between the ray and the surface normal."""
     edge: cython.int
-    """Index of the edge; -1: the walker, or nothing."""
+    """Index of the edge; -1: the walker, or no hit."""
 
 
 @cython.cfunc
@@ -128,7 +128,7 @@ def _cast(  # noqa: PLR0913, PLR0917 - scalars for C
     beams: FloatGrid,
     k: cython.Py_ssize_t,
 ) -> cython.void:
-    """Find the first hit of one beam of a body whose heading has this cosine and sine."""
+    """Find the first hit of one beam that is fixed to a body; heading as cosine and sine."""
     bx, by, ux, uy = beams[k, 0], beams[k, 1], beams[k, 2], beams[k, 3]
     _first_hit(
         hit,
@@ -150,16 +150,16 @@ def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many 
     beams: FloatGrid,
     hits: FloatGrid,
 ) -> None:
-    """Cast beams that are fixed to a body standing at a pose.
+    """Cast beams that are fixed to a body at a pose.
 
     Args:
-        edges: Edges of the room, see the module; shape ``(edges, 7)``.
-        walker: See the module; shape ``(3,)``.
+        edges: Edges of the room as described in the module docstring; shape ``(edges, 7)``.
+        walker: Centre and radius of the walker; shape ``(3,)``.
         x_m: Pose of the body, x.
         y_m: Pose of the body, y.
         theta_rad: Pose of the body, heading.
-        beams: Per beam its origin and unit direction in the body's frame; ``(beams, 4)``.
-        hits: Filled with the first hit of each beam, columns ``HIT_…``; ``(beams, 3)``.
+        beams: Origin and unit direction of each beam in the body's frame; shape ``(beams, 4)``.
+        hits: Output: the first hit of each beam, with columns ``HIT_…``; shape ``(beams, 3)``.
 
     """
     hit = _Hit()
@@ -180,16 +180,17 @@ def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a seco
     beams: FloatGrid,
     ear: UltrasonicGeometry,
 ) -> float:
-    """Return the distance to the nearest surface that returns the sound, m; ``inf``: none.
+    """Return the distance to the nearest surface that gives an echo, m; ``inf``: none.
 
     Args:
-        edges: See the module.
-        walker: See the module.
-        corners: Per corner its place and 1 where it juts into the floor, else 0; ``(n, 3)``.
+        edges: As for ``cast_beams``.
+        walker: As for ``cast_beams``.
+        corners: Place of each corner, and 1 if the corner is convex (an obstacle's corner), else 0;
+            shape ``(n, 3)``.
         x_m: Pose of the body, x.
         y_m: Pose of the body, y.
         theta_rad: Pose of the body, heading.
-        beams: The fan, as for ``cast_beams``.
+        beams: The rays in the cone, as for ``cast_beams``.
         ear: Geometry of the ranger.
 
     """

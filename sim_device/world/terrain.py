@@ -24,9 +24,9 @@ _INFINITY = cython.declare(cython.double, math.inf)
 @cython.boundscheck(True)  # noqa: FBT003 - a directive: these are Python's own tuples
 @cython.wraparound(True)  # noqa: FBT003 - as above
 def carpet_rows(plan: FloorPlan) -> NDArray[np.float64]:
-    """Return a row per edge of a carpet: corners (4), number of the carpet, drag (N), slip.
+    """Return one row per carpet edge: corners (4), number of the carpet, drag (N), slip.
 
-    Shape ``(edges, 7)``; the rows of one carpet follow each other.
+    The shape is ``(edges, 7)``; the rows of one carpet are consecutive.
     """
     rows = [
         (*carpet.polygon[i - 1], *carpet.polygon[i], number, carpet.drag_n, carpet.slip)
@@ -37,9 +37,9 @@ def carpet_rows(plan: FloorPlan) -> NDArray[np.float64]:
 
 
 def threshold_rows(plan: FloorPlan) -> NDArray[np.float64]:
-    """Return a row per threshold: start (2), unit vector to the end (2), length, height (m).
+    """Return one row per threshold: start (2), unit vector to the end (2), length, height (m).
 
-    Shape ``(thresholds, 6)``.
+    The shape is ``(thresholds, 6)``.
     """
     rows = []
     for (ax, ay), (bx, by), height_m in plan.thresholds:
@@ -49,7 +49,7 @@ def threshold_rows(plan: FloorPlan) -> NDArray[np.float64]:
 
 
 def carpet_under(x_m: cython.double, y_m: cython.double, carpets: FloatGrid) -> tuple[float, float]:
-    """Return the drag (N) of one wheel at a point, and the share of its travel lost there."""
+    """Return a wheel's drag (N) at a point, and the share of its travel that is lost."""
     drag, slip = 0.0, 0.0
     inside: cython.bint = False
     for i in range(carpets.shape[0]):
@@ -87,7 +87,7 @@ class Stance:
         on_wheel_n: cython.double,
         on_caster_n: cython.double,
     ) -> None:
-        """Keep the numbers."""
+        """Store the numbers."""
         self.wheel_base_m, self.wheel_radius_m = wheel_base_m, wheel_radius_m
         self.caster_x_m, self.caster_radius_m = caster_x_m, caster_radius_m
         self.on_wheel_n, self.on_caster_n = on_wheel_n, on_caster_n
@@ -99,7 +99,7 @@ class Climb:
     """Effect of thresholds on a robot at a pose."""
 
     load_left_n = cython.declare(cython.double, visibility="public")
-    """Force of the weight against the left wheel's forward motion, N."""
+    """Force of the robot's weight against the left wheel's forward motion, N."""
     load_right_n = cython.declare(cython.double, visibility="public")
     height_m = cython.declare(cython.double, visibility="public")
     """Height of the axle's centre, m."""
@@ -108,7 +108,7 @@ class Climb:
     roll_rad = cython.declare(cython.double, visibility="public")
     """Roll, rad, left side up."""
     away_m = cython.declare(cython.double, visibility="public")
-    """Lower bound of the distance to the nearest threshold with an effect, m; 0 on one."""
+    """Lower bound of the distance to the nearest threshold with an effect, m; 0 on a threshold."""
 
     def __init__(self) -> None:
         """Start on level ground."""
@@ -119,10 +119,11 @@ class Climb:
 @cython.cfunc
 @cython.exceptval(check=False)
 def _hub(x: cython.double, y: cython.double, radius_m: cython.double, rows: FloatGrid) -> Four:
-    """Return the rise of a wheel's hub by thresholds, its slope (x, y), and ``away_m``.
+    """Return the height of a wheel's hub on thresholds, its slope (x, y), and ``away_m``.
 
-    A wheel of radius r touches a bar of height h at a distance of √(2rh - h²). From there to the
-    far side the model's hub follows a cosine, as a soft tyre rounds the sharp rise.
+    A wheel of radius r touches a bar of height h at a distance of √(2rh - h²). Between the two
+    contact points, the hub's height is modelled as a cosine, because a soft tyre smooths the sharp
+    rise.
     """
     height, slope_x, slope_y, away = 0.0, 0.0, 0.0, _INFINITY
     for i in range(rows.shape[0]):
@@ -151,16 +152,16 @@ def climb(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a sec
 ) -> None:
     """Compute the effect of thresholds on a robot at a pose.
 
-    The energy of the weight is a function of the pose. Its slope along each wheel's motion is the
-    force that this wheel must overcome, including the caster's share.
+    The robot's potential energy is a function of its pose. The derivative along each wheel's motion
+    is the force that this wheel must overcome, including the caster's share.
 
     Args:
         x_m: Pose of the axle's centre, x.
         y_m: Pose of the axle's centre, y.
         theta_rad: Heading.
         stance: Geometry and load of the robot.
-        thresholds: As ``threshold_rows`` gives them.
-        felt: Filled in.
+        thresholds: The rows of ``threshold_rows``.
+        felt: Output: the effect.
 
     """
     c, d = cos(theta_rad), sin(theta_rad)

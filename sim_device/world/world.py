@@ -1,8 +1,8 @@
-"""The room as numbers: arrays of edges and corners, ray casts, and distances to a point.
+"""Geometry of the room: arrays of edges and corners, ray casts, and distances to a point.
 
-A world is immutable. Obstacles and outer walls form one set of edges. The side of the floor matters
-only for corners and for the start check. A walker (a person's leg) is an additional disc. A world
-with another walker shares all arrays with this one, so it is cheap to create.
+A world is immutable. Obstacles and outer walls form one set of edges. Only the corners and the
+start check distinguish the floor side of an edge. A walker (a person's leg) is an additional disc.
+A world with another walker shares all arrays with the original world, so it is fast to create.
 """
 
 from __future__ import annotations
@@ -28,28 +28,29 @@ _AT_ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Nearest(NamedTuple):
-    """The point of the walls and obstacles closest to a place on the floor."""
+    """The point of a wall or obstacle that is closest to a place on the floor."""
 
     distance_m: float
     x_m: float
     y_m: float
     normal_x: float
-    """Unit vector from the wall's point to the given place, x; (0, 0) on the wall."""
+    """Unit vector from this point to the place, x component; (0, 0) for a place on the wall."""
     normal_y: float
 
 
 class World:
-    """A floor plan in which the robot's start is free.
+    """Geometry of a floor plan with a free start place.
 
     Raises:
-        StartBlockedError: the start disc overlaps a wall or an obstacle, or stands in one.
+        StartBlockedError: the start disc overlaps a wall, or overlaps or is inside an obstacle.
 
     """
 
     def __init__(self, plan: FloorPlan, model: RobotModel, *, check_start: bool = True) -> None:
-        """Take the room and the robot's radius; see the class for errors.
+        """Create the geometry for a robot with the model's radius.
 
-        Without ``check_start`` the start may be blocked, because the robot is elsewhere by now.
+        With ``check_start`` false, the start place may be blocked, because the robot is already
+        elsewhere.
         """
         self.plan = plan
         self.radius_m = model.radius_m
@@ -60,7 +61,7 @@ class World:
         self.edges: Floats = np.ascontiguousarray(
             np.column_stack([a, e, inv_len2, e * np.sqrt(inv_len2)[:, None]]),
         )
-        """A row per edge as ``ray_kernel`` defines it; read-only."""
+        """Edges in the format of ``ray_kernel``, one row per edge; read-only."""
         self.walker: Floats = np.zeros(3)
         """Centre and radius of the walker, m; radius 0: no walker."""
         self.carpets: Floats = carpet_rows(plan)
@@ -71,8 +72,8 @@ class World:
         self._corners: Floats = np.array(corners, dtype=np.float64).reshape(-1, 3)
         self.corner_x_m, self.corner_y_m = self._corners[:, 0], self._corners[:, 1]
         self.corner_juts = self._corners[:, 2] > 0.0
-        """Per corner: True if it juts into the floor (an obstacle's corner), False if the floor
-        ends in it (a room's corner)."""
+        """For each corner: True if it is convex (an obstacle's corner), False if it is concave (a
+        corner of the room)."""
         if check_start:
             check_robot_fits(plan, self.radius_m)
 
@@ -82,7 +83,7 @@ class World:
         return len(self.edges)
 
     def with_walker(self, x_m: float, y_m: float, radius_m: float) -> World:
-        """Return the room with a round walker in it; radius 0 removes the walker."""
+        """Return a world with a round walker; radius 0 removes the walker."""
         made = copy.copy(self)
         made.walker = np.array([x_m, y_m, radius_m])
         return made
@@ -94,7 +95,7 @@ class World:
         )
 
     def nearest(self, x_m: float, y_m: float) -> Nearest:
-        """Return the wall point closest to (x, y), exact, over every edge."""
+        """Return the wall point closest to (x, y), computed exactly over all edges."""
         qx, qy, d2 = self._closest(x_m, y_m)
         i = int(np.argmin(d2))
         distance = float(np.sqrt(d2[i]))
@@ -107,7 +108,7 @@ class World:
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """Return the gap between the robot's disc at (x, y) and the nearest wall, m; < 0: overlap.
 
-        The result is only meaningful for a centre on the floor.
+        The result is valid only if (x, y) is on the floor.
         """
         return self.nearest(x_m, y_m).distance_m - self.radius_m
 
@@ -118,13 +119,14 @@ class World:
         return near
 
     def cast_beams(self, pose: tuple[float, float, float], beams: Floats, hits: Floats) -> None:
-        """Cast beams fixed to a body at ``pose`` (x, y in metres, heading in radians).
+        """Cast beams that are fixed to a body at ``pose`` (x and y in metres, heading in radians).
 
         Args:
             pose: Pose of the body.
             beams: Origin and unit direction in the body's frame; float64, ``(beams, 4)``.
-            hits: Filled per beam with range (m, ``inf``: nothing), cosine of the incidence (1:
-                perpendicular) and edge index (-1: walker or nothing); float64, ``(beams, 3)``.
+            hits: Output, one row per beam: range (m, ``inf``: no hit), cosine of the angle of
+                incidence (1: perpendicular) and edge index (-1: walker or no hit); float64,
+                ``(beams, 3)``.
 
         """
         cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
@@ -146,7 +148,7 @@ class World:
         dir_x: Floats,
         dir_y: Floats,
     ) -> tuple[Floats, Floats]:
-        """Cast rays against every edge and the walker.
+        """Cast rays against all edges and the walker.
 
         Args:
             origin_x: Ray origins, x, m, shape ``(rays,)``.
@@ -155,8 +157,8 @@ class World:
             dir_y: Unit directions, y, shape ``(rays,)``.
 
         Returns:
-            Range to the first hit in metres (``inf``: none) and the cosine of the angle between ray
-            and wall normal there (1: perpendicular), each of shape ``(rays,)``.
+            Range to the first hit in metres (``inf``: none), and the cosine of the angle between
+            ray and wall normal (1: perpendicular), each of shape ``(rays,)``.
 
         """
         hits = np.empty((len(origin_x), 3))
@@ -176,7 +178,7 @@ def _corners(
     *,
     floor_inside: bool,
 ) -> list[tuple[float, float, bool]]:
-    """Return the corners, each with whether it juts into the floor."""
+    """Return the corners, each with a flag that is 1 for a convex corner."""
     if signed_area_m2(polygon) < 0.0:
         polygon = polygon[::-1]
     out: list[tuple[float, float, bool]] = []
@@ -189,6 +191,6 @@ def _corners(
         turn = (here[0] - before[0]) * (after[1] - here[1]) - (here[1] - before[1]) * (
             after[0] - here[0]
         )
-        if turn != 0.0:  # a corner of 180 degrees is no corner
+        if turn != 0.0:  # 180 degrees is not a corner
             out.append((here[0], here[1], (turn > 0.0) != floor_inside))
     return out

@@ -1,5 +1,5 @@
-/* The Cortex-M4's own registers that the boards use. Source: ST PM0214, STM32 Cortex-M4 programming
- * manual; each block names its section. */
+/* Registers of the Cortex-M4 processor that the boards use. Source: ST PM0214, STM32 Cortex-M4
+ * programming manual. The comment of each block has the section number in this manual. */
 #ifndef CORTEX_M4_H
 #define CORTEX_M4_H
 
@@ -51,13 +51,14 @@ typedef struct {
 #define SCB_CFSR_MSTKERR (1u << 4)
 #define SCB_AIRCR_VECTKEY (0x05FAu << 16)
 #define SCB_AIRCR_SYSRESETREQ (1u << 2)
-#define SCB_SHPR_SYSTICK 11 /* byte of SHPR3 that holds exception 15's priority */
+#define SCB_SHPR_SYSTICK 11 /* byte of SHPR3 with the priority of exception 15 */
 
 /* 4.6 Floating point unit: coprocessor access control. */
 #define SCB_CPACR (*(volatile uint32_t *)0xE000ED88u)
 #define SCB_CPACR_FPU_FULL (0xFu << 20)
 
-/* Sixteen levels on the STM32F4 (4.3.7: bits 7:4 count); a lower number interrupts a higher. */
+/* The STM32F4 has sixteen priority levels (4.3.7: only bits 7:4 are used). An interrupt with a
+ * lower number can interrupt a handler with a higher number. */
 #define PRIORITY(level) ((uint8_t)((level) << 4))
 
 static inline void nvic_enable(unsigned irq, unsigned level) {
@@ -81,7 +82,7 @@ static inline void wait_for_interrupt(void) { __asm volatile("wfi" ::: "memory")
 static inline void barrier(void) { __asm volatile("dsb\n\tisb" ::: "memory"); }
 
 #else
-/* On a computer a test stands in for the processor (tests/c/chip_f429.c). */
+/* In a test on a computer, tests/c/chip_f429.c defines these functions. */
 uint32_t irq_save(void);
 void irq_restore(uint32_t primask);
 void wait_for_interrupt(void);

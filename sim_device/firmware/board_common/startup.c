@@ -1,5 +1,5 @@
-/* From reset to main(): floating point unit, initialised data, zeroed data. The addresses come from
- * sections.ld. */
+/* Startup code from reset to main(): floating point unit, initialised data, zeroed data. The linker
+ * script sections.ld defines the addresses. */
 #include "startup.h"
 
 #include <stddef.h>
@@ -13,9 +13,10 @@ extern uint32_t ld_stack_bottom[];
 extern uint32_t ld_vectors[];
 
 #define STACK_MARK 0xA5A5A5A5u
-#define STACK_ABOVE 64u /* bytes that this function itself may still use */
+#define STACK_ABOVE 64u /* bytes that this function may still use */
 
-/* The linker's symbols are only addresses. Here they are numbers, so that they can be compared. */
+/* The symbols of the linker are only addresses. This function uses them as numbers, so that it can
+ * compare them. */
 static void fill(uintptr_t from, uintptr_t end, uint32_t value) {
     for (uintptr_t at = from; at < end; at += sizeof value) {
         *(uint32_t *)at = value;
@@ -23,8 +24,9 @@ static void fill(uintptr_t from, uintptr_t end, uint32_t value) {
 }
 
 void reset_handler(void) {
-    SCB_CPACR |= SCB_CPACR_FPU_FULL; /* before the first function that may use it */
-    /* The chip's serial bootloader may have started the program: its own vectors are then in use. */
+    SCB_CPACR |= SCB_CPACR_FPU_FULL; /* before the first function that uses floating point */
+    /* If the chip's serial bootloader has started the program, the bootloader's vectors are in use.
+     * */
     SCB->vtor = (uint32_t)(uintptr_t)ld_vectors;
     barrier();
     const uint32_t *from = ld_data_load;
@@ -32,15 +34,16 @@ void reset_handler(void) {
         *(uint32_t *)at = *from++;
     }
     fill((uintptr_t)ld_bss_start, (uintptr_t)ld_bss_end, 0);
-    /* Below this frame the stack is unused: mark it, so that its use can be measured. */
+    /* The stack below this frame is unused. Fill it with a pattern, so that its use can be
+     * measured. */
     const uint32_t here = 0;
     fill((uintptr_t)ld_stack_bottom, (uintptr_t)&here - STACK_ABOVE, STACK_MARK);
     (void)main();
     system_reset();
 }
 
-/* Memory that no start clears. At power-on its content is random, so a check shows whether it is
- * valid. */
+/* Memory that the startup code does not clear. Its content is random at power-on, so a check word
+ * shows whether it is valid. */
 static struct {
     board_crash_t record;
     uint32_t check;
@@ -51,12 +54,13 @@ static uint32_t check_of(const board_crash_t *record) {
     return ~(record->pc ^ record->lr << 1 ^ record->cfsr << 2 ^ record->uptime_us << 3 ^ 0xC4A54u);
 }
 
-/* `stack` is where the processor has put r0 to r3, r12, lr, pc and xpsr (PM0214, section 2.3.7). */
+/* `stack` points to r0 to r3, r12, lr, pc and xpsr, which the processor has stored (PM0214, section
+ * 2.3.7). */
 static void keep_crash(const uint32_t *stack) __attribute__((used));
 static void keep_crash(const uint32_t *stack) {
     const uint32_t cfsr = SCB->cfsr;
-    /* After a stack overflow the stacked registers are unreadable: only the kind of fault is known.
-     */
+    /* After a stack overflow, the stored registers are not valid, and only the kind of fault is
+     known. */
     const bool stacked = (cfsr & (SCB_CFSR_STKERR | SCB_CFSR_MSTKERR)) == 0;
     kept.record.pc = stacked ? stack[6] : 0;
     kept.record.lr = stacked ? stack[5] : 0;
@@ -66,9 +70,10 @@ static void keep_crash(const uint32_t *stack) {
     system_reset();
 }
 
-/* A fault, or an unexpected interrupt. The outputs must not keep their state until the watchdog
- * fires, so the chip records the place and resets at once. C code cannot run on an overflowed
- * stack: unless the frame lies at its very top, our own frame begins there. */
+/* Handler of processor faults and unexpected interrupts. It stores a crash record and resets the
+ * chip at once, because the outputs must not keep their state until the watchdog resets the chip. C
+ * code cannot run on an overflowed stack. So the handler first moves the stack pointer to the top
+ * of the stack, unless the stored registers are there. */
 __attribute__((naked)) void fault_handler(void) {
     __asm volatile("tst lr, #4\n\t"
                    "ite eq\n\t"

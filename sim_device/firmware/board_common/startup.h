@@ -9,10 +9,10 @@ void reset_handler(void);
 void fault_handler(void);
 int main(void);
 
-/* Return the number of stack bytes that were never used since reset. */
+/* Return the number of stack bytes that have not been used since reset. */
 size_t startup_stack_free(void);
 
-/* Return the crash record of the previous boot, once: the next start finds none. NULL: no crash. */
+/* Return the crash record of the previous boot and delete it. NULL: no crash. */
 const board_crash_t *startup_take_crash(void);
 
 typedef void (*handler_t)(void);

@@ -1,6 +1,6 @@
-/* The STM32F4's registers that the boards use. Source: ST RM0090, reference manual of
- * STM32F405/415, F407/417, F427/437 and F429/439; each block names its section. Base addresses:
- * section 2.3, table 1. */
+/* Registers of the STM32F4 that the boards use. Source: ST RM0090, reference manual of
+ * STM32F405/415, F407/417, F427/437 and F429/439. The comment of each block has the section number
+ * in this manual. Base addresses: section 2.3, table 1. */
 #ifndef STM32F4_H
 #define STM32F4_H
 
@@ -8,7 +8,8 @@
 
 typedef volatile uint32_t reg_t;
 
-/* 6.3 RCC registers of the F42x (7.3 of the F405: the same for what is used here). */
+/* 6.3 RCC registers of the F42x. The F405 (section 7.3) has equal bits for the functions used here.
+ * */
 typedef struct {
     reg_t cr, pllcfgr, cfgr, cir;
     reg_t ahb1rstr, ahb2rstr, ahb3rstr, reserved_0;
@@ -105,7 +106,7 @@ typedef struct {
 } gpio_regs_t;
 #define GPIO(port) ((gpio_regs_t *)(0x40020000u + 0x400u * (uint32_t)(port)))
 
-/* 9.3 SYSCFG registers (their F42x part: the same as 9.2). */
+/* 9.3 SYSCFG registers of the F42x, equal to 9.2 for the registers used here. */
 typedef struct {
     reg_t memrmp, pmc, exticr[4];
 } syscfg_regs_t;
@@ -138,12 +139,12 @@ typedef struct {
 #define DMA_CR_MSIZE_16 (1u << 13)
 #define DMA_CR_PL_HIGH (2u << 16)
 #define DMA_CR_CHSEL(channel) ((uint32_t)(channel) << 25)
-/* Flags of one stream within its half: FEIF 0, DMEIF 2, TEIF 3, HTIF 4, TCIF 5. */
+/* Bit numbers of one stream's flags: FEIF 0, DMEIF 2, TEIF 3, HTIF 4, TCIF 5. */
 #define DMA_FLAG_TE (1u << 3)
 #define DMA_FLAG_HT (1u << 4)
 #define DMA_FLAG_TC (1u << 5)
 #define DMA_FLAGS_ALL 0x3Du
-/* 10.5.3, 10.5.4: first bit of a stream's flags in their half. */
+/* 10.5.3, 10.5.4: number of the first flag bit of a stream in its register (low or high). */
 #define DMA_FLAGS_AT(stream) (6u * ((stream) % 2u) + 16u * ((stream) / 2u % 2u))
 
 static inline void dma_clear_flags(dma_regs_t *dma, unsigned stream) {
@@ -166,7 +167,7 @@ typedef struct {
 #define ADC_CR2_SWSTART (1u << 30)
 #define ADC_SAMPLE_144 6u
 
-/* 17.4 registers of TIM1 and TIM8, 18.4 of TIM2 to TIM5 (those have no rcr, bdtr). */
+/* 17.4 registers of TIM1 and TIM8, 18.4 registers of TIM2 to TIM5 (without rcr and bdtr). */
 typedef struct {
     reg_t cr1, cr2, smcr, dier, sr, egr, ccmr[2], ccer, cnt, psc, arr, rcr, ccr[4], bdtr;
 } tim_regs_t;
@@ -302,7 +303,7 @@ typedef struct {
 #define CAN_IR_STID_SHIFT 21
 #define CAN_FMR_FINIT 1u
 
-/* 38.16.4 and 5 Debug MCU freeze registers. */
+/* 38.16.4, 38.16.5 Debug MCU freeze registers. */
 #define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008u)
 #define DBGMCU_APB1_FZ_IWDG (1u << 12)
 

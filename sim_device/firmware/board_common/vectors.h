@@ -1,8 +1,8 @@
 #ifndef VECTORS_H
 #define VECTORS_H
 
-/* A vector table: the processor's own exceptions (PM0214 section 2.3), the same on every board,
- * followed by the board's interrupts. */
+/* A vector table: first the processor's exceptions (PM0214 section 2.3), which are equal on every
+ * board, then the board's interrupts. */
 #include <stdint.h>
 
 #include "startup.h"
@@ -19,7 +19,7 @@ typedef union {
 #define AT(irq) (EXCEPTIONS + (irq))
 #define VECTORS __attribute__((section(".vectors"), used)) static const vector_t vectors[]
 
-/* Slots that the processor does not have stay zero. */
+/* Entries that the processor does not use are zero. */
 #define PROCESSOR_VECTORS                \
     [0] = {.stack = ld_stack_top},       \
     [1] = {.handler = reset_handler},    \

@@ -1,7 +1,8 @@
-/* The STM32F405 that QEMU 7.2 emulates (machine netduinoplus2). QEMU has some of the chip's
- * registers: USART1 is the robot's line, USART2 the link to the plant, TIM2 counts microseconds,
- * SysTick milliseconds. What QEMU lacks (unique id, random numbers, reset causes, watchdog, flash,
- * DMA, CAN) comes over the link to the plant or is made here. */
+/* Board functions for the STM32F405 that QEMU 7.2 emulates (machine netduinoplus2). QEMU emulates
+ * some of the chip's peripherals: USART1 is the link to the host, USART2 the link to the plant,
+ * TIM2 counts microseconds, SysTick counts milliseconds. QEMU does not emulate unique id, random
+ * numbers, reset causes, watchdog, flash, DMA and CAN. The link to the plant or this file replaces
+ * them, except for CAN. */
 #include <string.h>
 
 #include "board.h"
@@ -13,18 +14,19 @@
 
 #define CORE_HZ 168000000u
 #define PERIOD_US 10000u
-/* Lead of a request for readings before its control period: the request comes two milliseconds
- * after the previous period, which has set the duties. The duties do not change until then, so the
- * plant may advance to the next period at once. The readings then belong to exactly that time, and
- * a busy computer has 8 ms to deliver them. */
+/* Time from a request for readings to the control period that uses them. The request is sent two
+ * milliseconds after the previous period, which has set the duties. The duties do not change until
+ * the next period, so the plant can advance to it at once. The readings are then exact for the
+ * start of that period, and a busy computer has 8 ms to deliver them. */
 #define LEAD_US 8000u
 #define WATCHDOG_MS 100u
 #define BOOT_AGAIN_US 50000u
-/* Time to erase a sector: STM32F42x data sheet, flash programming, 32 bits at a time, typical. */
+/* Typical time to erase a sector with 32-bit parallelism (STM32F42x data sheet, flash programming).
+ * */
 #define ERASE_US 250000u
 #define WRITE_WORD_US 16u
 
-static firmware_t *device;         /* receives what the interrupts take */
+static firmware_t *device;         /* gets the data from the interrupts */
 static volatile uint32_t unfed_ms; /* ms in which the program ran but did not feed the watchdog */
 static uint32_t asked_for_us;      /* control period of the last request for readings */
 static int16_t duty_left, duty_right;
@@ -43,12 +45,12 @@ uint32_t board_now_us(board_t *board) { return uptime_us(); }
 uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 
 void board_idle(void) {
-    while (plant_hang) { /* requested by a fault: hang until the watchdog fires */
+    while (plant_hang) { /* requested by a fault: hang until the watchdog resets the chip */
     }
     if (plant_crash) {
         __asm volatile("udf #0"); /* requested by a fault: an invalid instruction */
     }
-    const uint32_t state = irq_save(); /* the interrupt that ends the sleep is not sleep */
+    const uint32_t state = irq_save(); /* the time of the interrupt is not sleep time */
     const uint32_t from_us = uptime_us();
     wait_for_interrupt();
     slept_us += uptime_us() - from_us;
@@ -70,9 +72,9 @@ static void reset_for(uint8_t cause) {
     system_reset();
 }
 
-/* Called each millisecond. The watchdog counts only milliseconds in which the chip ran: a computer
- * too busy for the emulator loses SysTicks, which must not look like a hung program. Requests
- * continue while the program hangs, because the plant does not hang. */
+/* Called each millisecond. The watchdog counts only SysTick interrupts. On a busy computer the
+ * emulator loses SysTicks; otherwise the watchdog would then reset a program that has not hung.
+ * Requests for readings continue while the program hangs, because the plant continues. */
 void systick_handler(void) {
     if (!plant_known) {
         return;
@@ -81,7 +83,7 @@ void systick_handler(void) {
         reset_for(SP_RESET_CAUSE_WATCHDOG);
     }
     const uint32_t now_us = uptime_us();
-    /* Computed by differences, so that the periods stay the same when the counter wraps. */
+    /* Computed from differences, so that a wrap of the counter does not change the periods. */
     const uint32_t periods = (now_us + LEAD_US - asked_for_us) / PERIOD_US;
     if (periods != 0) {
         asked_for_us += periods * PERIOD_US;
@@ -131,11 +133,11 @@ void board_start(firmware_t *firmware) {
             plant_send(PLANT_BOOT, &version, 1);
         }
     }
-    if (crash != NULL) { /* the emulator saw a reset without a message */
+    if (crash != NULL) { /* the emulator has detected a reset without a message */
         plant_identity.crash = crash;
         plant_identity.reset_cause = SP_RESET_CAUSE_CRASH;
     }
-    /* Wait for the first readings: nothing may be checked against readings that do not exist. */
+    /* Wait for the first readings, because the checks need valid readings. */
     for (plant_readings_t now = {0}; now.power.sampled_us == 0; plant_readings(&now)) {
         unfed_ms = 0;
         wait_for_interrupt();
@@ -160,7 +162,7 @@ void usart2_handler(void) {
     }
 }
 
-/* QEMU takes each byte at once; the emulator (sim_device/line/line.py) models the line's timing. */
+/* QEMU sends each byte at once; the emulator (sim_device/line/line.py) models the link's timing. */
 size_t board_uart_room(board_t *board) { return 512; }
 
 void board_uart_write(board_t *board, const uint8_t *data, size_t length) {
@@ -173,7 +175,7 @@ void board_uart_write(board_t *board, const uint8_t *data, size_t length) {
 
 uint32_t board_uart_wait_us(board_t *board) { return 0; }
 
-/* QEMU's F405 has no CAN; identity.can is false, so that the core never asks. */
+/* QEMU's F405 has no CAN. identity.can is false, so the core does not use CAN. */
 void board_can_health(board_t *board, board_can_health_t *out) {
     memset(out, 0, sizeof *out);
 }
@@ -258,7 +260,7 @@ static void write_chunk(unsigned page, size_t offset, const uint8_t *data, size_
     uint8_t payload[3u + PLANT_CHUNK];
     uint8_t *const to = &plant_pages[page][offset];
     for (size_t i = 0; i < length; i++) {
-        to[i] &= data[i]; /* as in flash: a write only clears bits */
+        to[i] &= data[i]; /* as in real flash, a write only clears bits */
     }
     payload[0] = (uint8_t)page;
     memcpy(put_u16(payload + 1, (uint16_t)offset), to, length);

@@ -17,7 +17,7 @@ board_identity_t plant_identity;
 uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
 
 static plant_readings_t present, coming;
-static volatile bool on_its_way; /* the time of `coming` may lie ahead */
+static volatile bool on_its_way; /* the time of `coming` may be in the future */
 static uint8_t plant_frame[HEAD + PAYLOAD_MAX + CHECK];
 static size_t filled;
 static bool in_frame;
@@ -126,7 +126,7 @@ static void take_page(const uint8_t *p, size_t length) {
 
 static void take_identity(const uint8_t *p) {
     if (p[18] != chunks || plant_known) {
-        chunks = 0; /* part of it was lost: board_start() asks again */
+        chunks = 0; /* a part was lost: board_start() requests it again */
         return;
     }
     memcpy(plant_identity.uid, p, sizeof plant_identity.uid);

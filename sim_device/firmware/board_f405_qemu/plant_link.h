@@ -1,9 +1,9 @@
-/* The link to the plant: the emulated chip's second UART, which carries sensor readings in and
- * motor duties out. sim_device/ports/qemu_link.py is the other end and holds the same numbers.
+/* The link to the plant over the emulated chip's second UART: it receives sensor readings and sends
+ * motor duties. sim_device/ports/qemu_link.py is the other end and defines the same numbers.
  *
- * A frame is 0xA5, type, length of the payload, payload, CRC-32 of zlib over type to payload; all
- * numbers little-endian. Only a reset loses data on it, so a damaged frame is ignored; everything
- * important is requested again. */
+ * A frame consists of 0xA5, type, payload length, payload and CRC-32 (as in zlib, from type to
+ * payload). All numbers are little-endian. Only a reset causes data loss on this link. So damaged
+ * frames are ignored, and all important data is requested again. */
 #ifndef PLANT_LINK_H
 #define PLANT_LINK_H
 
@@ -22,9 +22,9 @@ enum {
     PLANT_BOOT = 0x01,    /* version u8: the chip asks for identity and flash */
     PLANT_REQUEST = 0x02, /* now u32, sample u32, newest u32, left i16, right i16, free stack u16,
                              drivers u8:
-                             the plant may go on to `sample`, where readings are to be taken;
-                             those of `newest` are the last that have come */
-    PLANT_MOTORS = 0x03,  /* now u32, left i16, right i16, drivers u8: one has changed */
+                             the plant may advance to `sample`, the time of the requested readings;
+                             the chip has received the readings of `newest` */
+    PLANT_MOTORS = 0x03,  /* now u32, left i16, right i16, drivers u8: a value has changed */
     PLANT_ERASE = 0x04,   /* page u8 */
     PLANT_WRITE = 0x05,   /* page u8, offset u16, data */
     PLANT_RESET = 0x06    /* cause u8: the chip is about to reset */
@@ -38,8 +38,8 @@ enum {
                               2 u16 tenths of mm, contacts u8, age of the IMU's sample u32 us, age
                               of the ultrasonic's u32 us */
     PLANT_POWER = 0x84,    /* sample u32, battery, logic u16 mV, motors 2 u16 mA */
-    PLANT_HANG = 0x85,     /* hang, as a hung program does */
-    PLANT_CRASH = 0x86     /* fault, as a crashing program does */
+    PLANT_HANG = 0x85,     /* the program must hang */
+    PLANT_CRASH = 0x86     /* the program must cause a processor fault */
 };
 
 typedef struct {
@@ -48,13 +48,13 @@ typedef struct {
     board_ranges_t ranges;
     uint8_t contacts;
     board_power_t power;
-    uint32_t sample_us; /* when all but the power is taken; IMU and ultrasonic have ages at it */
+    uint32_t sample_us; /* time of all readings except the supply; IMU and ultrasonic add an age */
 } plant_readings_t;
 
-/* Return the present readings. Readings arrive before the time at which they apply; until then
- * those of the previous period apply. */
+/* Return the present readings. Readings arrive before the time for which they are valid. Until this
+ * time, the function returns the readings of the previous period. */
 void plant_readings(plant_readings_t *out);
-uint32_t plant_newest_us(void); /* of the last received readings, applied or not */
+uint32_t plant_newest_us(void); /* time of the last received readings */
 /* The interrupt writes these variables. */
 extern volatile bool plant_known; /* the identity has been received */
 extern volatile bool plant_hang;

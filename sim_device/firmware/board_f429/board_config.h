@@ -1,11 +1,11 @@
-/* The robot's own board: STM32F429IGT6 (LQFP176), 1 MB of flash, a 25 MHz crystal. Pins and
- * alternate functions: data sheet DS9405 (STM32F427xx/429xx), tables 10 and 12. A pin is its port
- * and its number. */
+/* Configuration of the robot's own board: STM32F429IGT6 (LQFP176), 1 MB of flash, a 25 MHz crystal.
+ * Pins and alternate functions (AF): data sheet DS9405 (STM32F427xx/429xx), tables 10 and 12. Each
+ * pin is given as port and number. */
 #ifndef BOARD_CONFIG_H
 #define BOARD_CONFIG_H
 
 #define BOARD_NAME "firmware on an STM32F429"
-/* The parts on the board. */
+/* Parts that are connected to the board. */
 #define BOARD_CAPABILITIES                                                                       \
     (SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU | SP_CAPABILITY_ULTRASONIC |                     \
      SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF)
@@ -13,9 +13,9 @@
 #ifndef BOARD_HSE_MHZ
 #define BOARD_HSE_MHZ 25u /* of the crystal */
 #endif
-#define BOARD_HSE_BYPASS 0 /* a crystal, no external clock */
+#define BOARD_HSE_BYPASS 0 /* 0: a crystal, not an external clock */
 
-/* The serial link: USART1 (AF7); its streams of DMA2 by RM0090 table 43. */
+/* The serial link: USART1 (AF7), with DMA2 streams from RM0090, table 43. */
 #define LINK_UART USART1
 #define LINK_UART_HZ APB2_HZ
 #define LINK_UART_APB1 0u
@@ -30,7 +30,7 @@
 #define LINK_TX_IRQ IRQ_DMA2_STREAM7
 #define LINK_DMA_CHANNEL 4u
 
-/* Connected to ground: the host is on the CAN bus, not on the UART. */
+/* If this pin is connected to ground, the host link is the CAN bus instead of the UART. */
 #define CAN_SELECT PORT_G, 0
 #define CAN_RX PORT_B, 8 /* CAN1 (AF9), to a transceiver */
 #define CAN_TX PORT_B, 9
@@ -43,8 +43,8 @@
 #define IMU_SCL PORT_B, 6 /* I2C1 (AF4): MPU6050, address 0x68 */
 #define IMU_SDA PORT_B, 7
 
-/* Port, pin and channel of ADC1: infrared left, right (GP2Y0A41SK0F); battery, 5 V rail, over their
- * dividers; motor currents left, right, from shunt amplifiers. */
+/* Port, pin and ADC1 channel of each analog input: infrared left and right (GP2Y0A41SK0F); battery
+ * and 5 V rail, behind voltage dividers; motor currents left and right, from shunt amplifiers. */
 #define ANALOG_INPUTS                                                                            \
     {{PORT_C, 1, 11}, {PORT_C, 2, 12}, {PORT_C, 3, 13},                                          \
      {PORT_C, 4, 14}, {PORT_C, 5, 15}, {PORT_B, 0, 8}}

@@ -1,5 +1,6 @@
-/* A board on a desk: the firmware in real time, its serial line a pseudo-terminal, the robot two
- * motors with a lag on an endless floor. It prints `ready PORT` and runs until SIGTERM or SIGINT.
+/* The firmware as a program on this computer, in real time. The serial link is a pseudo-terminal.
+ * The simulated robot has two motors with a first-order lag, on a floor without walls. The program
+ * prints `ready PORT` and runs until SIGTERM or SIGINT.
  *
  *     make -C sim_device/firmware host && sim_device/firmware/build/desk
  *     sweepctl connect PORT
@@ -20,13 +21,13 @@
 #include "firmware.h"
 
 #define SUPPLY_V 16.0
-#define LOST_V 2.4 /* bridge and friction */
+#define LOST_V 2.4 /* voltage lost in the bridge and by friction */
 #define BACK_EMF_V_S 1.10
 #define MOTOR_LAG_S 0.05
 #define WHEEL_RADIUS_M 0.0325
 #define WHEEL_BASE_M 0.23
 #define COUNTS_PER_RAD (1560.0 / 6.283185307179586)
-#define GYRO_PER_RAD_S 7505.75 /* 131 a degree */
+#define GYRO_PER_RAD_S 7505.75 /* 131 counts per deg/s */
 #define ONE_G 16384
 #define PAGE BOARD_FLASH_PAGE_SIZE
 
@@ -76,7 +77,7 @@ void board_start(firmware_t *firmware)
         perror("no pseudo-terminal");
         exit(1);
     }
-    const int slave = open(ptsname(master), O_RDWR | O_NOCTTY); /* keeps the line open */
+    const int slave = open(ptsname(master), O_RDWR | O_NOCTTY); /* keeps the pseudo-terminal open */
     if (slave < 0 || tcgetattr(slave, &raw) != 0) {
         perror("no pseudo-terminal");
         exit(1);
@@ -153,7 +154,7 @@ size_t board_uart_room(board_t *board)
 void board_uart_write(board_t *board, const uint8_t *data, size_t length)
 {
     const ssize_t sent = write(master, data, length);
-    (void)sent; /* without a listener, bytes are lost, as on a wire */
+    (void)sent; /* without a host, bytes are lost, as on a UART */
 }
 
 uint32_t board_uart_wait_us(board_t *board)
@@ -163,7 +164,7 @@ uint32_t board_uart_wait_us(board_t *board)
 
 bool board_can_write(board_t *board, const sp_can_frame_t *frame)
 {
-    (void)frame; /* this board has no bus */
+    (void)frame; /* this board has no CAN bus */
     return true;
 }
 

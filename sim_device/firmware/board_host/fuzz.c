@@ -1,9 +1,10 @@
-/* libFuzzer over scripts: any sequence of actions of host, line and sensors. Built with
- * AddressSanitizer and UBSan. A finding is a file that script_host also accepts, without its first
- * byte. That byte selects the start: without a session, or in a session that drives. */
+/* libFuzzer target that runs random scripts: sequences of actions of host, link and sensors. It is
+ * built with AddressSanitizer and UBSan. The first byte of an input selects the start: without a
+ * session, or in a session that drives. The other bytes are a script, which script_host can also
+ * run. */
 #include "script.h"
 
-#define LIFE_US 30000000u /* three thousand control periods: enough for a plan's first legs */
+#define LIFE_US 30000000u /* 3000 control periods: enough for the first legs of a plan */
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
@@ -14,8 +15,8 @@ static void discard(void *to, const uint8_t *data, size_t length)
     (void)length;
 }
 
-/* host_hello of session 7, negotiated; clear_stop session_end; set_mode: velocity, or onboard and
- * planner_command start; 3 s. */
+/* Frames of the two starts: host_hello with session 7, negotiated; clear_stop session_end; set_mode
+ * velocity. Or set_mode onboard and planner_command start, then 3 s of running time. */
 static const uint8_t driving[] = {
     'F', 1, 0x04, 0, 0, 0, 0, 9, 0, 0, 0, 0, 7, 0, 0, 0, 1, /**/
     'F', 1, 0x05, 0, 0, 0, 0, 3, 1, 0, 1,                   /**/

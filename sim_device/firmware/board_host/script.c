@@ -1,6 +1,6 @@
-/* A board without hardware: it reads a script from stdin, runs the firmware in the script's own time
- * and writes the results to stdout. There is no other input, so a script always gives the same
- * result. Tests and the fuzzer (fuzz.c) use it.
+/* A board without hardware. It reads a script from stdin, runs the firmware in simulated time and
+ * writes the results to stdout. There is no other input, so the result of a script is always the
+ * same. Tests and the fuzzer (fuzz.c) use it.
  *
  * A script is a sequence of records, integers little-endian:
  *   'B' u32 boot_id, u8 reset_cause, u8 flags   boot; flag 1: on CAN, 2: with empty flash,
@@ -30,14 +30,14 @@
 static struct {
     board_identity_t identity;
     uint64_t now_us;
-    uint64_t end_us; /* end of the run: no step goes beyond */
+    uint64_t end_us; /* maximum time of the run */
     uint64_t booted_us;
     uint8_t out[65536];
     size_t out_length;
     int16_t left;
     int16_t right;
     bool drivers;
-    bool worn; /* the flash keeps nothing that is written */
+    bool worn; /* the flash does not store written data */
     uint8_t reboots;
 
     board_encoders_t encoders;
@@ -49,7 +49,7 @@ static struct {
 
     uint8_t pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
     unsigned flash_wait;
-    unsigned supply_left; /* periods of saving until the supply is lost; 0: never */
+    unsigned supply_left; /* control periods of a save until the supply is lost; 0: never */
     bool supply_lost;
 } lives;
 
@@ -192,7 +192,7 @@ void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8
         return;
     }
     if (lives.supply_left == 1u) {
-        length = length / 8u * 4u; /* half of it, in whole words */
+        length = length / 8u * 4u; /* half of the data, in whole words */
     }
     memcpy(lives.pages[page] + offset, data, length);
     lives.flash_wait = 1;
@@ -300,7 +300,7 @@ static void poll(void)
     }
 }
 
-/* Run for `for_us`: run every control period at its due time. */
+/* Run for `for_us`, with every control period at its due time. */
 static void run_for(uint32_t for_us)
 {
     const uint64_t left_us = lives.end_us - lives.now_us;
@@ -393,7 +393,7 @@ static void take_step(reader_t *reader, const writer_t *writer)
     run_for(for_us);
     deliver(reader->data, length);
     write_result(writer);
-    poll(); /* the line is idle now: an answered reboot happens */
+    poll(); /* the link is idle now, so a pending reboot is executed */
 }
 
 static void take_frame(reader_t *reader)
@@ -409,8 +409,8 @@ static void take_frame(reader_t *reader)
     }
 }
 
-/* Return the length of the record that begins here. 0: more bytes are needed. NO_RECORD: invalid.
- */
+/* Return the length of the record at the start of the data. 0: more bytes are needed. NO_RECORD:
+ the record is invalid. */
 #define NO_RECORD SIZE_MAX
 static size_t record_size(const uint8_t *data, size_t length)
 {
@@ -447,7 +447,7 @@ size_t script_take(const uint8_t *data, size_t length, script_write_t *write, vo
         const size_t size = record_size(data + taken, length - taken);
         reader_t reader = {data + taken + 1u};
         if (size == NO_RECORD) {
-            return length; /* the rest is no script */
+            return length; /* the rest is invalid */
         }
         if (size == 0 || size > length - taken) {
             break;

@@ -1,4 +1,4 @@
-/* The firmware on a board that a script controls: see script.c. */
+/* Runs the firmware on a board that a script controls: see script.c. */
 #ifndef SCRIPT_H
 #define SCRIPT_H
 
@@ -10,11 +10,11 @@
 
 typedef void script_write_t(void *to, const uint8_t *data, size_t length);
 
-/* Boot for the first time. The run ends at this time at the latest, whatever the steps say. */
+/* Boot for the first time. `life_us` is the maximum time of the run, for any script. */
 void script_begin(uint64_t life_us);
 
-/* Run the complete records among these bytes; the result of each step goes to `write`. Return the
- * number of bytes used: the rest is the beginning of a record. */
+/* Run the complete records in `data`; pass the result of each step to `write`. Return the number of
+ * used bytes. The rest is the beginning of a record. */
 size_t script_take(const uint8_t *data, size_t length, script_write_t *write, void *to);
 
 #endif

@@ -1,4 +1,4 @@
-/* The functions of board.h for a library: each goes to the table of its device. */
+/* The functions of board.h for a library: each function calls the entry in its device's table. */
 #include "board_api.h"
 
 uint32_t board_now_us(board_t *board)

@@ -1,4 +1,4 @@
-/* The firmware as a shared library: what sweepctl_firmware() gives. */
+/* The firmware as a shared library: sweepctl_firmware() returns the description of the firmware. */
 #include "board_api.h"
 #include "firmware_state.h"
 

@@ -7,15 +7,16 @@
 #include "mpu6050.h"
 
 #define CAN_RECORD 16u
-#define NOT_STANDARD 0xE0u /* flags in the fourth byte: extended, remote or error frame */
-#define RECEIVE_PIECE 128u /* half a DMA ring */
+#define NOT_STANDARD 0xE0u /* flags in the fourth byte: extended, remote and error frame */
+#define RECEIVE_PIECE 128u /* half of a DMA ring buffer */
 #define BOOT_BYTES 40u
 #define POLL_BYTES (CHIP_HEAD + 19u)
 #define SENT_MAX (CHIP_PAYLOAD_MAX - CHIP_REPLY_HEAD)
-/* Assumed cost on a 168 MHz Cortex-M4, for the load: of a control period and of a frame. */
+/* Assumed computing time of a control period and of a frame on a 168 MHz Cortex-M4, for the load.
+ * */
 #define PERIOD_WORK_US 400u
 #define FRAME_WORK_US 25u
-#define WAIT_US 1000u /* step of time while the program waits in a loop of its own */
+#define WAIT_US 1000u /* time step while the program waits in its own loop */
 
 struct chip {
     const firmware_library_t *library;
@@ -27,7 +28,7 @@ struct chip {
     board_crash_t crash;
     bool running;
     bool rebooted;
-    uint8_t fed; /* feeds of the watchdog in this call */
+    uint8_t fed; /* number of watchdog feeds in this call */
     uint64_t now_us;
     uint32_t waited_us;
     uint32_t busy_us;
@@ -39,11 +40,11 @@ struct chip {
     uint32_t imu_stamp_us;
     virtual_flash_t flash;
 
-    uint32_t line_room; /* what the line took at the begin of the call */
+    uint32_t line_room; /* free space of the link at the start of the call */
     board_can_health_t can;
     bool blocked;      /* a frame waits for the bus */
-    size_t sent;       /* bytes in the reply */
-    size_t waiting;    /* number of these bytes that are not on the line yet */
+    size_t sent;       /* number of bytes in the reply */
+    size_t waiting;    /* number of these bytes that are not sent yet */
     uint8_t answer[10]; /* answer to the last request */
     uint8_t payload[CHIP_PAYLOAD_MAX];
     uint8_t reply[CHIP_PAYLOAD_MAX];
@@ -98,7 +99,7 @@ static uint32_t busy_us(void *context)
 static void watchdog_feed(void *context)
 {
     chip_t *const chip = context;
-    if (chip->fed != 0) { /* the program waits in its own loop: advance the time */
+    if (chip->fed != 0) { /* the program waits in its own loop, so advance the time */
         chip->waited_us += WAIT_US;
     } else {
         chip->busy_us += PERIOD_WORK_US;
@@ -142,7 +143,8 @@ static void uart_write(void *context, const uint8_t *data, size_t length)
     chip->busy_us += FRAME_WORK_US;
 }
 
-/* The line's own time is that of the world outside: here a byte leaves as the program's turn ends. */
+/* The caller models the link's timing. On this board a byte is sent when the program's turn ends.
+ * */
 static uint32_t uart_wait_us(void *context)
 {
     const chip_t *const chip = context;
@@ -290,7 +292,7 @@ static const board_api_t api = {
 
 #define FULL_SCALES 4u
 #define NO_SCALE FULL_SCALES
-/* Counts per degree a second and per g by FS_SEL and AFS_SEL: register map, 4.19 and 4.17. */
+/* Counts per deg/s and per g for each value of FS_SEL and AFS_SEL: register map, 4.19 and 4.17. */
 static const float gyro_scales[FULL_SCALES] = {131.0f, 65.5f, 32.8f, 16.4f};
 static const float accel_scales[FULL_SCALES] = {16384.0f, 8192.0f, 4096.0f, 2048.0f};
 
@@ -303,7 +305,8 @@ static unsigned full_scale(const float scales[FULL_SCALES], float counts)
     return i;
 }
 
-/* Awake, clock from the gyro; 100 Hz; filter of 44/42 Hz; the scales that the firmware counts with. */
+/* Configure the IMU: awake, clock from the gyro; 100 Hz; filter 44/42 Hz; the scales of the
+ * firmware. */
 static void set_up_imu(chip_t *chip)
 {
     const firmware_library_t *const library = chip->library;
@@ -326,7 +329,7 @@ uint32_t chip_imu_settings(chip_t *chip)
 
 /* ---- loading ------------------------------------------------------------------------------- */
 
-/* NULL where both sides mean the same by every structure. */
+/* Check that library and board have equal structures. Return the reason of an error, or NULL. */
 static const char *objection(const firmware_library_t *library)
 {
     static const uint16_t sizes[BOARD_API_SIZES] = BOARD_API_SIZES_NOW;
@@ -414,7 +417,7 @@ static void poll(chip_t *chip)
     }
 }
 
-/* What was sent is on the line now; then a reboot that was answered may happen. */
+/* Mark all data as sent, and execute a pending reboot if its reply is sent. */
 static void drain(chip_t *chip)
 {
     if (chip->waiting != 0) {
@@ -488,12 +491,13 @@ static void receive(chip_t *chip, const uint8_t *data, size_t length)
         }
         return;
     }
-    if (length == 0) { /* the bus has taken a frame, or time has passed */
+    if (length == 0) { /* the bus has accepted a frame, or time has passed */
         poll(chip);
     }
     for (size_t at = 0; at + CAN_RECORD <= length; at += CAN_RECORD) {
         sp_can_frame_t frame = {.id = u16_at(data + at) & 0x7FFu, .length = data[at + 4u] & 0x0Fu};
-        const bool standard = (data[at + 3u] & NOT_STANDARD) == 0; /* as the filters let through */
+        const bool standard = (data[at + 3u] & NOT_STANDARD) == 0; /* as the controller's filters
+                                                                      require */
         if (standard && frame.length <= sizeof frame.data) {
             memcpy(frame.data, data + at + 8u, sizeof frame.data);
             library->can_received(chip->firmware, &frame, (uint32_t)chip->now_us);

@@ -1,10 +1,9 @@
-/* The virtual board: a chip with its peripherals. The caller gives the time. The board runs one
- * firmware library (board_api.h). Its inputs are sensor readings, and its outputs are duties and bytes;
- * the robot's body is simulated elsewhere. Several chips can run in one process.
+/* The virtual board: a chip with its peripherals. The board runs one firmware library
+ * (board_api.h). Its inputs are the time, sensor readings and bytes; its outputs are duties and
+ * bytes. Python code simulates the robot's body. Several chips can run in one process.
  *
- * Every operation is one call with a payload, so that it works in the same way in this process and over
- * a pipe (sim_device/core). All integers are little-endian. chip.py has the same layout.
- */
+ * Every operation is one call with a payload, so that it works both in this process and over a pipe
+ (sim_device/core). All integers are little-endian. chip.py defines the same layout. */
 #ifndef CHIP_H
 #define CHIP_H
 
@@ -22,8 +21,8 @@ enum {
                       capabilities u16, crashed u8, 0 u8, pc, lr, cfsr, uptime_us u32 */
     CHIP_POLL = 2, /* head, counts left, right u16, fresh u8, IMU 7 i16: one poll */
     CHIP_RECEIVE = 3, /* head, bytes of the UART or frames of 16 B (struct can_frame) */
-    CHIP_RESET = 4,   /* ends the program; a flash operation in progress stays incomplete */
-    CHIP_FLASH = 5    /* page u8, content: sets the content of a flash page */
+    CHIP_RESET = 4,   /* end the program; a flash operation in progress stays incomplete */
+    CHIP_FLASH = 5    /* page u8, content: set the content of a flash page */
 };
 
 /* Head of CHIP_POLL and CHIP_RECEIVE: uptime_us u64; amount that the line accepts now u32, in bytes on
@@ -49,8 +48,8 @@ typedef void chip_ask_t(uint32_t what);
 
 typedef struct chip chip_t;
 
-/* Return a chip with this library. NULL: chip_error() returns the reason. `ask` is called within
- * chip_call(). */
+/* Create a chip with this library. If the result is NULL, chip_error() returns the reason.
+ * chip_call() calls `ask`. */
 BOARD_API_EXPORT chip_t *chip_open(const firmware_library_t *library, chip_ask_t *ask);
 BOARD_API_EXPORT const char *chip_error(void);
 BOARD_API_EXPORT void chip_close(chip_t *chip);
@@ -63,13 +62,14 @@ BOARD_API_EXPORT uint8_t *chip_answer(chip_t *chip);
 /* Execute an operation; return the number of bytes of the reply. */
 BOARD_API_EXPORT uint32_t chip_call(chip_t *chip, uint32_t operation, uint32_t length);
 
-/* Return the IMU registers that the program's board sets: 0x19 to 0x1C, one byte each. */
+/* Return the IMU registers 0x19 to 0x1C, as configured by the board; one byte each. */
 BOARD_API_EXPORT uint32_t chip_imu_settings(chip_t *chip);
 
 /* Return CHIP_VERSION of this library. */
 BOARD_API_EXPORT uint32_t chip_version(void);
 
-/* Print a backtrace on stderr if the program crashes. For a program in its own process. */
+/* Print a backtrace on stderr if the program crashes. Use it only for a program in its own process.
+ * */
 BOARD_API_EXPORT void chip_catch_signals(void);
 
 #endif

@@ -1,10 +1,10 @@
-/* Prints the backtrace of a crash on stderr, frame by frame. For a program in its own process.
+/* Prints the backtrace of a crash on stderr, one stack frame per line. Use it only for a program in
+ * its own process.
  *
  *     sweepctl-core: signal 11
  *     sweepctl-core: 0x1a2b FILE
  *
- * The address is relative to the file, as addr2line expects it. The signal then ends the process.
- */
+ * The address is relative to the file, as addr2line requires. The signal then ends the process. */
 #define _GNU_SOURCE
 #include "chip.h"
 
@@ -17,7 +17,8 @@
 
 #define FRAMES_MAX 64
 #define HANDLERS_FRAMES 2 /* frames of the handler, and of the system function that calls it */
-#define STACK_BYTES 65536u /* the handler's own stack, because the program's may have overflowed */
+#define STACK_BYTES 65536u /* separate stack of the handler, because the program's stack may have
+                              overflowed */
 #define TAG "sweepctl-core: "
 
 static const int numbers[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
@@ -73,7 +74,7 @@ void chip_catch_signals(void)
     void *frame[1];
     struct sigaction action;
     const stack_t stack = {.ss_sp = handlers_stack, .ss_size = sizeof handlers_stack};
-    (void)backtrace(frame, 1); /* loads what it needs now, and not within a handler */
+    (void)backtrace(frame, 1); /* loads its library now, not in a signal handler */
     (void)sigaltstack(&stack, NULL);
     memset(&action, 0, sizeof action);
     action.sa_handler = on_signal;

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-/* Typical times for a 16 KiB sector and for a word, programmed with 32 bits (STM32F429 data sheet). */
+/* Typical times to erase a 16 KiB sector and to program a 32-bit word (STM32F429 data sheet). */
 #define ERASE_US 250000u
 #define WORD_US 16u
 #define WORD_BYTES 4u
@@ -38,7 +38,8 @@ void virtual_flash_write(virtual_flash_t *flash, unsigned page, size_t offset,
     flash->data = data;
 }
 
-/* Write the words that are complete by now. As in real flash, bits only change from 1 to 0. */
+/* Write the words whose programming time is over. As in real flash, bits only change from 1 to 0.
+ * */
 static bool carry_on_writing(virtual_flash_t *flash, uint64_t spent_us)
 {
     const uint64_t bytes = spent_us / WORD_US * WORD_BYTES;

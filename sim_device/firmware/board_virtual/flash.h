@@ -1,5 +1,5 @@
-/* The virtual board's two pages of flash. Erasing and writing take as long as on the chip. A loss of
- * supply in this time leaves a page incomplete. */
+/* The two flash pages of the virtual board. Erasing and writing take as long as on the chip. A loss
+ * of supply in this time leaves a page incomplete. */
 #ifndef VIRTUAL_FLASH_H
 #define VIRTUAL_FLASH_H
 
@@ -28,7 +28,7 @@ void virtual_flash_erase(virtual_flash_t *flash, unsigned page, uint64_t now_us)
 void virtual_flash_write(virtual_flash_t *flash, unsigned page, size_t offset,
     const uint8_t *data, size_t length, uint64_t now_us);
 
-/* Continue the operation in progress until now; return true if it is not complete. */
+/* Continue the operation in progress up to `now_us`; return true if it is not complete. */
 bool virtual_flash_busy(virtual_flash_t *flash, uint64_t now_us);
 
 /* Abort the operation in progress at its present state. */

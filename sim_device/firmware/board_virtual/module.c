@@ -1,5 +1,5 @@
-/* Makes core and virtual board a module that Python's build tools build and install: it is empty, and
- * its file is the shared library (sim_device/core/chip.py). */
+/* An empty Python module, so that Python's build tools build and install core and virtual board.
+ * Its file is the shared library that sim_device/core/chip.py loads. */
 #include <Python.h>
 
 PyMODINIT_FUNC PyInit_core_library(void);

@@ -1,4 +1,5 @@
-/* An MPU6050 on the virtual board's bus, with its registers (InvenSense RM-MPU-6000A). */
+/* Model of an MPU6050 with its registers on the virtual board's I2C bus (InvenSense RM-MPU-6000A).
+ * */
 #ifndef MPU6050_H
 #define MPU6050_H
 
@@ -20,14 +21,14 @@ typedef struct {
     uint8_t registers[MPU6050_REGISTERS];
 } mpu6050_t;
 
-/* Set the state after power-on: asleep, with the reset values of the registers. */
+/* Set the state after power-on: sleep mode, and the reset values of the registers. */
 void mpu6050_power_on(mpu6050_t *imu);
 
-/* Write one register, or read some registers from one on. Missing registers read as 0. */
+/* Write one register, or read consecutive registers. Registers that do not exist read as 0. */
 void mpu6050_write(mpu6050_t *imu, uint8_t number, uint8_t value);
 void mpu6050_read(mpu6050_t *imu, uint8_t number, uint8_t *out, unsigned length);
 
-/* Store a new sample: seven counts in the chip's order. It has no effect while the chip is asleep. */
+/* Store a new sample: seven counts in the chip's order. It has no effect in sleep mode. */
 void mpu6050_convert(mpu6050_t *imu, const int16_t counts[7]);
 
 #endif

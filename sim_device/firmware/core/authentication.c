@@ -71,7 +71,7 @@ static void make_tag(const authentication_t *keys, const uint8_t *covered, size_
     hmac_end(&keys->key, &hash, digest);
 }
 
-/* Comparison in constant time. */
+/* Compare in constant time, so that the duration reveals nothing about the tag. */
 static bool same(const uint8_t *a, const uint8_t *b, size_t length)
 {
     uint8_t differ = 0;
@@ -95,8 +95,8 @@ bool authentication_check(authentication_t *keys, const uint8_t *covered, size_t
         counter |= (uint32_t)trailer[i] << (8u * i);
     }
     if (counter_length == 2u) {
-        /* A CAN trailer has only the low 16 bits of the counter. Take the lowest counter above the
-         * last accepted one that ends in them. */
+        /* A CAN trailer has only the low 16 bits of the counter. Use the lowest counter with these
+         * low bits that is greater than the last accepted counter. */
         const uint32_t ahead = (counter - keys->counter) % SHORT;
         counter = keys->counter + (ahead != 0 ? ahead : SHORT);
     }

@@ -2,8 +2,8 @@
 
 #include <stddef.h>
 
-/* Half the range of ids. Ids wrap at 16 bits, so an id is older than another one if it is less than
- * this number behind it (RFC 1982). */
+/* Half of the range of command ids. Ids wrap at 16 bits, so an id that is less than this number
+ * behind another id is older (RFC 1982). */
 #define HALF 0x8000u
 
 const reply_t *command_log_find(

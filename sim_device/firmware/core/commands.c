@@ -1,17 +1,17 @@
 #include "commands.h"
 
-/* Maximum rate of a stream, tenths of a hertz, as declared. A rate above the control rate means
- * every period. */
+/* Maximum rate of a stream, tenths of a hertz, from the declaration of set_stream_rate. A rate
+ * above the control rate means one message per control period. */
 #define RATE_MAX 10000u
-/* Minimum rate of the sync message, tenths of a hertz: 4 Hz. A stamp on CAN can be extended for 0.5
- * s after a sync message, and one sync message may be lost. */
+/* Minimum rate of the sync message, tenths of a hertz: 4 Hz. On CAN a receiver can extend a stamp
+ * only within 0.5 s after a sync message. At 4 Hz this holds even if one sync message is lost. */
 #define SYNC_RATE_MIN 40u
 
 #define DONE (-1)
 
-/* Each function returns DONE or SP_NACK_REASON_*. */
+/* Each function executes one command; it returns DONE or SP_NACK_REASON_*. */
 
-/* Every command begins with its id. */
+/* The payload of every command begins with its id. */
 static uint16_t id_of(const sp_frame_t *frame)
 {
     return (uint16_t)(frame->payload[0] | frame->payload[1] << 8);
@@ -96,7 +96,7 @@ static int save_parameters(firmware_t *firmware)
     if (board_identity(firmware->board)->troubles & BOARD_TROUBLE_FLASH) {
         return SP_NACK_REASON_UNSUPPORTED;
     }
-    /* While the robot drives, the control loop needs the bus to the flash for itself. */
+    /* While the robot drives, only the control loop may use the flash bus. */
     if (!idle(firmware)) {
         return SP_NACK_REASON_OTHER_MODE;
     }
@@ -109,8 +109,8 @@ static int save_parameters(firmware_t *firmware)
     return DONE;
 }
 
-/* Save the key together with the stored parameters, not with the present ones. The device uses the
- * key when it is stored. */
+/* Save the key together with the stored parameters, not with the present parameters. The device
+ * uses the key after it is stored. */
 static int set_key(firmware_t *firmware, const sp_frame_t *frame)
 {
     sp_set_key_t set;
@@ -120,7 +120,7 @@ static int set_key(firmware_t *firmware, const sp_frame_t *frame)
     if (!idle(firmware)) {
         return SP_NACK_REASON_OTHER_MODE;
     }
-    /* A key is accepted only over a local link, whose user stands beside the robot. */
+    /* A key is accepted only over a local link, because its user is beside the robot. */
     if (firmware->line.can
         || (board_identity(firmware->board)->troubles
                & (BOARD_TROUBLE_FLASH | BOARD_TROUBLE_REMOTE)) != 0) {
@@ -171,7 +171,7 @@ static int reboot(firmware_t *firmware, const sp_frame_t *frame)
     return DONE;
 }
 
-/* The payload was checked before: it is as long as its message. */
+/* The length of the payload has already been checked. */
 static int execute(firmware_t *firmware, const sp_frame_t *frame)
 {
     if (!firmware->negotiated) {
@@ -218,7 +218,8 @@ void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us)
     }
 }
 
-/* Also for a repeated command: its value may have been lost. */
+/* Send a parameter's value, also for a repeated command, because the first value may have been
+ * lost. */
 static void send_value(firmware_t *firmware, uint8_t number, int64_t now_us)
 {
     sp_parameter_value_t value;
@@ -289,7 +290,7 @@ void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now
     const bool saves =
         frame->type == SP_TYPE_SAVE_PARAMETERS || frame->type == SP_TYPE_SET_KEY;
     if (saves && flash_store_busy(&firmware->flash)) {
-        return; /* a repeated request before the save is done: the answer follows */
+        return; /* a repeated command during the save; the reply follows later */
     }
     const uint16_t id = id_of(frame);
     const reply_t *reply =
@@ -308,7 +309,7 @@ void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now
         send_value(firmware, frame->payload[2], now_us);
     }
     if (saves && flash_store_busy(&firmware->flash)) {
-        firmware->save_reply = *reply; /* sent once they are stored */
+        firmware->save_reply = *reply; /* sent after the save */
         return;
     }
     commands_answer(firmware, reply, now_us);

@@ -1,4 +1,4 @@
-/* The firmware's reaction to each command, and its reasons to reject one. */
+/* Execution of each command by the firmware, and the reasons for rejections. */
 #ifndef COMMANDS_H
 #define COMMANDS_H
 
@@ -7,20 +7,19 @@
 /* Use the stored key. */
 void commands_use_key(firmware_t *firmware, const stored_t stored[FLASH_VALUES]);
 
-/* Send a host the data that it needs to sign in this session, if a key is set. */
+/* If a key is set, send the challenge, which a host needs to sign frames in this session. */
 void commands_challenge(firmware_t *firmware, int64_t now_us);
 
-/* Reject a frame that needs a tag and has none: answer a command, count a setpoint. */
+/* Reject a frame without the required tag: send a Nack for a command, count a setpoint. */
 void commands_refuse(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us);
 
-/* Take a command: execute it once, answer it each time. */
+/* Process a command: execute it once, reply each time. */
 void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us);
 
-/* Answer a command. */
+/* Send the reply to a command. */
 void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us);
 
-/* Finish a save of the parameters or of a key: use what is stored and send the answer, again for a
- * repeated command. */
+/* Finish a save of the parameters or of a key: use the stored values and send the reply. */
 void commands_saved(firmware_t *firmware, bool saved);
 
 #endif

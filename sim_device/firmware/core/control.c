@@ -8,8 +8,8 @@
 
 #define V_STEP 0.0001f
 #define YAW_STEP 0.0002f
-/* Number of periods for which the motors brake at rest after a latched stop: 0.5 s. Without the
- * brake a robot on a slope would roll on. */
+/* Number of control periods for which the motors continue to brake at rest after a latched stop:
+ * 0.5 s. Without braking, a robot on a slope would roll on. */
 #define BRAKE_TICKS 50u
 
 void control_start(control_t *control, const parameters_t *parameters)
@@ -54,7 +54,7 @@ static void end_plan(control_t *control)
 int control_fire(control_t *control, event_t event, unsigned holding)
 {
     const state_t before = control->state;
-    /* Events that need working sensors, because no host checks the heading. */
+    /* These events require a working IMU, because no host checks the heading. */
     const bool sets_off =
         event == EVENT_SET_ONBOARD || event == EVENT_START || event == EVENT_RESUME;
     if (health_stopping(&control->health) != NULL
@@ -168,7 +168,7 @@ static velocity_t run_plan(
     return wanted;
 }
 
-/* Follow a velocity as far as the reflexes allow. */
+/* Return the duties that follow a velocity, limited by the reflexes. */
 static duties_t follow(control_t *control, readings_t *readings, velocity_t wanted)
 {
     const float v_m_s = reflexes_limit(&control->reflexes, wanted.v_m_s,
@@ -177,7 +177,7 @@ static duties_t follow(control_t *control, readings_t *readings, velocity_t want
         (float)control->power.battery_mv / 1000.0f);
 }
 
-/* Return the duties that state and latch demand now. */
+/* Return the duties for the present state and latch. */
 static duties_t drive(
     control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
 {
@@ -203,7 +203,7 @@ static duties_t drive(
     return wheels_release(&control->wheels, &readings->counts);
 }
 
-/* Enable the drivers in a driving mode; disable them once a stopped robot is at rest. */
+/* Enable the motor drivers in a driving mode; disable them when a stopped robot is at rest. */
 static void switch_drivers(control_t *control, state_t state, const motors_t *motors)
 {
     if (state != STATE_STOPPED && state != STATE_IDLE) {
@@ -234,7 +234,7 @@ static void log_faults(control_t *control, uint16_t bits)
     }
 }
 
-/* End each motion that is unsafe with the present faults. */
+/* Stop any motion that is unsafe with the present faults. */
 static void judge(control_t *control)
 {
     const state_t before = control->state;

@@ -1,4 +1,5 @@
-/* Motion control of the device: mode table, latch, watchdogs, onboard planner, wheel control. */
+/* Motion control of the device: mode table, stop latch, watchdogs, onboard planner, wheel control.
+ * */
 #ifndef CONTROL_H
 #define CONTROL_H
 
@@ -17,16 +18,16 @@
 #include "watchdog.h"
 #include "wheels.h"
 
-/* Maximum duty in bring-up mode: half of full scale, enough to see a wheel of a lifted robot turn.
+/* Maximum duty in bring-up mode: half of full scale. It turns the wheels of a lifted robot visibly.
  */
 #define BRINGUP_DUTY_MAX 5000
 
 typedef struct {
     state_t state;
     latch_t latch;
-    watchdog_t setpoints; /* 0.0001 m/s and 0.0002 rad/s, as on the wire */
-    watchdog_t duties;    /* 0.0001, limited */
-    bool expired;         /* the setpoint has expired and no new one has come */
+    watchdog_t setpoints; /* units of 0.0001 m/s and 0.0002 rad/s, as in the message */
+    watchdog_t duties;    /* units of 0.0001 of full scale, limited */
+    bool expired;         /* the setpoint has expired, and no new setpoint has arrived */
     wheels_t wheels;
     health_t health;
     reflexes_t reflexes;
@@ -38,12 +39,13 @@ typedef struct {
     float battery_low_v;
     float battery_empty_v;
     int64_t now_us; /* start of the control period */
-    bool planned;   /* there is a plan; it runs or has ended */
+    bool planned;   /* a plan exists; it runs or has ended */
     onboard_t plan;
     log_t log;
 } control_t;
 
-/* Start at rest and latched; the struct must be zero before. The robot moves only after a clear. */
+/* Start at rest with a latched stop; the struct must be zero before. The robot moves only after the
+ * latch is cleared. */
 void control_start(control_t *control, const parameters_t *parameters);
 
 /* Apply the parameters that take effect at once. */
@@ -51,8 +53,8 @@ void control_apply(control_t *control, const parameters_t *parameters);
 
 /* ---- events --------------------------------------------------------------------------------- */
 
-/* Apply an event by the mode table; `holding` are the conditions that are true. Return -1, or the
- * reason of a rejection. */
+/* Apply an event by the mode table; `holding` contains the conditions that are true. Return -1, or
+ * the reason of a rejection. */
 int control_fire(control_t *control, event_t event, unsigned holding);
 
 /* Latch a stop and leave any driving mode. Only EVENT_STOP can replace the cause of a latched stop.
@@ -60,14 +62,14 @@ int control_fire(control_t *control, event_t event, unsigned holding);
  * does not become `link`. */
 void control_stop(control_t *control, uint8_t cause, event_t event);
 
-/* Release the latch if `cause` holds it and is no longer present. Return -1, or the reason of a
- * rejection. */
+/* Release the latch if `cause` is the latched cause and its condition has ended. Return -1, or the
+ * reason of a rejection. */
 int control_clear(control_t *control, uint8_t cause);
 
 /* Start the planner with this number. Return -1, or the reason of a rejection. */
 int control_start_planner(control_t *control, uint8_t number);
 
-/* Take the host's cyclic values; return false if they are stale. */
+/* Store the host's cyclic values; return false if they are stale. */
 bool control_velocity(
     control_t *control, const sp_velocity_setpoint_t *wanted, int64_t extra, int64_t arrived_us);
 bool control_wheel_duty(
@@ -88,7 +90,7 @@ typedef struct {
 motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
     readings_t *readings, const around_t *around);
 
-/* Take a reading of the supply. */
+/* Process a reading of the supply. */
 void control_power(control_t *control, const board_power_t *power);
 
 /* ---- present state -------------------------------------------------------------------------- */
@@ -96,7 +98,7 @@ void control_power(control_t *control, const board_power_t *power);
 /* SP_FAULT_* */
 uint16_t control_faults(const control_t *control);
 
-/* Return the watchdog of the host's cyclic message in this mode. */
+/* Return the watchdog of the host's cyclic message in the present mode. */
 const watchdog_t *control_watchdog(const control_t *control);
 
 /* Return the state of the running plan, or of the last one. */

@@ -3,25 +3,25 @@
 #include "robot.h"
 #include "sweepctl_protocol.h"
 
-#define STEP_MAX_S 0.1f      /* a longer gap (a pause) is not integrated */
+#define STEP_MAX_S 0.1f      /* s; a longer gap (a pause) is not integrated */
 #define BRAKE_SHARE 0.75f    /* share of the acceleration limit; the rest is for control */
 #define LAG_S 0.10f          /* time from a command to the wheels' response */
-#define CREEP_M_S 0.025f     /* a contact at this speed is no collision */
-#define LOOKAHEAD_M 0.25f    /* lane keeping aims at the heading line this far ahead */
+#define CREEP_M_S 0.025f     /* a contact at this speed does not count as a collision */
+#define LOOKAHEAD_M 0.25f    /* lane keeping steers to the point this far ahead on the line */
 #define TURN_RATE_SHARE 0.75f /* share of the yaw rate limit; the rest is for control */
-#define MIN_TURN_RAD_S 0.10f /* below this rate wheels of this size stick */
+#define MIN_TURN_RAD_S 0.10f /* below this rate the wheels may stall */
 #define HEADING_TOLERANCE_RAD 0.004f
 #define POINT_TOLERANCE_M 0.006f
 #define LOWPASS 0.6f /* factor of the velocity smoothing, per step */
 #define REST_M_S 0.01f
 #define REST_RAD_S 0.03f
-#define SETTLE_S 0.6f /* maximum time from a leg's stop to its end, at rest or not */
+#define SETTLE_S 0.6f /* maximum time from the stop of a leg to its end, even if not at rest */
 #define STALL_S 1.5f
 #define STALL_M 0.003f
 #define STALL_RAD 0.02f
 #define TURN_TIMEOUT_S 15.0f
 #define DRIVE_TIMEOUT_S 600.0f
-#define TURN_IN_PLACE_RAD (PI_F / 4.0f) /* above this bearing: turn to the point first */
+#define TURN_IN_PLACE_RAD (PI_F / 4.0f) /* above this bearing, turn in place to the point first */
 
 #define ROTARY_KP 5.0f
 #define ROTARY_TD_S 0.03f
@@ -64,7 +64,7 @@ static float proportional_derivative(
     return clamped(output, limit);
 }
 
-/* Yaw rate that turns to a heading, limited so that the robot still stops in time. */
+/* Yaw rate that turns to a heading, limited so that the robot can stop at the heading. */
 static float turn_rate(driver_t *driver, float target_rad, float heading_rad, float dt_s)
 {
     const float error = wrapped(target_rad - heading_rad);
@@ -88,7 +88,7 @@ static velocity_t send(driver_t *driver, float v_m_s, float yaw_rate_rad_s, floa
     return *last;
 }
 
-/* Highest speed that stops within a distance, lag included: from d = v t + v^2/2a. */
+/* Maximum speed from which the robot stops within a distance, with lag: from d = v t + v^2/2a. */
 static float brake_speed(float remaining_m)
 {
     const float push = BRAKE_M_S2 * LAG_S;
@@ -97,13 +97,13 @@ static float brake_speed(float remaining_m)
     return larger(speed, CREEP_M_S);
 }
 
-/* Distance still covered after a zero command: half the lag at a falling speed. */
+/* Distance that the robot still covers after a zero command: half of the lag times the speed. */
 static float run_out_m(const observation_t *seen)
 {
     return 0.5f * LAG_S * absolute(seen->v_m_s);
 }
 
-/* Highest speed that still stops at the stop range; 0 once the range is reached. */
+/* Maximum speed from which the robot stops at the stop range; 0 when the range is reached. */
 static float approach(driver_t *driver, const observation_t *seen, float dt_s)
 {
     if (driver->leg.stop_range_m <= 0.0f) {
@@ -151,7 +151,7 @@ static velocity_t stop(driver_t *driver, leg_end_t reason, float dt_s)
     return send(driver, 0.0f, 0.0f, dt_s);
 }
 
-/* Ramp down to zero. The leg ends at rest, where its distance and pose are final. */
+/* Ramp down to zero. The leg ends at rest, when its distance and pose are final. */
 static velocity_t settle(driver_t *driver, const observation_t *seen, float dt_s)
 {
     driver->stopped_s += dt_s;
@@ -248,7 +248,7 @@ static velocity_t go_to(driver_t *driver, const observation_t *seen, float dt_s)
     }
     speed = absolute(bearing) > TURN_IN_PLACE_RAD ? 0.0f : speed * cosf(bearing);
     if (speed <= 0.0f) {
-        range_ahead_reset(&driver->ahead); /* an obstacle ahead now is not ahead after the turn */
+        range_ahead_reset(&driver->ahead); /* the turn changes which obstacle is ahead */
         speed = 0.0f;
         if (absolute(rate) < MIN_TURN_RAD_S) {
             rate = copysignf(MIN_TURN_RAD_S, bearing);
@@ -276,7 +276,7 @@ static velocity_t rest(driver_t *driver, float dt_s)
 
 /* ---- running -------------------------------------------------------------------------------- */
 
-/* Compute line, speed and timeout of a leg that covers a distance. */
+/* Compute line, speed and timeout of a drive leg. */
 static void lay_out(driver_t *driver, const observation_t *seen)
 {
     const leg_t *const leg = &driver->leg;
@@ -317,7 +317,8 @@ void driver_begin(driver_t *driver, const leg_t *leg, const observation_t *seen)
     if (leg->kind == LEG_TURN) {
         driver->timeout_s = TURN_TIMEOUT_S;
     } else if (leg->kind == LEG_REST) {
-        driver->timeout_s = leg->duration_s + TURN_TIMEOUT_S; /* this leg ends by itself */
+        driver->timeout_s = leg->duration_s + TURN_TIMEOUT_S; /* a safety limit only; this leg ends
+                                                                 by itself */
     } else {
         lay_out(driver, seen);
     }

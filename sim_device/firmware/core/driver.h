@@ -1,4 +1,4 @@
-/* Drives one leg at a time: observations in, velocities out. */
+/* Executes legs, one after the other: the inputs are observations, the outputs velocities. */
 #ifndef DRIVER_H
 #define DRIVER_H
 
@@ -9,7 +9,7 @@
 #include "model.h"
 #include "range_ahead.h"
 
-/* The readings of the robot's own sensors in one step. */
+/* Observation: the readings of the robot's own sensors in one step. */
 typedef struct {
     int64_t now_us;
     pose_t pose;
@@ -37,7 +37,7 @@ typedef struct {
 
     leg_t leg;
     leg_result_t result; /* reason END_NONE: in progress */
-    leg_end_t stopping;  /* why it is being stopped */
+    leg_end_t stopping;  /* reason of the stop in progress */
     bool backward;
     float speed_m_s;
     float timeout_s;
@@ -47,7 +47,7 @@ typedef struct {
     pose_t origin;
     float cos_heading, sin_heading;
     float along_m;
-    float mark; /* progress, and the time of the last progress */
+    float mark; /* last progress, and its time */
     float mark_s;
 
     memory_t heading_error;
@@ -57,18 +57,18 @@ typedef struct {
     velocity_t smooth; /* last output */
 } driver_t;
 
-/* At rest, with no leg. */
+/* Start at rest, without a leg. */
 void driver_start(driver_t *driver, const model_t *model);
 
 /* Begin a leg at the observed pose. */
 void driver_begin(driver_t *driver, const leg_t *leg, const observation_t *seen);
 
-/* Return the present velocity; zero without a leg. The leg has ended once driver->result.reason is
+/* Return the present velocity; zero without a leg. The leg has ended when driver->result.reason is
  * set. A bumper or a cliff ends any forward leg at once, without a ramp. It does not end a turn in
  * place or a reverse leg, because these lead away from the obstacle. */
 velocity_t driver_step(driver_t *driver, const observation_t *seen);
 
-/* Note a stop from outside: the next step ramps up from rest. */
+/* Record a stop by other code: the next step ramps up from rest. */
 void driver_halt(driver_t *driver);
 
 #endif

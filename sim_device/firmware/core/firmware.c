@@ -8,8 +8,9 @@
 #include "session.h"
 #include "telemetry.h"
 
-/* Periods and phases of the supply (5 Hz) and range (20 Hz) measurements, each with the phase of
- * its stream at the default rate. A loud echo is gone after 38 ms. */
+/* Periods and phases of the supply (5 Hz) and range (20 Hz) measurements. The phase is the phase of
+ * the stream at the default rate. An echo has decayed after 38 ms, before the next range
+ * measurement. */
 #define POWER_PERIODS 20u
 #define POWER_PHASE ((uint32_t)STREAM_POWER % POWER_PERIODS)
 #define RANGE_PERIODS 5u
@@ -70,7 +71,7 @@ static void continue_save(firmware_t *firmware)
     }
 }
 
-/* `stopped`: a STOP_ALL came, so the status is sent in this period. */
+/* `stopped`: a STOP_ALL has arrived, so the status is sent in this period. */
 static void send_telemetry(firmware_t *firmware, bool stopped)
 {
     for (unsigned i = 0; i < STREAMS; i++) {
@@ -128,8 +129,8 @@ static void period(firmware_t *firmware)
     }
 }
 
-/* Missed periods are not repeated, because their measurements would be late. Work that was due in
- * one of them is done now. */
+/* Missed control periods are not repeated, because their measurements would be late. Work that was
+ * due in a missed period is done now. */
 static void run_period_if_due(firmware_t *firmware)
 {
     if (firmware->now_us < firmware->due_us) {
@@ -156,7 +157,8 @@ static void receive(firmware_t *firmware)
 
 static void reboot_if_wanted(firmware_t *firmware)
 {
-    if (firmware->reboot_wanted && line_idle(&firmware->line)) { /* the acknowledgement has left */
+    if (firmware->reboot_wanted && line_idle(&firmware->line)) { /* the acknowledgement has been
+                                                                    sent */
         board_motors(firmware->board, 0, 0);
         board_drivers(firmware->board, false);
         if (firmware->factory_reset) {
