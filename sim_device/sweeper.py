@@ -208,7 +208,8 @@ class Sweeper(ABC, Generic[P]):
     def drivers(self) -> bool:
         """Whether the motor drivers are enabled; they are disabled during a reset of the chip.
 
-        In the model, a disabled bridge brakes the motors like an enabled bridge at duty 0.
+        At rest, a disabled bridge holds the wheels like a braking bridge, so the plant brakes in
+        both cases.
         """
         return self._modes.awake and self.firmware.drivers
 

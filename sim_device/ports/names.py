@@ -1,7 +1,7 @@
 """Names in the file system that a running emulator claims and releases.
 
 An emulator locks the folder while it claims a name. So two emulators that start at the same time
-cannot both get the name. The lock file is removed afterwards; only the link stays in the folder.
+cannot both get the name. The lock is on the folder itself, so there is no lock file, only the link.
 """
 
 from __future__ import annotations

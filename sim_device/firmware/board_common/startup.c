@@ -26,7 +26,7 @@ static void fill(uintptr_t from, uintptr_t end, uint32_t value) {
 void reset_handler(void) {
     SCB_CPACR |= SCB_CPACR_FPU_FULL; /* before the first function that uses floating point */
     /* If the chip's serial bootloader has started the program, the bootloader's vectors are in use.
-     * */
+     */
     SCB->vtor = (uint32_t)(uintptr_t)ld_vectors;
     barrier();
     const uint32_t *from = ld_data_load;
@@ -60,7 +60,7 @@ static void keep_crash(const uint32_t *stack) __attribute__((used));
 static void keep_crash(const uint32_t *stack) {
     const uint32_t cfsr = SCB->cfsr;
     /* After a stack overflow, the stored registers are not valid, and only the kind of fault is
-     known. */
+     * known. */
     const bool stacked = (cfsr & (SCB_CFSR_STKERR | SCB_CFSR_MSTKERR)) == 0;
     kept.record.pc = stacked ? stack[6] : 0;
     kept.record.lr = stacked ? stack[5] : 0;

@@ -9,7 +9,7 @@
 typedef volatile uint32_t reg_t;
 
 /* 6.3 RCC registers of the F42x. The F405 (section 7.3) has equal bits for the functions used here.
- * */
+ */
 typedef struct {
     reg_t cr, pllcfgr, cfgr, cir;
     reg_t ahb1rstr, ahb2rstr, ahb3rstr, reserved_0;

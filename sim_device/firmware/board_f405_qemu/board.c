@@ -22,7 +22,7 @@
 #define WATCHDOG_MS 100u
 #define BOOT_AGAIN_US 50000u
 /* Typical time to erase a sector with 32-bit parallelism (STM32F42x data sheet, flash programming).
- * */
+ */
 #define ERASE_US 250000u
 #define WRITE_WORD_US 16u
 

@@ -410,7 +410,7 @@ static void take_frame(reader_t *reader)
 }
 
 /* Return the length of the record at the start of the data. 0: more bytes are needed. NO_RECORD:
- the record is invalid. */
+ * the record is invalid. */
 #define NO_RECORD SIZE_MAX
 static size_t record_size(const uint8_t *data, size_t length)
 {

@@ -13,7 +13,7 @@
 #define POLL_BYTES (CHIP_HEAD + 19u)
 #define SENT_MAX (CHIP_PAYLOAD_MAX - CHIP_REPLY_HEAD)
 /* Assumed computing time of a control period and of a frame on a 168 MHz Cortex-M4, for the load.
- * */
+ */
 #define PERIOD_WORK_US 400u
 #define FRAME_WORK_US 25u
 #define WAIT_US 1000u /* time step while the program waits in its own loop */
@@ -144,7 +144,7 @@ static void uart_write(void *context, const uint8_t *data, size_t length)
 }
 
 /* The caller models the link's timing. On this board a byte is sent when the program's turn ends.
- * */
+ */
 static uint32_t uart_wait_us(void *context)
 {
     const chip_t *const chip = context;

@@ -3,7 +3,7 @@
  * bytes. Python code simulates the robot's body. Several chips can run in one process.
  *
  * Every operation is one call with a payload, so that it works both in this process and over a pipe
- (sim_device/core). All integers are little-endian. chip.py defines the same layout. */
+ * (sim_device/core). All integers are little-endian. chip.py defines the same layout. */
 #ifndef CHIP_H
 #define CHIP_H
 
@@ -69,7 +69,7 @@ BOARD_API_EXPORT uint32_t chip_imu_settings(chip_t *chip);
 BOARD_API_EXPORT uint32_t chip_version(void);
 
 /* Print a backtrace on stderr if the program crashes. Use it only for a program in its own process.
- * */
+ */
 BOARD_API_EXPORT void chip_catch_signals(void);
 
 #endif

@@ -39,7 +39,7 @@ void virtual_flash_write(virtual_flash_t *flash, unsigned page, size_t offset,
 }
 
 /* Write the words whose programming time is over. As in real flash, bits only change from 1 to 0.
- * */
+ */
 static bool carry_on_writing(virtual_flash_t *flash, uint64_t spent_us)
 {
     const uint64_t bytes = spent_us / WORD_US * WORD_BYTES;

@@ -1,5 +1,5 @@
 /* Model of an MPU6050 with its registers on the virtual board's I2C bus (InvenSense RM-MPU-6000A).
- * */
+ */
 #ifndef MPU6050_H
 #define MPU6050_H
 

@@ -1,5 +1,5 @@
-# For chips: cmake -DCMAKE_TOOLCHAIN_FILE=cmake/cortex-m.cmake. Needs arm-none-eabi-gcc and its newlib.
-# Boards name their processor themselves (CMakeLists.txt).
+# Toolchain for chips: cmake -DCMAKE_TOOLCHAIN_FILE=cmake/cortex-m.cmake. It needs arm-none-eabi-gcc and
+# its newlib. CMakeLists.txt defines the processor of each board.
 set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_SYSTEM_PROCESSOR arm)
 set(CMAKE_C_COMPILER arm-none-eabi-gcc)

@@ -20,7 +20,7 @@ typedef struct {
     hmac_key_t key;
     uint32_t openings; /* number of sessions since boot, so that challenges differ */
     uint32_t nonce[3]; /* boot id, session id, challenge */
-    uint32_t counter;  /* the last accepted one */
+    uint32_t counter;  /* the last accepted counter */
 } authentication_t;
 
 /* Set the key; all words 0: no key. */

@@ -1,5 +1,5 @@
 /* Motion control of the device: mode table, stop latch, watchdogs, onboard planner, wheel control.
- * */
+ */
 #ifndef CONTROL_H
 #define CONTROL_H
 

@@ -26,8 +26,9 @@ struct firmware {
     int64_t now_us; /* uptime */
     int64_t due_us; /* time of the next control period */
     uint32_t tick;  /* number of the period */
-    uint32_t ticks; /* periods since the last one that ran: 1, or more if some were missed */
-    bool ticked;    /* a period has run */
+    uint32_t ticks; /* number of periods since the last executed period; more than 1 if some were
+                       missed */
+    bool ticked;    /* a period has been executed */
 
     line_t line;
     payloads_t payloads;
@@ -40,25 +41,25 @@ struct firmware {
     bool off_bus; /* on CAN without a crystal: it neither receives nor sends */
 
     /* ---- session -------------------------------------------------------------------------------- */
-    uint32_t session_id; /* 0: none */
+    uint32_t session_id; /* 0: no session */
     bool negotiated;
-    bool status_wanted; /* a STOP_ALL came: send the status in the next period */
-    int64_t received_us; /* last valid frame of a host */
+    bool status_wanted; /* a STOP_ALL has arrived: send the status in the next period */
+    int64_t received_us; /* arrival of the host's last valid frame */
     bool unknown_hello;
-    int64_t unknown_hello_us; /* last hello to a host with an unknown session */
+    int64_t unknown_hello_us; /* time of the last hello to a host with an unknown session */
     freshness_t freshness;
 
     /* ---- parameters being saved ----------------------------------------------------------------- */
     flash_store_t flash;
     stored_t saving[FLASH_VALUES];
-    reply_t save_reply; /* sent once they are stored */
+    reply_t save_reply; /* sent after the save */
 
     /* ---- an accepted reboot --------------------------------------------------------------------- */
     bool reboot_wanted;
     bool factory_reset;
 
     /* ---- telemetry ------------------------------------------------------------------------------ */
-    uint16_t stale; /* rejected setpoints */
+    uint16_t stale; /* number of rejected setpoints */
     uint8_t load_percent;
     uint32_t load_busy_us; /* last measurement */
     int64_t load_at_us;

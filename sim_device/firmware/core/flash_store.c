@@ -8,7 +8,8 @@
 #define HEAD_WORDS 3u
 #define NO_PAGE BOARD_FLASH_PAGES
 
-/* Key of a value, by which later firmware finds it: CRC-32 of its name. */
+/* Return the key of a value in the record: the CRC-32 of its name. A later firmware finds the value
+ * by this key. */
 static uint32_t key_of(uint8_t number)
 {
     uint8_t name[] = "authentication 0";
@@ -32,7 +33,7 @@ static void put_word(uint8_t *record, size_t index, uint32_t value)
     }
 }
 
-/* Number of entries of a complete page; 0: incomplete. */
+/* Return the number of entries of a page; 0 if the page is incomplete. */
 static size_t whole(const uint8_t *page)
 {
     const uint32_t entries = word(page, 2);
@@ -44,7 +45,7 @@ static size_t whole(const uint8_t *page)
     return sp_crc32_update(0, page, 4u * words) == word(page, words) ? entries : 0u;
 }
 
-/* Page with the newest complete record; NO_PAGE: none. */
+/* Return the page with the newest complete record; NO_PAGE: no record. */
 static unsigned newest(board_t *board)
 {
     const uint8_t *const first = board_flash_page(board, 0);

@@ -1,6 +1,6 @@
-/* Keeps the parameters in two pages of flash, safe against a loss of supply at any moment. A save
- * erases the unused page and writes the new record there. The CRC of the record is written last.
- * Without it, the next boot reads the other page. */
+/* Stores the parameters in two flash pages; a loss of supply at any time leaves one page valid. A
+ * save erases the older page and writes the new record there. The CRC of the record is written
+ * last. Without this CRC, the next boot reads the other page. */
 #ifndef FLASH_STORE_H
 #define FLASH_STORE_H
 
@@ -29,14 +29,14 @@ typedef struct {
     uint8_t record[4u * FLASH_RECORD_WORDS];
 } flash_store_t;
 
-/* Read each parameter, and then the key, from the newest complete record. */
+/* Read all parameters and the key from the newest complete record. */
 void flash_store_load(board_t *board, stored_t stored[FLASH_VALUES]);
 
-/* Start to save; flash_store_step() continues the save. */
+/* Start a save; flash_store_step() continues it. */
 void flash_store_begin(
     flash_store_t *store, board_t *board, const stored_t image[FLASH_VALUES]);
 
-/* Once a control period: continue the save and, at its end, check that the flash reads back
+/* Call once per control period: continue the save; at its end, check that the flash reads back
  * correctly. */
 flash_result_t flash_store_step(flash_store_t *store, board_t *board);
 

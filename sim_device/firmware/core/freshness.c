@@ -20,7 +20,7 @@ int64_t freshness_extra(freshness_t *freshness, uint32_t host_stamp, int64_t arr
     if (host_us > freshness->host_us) {
         freshness->host_us = host_us;
     }
-    freshness->least_steps += arrived_us - freshness->at_us; /* 250 ppm of it */
+    freshness->least_steps += arrived_us - freshness->at_us; /* 250 ppm of this time */
     freshness->at_us = arrived_us;
     const int64_t delay_steps = (arrived_us - host_us) * FRESHNESS_STEPS_PER_US;
     if (delay_steps < freshness->least_steps) {

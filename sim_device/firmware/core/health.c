@@ -6,19 +6,21 @@
 #include "period.h"
 
 #define STALL_TICKS 100u
-/* Time for which a motor may draw its stall current; the planner gives up after half of it. */
+/* Maximum time at stall current, control periods: 3 s. The planner ends an attempt after half of
+ * this time. */
 #define STALL_STOP_TICKS 300u
-/* Minimum current of a stalled motor. It draws an ampere and more; a motor whose turns are not
- * counted draws a fifth of this. */
+/* Minimum current of a stalled motor, mA. A stalled motor draws 1 A or more. A running motor with a
+ * broken encoder draws a fifth of this limit. */
 #define STALL_MA 400u
-/* Minimum acceleration of a jolt: 0.15 g. A person's lift reaches more (0.25 g for 0.2 s). Of a 40
- * mg vibration, 14 mg remain in the mean; a bias cancels out. */
+/* Minimum acceleration of a jolt, counts: 0.15 g. A lift by a person exceeds this limit (0.25 g for
+ * 0.2 s). The mean reduces a vibration of 40 mg to 14 mg, and a sensor bias cancels out. */
 #define JOLT_LSB ((int)(0.15f * BOARD_IMU_PER_G + 0.5f))
 #define JOLT_SUM ((int32_t)GRAVITY_TICKS * JOLT_LSB)
 #define JOLT_MEANS ((int32_t)(GRAVITY_TICKS / JOLT_MEAN_TICKS))
 #define JOLT_TICKS 100u
 #define REST_TICKS 50u
-/* Maximum rate at rest: 20 deg/s, the data sheet's limit (PS-MPU-6000A-00, section 6.1). */
+/* Maximum rate reading at rest, counts: 20 deg/s, the zero-rate output limit of the data sheet
+ * (PS-MPU-6000A-00, section 6.1). */
 #define REST_RATE_LSB ((int)(20.0f * BOARD_IMU_PER_DEG_S))
 #define GRAVITY_LSB ((int)BOARD_IMU_PER_G)
 #define GRAVITY_LOW_LSB (0.7f * BOARD_IMU_PER_G)
@@ -27,13 +29,13 @@
 #define REPEAT_TICKS 50u
 #define QUIET_TICKS 20u
 #define LEARN_TICKS 200u
-/* Maximum number of equal readings in a row at first, for a chip with noise. Nearly all chips have
- * noise. If such a chip repeats its reading for half a second, it has no new reading. For a chip
- * without noise, the firmware compares the readings with the wheels. */
+/* Maximum number of repeated readings of a chip with noise after its start. Nearly every chip has
+ * noise. If such a chip repeats its readings for half a second, no new samples arrive. Repeats of a
+ * chip without noise are a fault only if the yaw rate differs from the wheels' yaw rate. */
 #define LIVELY_TICKS 3u
 #define DISAGREE_RAD_S 0.2f
 #define GYRO_RAD_S (PI_F / 180.0f / BOARD_IMU_PER_DEG_S)
-/* Maximum ultrasonic range to a wall that touches both bumper switches: 0.04 m and a margin. */
+/* Maximum ultrasonic range to a wall that presses both bumper switches, mm: 0.04 m and a margin. */
 #define NEAR_MM 100u
 #define BLOWS 2u
 #define UNCHANGED_MM 20
@@ -43,7 +45,8 @@
 #define CREEP_M 0.002f
 #define EMPTY_READINGS 5u
 #define PRESSED_READINGS 200u /* 10 s */
-/* Maximum side infrared range to an obstacle that touches that side: 0.05 m and a margin. */
+/* Maximum side infrared range to an obstacle in contact on that side, tenths of mm: 0.05 m and a
+ * margin. */
 #define BESIDE_DMM 800u
 #define TICKS_MAX 60000u
 
@@ -80,7 +83,7 @@ static void count_up(uint16_t *ticks)
     }
 }
 
-/* Count the consecutive periods in which `so` is true. */
+/* Count the consecutive periods in which a condition is true. */
 static void count_run(uint16_t *ticks, bool so)
 {
     if (so) {
@@ -157,7 +160,7 @@ static void judge_stall(health_t *health, const wheels_t *wheels)
     set(health, SP_FAULT_MOTOR_STALL, stall);
 }
 
-/* Take the acceleration along z; return whether its mean is far from gravity. */
+/* Process the acceleration along z; return whether its mean differs much from gravity. */
 static bool jolted(health_t *health, int16_t up)
 {
     health->up_sum += up - health->up[health->up_place];
@@ -263,7 +266,7 @@ static void judge_side(
     }
 }
 
-/* Return whether a switch has long been pressed without any other sign of a contact. */
+/* Return whether a switch is pressed for a long time without other evidence of contact. */
 static bool switch_stays(health_t *health, const around_t *around)
 {
     static const uint8_t halves[2] = {SP_CONTACT_BUMPER_LEFT, SP_CONTACT_BUMPER_RIGHT};

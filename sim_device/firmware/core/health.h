@@ -29,8 +29,8 @@
 #include "signs.h"
 #include "wheels.h"
 
-/* Number of samples in the mean that is tested for a jolt (80 ms), and in the mean that is taken as
- * gravity (1.3 s). */
+/* Number of samples in the mean acceleration for jolt detection (80 ms), and in the mean that is
+ * used as gravity (1.3 s). */
 #define JOLT_MEAN_TICKS 8u
 #define GRAVITY_TICKS 128u
 
@@ -41,9 +41,9 @@ typedef struct {
     uint16_t left_ma;
     uint16_t right_ma;
 
-    board_imu_t imu; /* of the previous period */
+    board_imu_t imu; /* reading of the previous period */
     bool imu_known;
-    uint16_t ticks; /* these four counters saturate above all their limits */
+    uint16_t ticks; /* the next counters saturate above their limits */
     uint16_t repeats;
     uint16_t rest_ticks;
     uint16_t jolt_ticks;
@@ -54,16 +54,17 @@ typedef struct {
     uint8_t up_place;
     uint8_t gravity_ticks;
     int32_t up_sum;       /* sum of `up` */
-    int32_t gravity_sum;  /* over the last complete run of GRAVITY_TICKS samples */
-    int32_t gravity_next; /* over the present run so far */
+    int32_t gravity_sum;  /* sum over the last complete run of GRAVITY_TICKS samples */
+    int32_t gravity_next; /* sum over the present run so far */
     signs_t signs;
 
     board_encoders_t counts;
-    board_encoders_t range_counts; /* at the last range reading */
-    uint8_t pressed[2]; /* readings with a pressed switch and no other sign of a contact */
+    board_encoders_t range_counts; /* counts at the last range reading */
+    uint8_t pressed[2]; /* number of readings with a pressed switch and no other evidence of contact
+                           */
     bool touched;
     uint8_t blows;
-    uint16_t sonar_mm; /* last different one */
+    uint16_t sonar_mm; /* last range that differed from its predecessor */
     float unseen_m;
     uint16_t side_dmm[2];
     float side_rad[2];
@@ -75,14 +76,14 @@ void health_start(health_t *health);
 void health_tick(health_t *health, const readings_t *readings, const wheels_t *wheels,
     int16_t left_duty, int16_t right_duty);
 
-/* Take a reading of the supply, five a second. */
+/* Process a reading of the supply (5 Hz). */
 void health_power(health_t *health, const board_power_t *power, float low_v, float empty_v);
 
-/* Take a reading of rangers and contacts. */
+/* Process a reading of rangers and contacts. */
 void health_around(
     health_t *health, const around_t *around, float wheel_base_m, float metres_per_count);
 
-/* Return the fault that forbids driving, in words; NULL without such a fault. */
+/* Return a description of the fault that prevents driving; NULL without such a fault. */
 const char *health_stopping(const health_t *health);
 
 /* Return whether a motor has drawn its stall current for too long. */

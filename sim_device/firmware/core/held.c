@@ -2,9 +2,9 @@
 
 #include <string.h>
 
-#define STAMP 2u /* bytes before a periodic frame's payload */
+#define STAMP 2u /* number of stamp bytes before a periodic frame's payload */
 
-/* Add identifier, length and data; return false if there is no room. */
+/* Add identifier, length and data of a frame; return false if there is no space. */
 static bool cover(covered_t *covered, uint16_t id, const uint8_t *data, size_t length)
 {
     uint8_t *const to = covered->bytes + covered->length;
@@ -19,7 +19,7 @@ static bool cover(covered_t *covered, uint16_t id, const uint8_t *data, size_t l
     return true;
 }
 
-/* All parts of one message carry the same stamp first. */
+/* Return whether a frame continues a message: all parts of a message begin with an equal stamp. */
 static bool continues(const covered_t *covered, const sp_can_frame_t *in)
 {
     return covered->length > 3u + STAMP && memcmp(covered->bytes + 3, in->data, STAMP) == 0;
@@ -48,7 +48,7 @@ bool held_swap(held_t *held, uint32_t came_us, sp_frame_t *frame)
     const bool before = held->waiting;
     const sp_frame_t in = *frame;
     if (in.length > HELD_PAYLOAD) {
-        return true; /* no message that needs a tag is so long */
+        return true; /* a message that needs a tag is never this long */
     }
     if (before) {
         hand_over(held, frame);

@@ -1,9 +1,9 @@
 #include "inbox.h"
 
-/* The writer publishes its place after it has written the content. The reader publishes its place
- * after it has read the content. The compiler moves no access to the data across these calls, and
- * neither does a processor with more than one core. On a Cortex-M they are a load or store and a
- * DMB. */
+/* Memory barriers for the queues. The writer publishes its position after it has written the
+ * content; the reader publishes its position after it has read the content. Neither the compiler
+ * nor a processor with several cores moves an access to the data across these calls. On a Cortex-M
+ * each call is a load or store and a DMB instruction. */
 static uint16_t published(const uint16_t *place)
 {
     return __atomic_load_n(place, __ATOMIC_ACQUIRE);
@@ -14,13 +14,13 @@ static void publish(uint16_t *place, unsigned value)
     __atomic_store_n(place, (uint16_t)value, __ATOMIC_RELEASE);
 }
 
-/* Number of taken places between two free-running places. */
+/* Number of used entries between two free-running positions. */
 static unsigned taken(uint16_t in, uint16_t out)
 {
     return (uint16_t)(in - out);
 }
 
-/* Only the writer counts; the reader may read the count at any time. */
+/* Count dropped data. Only the writer changes the count; the reader may read it at any time. */
 static void drop(inbox_t *inbox, uint32_t count)
 {
     __atomic_store_n(&inbox->dropped, inbox->dropped + count, __ATOMIC_RELAXED);
@@ -47,7 +47,8 @@ void inbox_put_bytes(inbox_t *inbox, const uint8_t *data, size_t length, uint32_
         inbox->bytes[at % INBOX_BYTES] = data[i];
         at++;
     }
-    publish(&inbox->stamps_in, stamp); /* first: a reader that sees a zero finds its stamp */
+    publish(&inbox->stamps_in, stamp); /* before the byte, so that the reader of a zero also finds
+                                          its stamp */
     publish(&inbox->bytes_in, at);
     if (dropped != 0) {
         drop(inbox, dropped);

@@ -1,4 +1,4 @@
-/* The latched stop: the gravest cause stays until a command clears it by name. */
+/* The latched stop: the most severe cause stays latched until a command clears this cause. */
 #ifndef LATCH_H
 #define LATCH_H
 
@@ -11,7 +11,7 @@ typedef struct {
     uint8_t cause; /* SP_STOP_CAUSE_* */
 } latch_t;
 
-/* Latch a cause; return false if an equal or graver cause is latched already. */
+/* Latch a cause; return false if an equal or more severe cause is already latched. */
 static inline bool latch_set(latch_t *latch, uint8_t cause)
 {
     const uint8_t held = latch->cause;
@@ -19,7 +19,7 @@ static inline bool latch_set(latch_t *latch, uint8_t cause)
     return latch->cause != held;
 }
 
-/* Release the latch if it holds `cause`; return whether it did. */
+/* Release the latch if `cause` is the latched cause; return whether it was released. */
 static inline bool latch_clear(latch_t *latch, uint8_t cause)
 {
     if (latch->cause == 0 || cause != latch->cause) {

@@ -8,18 +8,18 @@
 
 typedef enum {
     LEG_NONE,
-    LEG_TURN,  /* in place to a heading, the shorter way */
-    LEG_DRIVE, /* along a heading from the present place */
-    LEG_GO_TO, /* to a point in a straight line, after a turn in place if it is not ahead */
-    LEG_REST   /* stand still to measure the gyro bias */
+    LEG_TURN, /* turn in place to a heading, in the shorter direction */
+    LEG_DRIVE, /* drive along a heading from the present place */
+    LEG_GO_TO, /* drive straight to a point, after a turn in place if the point is not ahead */
+    LEG_REST   /* stand still, for example to measure the gyro bias */
 } leg_kind_t;
 
 typedef struct {
     leg_kind_t kind;
     const char *purpose; /* for log lines */
     float heading_rad;   /* turn, drive */
-    bool bounded;        /* drive: `distance_m` ends it */
-    float distance_m;    /* along the heading; negative: backwards */
+    bool bounded;        /* drive: the leg ends after `distance_m` */
+    float distance_m;    /* distance along the heading; negative: backwards */
     float speed_m_s;     /* drive; 0: cruise speed */
     float stop_range_m;  /* drive, go to: ultrasonic range that ends the leg; 0: none */
     float x_m, y_m;      /* go to */
@@ -28,7 +28,7 @@ typedef struct {
 
 typedef enum {
     END_NONE,     /* in progress */
-    END_DONE,     /* the heading or the point was reached, or the rest is over */
+    END_DONE,     /* the heading or the point was reached, or the rest has ended */
     END_DISTANCE, /* the distance was driven */
     END_RANGE,    /* the ultrasonic range reached the stop range */
     END_BUMPER,
@@ -37,14 +37,15 @@ typedef enum {
     END_TIMEOUT
 } leg_end_t;
 
-/* Result of a leg, after the robot came to rest. */
+/* Result of a leg after the robot has come to rest. */
 typedef struct {
     leg_end_t reason;
-    float distance_m; /* along the leg's line, signed like the leg's; 0 for a turn */
+    float distance_m; /* distance along the leg's line, with the sign of the leg's distance; 0 for a
+                         turn */
     pose_t pose;
 } leg_result_t;
 
-/* Return whether an obstacle ended the leg, not its own goal. */
+/* Return whether an obstacle ended the leg before its goal. */
 static inline bool leg_blocked(leg_end_t reason)
 {
     return reason != END_DONE && reason != END_DISTANCE;

@@ -15,8 +15,8 @@ void line_start(line_t *line, board_t *board, uint8_t node, bool can)
 static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, size_t kept)
 {
     const size_t whole = sp_seal(line->frame, &line->sender, type, t_us, length);
-    /* On an idle line a zero is sent first, so that the rest of an interrupted frame does not
-     * damage this one. */
+    /* If the UART is idle, a zero is sent first, so that the rest of an interrupted frame does not
+     * damage the new frame. */
     const size_t skip = board_uart_wait_us(line->board) == 0 ? 0u : 1u;
     if (board_uart_room(line->board) < whole + kept) {
         line->dropped++;
@@ -25,8 +25,8 @@ static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, 
     board_uart_write(line->board, line->frame + skip, whole - skip);
 }
 
-/* The last entry leaves first. A new frame leaves before frames with a larger rank value, and after
- * frames with the same value. */
+/* Add a frame to the CAN queue; the last entry is sent first. A new frame is sent before frames
+ * with a larger rank, and after frames with an equal rank. */
 static void queue_can(line_t *line, const sp_can_frame_t *frame, uint8_t rank)
 {
     uint8_t i = line->waiting_count;
@@ -42,8 +42,8 @@ static void queue_can(line_t *line, const sp_can_frame_t *frame, uint8_t rank)
 static void send_can(
     line_t *line, uint8_t type, uint8_t rank, uint32_t t_us, size_t length, size_t kept)
 {
-    /* Maximum number of frames. A periodic message has at most three frames. All other messages are
-     * segmented: payload, header and CRC (9 B) in frames of seven bytes. */
+    /* Maximum number of frames of a message. A periodic message has at most three frames. All other
+     * messages are segmented: payload, header and CRC (9 B) are sent in frames of seven bytes. */
     const size_t most = 3u + (length + 9u) / 7u;
     const bool room = line->waiting_count + most + kept <= LINE_CAN_WAITING;
     sp_can_message_t message;
@@ -100,7 +100,7 @@ void line_pump(line_t *line)
     while (line->waiting_count != 0) {
         sp_can_frame_t *const next = &line->waiting[line->waiting_count - 1u].frame;
         if (next->id >> 4 == SP_TYPE_SYNC) {
-            /* The count is known only now, because frames do not leave in the order of creation. */
+            /* The count is known only now, because frames are not sent in the order of creation. */
             const uint32_t count = line->can_gone + 1u;
             for (unsigned i = 0; i < 4u; i++) {
                 next->data[4u + i] = (uint8_t)(count >> (8u * i));
@@ -146,7 +146,7 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
         const sp_event_t event = sp_can_receive(&line->can_receiver, &in, *arrived_us, frame);
         const sp_direction_t sender = sp_can_direction((uint8_t)(in.id >> 4));
         if (line->can_receiver.duplicates == duplicates && sender != SP_FROM_DEVICE) {
-            line->intact++; /* counts frames; on UART, line_receive() counts complete messages */
+            line->intact++; /* number of frames; on UART, line_receive() counts complete messages */
             if (sender == SP_UNKNOWN) {
                 if (held_tagged(&line->held, &line->authentication, &in, *arrived_us, frame)) {
                     stamps_set(&line->can_receiver, &line->held.stamps);
@@ -158,9 +158,10 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
             }
         }
         if (line->authentication.keyed) {
-            frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* only the tag decides */
+            frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* only a valid tag sets this flag */
         }
-        if (line->authentication.begun) { /* only a tagged stamp may extend the next one */
+        if (line->authentication.begun) { /* only a stamp with a valid tag may be the reference for
+                                             the next stamp */
             line->held.coming = stamps_of(&line->can_receiver);
             stamps_set(&line->can_receiver, &before);
         }
@@ -175,15 +176,15 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
     return false;
 }
 
-/* Return whether a UART frame with a tag is authentic; its tag is removed. A stop needs no tag. On
- * a bus the tag is a frame of its own. */
+/* Remove the tag of a UART frame; return whether the frame is authentic. A stop needs no tag. On
+ * CAN the tag is a separate frame. */
 static bool genuine(line_t *line, sp_frame_t *frame)
 {
     if (line->can || (frame->flags & SP_FLAG_AUTHENTICATED) == 0) {
         return true;
     }
     if (frame->type == SP_TYPE_STOP || frame->type == SP_TYPE_STOP_ALL) {
-        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* with any tag */
+        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* a stop is accepted with any tag */
         return true;
     }
     if (frame->length < SP_TRAILER_SIZE) {
@@ -193,7 +194,7 @@ static bool genuine(line_t *line, sp_frame_t *frame)
     const bool ours = authentication_check(&line->authentication, frame->payload - SP_HEADER_SIZE,
         SP_HEADER_SIZE + (size_t)frame->length, frame->payload + frame->length, SP_TRAILER_SIZE);
     if (!ours && frame->type == SP_TYPE_TIME_REQUEST) {
-        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* answered, but not authentic */
+        frame->flags &= (uint8_t)~SP_FLAG_AUTHENTICATED; /* answered, but not marked authentic */
         return true;
     }
     return ours;

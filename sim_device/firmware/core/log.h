@@ -1,4 +1,4 @@
-/* Log lines for the host, limited so that they do not fill the link. */
+/* Queue of log lines for the host, with a limited rate. */
 #ifndef LOG_H
 #define LOG_H
 
@@ -7,7 +7,7 @@
 
 #include "text.h"
 
-#define LOG_PERIOD_US 100000 /* minimum time between lines: ten a second */
+#define LOG_PERIOD_US 100000 /* minimum time between lines, us: ten lines per second */
 #ifndef LOG_WAITING
 #define LOG_WAITING 16u /* a full queue drops its oldest line */
 #endif
@@ -25,13 +25,14 @@ typedef struct {
     int64_t sent_us;
 } log_t;
 
-/* Queue an empty line and return it; the caller writes it in place. */
+/* Queue an empty line and return it; the caller then writes its text. */
 text_t *log_begin(log_t *log, uint8_t level);
 
 /* Queue a complete line. */
 void log_add(log_t *log, uint8_t level, const char *utf8);
 
-/* Return the next line if one may be sent now, else NULL. It is valid until the next call. */
+/* Return the next line, or NULL if no line may be sent now. The line is valid until the next
+ * call. */
 const log_line_t *log_take(log_t *log, int64_t now_us);
 
 #endif

@@ -1,4 +1,4 @@
-/* The whole program of a board. */
+/* Main program of a board. */
 #include "board.h"
 #include "firmware_state.h"
 

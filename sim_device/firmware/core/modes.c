@@ -15,8 +15,8 @@ typedef struct {
 
 #define REJECTED 0x80u
 
-/* The first row applies that matches the state and the event, and whose guard is true. Without such
- * a row nothing happens. */
+/* The transition table. The first row that matches the state and the event and has a true guard
+ * applies. If there is no such row, nothing happens. */
 static const row_t table[] = {
 #define ENTER(states, event, guard, state) {states, EVENT_##event, guard, STATE_##state},
 #define REJECT(states, event, guard, reason)                                                      \

@@ -1,4 +1,4 @@
-/* The device's modes as a table: the effect of each event in each state, with conditions. */
+/* The device's modes as a transition table: the effect of each event in each state. */
 #ifndef MODES_H
 #define MODES_H
 
@@ -7,8 +7,8 @@
 
 #include "mode_table.h"
 
-/* States of the device: STATE_STOPPED and so on. Off and booting are missing: no program runs
- * there. */
+/* States of the device: STATE_STOPPED and so on. Off and booting are omitted, because no program
+ * runs in these states. */
 typedef enum {
 #define STATE(state, mode) STATE_##state,
     MODE_STATES(STATE)
@@ -23,7 +23,7 @@ typedef enum {
         EVENTS
 } event_t;
 
-/* Conditions that reject an event, as bits of what is true now. */
+/* Conditions that reject an event: one bit per condition. */
 enum {
 #define GUARD(condition, bit) GUARD_##condition = bit,
     MODE_GUARDS(GUARD)
@@ -37,13 +37,13 @@ typedef struct {
     uint8_t reason; /* SP_NACK_REASON_*, if rejected */
 } outcome_t;
 
-/* Apply an event; return the table's outcome after the change of `state`. */
+/* Apply an event and change `state`; return the outcome from the table. */
 outcome_t modes_fire(state_t *state, event_t event, unsigned holding);
 
 /* Return the SP_MODE_* of a state for the status message. */
 uint8_t modes_wire_mode(state_t state);
 
-/* Return whether the state has a plan. */
+/* Return whether a plan exists in this state. */
 static inline bool modes_planning(state_t state)
 {
     return state == STATE_RUNNING || state == STATE_PAUSED;

@@ -1,4 +1,4 @@
-/* Names of wire values, for log lines. */
+/* Names of enumeration values, for log lines. */
 #ifndef NAMES_H
 #define NAMES_H
 

@@ -21,7 +21,7 @@ static inline float smaller(float a, float b)
     return a < b ? a : b;
 }
 
-/* Within -limit .. limit. */
+/* Limit a value to -limit .. limit. */
 static inline float clamped(float value, float limit)
 {
     return value > limit ? limit : value < -limit ? -limit : value;

@@ -1,22 +1,26 @@
 #include "odometry.h"
 
 #define GYRO_RAD_S (PI_F / 180.0f / BOARD_IMU_PER_DEG_S)
-/* Maximum gap between two samples that is integrated; in a longer one the rate is unknown. */
+/* Maximum gap between two samples that is integrated, us. In a longer gap the rate is unknown. */
 #define IMU_GAP_US 100000u
-/* Number of samples at rest before the gyro is trusted. */
+/* Number of samples at rest before the gyro is used. */
 #define FIRST_BIAS_SAMPLES 25u
-/* Number of samples at rest in one mean. A mean is used when the next one is complete: its last
- * samples may already belong to a start, which the counts show up to 20 ms later. */
+/* Number of samples at rest in one mean. A mean is used only when the next mean is complete. The
+ * reason is that the newest samples may already belong to a motion, which the encoder counts show
+ * up to 20 ms later. */
 #define BATCH 5u
 #define BATCHES_MAX 20u
-/* Maximum first bias, above the data sheet's +-20 deg/s; a larger sample is a motion. */
+/* Maximum first bias, rad/s; greater than the data sheet's limit of +-20 deg/s. A larger sample
+ * means that the robot moves. */
 #define LARGEST_BIAS_RAD_S 0.4f
-/* Maximum rate off the bias at rest: 3 deg/s. It detects a robot that a person turns, whose wheels
- * stand. */
+/* Maximum difference between rate and bias at rest, rad/s: 3 deg/s. It detects a robot that a
+ * person turns while the wheels stand. */
 #define RATE_VETO_RAD_S 0.05f
-/* Time at rest after the last count; gearbox play and run-out are over by then. */
+/* Time after the last encoder count until the robot counts as at rest, us. Motion in the gearbox
+ * play has then ended. */
 #define SETTLE_US 300000
-/* Share of the newest interval in the speed: one count in 20 ms is already 6.5 mm/s. */
+/* Weight of the newest interval in the smoothed speed. It is less than 1, because one count in 20
+ * ms is already 6.5 mm/s. */
 #define SPEED_SHARE 0.5f
 #define STANDS_M_S 1e-3f
 
@@ -81,7 +85,7 @@ void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us)
     const float rate_rad_s = (float)imu->gyro_z * GYRO_RAD_S;
     const bool first = !odometry->sampled;
     if (!first && since_us == 0) {
-        return; /* the same sample */
+        return; /* no new sample */
     }
     odometry->sampled = true;
     odometry->sampled_us = imu->sampled_us;
@@ -92,7 +96,7 @@ void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us)
     }
     forget_batches(odometry);
     if (!trusted(odometry)) {
-        /* The rest was too short: its few samples may belong to the start. */
+        /* The rest was too short: its few samples may belong to the next motion. */
         odometry->rest_samples = 0;
         odometry->batches = 0;
         odometry->bias_rad_s = odometry->first_bias_rad_s;
@@ -105,7 +109,7 @@ void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us)
     }
 }
 
-/* Move by the travel of both wheels. */
+/* Move the pose by the travel of both wheels. */
 static void roll(odometry_t *odometry, float left_m, float right_m, float dt_s)
 {
     const float travel_m = 0.5f * (left_m + right_m);

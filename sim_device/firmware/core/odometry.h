@@ -1,7 +1,7 @@
-/* Dead reckoning. The heading comes from the gyro minus its bias, which is measured at rest; the
- * position from the wheels along that heading (eq. 5 of the paper). Until the first bias is known,
- * the wheels give the heading too (eq. 4). Nothing corrects this estimate; the host's filter does
- * better. */
+/* Dead reckoning. The heading is the integral of the gyro rate minus its bias, which is measured at
+ * rest. The position is computed from the wheels along this heading (eq. 5 of the paper). Until the
+ * first bias is known, the heading is also computed from the wheels (eq. 4). No other measurement
+ * updates this estimate; the host's filter is more accurate. */
 #ifndef ODOMETRY_H
 #define ODOMETRY_H
 
@@ -16,7 +16,7 @@ typedef struct {
     float left_metres_per_count;
     float right_metres_per_count;
     float wheel_base_m;
-    float first_bias_rad_s; /* the calibrated one until one is measured */
+    float first_bias_rad_s; /* the calibrated bias until a bias is measured */
 
     pose_t pose;
     float v_m_s;
@@ -24,8 +24,8 @@ typedef struct {
     float mark_rad; /* heading at the last encoder sample */
 
     float bias_rad_s;
-    uint16_t rest_samples; /* counted up to the required number */
-    uint8_t batches;       /* means in the bias, up to a bound because it may drift */
+    uint16_t rest_samples; /* number of samples at rest, up to the required number */
+    uint8_t batches;       /* number of means in the bias; limited, because the bias may drift */
     uint8_t batch_samples;
     float batch_sum;
     bool batch_ripe; /* a complete mean waits to be used */
@@ -39,13 +39,13 @@ typedef struct {
     int64_t turned_us;
 } odometry_t;
 
-/* At rest at the origin, heading along x. */
+/* Start at rest at the origin, with the heading along x. */
 void odometry_start(odometry_t *odometry, const model_t *model);
 
-/* Take a sample of the gyro: once a control period. */
+/* Process a sample of the gyro; called once per control period. */
 void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us);
 
-/* Take both wheels' counts: every other control period. */
+/* Process both wheels' counts; called every second control period. */
 void odometry_encoders(odometry_t *odometry, board_encoders_t counts, int64_t now_us);
 
 #endif

@@ -4,11 +4,11 @@
 
 #include "board.h"
 
-/* Time at rest before the first move: 250 samples for the mean of the gyro bias. */
+/* Time at rest before the first move, us. The gyro bias is the mean of 250 samples in this time. */
 #define SETTLE_US 2500000
 #define DECIDE_PERIODS 2u
-/* Maximum number of legs that end in the step in which they began; more in a row mean a planner
- * loop. */
+/* Maximum number of consecutive legs that end in the step in which they begin. A larger number
+ * means that the planner is in an endless loop. */
 #define DECISIONS_MAX 16u
 
 static const velocity_t HALT = {0.0f, 0.0f};
@@ -51,7 +51,7 @@ const char *onboard_finish_reason(const onboard_t *plan)
 
 /* ---- running -------------------------------------------------------------------------------- */
 
-/* Begin the first leg, or the next one; return false if there is none. */
+/* Begin the first or the next leg; return false if the plan has no further leg. */
 static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
 {
     if (!plan->began) {
@@ -65,7 +65,7 @@ static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
     return true;
 }
 
-/* One decision step: the leg in progress, and the next one when it ends. */
+/* Run one decision step: execute the present leg, and begin the next leg when it ends. */
 static velocity_t run(onboard_t *plan, const observation_t *observed, log_t *log)
 {
     if (plan->began) {
@@ -104,7 +104,7 @@ velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings
             plan->odometry.yaw_rate_rad_s, plan->ultrasonic_mm, readings_contacts(readings)};
         plan->wanted = run(plan, &observed, log);
     } else if (decides && plan->state == PLAN_RESTS && plan->looked && now_us >= plan->move_us) {
-        plan->state = PLAN_RUNS; /* from the next decision on */
+        plan->state = PLAN_RUNS; /* effective from the next decision step */
     }
     return plan->wanted;
 }

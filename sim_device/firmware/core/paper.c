@@ -8,27 +8,29 @@
 #define PHI "\xCE\xA6"
 #define TIMES "\xC2\xB7"
 
-/* Maximum difference of D and Prev-D that counts as equal; two lanes never match to the millimetre.
- */
+/* Maximum difference of D and Prev-D that counts as equal, m. The lengths of two lanes are never
+ * exactly equal. */
 #define EQUAL_TOLERANCE_M 0.02f
-/* Ultrasonic range at which a wall stops the robot: 6 mm of clearance, because the sensor sits 4 cm
- * behind the front. A side step stops earlier, because the next lane runs along that wall. */
+/* Ultrasonic range at which the robot stops at a wall, m. The sensor is 4 cm behind the front, so
+ * the clearance is 6 mm. A side step stops earlier, because the next lane runs along the wall. */
 #define STOP_RANGE_M 0.046f
 #define STEP_STOP_RANGE_M 0.054f
-/* Distance to reverse after a contact, so that the turn does not graze. */
+/* Distance to reverse after a contact, m, so that the robot does not graze the obstacle in the
+ * turn. */
 #define BACK_OFF_M 0.015f
 #define BACK_OFF_M_S 0.05f
 #define CLIFF_BACK_OFF_M 0.05f
 #define CLIFF_BACK_OFF_M_S 0.1f
-/* Maximum shortfall of W at which a side step still counts as whole, and the minimum length of a
- * step. */
+/* Maximum difference between a side step and W at which the step still counts as complete, m; also
+ * the minimum length of a step. */
 #define SHORT_STEP_M 0.015f
 #define LEAST_STEP_M 0.02f
-/* Rest at the end of every lane; the gyro bias is measured in its second half. */
+/* Time at rest at the end of every lane, s. The gyro bias is measured in the second half of this
+ * time. */
 #define REST_S 0.6f
 #define LANES_MAX 2000u
-/* Number of blocked side steps in a row after which the robot counts as enclosed, however short the
- * lanes. */
+/* Number of consecutive blocked side steps after which the robot counts as enclosed, for any length
+ * of the lanes. */
 #define BLOCKED_MAX 3u
 
 /* ---- log of decisions ----------------------------------------------------------------------- */
@@ -67,7 +69,7 @@ static void turn_to(paper_t *paper, float heading_rad)
     paper->leg = turn;
 }
 
-/* Turn to the lane and drive it until something stops it. */
+/* Turn to the lane's heading and drive until an obstacle stops the robot. */
 static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
 {
     const leg_t lane = {.kind = LEG_DRIVE,
@@ -80,9 +82,9 @@ static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
     turn_to(paper, heading_rad);
 }
 
-/* Turn across the lanes and drive to the line `path_m` further, or back if negative. The reference
- * is the intended line of the last lane, so lanes stay W apart whatever a contact or slip did in
- * between. */
+/* Turn perpendicular to the lanes and drive to the line at a distance of `path_m`; negative:
+ * backwards. The reference is the intended line of the last lane. So lanes stay W apart despite
+ * contacts or slip. */
 static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float path_m)
 {
     const float direction = path_m < 0.0f ? -1.0f : 1.0f;
@@ -158,8 +160,9 @@ static bool continue_lane(paper_t *paper, const leg_result_t *result)
     return false;
 }
 
-/* Return why the sweep ends after a lane and a side step, or NULL. The two ends of a lane shorter
- * than W are one place: blocked at both is no more evidence than blocked at one. */
+/* Return why the sweep ends after a lane and a side step, or NULL. A lane shorter than W counts as
+ * one place: a blocked step at both of its ends is no more evidence than a blocked step at one
+ * end. */
 static const char *stuck(paper_t *paper, const leg_result_t *lane, bool blocked)
 {
     if (paper->lanes >= LANES_MAX) {
@@ -214,7 +217,7 @@ static void step_on(paper_t *paper)
 
 static void end_recovery(paper_t *paper, log_t *log)
 {
-    paper->turns = 0; /* otherwise a second case 3 would count the same lanes again */
+    paper->turns = 0; /* otherwise a second case 3 would count these lanes again */
     decide(log, "recovery-end", "occluded region swept as far as possible", "");
     step_on(paper);
 }
@@ -232,7 +235,7 @@ static void begin_recovery(paper_t *paper, log_t *log)
     begin_step(paper, AT_RECOVERY_BACK, &paper->leave, -paper->length_m);
 }
 
-/* Drive back to where case 3 fired, as far as the path is free. */
+/* Drive back to the place where case 3 occurred, as far as the path is free. */
 static void begin_return(paper_t *paper, log_t *log)
 {
     paper->blocked_steps = 0;
@@ -251,7 +254,7 @@ static void begin_return(paper_t *paper, log_t *log)
     paper->leg = back;
 }
 
-/* Begin the next lane in the occluded region, or the way back once it is swept. */
+/* Begin the next lane in the occluded region, or the return after the region is swept. */
 static void sweep_occluded(paper_t *paper, log_t *log)
 {
     if (offset_m(paper, &paper->occluded) < paper->until_m) {
@@ -294,7 +297,7 @@ static void after_occluded_step(paper_t *paper, log_t *log)
     sweep_occluded(paper, log);
 }
 
-/* The way back is its own leg. After a contact it backs off along its present heading. */
+/* Continue after the return leg. After a contact, reverse along the present heading. */
 static void after_return(
     paper_t *paper, const leg_result_t *result, const pose_t *pose, log_t *log)
 {
@@ -335,7 +338,7 @@ static void after_step(paper_t *paper, log_t *log)
         return;
     }
     if (!blocked) {
-        paper->turns++; /* only a full step of W counts: otherwise W T is no length */
+        paper->turns++; /* count only complete steps of W; otherwise W T would not be the length */
     }
     paper->heading_rad = wrapped(paper->heading_rad + PI_F);
     begin_lane(paper, AT_LANE, paper->heading_rad);
@@ -348,7 +351,7 @@ void paper_start(paper_t *paper, const model_t *model, const pose_t *pose, log_t
     paper->diameter_m = model->diameter_m;
     paper->width_m = model->cleaning_width_m;
     paper->origin = *pose;
-    paper->step_heading_rad = wrapped(pose->heading_rad + 0.5f * PI_F); /* to the left first */
+    paper->step_heading_rad = wrapped(pose->heading_rad + 0.5f * PI_F); /* first step to the left */
     paper->heading_rad = pose->heading_rad;
     paper->first_lane = true;
     decide(log, "start", "lanes along the start heading", "");

@@ -1,13 +1,15 @@
-/* The paper's algorithm, faithfully: U-shaped lanes and one slot of memory (section 3.2).
+/* The paper's algorithm without changes: U-shaped lanes, and memory of one occluded region (section
+ * 3.2).
  *
- * Case 1, D = Prev-D: count the turn. Case 2, D + diameter < Prev-D: an obstacle; restart the
- * count. Case 3, D - diameter > Prev-D: the robot has passed the obstacle; its occluded region is
- * Length = W T long. Drive back by Length against the stepping direction, sweep up to the lane that
- * was left, and continue.
+ * D is the length of the last lane, T the number of turns, W the cleaning width. Case 1, D =
+ * Prev-D: count the turn. Case 2, D + diameter < Prev-D: an obstacle; restart the count. Case 3, D
+ * - diameter > Prev-D: the robot has passed the obstacle; the occluded region behind it has the
+ * length Length = W T. Drive back by Length against the stepping direction, sweep up to the
+ * interrupted lane, and continue.
  *
- * This is a reference and must not be repaired: where the paper's algorithm fails, this must fail.
- * Choices that the paper leaves open follow the host's planner of the same name
- * (bridge/coverage/baselines/paper.py). */
+ * This is a reference implementation: it must fail in every situation in which the paper's
+ * algorithm fails. Details that the paper does not define are as in the host's planner of the same
+ * name (bridge/coverage/baselines/paper.py). */
 #ifndef PAPER_H
 #define PAPER_H
 
@@ -23,9 +25,9 @@ typedef enum {
     AT_LANE,          /* sweeping a lane */
     AT_STEP,          /* stepping to the next lane by W */
     AT_RECOVERY_BACK, /* driving back by Length, past the region that an obstacle occluded */
-    AT_OCCLUDED_LANE, /* sweeping that region in the same way */
+    AT_OCCLUDED_LANE, /* sweeping the occluded region */
     AT_OCCLUDED_STEP,
-    AT_RETURN /* driving back to where the region was noticed */
+    AT_RETURN /* driving back to the place where the region was detected */
 } paper_at_t;
 
 /* Parts of a lane or side step, in this order. */
@@ -43,10 +45,10 @@ typedef struct {
 
     pose_t origin;
     float step_heading_rad;
-    float line_m; /* intended line of the last lane, along the stepping direction from the first */
+    float line_m; /* distance of the last lane's intended line from the first lane */
     float heading_rad;
     uint16_t lanes;
-    uint8_t blocked_steps; /* number in a row */
+    uint8_t blocked_steps; /* number of consecutive blocked steps */
     leg_result_t lane;     /* result of the last lane */
     bool first_lane;
 
@@ -54,13 +56,13 @@ typedef struct {
     float lane_distance_m;          /* D */
     float previous_lane_distance_m; /* Prev-D */
     float length_m;                 /* Length = W T of the last case 3 */
-    uint8_t lane_case;              /* of the last lane; 0: none */
+    uint8_t lane_case;              /* case of the last lane; 0: none */
 
-    pose_t leave; /* where case 3 fired */
+    pose_t leave; /* place where case 3 occurred */
     float leave_line_m;
     float occluded_heading_rad;
     pose_t occluded; /* present place of the sweep of the occluded region */
-    float until_m;   /* offset at which that region ends */
+    float until_m;   /* offset at which the occluded region ends */
     leg_result_t occluded_lane;
 
     const char *finish_reason; /* NULL: the plan continues */
@@ -69,7 +71,7 @@ typedef struct {
 /* Begin at a pose; planner->leg is the first leg. */
 void paper_start(paper_t *paper, const model_t *model, const pose_t *pose, log_t *log);
 
-/* Set the leg after one with this result; return false if the plan has ended. */
+/* Set the next leg after a leg with this result; return false if the plan has ended. */
 bool paper_next(paper_t *paper, const leg_result_t *result, const pose_t *pose, log_t *log);
 
 #endif

@@ -4,7 +4,7 @@
 
 
 typedef struct {
-    const char *label; /* name, a blank, unit */
+    const char *label; /* name, space, unit */
     float factory;
     float low;
     float high;
@@ -51,10 +51,10 @@ static bool allowed(const row_t *row, uint32_t raw)
         return raw >= to_raw(row->kind, row->low) && raw <= to_raw(row->kind, row->high);
     }
     const float value = from_raw(F32, raw);
-    return value >= row->low && value <= row->high; /* false for a value that is no number */
+    return value >= row->low && value <= row->high; /* false for NaN */
 }
 
-/* Return the value that the next boot would start with. */
+/* Return the value with which the next boot would start. */
 static uint32_t kept(const parameters_t *parameters, uint8_t number)
 {
     const stored_t *const stored = &parameters->stored[number];

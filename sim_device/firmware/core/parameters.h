@@ -1,7 +1,6 @@
-/* The device's parameters: a table of their properties, and their values. A set value is valid
- * until the next boot; saving makes the present values those of the next boot. A parameter that
- * affects geometry takes effect at the next boot, so that odometry never changes its meaning while
- * the robot drives. */
+/* The device's parameters: a table of their properties, and their values. A changed value is valid
+ * until the next boot; a save stores the present values for the next boot. A parameter of the
+ * robot's geometry takes effect at the next boot, so that odometry stays consistent. */
 #ifndef PARAMETERS_H
 #define PARAMETERS_H
 
@@ -25,7 +24,7 @@ typedef struct {
 } stored_t;
 
 typedef struct {
-    uint32_t factory[PARAMETERS]; /* the table's default; the node's is the board's */
+    uint32_t factory[PARAMETERS]; /* the default in the table; for the node id, the board's value */
     stored_t stored[PARAMETERS];
     uint32_t boot[PARAMETERS];
     uint32_t present[PARAMETERS];
@@ -45,17 +44,18 @@ int parameters_set(parameters_t *parameters, uint8_t number, uint8_t kind, uint3
 /* Return the stored values. */
 void parameters_stored(const parameters_t *parameters, stored_t image[PARAMETERS]);
 
-/* Return the image to store so that the next boot has every present settable value. */
+/* Return the image to store so that the next boot uses the present values. */
 void parameters_image(const parameters_t *parameters, stored_t image[PARAMETERS]);
 
-/* Take over an image that is now stored. */
+/* Record that the flash now contains this image. */
 void parameters_saved(parameters_t *parameters, const stored_t image[PARAMETERS]);
 
-/* Return the value in effect, in its unit: the present one, or the one at boot if a change needs a
- * boot. */
+/* Return the value in effect, in its unit: the value at boot if a change needs a boot, else the
+ * present value. */
 float parameters_value(const parameters_t *parameters, uint8_t number);
 
-/* Return the CRC-32 of the parameter's name, by which a later firmware finds its stored value. */
+/* Return the CRC-32 of the parameter's name. A later firmware finds the stored value by this
+ * key. */
 uint32_t parameters_key(uint8_t number);
 
 #endif

@@ -10,7 +10,7 @@ void payloads_reset(payloads_t *payloads)
 void payloads_described(payloads_t *payloads, const sp_describe_t *question)
 {
     const uint8_t type = question->described_type;
-    /* A bootstrap message is never shortened: the handshake needs all its fields. */
+    /* A bootstrap message is never shortened, because the handshake needs all its fields. */
     if (sp_direction(type) == SP_FROM_HOST && !sp_is_bootstrap(type)) {
         const bool fewer = question->field_count < sp_field_count(type);
         payloads->known_fields[type] = fewer ? (uint8_t)(question->field_count + 1u) : 0u;
@@ -37,7 +37,7 @@ bool payloads_fit(payloads_t *payloads, sp_frame_t *frame)
         return true;
     }
     if (all_known) {
-        /* A bootstrap message may be longer, if a later version extends it. */
+        /* A bootstrap message may be longer, because a later version may extend it. */
         return frame->length > whole && sp_is_bootstrap(frame->type);
     }
     const uint8_t known = payloads_known(payloads, frame->type);

@@ -9,8 +9,8 @@
 #define PERIOD_S 0.01f
 #define PERIODS_PER_SECOND 100u
 
-/* Return whether work with this period and phase is due in period `tick`, or was due in one of the
- * `ticks` - 1 before it. */
+/* Return whether work with this period and phase is due in control period `tick`, or was due in one
+ * of the `ticks` - 1 missed control periods before it. */
 static inline bool due_every(uint32_t periods, uint32_t phase, uint32_t tick, uint32_t ticks)
 {
     return (tick % periods + periods - phase) % periods < ticks;

@@ -1,4 +1,4 @@
-/* Planar poses and angles. Metres and radians; headings count counter-clockwise from +x. */
+/* Planar poses and angles, in metres and radians. Headings are counter-clockwise from +x. */
 #ifndef POSE_H
 #define POSE_H
 
@@ -12,7 +12,7 @@ typedef struct {
     float heading_rad;
 } pose_t;
 
-/* An angle in -pi .. pi. */
+/* Return the angle wrapped to -pi .. pi. */
 static inline float wrapped(float angle_rad)
 {
     return angle_rad - 2.0f * PI_F * floorf((angle_rad + PI_F) / (2.0f * PI_F));

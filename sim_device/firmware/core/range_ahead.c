@@ -3,11 +3,12 @@
 #include "board.h"
 #include "numbers.h"
 
-/* Share of a fresh reading. The output's sigma is half of a reading's at constant speed. */
+/* Weight of a new reading in the filter. At constant speed, the output has half of a reading's
+ * sigma. */
 #define GAIN 0.4f
-/* Maximum change of a valid reading; a larger one is an outlier or a new object in view. */
+/* Maximum change of a valid reading, m. A larger change is an outlier or a new object ahead. */
 #define GATE_M 0.05f
-/* Time without an echo (six readings) after which nothing is ahead. */
+/* Time without an echo after which the floor ahead counts as free, s: six readings. */
 #define DROPOUT_S 0.3f
 
 void range_ahead_reset(range_ahead_t *ahead)

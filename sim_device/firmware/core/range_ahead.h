@@ -1,7 +1,7 @@
-/* Present range to the obstacle ahead. Readings come at 20 Hz and decisions at 50 Hz. Between
- * readings the range decreases by the distance driven; a fresh reading (one that differs from the
- * last) corrects it by a share. A single outlier is ignored; two outliers in a row that agree are
- * accepted. */
+/* Present range to the obstacle ahead. Readings arrive at 20 Hz, and decisions are made at 50 Hz.
+ * Between readings the range decreases by the distance driven. A new reading (a reading that
+ * differs from the last reading) updates the range with a weight. A single outlier is ignored; two
+ * consecutive outliers that agree are accepted. */
 #ifndef RANGE_AHEAD_H
 #define RANGE_AHEAD_H
 
@@ -9,7 +9,7 @@
 #include <stdint.h>
 
 typedef struct {
-    bool known; /* something is ahead */
+    bool known; /* an obstacle is ahead */
     float range_m;
     uint16_t last_mm; /* previous reading */
     bool doubting;
@@ -17,7 +17,7 @@ typedef struct {
     float silent_s;
 } range_ahead_t;
 
-/* Discard the readings, as after a turn. */
+/* Discard the readings, for example after a turn. */
 void range_ahead_reset(range_ahead_t *ahead);
 
 /* Update after `travel_m` forward in `dt_s`, with the newest reading (BOARD_NO_RANGE: none). */

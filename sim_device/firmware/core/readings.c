@@ -15,7 +15,7 @@ void readings_start(readings_t *readings, board_t *board, const parameters_t *pa
     readings->infrared_right = correction(parameters, PARAMETER_INFRARED_RIGHT_SCALE);
 }
 
-/* Return a corrected range, in steps of 1/`per_m` m, rounded; an absent range stays absent. */
+/* Return a calibrated range, in steps of 1/`per_m` m, rounded. BOARD_NO_RANGE does not change. */
 static uint16_t corrected(uint16_t range, const correction_t *by, float per_m)
 {
     if (!seen(range) || (by->scale == 1.0f && by->offset_m == 0.0f)) {

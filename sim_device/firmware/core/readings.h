@@ -14,7 +14,7 @@ typedef struct {
     uint8_t contacts; /* SP_CONTACT_* */
 } around_t;
 
-/* A calibration of one ranger: scale · raw + offset. */
+/* Calibration of one ranger: range = scale · raw + offset. */
 typedef struct {
     float scale;
     float offset_m;
@@ -33,7 +33,7 @@ typedef struct {
     around_t around;
 } readings_t;
 
-/* Read from this board, with the rangers' calibration of this boot. */
+/* Initialise for a board, with the rangers' calibration at this boot. */
 void readings_start(readings_t *readings, board_t *board, const parameters_t *parameters);
 
 /* Start a period: read counts and IMU. */

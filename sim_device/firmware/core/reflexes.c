@@ -2,13 +2,15 @@
 
 #include "numbers.h"
 
-/* Forward speed with a bumper pressed: fast enough for the wheel control, harmless to push with. */
+/* Maximum forward speed with a pressed bumper. It is high enough for the wheel control, and
+ * harmless when the robot pushes an obstacle. */
 #define CREEP_M_S 0.05f
-/* Travel ahead without floor that latches a stop. From 0.2 m/s the reflex needs 2 to 3 cm. */
+/* Forward travel beyond the floor's edge that latches a stop. The reflex itself stops the robot
+ * from 0.2 m/s within 2 to 3 cm. */
 #define OVER_M 0.05f
-/* Number of periods in which a host requests forward speed over a cliff before a stop latches: 1 s.
- * A host that sees the cliff does so for 0.07 s. The time to reverse does not count: from 0.28 m/s
- * the way back takes 1.0 s. */
+/* Maximum number of control periods with a forward command over a cliff before a stop is latched: 1
+ * s. A host reacts to a cliff within 0.07 s. Periods with a reverse command do not count, because
+ * the robot needs 1.0 s to return after a speed of 0.28 m/s. */
 #define OVER_TICKS 100u
 #define SHOWN_TICKS 10u /* one period of the status message */
 

@@ -1,6 +1,7 @@
-/* The device's own reaction to a cliff and to a pressed bumper, whatever speed is requested. At a
- * cliff the robot may reverse and turn, but not go ahead. With a bumper pressed it only creeps.
- * Neither reaction latches a stop; a robot that insists on a cliff does: see reflexes_over(). */
+/* The device's reflexes at a cliff and at a pressed bumper: they limit any requested speed. At a
+ * cliff the robot may reverse and turn, but not drive forward. With a pressed bumper the robot
+ * drives slowly. These reflexes do not latch a stop. But a stop is latched if the robot stays over
+ * a cliff: see reflexes_over(). */
 #ifndef REFLEXES_H
 #define REFLEXES_H
 
@@ -10,13 +11,13 @@
 #include "board.h"
 
 typedef struct {
-    bool at_cliff; /* enabled reflexes, by parameter */
+    bool at_cliff; /* true if the reflex is enabled, as set by its parameter */
     bool at_bumper;
-    bool over;      /* the floor has ended, and the robot is still there */
-    uint8_t shown;  /* periods for which a limit stays visible */
-    uint16_t ticks; /* periods over a cliff with forward speed requested */
+    bool over;      /* a cliff was detected, and the robot is still there */
+    uint8_t shown;  /* remaining periods for which a limit stays reported */
+    uint16_t ticks; /* number of periods over a cliff with a forward command */
     board_encoders_t counts;
-    int32_t ahead; /* counts of both wheels since the floor ended */
+    int32_t ahead; /* sum of both wheels' counts since the cliff was detected */
 } reflexes_t;
 
 /* Return the allowed forward speed, once per control period in which the robot may drive; contacts
@@ -24,10 +25,11 @@ typedef struct {
 float reflexes_limit(
     reflexes_t *reflexes, float v_m_s, uint8_t contacts, const board_encoders_t *counts);
 
-/* Count a period without own motion. */
+/* Count a control period without a motion command. */
 void reflexes_rest(reflexes_t *reflexes);
 
-/* Return whether the robot insists on the cliff: for 1 s, or 5 cm further ahead. */
+/* Return whether a stop must latch: 1 s of forward commands over a cliff, or 5 cm beyond the
+ * edge. */
 bool reflexes_over(const reflexes_t *reflexes, float metres_per_count);
 
 /* Return whether a speed was limited recently. */

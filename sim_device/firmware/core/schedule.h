@@ -7,7 +7,7 @@
 
 #include "sweepctl_protocol.h"
 
-/* In the order of their types, which is the order of sending. */
+/* Streams in the order of their types, which is also the order of transmission. */
 typedef enum {
 #define STREAM(NAME, name) STREAM_##NAME,
     SP_DEVICE_STREAMS(STREAM)
@@ -17,20 +17,20 @@ typedef enum {
 
 typedef struct {
     uint16_t period[STREAMS]; /* 0: off */
-    uint16_t phase[STREAMS];  /* tick % period at which it is due */
+    uint16_t phase[STREAMS];  /* the stream is due if tick % period equals its phase */
 } schedule_t;
 
 /* Restore the default rates. */
 void schedule_reset(schedule_t *schedule);
 
-/* Return the stream of a message type; STREAMS: none of the device's. */
+/* Return the stream of a message type; STREAMS if the device has no such stream. */
 stream_t schedule_stream(uint8_t type);
 
 /* Send a stream at `rate` tenths of a hertz, rounded to whole periods; 0: off. */
 void schedule_set_rate(schedule_t *schedule, stream_t stream, uint16_t rate);
 
-/* Return whether a stream is due in period `tick`, or was due in one of the missed periods before
- * it: `ticks` periods have begun since the last call. */
+/* Return whether a stream is due in control period `tick`, or was due in a missed period before it.
+ * `ticks` is the number of periods since the last call. */
 bool schedule_due(const schedule_t *schedule, stream_t stream, uint32_t tick, uint32_t ticks);
 
 #endif

@@ -43,12 +43,12 @@ void session_hello(firmware_t *firmware, int64_t now_us)
     line_send(&firmware->line, SP_TYPE_HELLO, (uint32_t)now_us,
         sp_hello_encode(&hello, line_payload(&firmware->line), SP_PAYLOAD_MAX));
     commands_challenge(firmware, now_us);
-    if (firmware->negotiated) { /* before any sample */
+    if (firmware->negotiated) { /* sent before any IMU sample */
         session_imu_info(firmware, now_us);
     }
 }
 
-/* Answer a host that uses an unknown session: report identity and boot at once. */
+/* Send a hello (identity and boot id) to a host that uses an unknown session. */
 static void answer_unknown_session(firmware_t *firmware, int64_t now_us)
 {
     if (!firmware->unknown_hello || now_us - firmware->unknown_hello_us >= UNKNOWN_HELLO_PERIOD_US) {
@@ -58,7 +58,7 @@ static void answer_unknown_session(firmware_t *firmware, int64_t now_us)
     }
 }
 
-/* Discard everything that a session has requested. */
+/* Discard all requests of the session. */
 static void forget_host(firmware_t *firmware)
 {
     firmware->negotiated = false;
@@ -99,21 +99,21 @@ static void log_crash(firmware_t *firmware)
     text_add_hex(line, crash->cfsr);
 }
 
-/* Return whether the hello belongs to the session. */
+/* Process a host's hello; return whether it opens or continues a session. */
 static bool greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
     int64_t now_us)
 {
     if (hello->session_id == 0) {
-        return false; /* "no session": the loss of such a host is not detected */
+        return false; /* 0 means "no session"; a lost link would not be detected */
     }
     if (hello->session_id != firmware->session_id
         && hello->boot_id != board_identity(firmware->board)->boot_id) {
-        session_hello(firmware, now_us); /* a first hello or one for another boot: only answer */
+        session_hello(firmware, now_us); /* the host does not know this boot yet: only reply */
         return false;
     }
     if (hello->session_id != firmware->session_id) {
         if (firmware->session_id != 0) {
-            /* Another host, or the same with a new session, must first clear the stop. */
+            /* Another host, or a new session of the same host, must first clear the stop. */
             control_stop(&firmware->control, SP_STOP_CAUSE_LINK, EVENT_NEW_SESSION);
         }
         firmware->session_id = hello->session_id;
@@ -168,7 +168,7 @@ static void describe_enum(
         sp_describe_enum_reply_encode(&reply, line_payload(&firmware->line), SP_PAYLOAD_MAX));
 }
 
-/* A stop is obeyed before any check of session or repetition. */
+/* Execute a stop, before any check of session or repetition. */
 static void stop(firmware_t *firmware, const sp_stop_t *wanted, int64_t now_us)
 {
     const sp_ack_t ack = {wanted->command_id, SP_TYPE_STOP};
@@ -215,7 +215,7 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
     const bool keyed = firmware->line.authentication.keyed;
     const bool tagged = (frame->flags & SP_FLAG_AUTHENTICATED) != 0;
     if (keyed && !tagged && sp_needs_tag(frame->type)) {
-        commands_refuse(firmware, frame, arrived_us); /* nor does it keep a session alive */
+        commands_refuse(firmware, frame, arrived_us); /* it does not keep the session alive */
         return;
     }
     const uint8_t *const payload = frame->payload;
@@ -230,34 +230,33 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
         sp_describe_enum_t describe_enum;
     } message;
     if (frame->type == SP_TYPE_STOP_ALL) {
-        /* From any sender: it keeps no session alive. */
+        /* Accepted from any sender, so it does not keep the session alive. */
         control_stop(&firmware->control, SP_STOP_CAUSE_OPERATOR, EVENT_STOP);
         firmware->status_wanted = true;
         return;
     }
     if (frame->type == SP_TYPE_HOST_HELLO) {
-        /* The first frame of a new session: its delay is that of the new host. */
+        /* The first frame of a new session initialises the clock of the new host. */
         if (!sp_host_hello_decode(&message.hello, payload, length)
             || !greet(firmware, &message.hello, frame, arrived_us)) {
             return;
         }
     }
     if (tagged || !keyed || firmware->control.latch.cause != SP_STOP_CAUSE_NONE) {
-        /* With a key, only frames that the host alone can send keep a moving robot's session alive.
-         */
+        /* If a key is set and no stop is latched, only signed frames keep the session alive. */
         firmware->received_us = arrived_us;
     }
     if (frame->type == SP_TYPE_STOP) {
-        /* A stop is obeyed from any sender, so its delay does not enter the freshness of setpoints.
-         */
+        /* A stop is accepted from any sender, so its delay does not change the freshness of
+         * setpoints. */
         if (sp_stop_decode(&message.stop, payload, length)) {
             stop(firmware, &message.stop, arrived_us);
         }
         return;
     }
-    /* With a key, frames without a tag are left out: anyone can forge their stamps, and a forged
-     * stamp could make a delayed setpoint look fresh. A message that needs no tag has no time to
-     * live. */
+    /* With a key, frames without a tag do not change the freshness: an attacker could forge their
+     * stamps, and a forged stamp could make a delayed setpoint look fresh. Messages without a tag
+     * have no time to live. */
     const int64_t extra =
         keyed && !tagged ? 0 : freshness_extra(&firmware->freshness, frame->t_us, arrived_us);
     switch (frame->type) {

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #define ROUNDS 64u
-#define LENGTH_AT 56u /* place of the message length in bits, in its last block */
+#define LENGTH_AT 56u /* index of the message length (in bits) in the last block */
 #define INNER 0x36u
 #define OUTER 0x5Cu
 
@@ -31,7 +31,8 @@ static uint32_t big_endian(const uint8_t *bytes)
     return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
 }
 
-/* Compression of FIPS 180-4, 6.2.2; only the sixteen schedule words still needed are kept. */
+/* Compression function of FIPS 180-4, 6.2.2; it stores only the sixteen words of the message
+ * schedule that are still needed. */
 static void compress(uint32_t state[8], const uint8_t *block)
 {
     uint32_t words[16];

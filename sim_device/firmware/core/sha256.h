@@ -1,5 +1,5 @@
-/* SHA-256 (FIPS 180-4), and HMAC (RFC 2104) with it, for a key of at most one block. Optimised for
- * size. */
+/* SHA-256 (FIPS 180-4), and HMAC-SHA-256 (RFC 2104) for keys of at most one block. The code is
+ * optimised for size. */
 #ifndef SHA256_H
 #define SHA256_H
 
@@ -11,7 +11,7 @@
 
 typedef struct {
     uint32_t state[8];
-    uint32_t length; /* bytes so far */
+    uint32_t length; /* number of bytes so far */
     uint8_t block[SHA256_BLOCK];
 } sha256_t;
 
@@ -19,7 +19,7 @@ void sha256_begin(sha256_t *hash);
 void sha256_add(sha256_t *hash, const uint8_t *data, size_t length);
 void sha256_end(sha256_t *hash, uint8_t digest[SHA256_SIZE]);
 
-/* A prepared key: both hashes after their first block, which holds the key. */
+/* A prepared key: the states of both hashes after their first block, which contains the key. */
 typedef struct {
     uint32_t inner[8];
     uint32_t outer[8];

@@ -2,19 +2,22 @@
 
 #include "numbers.h"
 
-/* Minimum duty that turns a wheel: the dead band ends at 1500 with a full battery, at 2000 empty. */
+/* Minimum duty that turns a wheel. The dead band ends at 1500 with a full battery, and at 2000 with
+ * an empty battery. */
 #define DRIVEN 2000
 #define NOT_DRIVEN 500
-#define TURNS_M_S 0.03f /* two counts a period */
+#define TURNS_M_S 0.03f /* two counts per period */
 #define STANDS_M_S 0.005f
-/* Number of consecutive periods against the duty that set a fault. A reversing wheel runs on for 3
- * at the ramp's rate. In this time a runaway robot covers 5 cm. */
+/* Number of consecutive periods with counts against the duty that set a fault. A wheel that changes
+ * its direction may turn against its new duty for 3 periods. With reversed encoders, the robot
+ * travels 5 cm out of control before the fault is set. */
 #define AGAINST_TICKS 15u
-#define ALSO_TICKS 5u   /* from here on the other wheel counts against its duty too */
-/* Number of periods of one wheel while the other one counts correctly. With swapped encoders that
- * diverge on a straight run, the second wheel turns back 0.1 s after the first. */
+#define ALSO_TICKS 5u   /* minimum for the other wheel, for a fault of both wheels */
+/* Number of periods against the duty that set a fault of one wheel while the other wheel counts
+ * correctly. With swapped encoders on a straight path, the second wheel turns back 0.1 s after the
+ * first wheel, so a shorter time would report the wrong fault. */
 #define ALONE_TICKS 25u
-#define AGREES_TICKS 30u /* periods with the duty that clear a fault */
+#define AGREES_TICKS 30u /* periods with counts in the duty's direction that clear a fault */
 
 static void count_run(uint8_t *ticks, bool so)
 {
@@ -42,7 +45,7 @@ static void side_tick(side_t *side, pull_t pull, pull_t other)
         driven && absolute(along_m_s) < STANDS_M_S && other_idle && other_m_s >= TURNS_M_S);
 }
 
-/* Clear a fault when the counts agree for long enough, as in bring-up mode. */
+/* Clear a fault when counts have agreed with duties long enough, also in bring-up mode. */
 static void clear_agreeing(signs_t *signs)
 {
     unsigned gone = 0;

@@ -1,10 +1,11 @@
-/* Check that each encoder counts in the direction of its motor, and on its own side.
+/* Detects reversed and swapped encoders: compares each wheel's counts with its motor's duty.
  *
- * A wheel that counts against its duty has a reversed encoder or motor. Swapped encoders look
- * correct while the robot drives straight. In a turn each wheel then seems to count against its
- * duty, because the other wheel turns the other way. Two reversed encoders look the same in a turn
- * on the spot: the firmware then reports swapped ones. The host's bring-up turns one wheel at a
- * time and distinguishes the two faults. */
+ * If a wheel counts against its duty, its encoder or motor is reversed. Swapped encoders (left and
+ * right exchanged) look correct while the robot drives straight. In a turn in place the wheels turn
+ * in opposite directions, so with swapped encoders both wheels count against their duties. Two
+ * reversed encoders give the same counts in a turn in place. The firmware reports both cases as
+ * swapped encoders. The host's bring-up turns one wheel at a time, so it can distinguish these
+ * faults. */
 #ifndef SIGNS_H
 #define SIGNS_H
 
@@ -21,9 +22,9 @@
 typedef struct {
     uint8_t against;
     uint8_t agrees;
-    uint8_t own;     /* agrees, and the other wheel is not driven the same way */
-    uint8_t crossed; /* it stands, and the other one turns instead */
-    bool was_ahead;  /* the sign of its duty */
+    uint8_t own;     /* counts agree, and the other wheel is not driven in the same direction */
+    uint8_t crossed; /* the wheel stands, and the other wheel turns instead */
+    bool was_ahead;  /* true if its duty is positive */
 } side_t;
 
 typedef struct {
@@ -37,7 +38,7 @@ typedef struct {
     float speed_m_s;
 } pull_t;
 
-/* Take duties and measured speeds of one control period. */
+/* Process duties and measured speeds of one control period. */
 void signs_tick(signs_t *signs, pull_t left, pull_t right);
 
 #endif

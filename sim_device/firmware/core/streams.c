@@ -51,7 +51,8 @@ bool stream_status(firmware_t *firmware, sp_status_t *message, uint32_t *sampled
     return true;
 }
 
-/* Each sample is sent once. If the chip's clock is slower than ours, some periods have none. */
+/* Each IMU sample is sent once. If the IMU's clock is slower than our clock, some periods have no
+ * new sample. */
 bool stream_imu(firmware_t *firmware, sp_imu_t *message, uint32_t *sampled_us)
 {
     const board_imu_t *const imu = &firmware->readings.imu;

@@ -3,7 +3,7 @@
 #include "board.h"
 #include "streams.h"
 
-/* One sender for each stream, so that only its own message is on the stack. */
+/* A separate function sends each stream, so that the stack contains only one message. */
 #define STREAM(NAME, name)                                                                        \
     static void send_##name(firmware_t *firmware)                                                 \
     {                                                                                             \

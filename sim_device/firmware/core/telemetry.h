@@ -1,4 +1,4 @@
-/* Telemetry of the device: a message for each stream, from the readings of the period. */
+/* Telemetry of the device: creates the message of each stream from the present readings. */
 #ifndef TELEMETRY_H
 #define TELEMETRY_H
 

@@ -14,8 +14,8 @@ static void add(text_t *text, const char *bytes, size_t length)
     text->length = (uint8_t)(text->length + length);
 }
 
-/* Return the length of a character by its first byte, 0 if no character begins with it, and the
- * range of the second byte (Unicode, table 3-7). */
+/* Return the length of a UTF-8 character from its first byte; 0 if the byte is invalid. Also return
+ * the valid range of the second byte (Unicode, table 3-7). */
 static size_t character(uint8_t first, uint8_t *low, uint8_t *high)
 {
     *low = 0x80u;

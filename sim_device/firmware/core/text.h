@@ -1,4 +1,4 @@
-/* A line of text of bounded length, built without printf; always valid UTF-8. */
+/* A line of text with a maximum length, built without printf. The text is always valid UTF-8. */
 #ifndef TEXT_H
 #define TEXT_H
 
@@ -7,19 +7,19 @@
 #include <stdint.h>
 
 #ifndef TEXT_MAX
-#define TEXT_MAX 120u /* bytes; the rest of a longer text is left out */
+#define TEXT_MAX 120u /* bytes; the rest of a longer text is omitted */
 #endif
 
 typedef struct {
     uint8_t length;
-    bool full; /* something was left out: nothing may follow */
+    bool full; /* a part was omitted, so nothing more may be added */
     char bytes[TEXT_MAX];
 } text_t;
 
-/* UTF-8, ended by a zero. */
+/* Add a zero-terminated UTF-8 text. */
 void text_add(text_t *text, const char *utf8);
 
-/* Add a number in decimal digits; the other function adds eight hexadecimal digits. */
+/* Add a number: decimal digits, or eight hexadecimal digits. */
 void text_add_number(text_t *text, uint32_t value);
 void text_add_hex(text_t *text, uint32_t value);
 

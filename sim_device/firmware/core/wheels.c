@@ -5,15 +5,16 @@
 #include "robot.h"
 
 #define STALL_TARGET_M_S 0.03f
-/* Maximum measured speed of a standing wheel: below one count a period. */
+/* Maximum measured speed of a standing wheel. It is less than one count per period. */
 #define REST_M_S 0.005f
-/* Minimum wheel target: a tenth of the wire's step. A smaller target is rounding of zero. */
+/* Minimum target speed of a wheel: a tenth of the resolution of a velocity setpoint. A smaller
+ * target is a rounding error of zero. */
 #define LEAST_TARGET_M_S 1e-5f
 /* Maximum gap between samples that is integrated. */
 #define SINCE_MAX_S 0.05f
 #define STALLED_MAX 60000u
-/* Number of periods after the ramp's end at which the duty is 0 in the safe state. The limit of 0.1
- * s includes the first period and its rounding. */
+/* Number of periods in which the duty falls to 0 in the safe state, in addition to the ramp's time.
+ * The limit of 0.1 s includes the first period and rounding. */
 #define RELEASE_PERIODS 8.0f
 
 static float towards(float value, float wanted, float step)
@@ -29,14 +30,14 @@ static void measure(wheel_t *wheel, uint16_t count, float metres_per_count, floa
     if (since_s > 0.0f) {
         const float moved_m =
             (float)wrapped16((uint16_t)(count - wheel->count)) * metres_per_count;
-        /* One count a period is 13 mm/s: average two periods. */
+        /* One count per period is 13 mm/s, a coarse step, so average two periods. */
         wheel->speed_m_s += 0.5f * (moved_m / since_s - wheel->speed_m_s);
     }
     wheel->count = count;
 }
 
-/* Measure both speeds from a sample and its own time: a period may have no new sample, or a late
- * one. Return the time that the sample covers, which the integrator may use. */
+/* Measure both speeds from a sample and its own time, because a period may have no new sample or a
+ * late sample. Return the time between this sample and the last one, for the integrators. */
 static float measure_both(wheels_t *wheels, const board_encoders_t *counts)
 {
     const bool first = !wheels->counted;
@@ -134,7 +135,7 @@ void wheels_coast(wheels_t *wheels, const board_encoders_t *counts, duties_t dut
     wheels->released = false;
 }
 
-/* Return a duty nearer to 0; `target_m_s` was the wheel's last ramp value. */
+/* Return a reduced duty in the safe state; `target_m_s` is the wheel's last ramp value. */
 static float falling_duty(const wheels_t *wheels, wheel_t *wheel, float target_m_s)
 {
     if (!wheels->released) {

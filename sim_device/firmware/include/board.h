@@ -1,14 +1,13 @@
-/* The functions that the firmware's core needs of a board, and nothing else: the core includes no
- * vendor header and knows no register. A board is one folder (board_host, board_f429,
- * board_f405_qemu, yours) that defines every function here. Its interrupts call the functions of
+/* All functions that the firmware's core needs from a board: the core includes no vendor header and
+ * uses no register. A board is one folder (board_host, board_f429, board_f405_qemu, or your own
+ * folder) that defines all these functions. The interrupts of the board call the functions of
  * firmware.h that are marked for interrupts.
  *
- * All functions are called from the main loop, never from an interrupt. None of them waits, except
- * board_idle() and board_reboot(). Each gets the board that firmware_boot() was given: a program
- * with one device passes NULL, and its functions ignore it; a program with several devices passes
- * each its own. Times come from one free-running microsecond counter that begins near 0 at boot and
- * wraps at 32 bits.
- */
+ * All functions are called from the main loop, never from an interrupt. They must not wait, except
+ * board_idle() and board_reboot(). The argument `board` is the pointer that was passed to
+ * firmware_boot(): a program with one device passes NULL, and its functions ignore it; a program
+ * with several devices passes one object per device. All times are from one free-running
+ * microsecond counter, which begins near 0 at boot and wraps at 32 bits. */
 #ifndef BOARD_H
 #define BOARD_H
 
@@ -23,40 +22,43 @@ typedef struct firmware firmware_t; /* the state of one device: firmware_state.h
 
 /* ---- the chip ------------------------------------------------------------------------------- */
 
-/* Start clocks, pins, timers and interrupts; motors off. main() calls it once, first of all.
- * `firmware` takes the data that interrupts receive. A board that gets its identity from outside
- * (the emulated one) waits for it here. */
+/* Start clocks, pins, timers and interrupts, with the motors off. main() calls it once, as its
+ * first call. `firmware` receives the data from interrupts. A board that gets its identity from
+ * outside (the emulated board) waits for the identity here. */
 void board_start(firmware_t *firmware);
 
-/* Microseconds since boot; wraps. */
+/* Return the microseconds since boot; the value wraps. */
 uint32_t board_now_us(board_t *board);
 
-/* Microseconds since boot in which the processor did not sleep in board_idle(); wraps. */
+/* Return the microseconds since boot in which the processor did not sleep in board_idle(); the
+ * value wraps. */
 uint32_t board_busy_us(board_t *board);
 
 /* Sleep until the next interrupt, at most a millisecond. Called by main(). */
 void board_idle(void);
 
-/* Feed the watchdog: after 100 ms without it the chip resets. Called once a control period. */
+/* Feed the watchdog, which resets the chip after 100 ms without a feed. Called once per control
+ * period. */
 void board_watchdog_feed(board_t *board);
 
-/* Reset the chip with cause "software"; the queued bytes have left. It does not return on a chip.
- * The host's board returns: its test then calls firmware_boot(). */
+/* Reset the chip with the cause "software"; all queued bytes have already been sent. On a chip the
+ * function does not return. On the host board it returns, and the test then calls
+ * firmware_boot(). */
 void board_reboot(board_t *board);
 
 /* ---- identity, constant from board_start() on ----------------------------------------------- */
 
-/* No crystal and no external clock: the chip runs from its own oscillator, accurate to 1 %, and CAN
- * is off. */
+/* No crystal and no external clock: the chip runs from its internal oscillator (accurate to 1 %),
+ * and CAN is off. */
 #define BOARD_TROUBLE_CLOCK 1u
-/* Nothing can be saved. */
+/* Parameters and key cannot be saved. */
 #define BOARD_TROUBLE_FLASH 2u
-/* The UART leads to a network: its host need not stand beside the robot, so no key can be set. */
+/* The UART is connected to a network: its user may be far from the robot, so no key can be set. */
 #define BOARD_TROUBLE_REMOTE 4u
 
-/* Record that a fault handler keeps in memory across a reset. */
+/* Record that the fault handler stores in memory that a reset does not clear. */
 typedef struct {
-    uint32_t pc;   /* the instruction that faulted */
+    uint32_t pc;   /* address of the instruction that faulted */
     uint32_t lr;   /* return address of its function */
     uint32_t cfsr; /* kind of fault: PM0214, section 4.4.10 */
     uint32_t uptime_us;
@@ -66,44 +68,48 @@ typedef struct {
     uint8_t uid[12];     /* the chip's 96-bit unique id */
     uint32_t boot_id;    /* random, new at each boot, not 0 */
     uint8_t reset_cause; /* SP_RESET_CAUSE_* */
-    uint8_t node;        /* 1..15, by a jumper or a constant */
-    bool can;            /* the host is on the CAN bus, not on the UART */
+    uint8_t node;        /* node id, 1..15, from a jumper or a constant */
+    bool can;            /* the host link is the CAN bus instead of the UART */
     uint16_t capabilities; /* SP_CAPABILITY_*: connected parts */
     uint8_t troubles;      /* BOARD_TROUBLE_*, found at the start */
-    const board_crash_t *crash; /* of the previous boot, with reset cause "crash"; else NULL */
-    const char *name;    /* of board and firmware, as the host shows it; ASCII, at most 60 B */
+    const board_crash_t *crash; /* record of the previous boot if the reset cause is "crash"; else
+                                   NULL */
+    const char *name;    /* name of board and firmware, shown by the host; ASCII, at most 60 B */
 } board_identity_t;
 
 const board_identity_t *board_identity(board_t *board);
 
 /* ---- the line to the host ------------------------------------------------------------------- */
 
-/* UART. Receiving: from the interrupt, by firmware_uart_received() in firmware.h. */
+/* UART, sending only. For received bytes, the interrupt calls firmware_uart_received() in
+ * firmware.h. */
 
-/* Number of bytes that can be queued now. The queue should hold at least 512: a frame has up to
- * 256. */
+/* Return the number of bytes that can be queued now. The queue should have at least 512 bytes,
+ * because a frame has up to 256. */
 size_t board_uart_room(board_t *board);
 
-/* Queue a frame, or most of one; never called with more bytes than there is room for. */
+/* Queue a frame or a part of a frame. The core never passes more bytes than board_uart_room()
+ * returned. */
 void board_uart_write(board_t *board, const uint8_t *data, size_t length);
 
-/* Microseconds until a byte queued now would begin to leave; 0 on an idle line. The core uses it
- * for a frame's leading zero and for the sending stamp of a time reply. At 921 600 baud a waiting
- * byte is 10.85 us. */
+/* Return the microseconds until the transmission of a byte that is queued now begins; 0 if the UART
+ * is idle. The core uses it for a frame's leading zero and for the sending stamp of a time reply.
+ * At 921 600 baud each queued byte takes 10.85 us. */
 uint32_t board_uart_wait_us(board_t *board);
 
-/* CAN. Receiving: from the interrupt, by firmware_can_received(). */
+/* CAN, sending only. For received frames, the interrupt calls firmware_can_received(). */
 
-/* Pass a frame to the controller; false if no mailbox is free (the core then tries again). Frames
- * leave in the order in which they were passed (bxCAN: TXFP in MCR). */
+/* Pass a frame to the controller; return false if no mailbox is free (the core then tries again).
+ * Frames must be sent in the order in which they are passed (bxCAN: TXFP in MCR). */
 bool board_can_write(board_t *board, const sp_can_frame_t *frame);
 
-/* State of the bus; all 0 without one. The board recovers from bus-off by itself. */
+/* State of the CAN bus; all 0 without a bus. The board must recover from bus-off by itself. */
 typedef struct {
-    uint8_t send_errors; /* the protocol's error counters: 96 warn, 128 passive, 255 and more bus-off */
+    uint8_t send_errors; /* CAN error counters: from 96 warning, from 128 error passive, above 255
+                            bus-off */
     uint8_t receive_errors;
     bool off;      /* bus-off now */
-    uint16_t offs; /* number of bus-offs since boot; wraps */
+    uint16_t offs; /* number of bus-off events since boot; wraps */
 } board_can_health_t;
 void board_can_health(board_t *board, board_can_health_t *out);
 
@@ -111,21 +117,22 @@ void board_can_health(board_t *board, board_can_health_t *out);
 
 #define BOARD_DUTY_ONE 10000
 
-/* Set the duty of left and right, -BOARD_DUTY_ONE .. BOARD_DUTY_ONE, forward positive; 0 brakes
- * (both ends of the motor connected). It holds until the next call. */
+/* Set the duties of the left and right motor, -BOARD_DUTY_ONE .. BOARD_DUTY_ONE, forward positive.
+ * 0 brakes (both ends of the motor connected). The duties are valid until the next call. */
 void board_motors(board_t *board, int16_t left, int16_t right);
 
-/* Enable or disable both bridges (EN pins). Disabled, both ends of each motor are open, whatever
- * the duties are. Disabled from board_start() on; called each control period. */
+/* Enable or disable both motor bridges (EN pins). If disabled, both ends of each motor are open for
+ * any duty. The bridges are disabled after board_start(). Called in each control period. */
 void board_drivers(board_t *board, bool enabled);
 
 /* ---- sensors -------------------------------------------------------------------------------- */
 
-/* Each function returns its newest reading at once, with the time of the measurement. The board
- * samples by itself: the IMU when its data is ready, the echo by a timer's capture. */
+/* Each function returns its newest reading without waiting, with the time of the measurement. The
+ * board samples independently of these calls: the IMU when its data is ready, the echo with a timer
+ * capture. */
 
-/* Counts after x4 of both wheels, rising forward, with any value at boot; they wrap. Read each
- * control period. */
+/* Encoder counts of both wheels after x4 decoding. They increase in forward motion, wrap, and may
+ * have any value at boot. Read in each control period. */
 typedef struct {
     uint16_t left;
     uint16_t right;
@@ -133,9 +140,9 @@ typedef struct {
 } board_encoders_t;
 void board_encoders(board_t *board, board_encoders_t *out);
 
-/* Scale of the IMU's counts as the board configures its chip: counts per g, per degree a second and
- * per kelvin, and the temperature at a count of 0. A board with another chip or another range
- * defines its own. By default an MPU6050 at +-2 g and +-250 deg/s. */
+/* Scale of the IMU's counts: counts per g, per deg/s and per kelvin, and the temperature at a count
+ * of 0. The default is an MPU6050 at +-2 g and +-250 deg/s. A board with another chip or range must
+ * define its own scale. */
 #ifndef BOARD_IMU_PER_G
 #define BOARD_IMU_PER_G 16384.0f
 #endif
@@ -149,8 +156,8 @@ void board_encoders(board_t *board, board_encoders_t *out);
 #define BOARD_IMU_ZERO_DEG_C 36.53f
 #endif
 
-/* Counts of the IMU, 100 Hz or faster, 44 Hz filter or narrower; x forward, y left, z up. Read each
- * control period. */
+/* Counts of the IMU, sampled at 100 Hz or faster with a filter bandwidth of at most 44 Hz; x
+ * forward, y left, z up. Read in each control period. */
 typedef struct {
     int16_t accel_x, accel_y, accel_z;
     int16_t temperature;
@@ -161,21 +168,24 @@ void board_imu(board_t *board, board_imu_t *out);
 
 #define BOARD_NO_RANGE 0xFFFFu
 
-/* Ranges from the sensors' faces; read at 20 Hz. A read may start the next measurement. The ultrasonic
- * sensor measures at its own pace, so its range has its own time: that of the pulse. */
+/* Ranges, measured from the sensors' faces; read at 20 Hz. A read may start the next measurement.
+ * The ultrasonic sensor has its own measurement cycle, so its range has a separate time: the time
+ * of the pulse. */
 typedef struct {
     uint16_t ultrasonic_mm;      /* BOARD_NO_RANGE: no echo */
     uint16_t infrared_left_dmm;  /* tenths of a millimetre; BOARD_NO_RANGE: out of range */
-    uint16_t infrared_right_dmm; /* likewise */
-    uint32_t sampled_us;         /* of both infrared ranges */
-    uint32_t ultrasonic_us;      /* when the pulse left that gave the range, or that had no echo */
+    uint16_t infrared_right_dmm; /* tenths of a millimetre; BOARD_NO_RANGE: out of range */
+    uint32_t sampled_us;         /* time of both infrared ranges */
+    uint32_t ultrasonic_us;      /* time of the ultrasonic pulse for this range, or without an echo
+                                    */
 } board_ranges_t;
 void board_ranges(board_t *board, board_ranges_t *out);
 
-/* SP_CONTACT_*: present state of bumper switches and cliff sensor; read each control period. */
+/* Return the present state of bumper switches and cliff sensor as SP_CONTACT_*; read in each
+ * control period. */
 uint8_t board_contacts(board_t *board);
 
-/* Supply; read at 5 Hz. Currents are magnitudes. */
+/* Supply voltages and absolute motor currents; read at 5 Hz. */
 typedef struct {
     uint16_t battery_mv;
     uint16_t logic_mv;
@@ -187,20 +197,22 @@ void board_power(board_t *board, board_power_t *out);
 
 /* ---- two pages of flash --------------------------------------------------------------------- */
 
-/* The core keeps the parameters in them, so that after a loss of supply either the old or the new
- * ones are complete (flash_store.c). Erasing and writing run by themselves, or board_flash_busy()
- * continues them; the control loop must not stop for them. */
+/* The core stores the parameters in two pages, so that after a loss of supply either the old or the
+ * new parameters are complete (flash_store.c). Erasing and writing run in the background, or
+ * board_flash_busy() continues them. They must not block the control loop. */
 #define BOARD_FLASH_PAGES 2u
 #define BOARD_FLASH_PAGE_SIZE 1024u /* used part of each page; the sector may be larger */
 
-/* Return the memory-mapped page; erased bytes read 0xFF. Not valid while busy. */
+/* Return the memory-mapped page; erased bytes read as 0xFF. The page is not valid while the flash
+ * is busy. */
 const uint8_t *board_flash_page(board_t *board, unsigned page);
-/* Begin to erase a page. */
+/* Start to erase a page. */
 void board_flash_erase(board_t *board, unsigned page);
-/* Begin to write words that were erased. Offset and length are multiples of 4; the data must stay
- * valid until the write is done. */
+/* Start to write erased words. Offset and length are multiples of 4. The data stays valid until the
+ * write is complete. */
 void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8_t *data, size_t length);
-/* Return whether erasing or writing is in progress; called once a control period meanwhile. */
+/* Return whether erasing or writing is in progress. Called once per control period until it is
+ * complete. */
 bool board_flash_busy(board_t *board);
 
 #endif

@@ -1,10 +1,9 @@
 /* The functions of board.h as a table, and a firmware as a shared library.
  *
- * A program of one board links the functions of board.h directly. A program that runs several devices,
- * or that loads a firmware when it starts, gives each device a table and a context instead
- * (board_library/board.c). The caller and the library are compiled apart: each checks the version
- * and the sizes of the structures before the first call.
- */
+ * A program with one board links the functions of board.h directly. A program that runs several
+ * devices, or that loads a firmware library, gives each device a table and a context instead
+ * (board_library/board.c). The caller and the library are compiled separately, so each checks the
+ * version and the sizes of the structures before the first call. */
 #ifndef BOARD_API_H
 #define BOARD_API_H
 
@@ -15,8 +14,8 @@
 #include "board.h"
 #include "firmware.h"
 
-/* Counts changes of a structure or function here, in board.h or in firmware.h that a compiled
- * library would not survive. */
+/* Version of the binary interface. It increases with each incompatible change of a structure or
+ * function in this file, in board.h or in firmware.h. */
 #define BOARD_API_VERSION 1u
 #define BOARD_API_MAGIC 0x49504142u /* "BAPI" in memory */
 
@@ -26,13 +25,13 @@
 #define BOARD_API_EXPORT __attribute__((visibility("default")))
 #endif
 
-/* What board.h says of each function holds here as well. board_start() and board_idle() are not
- * here: the program that loads the library has the main loop. */
+/* Table of the functions of board.h, with the meaning described there. board_start() and
+ * board_idle() are omitted, because the program that loads the library has the main loop. */
 typedef struct {
     uint32_t (*now_us)(void *context);
     uint32_t (*busy_us)(void *context);
     void (*watchdog_feed)(void *context);
-    void (*reboot)(void *context); /* returns; the caller boots the device anew */
+    void (*reboot)(void *context); /* returns; the caller then boots the device again */
     const board_identity_t *(*identity)(void *context);
     size_t (*uart_room)(void *context);
     void (*uart_write)(void *context, const uint8_t *data, size_t length);
@@ -53,24 +52,25 @@ typedef struct {
     bool (*flash_busy)(void *context);
 } board_api_t;
 
-/* A board of a library: what the functions of board.h are given. */
+/* A board of a library: the argument `board` of the functions of board.h. */
 struct board {
     const board_api_t *api;
     void *context;
 };
 
-/* What a device is now, for tests and displays. */
+/* Present state of a device, for tests and displays. */
 typedef struct {
     int64_t due_us;      /* uptime of the next control period */
-    uint32_t session_id; /* 0: none */
+    uint32_t session_id; /* 0: no session */
     uint16_t faults;     /* SP_FAULT_* */
     uint8_t state;       /* stopped, idle, velocity, bring-up, onboard, running, paused */
     uint8_t stop_cause;  /* SP_STOP_CAUSE_* */
     uint8_t negotiated;
-    uint8_t keyed; /* it obeys signed commands only */
+    uint8_t keyed; /* it accepts only signed commands */
 } firmware_view_t;
 
-/* Sizes of what both sides share, in bytes. */
+/* Number of structures that caller and library share; the array `sizes` has their sizes in
+ * bytes. */
 #define BOARD_API_SIZES 11u
 #define BOARD_API_SIZES_NOW \
     { \
@@ -82,15 +82,16 @@ typedef struct {
             (uint16_t)sizeof(firmware_view_t) \
     }
 
-/* A firmware as a library. The first four fields never move. */
+/* Description of a firmware library. The first four fields never change their place. */
 typedef struct {
     uint32_t magic;   /* BOARD_API_MAGIC */
     uint32_t version; /* BOARD_API_VERSION */
-    uint32_t size;    /* of this structure */
+    uint32_t size;    /* size of this structure */
     uint16_t sizes[BOARD_API_SIZES];
 
-    size_t state_size; /* of firmware_t: memory for each device, zero before its first boot */
-    float imu_per_g;   /* what the firmware takes a count of the IMU for */
+    size_t state_size; /* size of firmware_t, the memory of each device; it must be zero before the
+                          first boot */
+    float imu_per_g;   /* scale of the IMU's counts for which the firmware is built */
     float imu_per_deg_s;
 
     void (*boot)(firmware_t *firmware, board_t *board);
@@ -102,7 +103,7 @@ typedef struct {
     void (*view)(const firmware_t *firmware, firmware_view_t *out);
 } firmware_library_t;
 
-/* The only symbol that a library exports. */
+/* Name of the only symbol that a library exports. */
 #define FIRMWARE_LIBRARY_SYMBOL "sweepctl_firmware"
 BOARD_API_EXPORT const firmware_library_t *sweepctl_firmware(void);
 

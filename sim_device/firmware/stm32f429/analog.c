@@ -1,7 +1,7 @@
-/* ADC1 converts its six channels continuously; DMA2 stream 0 (channel 0, table 43) keeps the last
- * rounds. RM0090 section 13. One conversion takes 144 + 12 clocks of 21 MHz, a round 45 us. No
- * multiple of this is a PWM period, so the mean of the motor currents covers all phases of the PWM.
- */
+/* Analog inputs. ADC1 converts its six channels continuously (RM0090 section 13); DMA2 stream 0
+ * (channel 0, table 43) stores the last rounds. One conversion takes 144 + 12 clocks of 21 MHz, a
+ * round of six channels 45 us. A round is not synchronous with the PWM period, so the mean of the
+ * motor currents covers all phases of the PWM. */
 #include "f429.h"
 #include "stm32f4.h"
 
@@ -17,12 +17,12 @@ static volatile uint16_t samples[SETS][ANALOG_COUNT];
 static const struct {
     uint8_t port, pin, channel;
 } inputs[ANALOG_COUNT] = ANALOG_INPUTS;
-static uint32_t to_come; /* remaining conversions of all rounds, a millisecond ago */
-static uint32_t fresh_us; /* time of the last new ones */
+static uint32_t to_come; /* number of remaining conversions of all rounds, one millisecond ago */
+static uint32_t fresh_us; /* time of the last new conversions */
 
 static void start_rounds(void) {
     dma_stream_t *const stream = &DMA2->stream[0];
-    ADC1->cr2 = 0; /* the next round begins with the first channel */
+    ADC1->cr2 = 0; /* so that the next round begins with the first channel */
     stream->cr = 0;
     for (unsigned i = 0; i < TURNS && (stream->cr & DMA_CR_EN) != 0; i++) { /* 10.3.17 */
     }
@@ -65,9 +65,9 @@ void analog_start(void) {
     start_rounds();
 }
 
-/* 13.8.1: after an overrun the ADC requests no DMA until OVR is cleared and the stream is set up
- * again. Checked once a millisecond: on a busy bus an overrun may happen, and it must not freeze
- * the readings. */
+/* Restart the ADC after an overrun; called once per millisecond. On a busy bus an overrun may
+ * occur. 13.8.1: the ADC then requests no DMA until OVR is cleared and the stream is set up again.
+ * Without a restart, the readings would not change any more. */
 void analog_millisecond(void) {
     const uint32_t left = DMA2->stream[0].ndtr;
     if ((ADC1->sr & ADC_SR_OVR) != 0) {
@@ -78,7 +78,7 @@ void analog_millisecond(void) {
     to_come = left;
 }
 
-/* The middle of the mean's interval; it stops when the ADC stops. */
+/* Return the middle of the mean's time interval; it does not change if the ADC has stopped. */
 uint32_t analog_sampled_us(void) { return fresh_us - ANALOG_AGE_US; }
 
 uint32_t analog_mv(unsigned channel) {

@@ -1,4 +1,4 @@
-/* Start, sleep and end of a board with an STM32F429. */
+/* Start, sleep and reset of a board with an STM32F429. */
 #include "board.h"
 
 #include "cortex_m4.h"
@@ -7,7 +7,8 @@
 #include "stm32f4.h"
 
 #define DRAIN_US 50000u /* a full queue at 921 600 baud takes 11 ms */
-/* 21.3, table 107: 32 kHz / 4, 800 counts: 0.1 s, by the LSI's tolerance 0.07 to 0.19 s. */
+/* Watchdog timeout (21.3, table 107): 800 counts at 32 kHz / 4 are 0.1 s; 0.07 to 0.19 s with the
+ * tolerance of the LSI oscillator. */
 #define WATCHDOG_COUNTS 800u
 
 void systick_handler(void);
@@ -19,8 +20,8 @@ static uint32_t slept_us;
 
 #define UNUSABLE PORT_A, 12
 
-/* A debugger's halt stops the watchdog too (38.16.4), and the motors then keep their last duty:
- * debug with the wheels off the floor. */
+/* Start the watchdog. It stops while a debugger has halted the program (38.16.4), and the motors
+ * then keep their last duty. So debug with the wheels off the floor. */
 static void watchdog_start(void) {
     DBGMCU_APB1_FZ |= DBGMCU_APB1_FZ_IWDG;
     IWDG->kr = IWDG_KEY_START;
@@ -33,7 +34,7 @@ static void watchdog_start(void) {
 void board_start(firmware_t *firmware) {
     device = firmware;
     const bool precise = clocks_start();
-    motors_start(); /* first of all: the bridges' inputs are low */
+    motors_start(); /* first, so that the bridges' inputs are low */
     /* ES0206, "PA12 GPIO limitation" (revisions before 3): a signal at PA12 can corrupt data that
      * is read from flash. So the pin is an output and low, and nothing may be connected to it. */
     pin_write(UNUSABLE, false);
@@ -41,7 +42,7 @@ void board_start(firmware_t *firmware) {
     identity.reset_cause = reset_cause();
     identity.crash = startup_take_crash();
     if (identity.reset_cause != SP_RESET_CAUSE_SOFTWARE) {
-        identity.crash = NULL; /* a loss of supply or the watchdog came later */
+        identity.crash = NULL; /* the record is older: a later reset had another cause */
     } else if (identity.crash != NULL) {
         identity.reset_cause = SP_RESET_CAUSE_CRASH;
     }
@@ -59,7 +60,7 @@ void board_start(firmware_t *firmware) {
     imu_start();
     sonar_start();
     analog_start();
-    /* Without a precise clock (1 % off) the chip would disturb the bus, so CAN stays off. */
+    /* With an inaccurate clock (1 %) the chip would disturb the bus, so CAN stays off. */
     identity.can = precise && !pin_read(CAN_SELECT);
     if (identity.can) {
         can_start(identity.node);
@@ -85,8 +86,8 @@ uint32_t board_now_us(board_t *board) { return uptime_us(); }
 
 uint32_t board_busy_us(board_t *board) { return uptime_us() - slept_us; }
 
-/* With interrupts masked, an interrupt ends the sleep and runs after it (PM0214 2.5.2), so its time
- * does not count as sleep. */
+/* Sleep with interrupts masked. An interrupt ends the sleep and its handler runs afterwards (PM0214
+ * 2.5.2), so the handler's time does not count as sleep. */
 void board_idle(void) {
     const uint32_t state = irq_save();
     const uint32_t from_us = uptime_us();

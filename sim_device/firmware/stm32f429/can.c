@@ -1,30 +1,32 @@
-/* CAN1 at 500 kbit/s. RM0090 section 32. */
+/* Driver of CAN1 at 500 kbit/s (RM0090 section 32). */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "firmware.h"
 #include "stm32f4.h"
 
-/* 42 MHz / 6 = 7 MHz: 14 quanta a bit, 1 + 11 before the sample point (86 %), 2 after it. */
+/* Bit timing: 42 MHz / 6 = 7 MHz gives 14 time quanta per bit, 1 + 11 before the sample point (86
+ * %) and 2 after it. */
 #define PRESCALER 6u
 #define BEFORE 11u
 #define AFTER 2u
 #define TURNS 100000u
 
-/* A filter of 16 bits (32.7.4, figure 342): identifier 15:5, RTR 4, IDE 3. The node is the low
- * four bits of the identifier; data frames with 11 bits only. */
+/* Bits of a 16-bit filter (32.7.4, figure 342): identifier 15:5, RTR 4, IDE 3. The node is the low
+ * four bits of the identifier. Only data frames with an 11-bit identifier pass. */
 #define FILTER(node) ((uint32_t)(node) << 5)
 #define FILTER_MASK (0xFu << 5 | 1u << 4 | 1u << 3)
 
-/* Number of frames that wait here, which keep the bus busy while the main loop is busy. It is
- * small, because the core's queue is ordered by priority and this one is not: with the mailboxes 7
- * frames, 1.8 ms. */
+/* Number of frames in the driver's queue, which keeps the bus busy while the main loop is busy. The
+ * queue is small, because it is not ordered by priority as the core's queue is. Together with the
+ * mailboxes it has 7 frames, which take 1.8 ms. */
 #define WAITING 4u
 
 void can1_rx0_handler(void);
 void can1_tx_handler(void);
 void can1_sce_handler(void);
 
-/* Written by the main loop and by the interrupts; the main loop masks them meanwhile. */
+/* The main loop and the interrupts change these variables. The main loop masks the interrupts while
+ * it uses them. */
 static sp_can_frame_t waiting[WAITING];
 static uint8_t first, count;
 static volatile uint16_t bus_offs;
@@ -32,10 +34,11 @@ static volatile uint16_t bus_offs;
 void can_start(uint8_t node) {
     pin_alternate(CAN_RX, 9, PULL_UP, false);
     pin_alternate(CAN_TX, 9, PULL_NONE, false);
-    CAN1->mcr = CAN_MCR_INRQ; /* and leaves sleep mode */
+    CAN1->mcr = CAN_MCR_INRQ; /* also ends sleep mode */
     for (uint32_t i = 0; i < TURNS && (CAN1->msr & CAN_MSR_INAK) == 0; i++) {
     }
-    /* Frames leave in the order of their requests; bus-off ends by itself. */
+    /* Frames are sent in the order of their requests (TXFP); the controller ends bus-off by itself
+     * (ABOM). */
     CAN1->mcr = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM;
     CAN1->btr = (AFTER - 1u) << 20 | (BEFORE - 1u) << 16 | (PRESCALER - 1u); /* jump: one, 00 */
     CAN1->fmr |= CAN_FMR_FINIT;
@@ -46,9 +49,11 @@ void can_start(uint8_t node) {
     CAN1->filter[0].fr2 = FILTER_MASK << 16 | FILTER(0); /* for all nodes */
     CAN1->fa1r |= 1u;
     CAN1->fmr &= ~CAN_FMR_FINIT;
-    CAN1->mcr &= ~CAN_MCR_INRQ; /* active after 11 recessive bits; nothing waits for it */
+    CAN1->mcr &= ~CAN_MCR_INRQ; /* the controller is active after 11 recessive bits; the program
+                                   does not wait for this */
     CAN1->ier = CAN_IER_FMPIE0 | CAN_IER_TMEIE | CAN_IER_BOFIE | CAN_IER_ERRIE;
-    nvic_enable(IRQ_CAN1_RX0, LEVEL_LINK); /* all three on one level: none interrupts another */
+    nvic_enable(IRQ_CAN1_RX0, LEVEL_LINK); /* one priority level for all three, so that they do not
+                                              interrupt each other */
     nvic_enable(IRQ_CAN1_TX, LEVEL_LINK);
     nvic_enable(IRQ_CAN1_SCE, LEVEL_LINK);
 }
@@ -80,7 +85,7 @@ static void put(can_mailbox_t *box, const sp_can_frame_t *frame) {
     box->ir = (uint32_t)frame->id << CAN_IR_STID_SHIFT | CAN_IR_TXRQ;
 }
 
-/* Called with interrupts off, or in the mailboxes' own interrupt. */
+/* Fill empty mailboxes. Called with interrupts masked, or in the mailbox interrupt. */
 static void fill_mailboxes(uint32_t tsr) {
     for (unsigned i = 0; i < CAN_MAILBOXES && count != 0; i++) {
         if ((tsr & CAN_TSR_TME(i)) != 0) {
@@ -91,15 +96,17 @@ static void fill_mailboxes(uint32_t tsr) {
     }
 }
 
-/* A mailbox is empty. The interrupt also wakes the main loop, which has the next frames. */
+/* Interrupt: a mailbox is empty. The interrupt also wakes the main loop, which has further
+ * frames. */
 void can1_tx_handler(void) {
     const uint32_t tsr = CAN1->tsr;
     CAN1->tsr = tsr & (CAN_TSR_RQCP(0) | CAN_TSR_RQCP(1) | CAN_TSR_RQCP(2));
     fill_mailboxes(tsr);
 }
 
-/* Bus-off: the controller recovers by itself after 128 times 11 recessive bits (ABOM). The waiting
- * frames are from before, and may be too old for their stamps to be extended. */
+/* Interrupt: bus-off. The controller recovers by itself after 128 times 11 recessive bits (ABOM).
+ * The queued frames are dropped, because their stamps may be too old to be extended after the
+ * recovery. */
 void can1_sce_handler(void) {
     CAN1->msr = CAN_MSR_ERRI;
     if ((CAN1->esr & CAN_ESR_BOFF) != 0) {

@@ -2,7 +2,7 @@
 #include "f429.h"
 #include "stm32f4.h"
 
-#define HSE_TURNS 200000u /* of a loop of about ten cycles at 16 MHz: 0.1 s */
+#define HSE_TURNS 200000u /* iterations of a loop of about ten cycles at 16 MHz: 0.1 s */
 
 static bool wait_until(const volatile uint32_t *at, uint32_t mask, uint32_t value) {
     for (uint32_t i = 0; i < HSE_TURNS; i++) {
@@ -13,10 +13,10 @@ static bool wait_until(const volatile uint32_t *at, uint32_t mask, uint32_t valu
     return false;
 }
 
-/* 168 MHz: (crystal / M = 1 MHz) x 336 / 2; buses at 42 and 84 MHz. If the external clock fails,
- * the PLL runs from the internal 16 MHz, accurate to 1 %: enough for a UART, not for CAN
- * (each side may be wrong by 0.36 % at most: a jump of one quantum of 14 corrects ten bits, 32.7.7).
- */
+/* Start the clock of 168 MHz: (crystal / M = 1 MHz) x 336 / 2; the buses run at 42 and 84 MHz. If
+ * the external clock fails, the PLL runs from the internal oscillator of 16 MHz, which is accurate
+ * to 1 %. This is enough for a UART, but not for CAN: each node may have an error of at most 0.36
+ * %, because a resynchronisation jump of one quantum (of 14) must correct ten bits (32.7.7). */
 bool clocks_start(void) {
     RCC->ahb1enr |= RCC_AHB1_CRC | RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
     for (unsigned port = PORT_A; port <= PORT_G; port++) {
@@ -34,7 +34,7 @@ bool clocks_start(void) {
     const bool crystal = wait_until(&RCC->cr, RCC_CR_HSERDY, RCC_CR_HSERDY);
     const uint32_t divider = crystal ? BOARD_HSE_MHZ : 16u;
     RCC->pllcfgr = (RCC->pllcfgr & 0xF0000000u) | /* 6.3.2: reserved bits keep their reset value */
-                   divider | 336u << 6 | 7u << 24 | /* P is 00: by two */
+                   divider | 336u << 6 | 7u << 24 | /* P is 00: divide by two */
                    (crystal ? RCC_PLLCFGR_SRC_HSE : 0u);
     RCC->cr |= RCC_CR_PLLON;
     /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. */
@@ -51,7 +51,8 @@ bool clocks_start(void) {
     return crystal;
 }
 
-/* 7.3.21 (F405), 6.3.21 (F42x): PIN is set along with every other cause, BOR along with POR. */
+/* Return the cause of the last reset. 7.3.21 (F405), 6.3.21 (F42x): the flag PIN is set together
+ * with every other cause, and BOR together with POR. */
 uint8_t reset_cause(void) {
     const uint32_t flags = RCC->csr;
     RCC->csr |= RCC_CSR_RMVF;
@@ -67,8 +68,9 @@ uint8_t reset_cause(void) {
     return (flags & RCC_CSR_BORRSTF) != 0 ? SP_RESET_CAUSE_BROWN_OUT : SP_RESET_CAUSE_PIN;
 }
 
-/* From the random number generator (24.3.1: the first number must not be used). If it fails, from
- * memory that no start clears, where each boot counts up. */
+/* Return a boot id from the random number generator (24.3.1: the first number must not be used). If
+ * the generator fails, use a counter in memory that the startup code does not clear; each boot
+ * increments it. */
 uint32_t boot_id(const uint8_t uid[12]) {
     static uint32_t boots __attribute__((section(".noinit")));
     boots++;

@@ -1,14 +1,16 @@
-/* Motors by an L298N on TIM1, encoders on TIM3 and TIM4. RM0090 sections 17 and 18. */
+/* Drivers of the motors (L298N on TIM1) and the encoders (TIM3 and TIM4). RM0090 sections 17 and
+ * 18. */
 #include <stddef.h>
 
 #include "f429.h"
 #include "stm32f4.h"
 
-#define PWM_HZ 20000u /* above hearing; the L298's data sheet allows 40 kHz */
+#define PWM_HZ 20000u /* not audible; the L298's data sheet allows 40 kHz */
 #define PWM_TOP (TIMER_APB2_HZ / PWM_HZ)
 
-/* One end of a motor is switched, the other stays low. Between pulses both are low, which connects
- * the motor's ends (slow decay), so the mean voltage is proportional to the duty. */
+/* Start the PWM. One end of a motor is switched, the other end stays low. Between the pulses both
+ * ends are low, which connects the ends (slow decay). So the mean voltage is proportional to the
+ * duty. */
 void motors_start(void) {
     TIM1->psc = 0;
     TIM1->arr = PWM_TOP - 1u;
@@ -31,7 +33,7 @@ void motors_start(void) {
     pin_output(PORT_E, 10);
 }
 
-/* ENA and ENB: if low, the bridge's outputs are open. */
+/* Set ENA and ENB; if they are low, the outputs of the bridges are open. */
 void board_drivers(board_t *board, bool enabled) {
     pin_write(PORT_E, 8, enabled);
     pin_write(PORT_E, 10, enabled);
@@ -49,10 +51,10 @@ void board_motors(board_t *board, int16_t left, int16_t right) {
     motor(&TIM1->ccr[2], &TIM1->ccr[3], right);
 }
 
-/* Every edge of both inputs counts (18.3.12). A level is valid after eight samples at 84 MHz / 4 /
- * 32 (18.4.1: CKD, 18.4.7: filter 1111), 12.2 us. The H-bridges switch 40 000 times a second;
- * by then the ringing of each edge is over. At the top speed of 0.30 m/s a level lasts for
- * 870 us. */
+/* Start a timer in encoder mode: every edge of both inputs is counted (18.3.12). A level is valid
+ * after eight samples at 84 MHz / 4 / 32 (18.4.1: CKD, 18.4.7: filter 1111), which is 12.2 us. This
+ * filter suppresses the ringing after each edge of the H-bridges, which switch 40 000 times per
+ * second. At the maximum speed of 0.30 m/s, a level lasts 870 us. */
 static void encoder(tim_regs_t *timer) {
     timer->ccmr[0] = 1u << 0 | 15u << 4 | 1u << 8 | 15u << 12; /* inputs TI1, TI2 */
     timer->smcr = TIM_SMCR_ENCODER_BOTH;
@@ -68,7 +70,7 @@ void encoders_start(void) {
     pin_alternate(ENCODER_RIGHT_B, 2, PULL_UP, false);
     encoder(TIM3);
     encoder(TIM4);
-    TIM4->ccer = TIM_CCER_CCP(1); /* the right motor is mounted in mirror image */
+    TIM4->ccer = TIM_CCER_CCP(1); /* inverted, because the right motor is mounted mirrored */
 }
 
 void board_encoders(board_t *board, board_encoders_t *out) {

@@ -1,9 +1,9 @@
-/* The two pages: sectors 12 and 13, the first of the flash's second bank. The program therefore
- * runs on from the first bank while they are erased and written (RM0090 3.4: read while write). The
- * second bank begins in the middle of the flash, at 1 MB in a chip of 2 MB (table 6). A chip of 1
- * MB has two banks only with the option bit DB1M (table 7; 3.9.10). Without it nothing can be
- * saved: erasing a sector would stop the program, which runs from the same bank, for longer than
- * the watchdog allows. */
+/* Driver of the two flash pages, which are sectors 12 and 13: the first sectors of the second bank.
+ * So the program continues in the first bank while the pages are erased and written (RM0090 3.4:
+ * read while write). The second bank begins in the middle of the flash, at 1 MB in a chip of 2 MB
+ * (table 6). A chip of 1 MB has two banks only with the option bit DB1M (table 7; 3.9.10). Without
+ * this bit, parameters cannot be saved: the program would run from the same bank, and erasing a
+ * sector would stop it for longer than the watchdog's timeout. */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
@@ -11,7 +11,7 @@
 #define FLASH_ADDRESS 0x08000000u
 #define WHOLE_KIB 2048u
 #define SECTOR_BYTES 0x4000u
-#define FIRST_CODE 16u /* 3.9.8: sector 12 is 10000 */
+#define FIRST_CODE 16u /* 3.9.8: the code of sector 12 is 10000 */
 
 void flash_handler(void);
 
@@ -31,9 +31,9 @@ const uint8_t *board_flash_page(board_t *board, unsigned page) {
     return (const uint8_t *)(uintptr_t)address_of(page);
 }
 
-/* The data cache is off while the second bank is written. ES0206 (errata of the F42x), "Data cache
- * might be corrupted during Flash memory read-while-write operation": the program reads its
- * constants from the first bank meanwhile. */
+/* Start an operation, and disable the data cache until it is complete, because the program reads
+ * its constants from the first bank during this time. ES0206 (errata of the F42x): "Data cache
+ * might be corrupted during Flash memory read-while-write operation". */
 static void begin(void) {
     if ((FLASH->cr & FLASH_CR_LOCK) != 0) {
         FLASH->keyr = FLASH_KEY_1;
@@ -56,7 +56,8 @@ void board_flash_erase(board_t *board, unsigned page) {
     FLASH->cr |= FLASH_CR_STRT;
 }
 
-/* All variables that the interrupt reads are set before the store that can trigger it. */
+/* Write a word. All variables that the interrupt reads are set before the store that can trigger
+ * it. */
 static void write_word(void) {
     const uint8_t *const from = next;
     const uint32_t to = to_address;
@@ -82,8 +83,8 @@ void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8
     write_word();
 }
 
-/* One word after the other. At the end the data cache is cleared, because it may contain the old
- * content (3.5.2: this needs DCEN = 0), and switched on again. */
+/* Interrupt: write the next word. At the end of the operation, clear the data cache, because it may
+ * contain old content (3.5.2: this requires DCEN = 0), and enable it again. */
 void flash_handler(void) {
     const uint32_t flags = FLASH->sr;
     FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;

@@ -1,8 +1,9 @@
-/* MPU6050 on I2C1 at 400 kHz. Its data-ready pin stamps a sample and starts the transfer of the 14
- * bytes from 0x3B on. Interrupts and DMA do the rest, and nothing waits for a bus that hangs: a
- * transfer that is not done after two milliseconds is aborted, the bus is freed and the sensor set
- * up again. RM0090 section 27 (I2C1_RX is DMA1 stream 0 channel 1, table 42); registers of the
- * sensor: InvenSense RM-MPU-6000A. */
+/* Driver of the MPU6050 on I2C1 at 400 kHz. The interrupt of its data-ready pin stores the time of
+ * a sample and starts the transfer of 14 bytes from register 0x3B. Interrupts and DMA do the
+ * transfer; the program never waits for a bus that hangs. A transfer that is not complete after two
+ * milliseconds is aborted, the bus is released, and the sensor is configured again. RM0090 section
+ * 27 (I2C1_RX is DMA1 stream 0 channel 1, table 42); registers of the sensor: InvenSense
+ * RM-MPU-6000A. */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
@@ -10,16 +11,17 @@
 #define ADDRESS 0x68u
 #define REG_DATA 0x3Bu
 #define REG_WHO_AM_I 0x75u
-#define WHO_AM_I 0x68u /* of an MPU6050; its successors have other scales and registers */
-#define WHO_AM_I_BYTES 2u /* 27.3.3: DMA would end a read of one byte too late */
+#define WHO_AM_I 0x68u /* value of an MPU6050; its successors have other scales and registers */
+#define WHO_AM_I_BYTES 2u /* 27.3.3: with DMA, a read of one byte would end too late */
 #define REG_INT_STATUS_CLEARED_BY_ANY_READ 0x10u
 #define BYTES 14u
 #define BUS_HZ 400000u
 #define DATA_READY 5u /* PB5 */
 #define PATIENCE_US 2000u
-#define PIN_SILENT_US 15000u /* the pin is not wired: poll every ten milliseconds */
+#define PIN_SILENT_US 15000u /* after this time the pin counts as not connected: poll every ten
+                                milliseconds */
 #define PERIOD_US 10000u
-#define RETRY_US 100000u /* after a failure: an absent sensor must cost no time */
+#define RETRY_US 100000u /* after a failure, so that a missing sensor costs no time */
 
 typedef enum { REST, WRITING, VALUE, READING, BROKEN } phase_t;
 
@@ -35,25 +37,26 @@ static uint8_t data[BYTES];
 static board_imu_t newest;
 static bool given_up;
 
-/* Register and value, in this order: awake, clock from the gyro's oscillator; 100 Hz; filter of
- * 44/42 Hz; 250 deg/s; 2 g; pin high until read, any read clears it; data ready on the pin. */
+/* Settings as register and value: awake, clock from the gyro's oscillator; 100 Hz; filter 44/42 Hz;
+ * 250 deg/s; 2 g; pin high until any read; data-ready signal on the pin. */
 static const uint8_t settings[][2] = {{0x6B, 0x01}, {0x19, 9}, {0x1A, 3}, {0x1B, 0}, {0x1C, 0},
     {0x37, REG_INT_STATUS_CLEARED_BY_ANY_READ | 0x20u}, {0x38, 1}};
-static volatile unsigned setting; /* the next to be written; SETTINGS: all done */
+static volatile unsigned setting; /* index of the next setting to write; SETTINGS: all are written
+                                     */
 #define SETTINGS (sizeof settings / sizeof settings[0])
 
 static void bus_start(void) {
     I2C1->cr1 = I2C_CR1_SWRST;
     I2C1->cr1 = 0;
     I2C1->cr2 = APB1_HZ / 1000000u | I2C_CR2_ITERREN | I2C_CR2_ITEVTEN;
-    I2C1->ccr = I2C_CCR_FAST | APB1_HZ / (3u * BUS_HZ); /* low for two thirds */
+    I2C1->ccr = I2C_CCR_FAST | APB1_HZ / (3u * BUS_HZ); /* clock low for two thirds */
     I2C1->trise = APB1_HZ / 1000000u * 300u / 1000u + 1u;
     I2C1->cr1 = I2C_CR1_PE;
 }
 
-/* A slave whose transfer was interrupted holds SDA low until it has sent its byte: clock it nine
- * times by hand (UM10204, 3.1.16). This takes 0.1 ms, in the millisecond's interrupt and only after
- * a failure. */
+/* Release the bus. After an interrupted transfer, the sensor holds SDA low until its byte is sent,
+ * so send nine clock pulses (UM10204, 3.1.16). This takes 0.1 ms in the SysTick interrupt, only
+ * after a failure. */
 static void bus_free(void) {
     pin_write(IMU_SCL, true);
     pin_open_drain(IMU_SCL);
@@ -106,7 +109,7 @@ static uint8_t next_register(void) {
     return setting < SETTINGS ? settings[setting][0] : REG_DATA;
 }
 
-/* The events are masked while DMA reads, so each of these comes once. */
+/* Event interrupt. Events are masked while DMA reads, so each event occurs once. */
 void i2c1_event_handler(void) {
     const uint32_t flags = I2C1->sr1;
     if ((flags & I2C_SR1_SB) != 0) {
@@ -116,12 +119,12 @@ void i2c1_event_handler(void) {
         DMA1->ifcr[0] = DMA_FLAGS_ALL;
         DMA1->stream[0].ndtr = identified ? BYTES : WHO_AM_I_BYTES;
         DMA1->stream[0].cr = DMA_CR_CHSEL(1) | DMA_CR_MINC | DMA_CR_TCIE | DMA_CR_EN;
-        (void)I2C1->sr2; /* clears ADDR: the bytes come */
+        (void)I2C1->sr2; /* clears ADDR: the data bytes follow */
     } else if ((flags & I2C_SR1_ADDR) != 0) {
         (void)I2C1->sr2;
         I2C1->dr = next_register();
     } else if ((flags & I2C_SR1_BTF) != 0 && phase == WRITING && identified && setting < SETTINGS) {
-        phase = VALUE; /* the register's number was sent */
+        phase = VALUE; /* the register number has been sent */
         I2C1->dr = settings[setting][1];
     } else if ((flags & I2C_SR1_BTF) != 0 && phase == VALUE) {
         I2C1->cr1 |= I2C_CR1_STOP;
@@ -133,9 +136,9 @@ void i2c1_event_handler(void) {
     }
 }
 
-/* ES0206 (errata of the F42x), "Spurious bus error detection in Master mode": a bus error during a
- * master's transfer means nothing, and the transfer continues. A bus that really hangs is found by
- * its timeout. */
+/* Error interrupt. ES0206 (errata of the F42x), "Spurious bus error detection in Master mode": a
+ * bus error during a transfer is ignored, and the transfer continues. The timeout detects a bus
+ * that really hangs. */
 void i2c1_error_handler(void) {
     const uint32_t flags = I2C1->sr1 & I2C_SR1_ERRORS;
     I2C1->sr1 = ~flags;
@@ -178,23 +181,24 @@ static void restart(void) {
     phase = REST;
 }
 
-/* Supervises all of this and writes the next setting, once a millisecond. The handlers above have a
- * higher level and can interrupt it anywhere, so interrupts are off while it reads the clock,
- * decides and starts a transfer. A clock read earlier could be older than a transfer that a handler
- * started in between, and their difference would wrap. */
+/* Check timeouts and write the next setting; called once per millisecond. The handlers above have a
+ * higher priority and can interrupt this function. So interrupts are masked while it reads the
+ * clock, decides and starts a transfer. Otherwise the time could be older than the start of a
+ * transfer in a handler, and the difference of both times would wrap. */
 void imu_millisecond(void) {
     const uint32_t state = irq_save();
     const uint32_t now_us = uptime_us();
     const bool late = phase != REST && now_us - began_us > PATIENCE_US;
     const bool broken = failed || late;
     if (broken) {
-        phase = BROKEN; /* no handler starts anything now */
+        phase = BROKEN; /* handlers now start no transfer */
         I2C1->cr2 &= ~(I2C_CR2_ITERREN | I2C_CR2_ITEVTEN);
         given_up = true;
         began_us = now_us;
     } else if (phase != REST || (I2C1->cr1 & I2C_CR1_STOP) != 0 ||
                (given_up && now_us - began_us < RETRY_US)) {
-        /* In progress, or the bus is idle. 27.6.1: no write to CR1 before the last STOP was sent. */
+        /* A transfer is in progress, the last STOP is not sent yet, or the retry time is not over.
+         * 27.6.1: do not write CR1 before the STOP is sent. */
     } else if (!identified || setting < SETTINGS) {
         given_up = false;
         begin(now_us, WRITING);

@@ -1,12 +1,14 @@
-/* HC-SR04 by capture of its echo's edges, infrared by its voltage, contacts by their pins. RM0090
- * section 18; HC-SR04 user's manual (ElecFreaks); Sharp OP13008EN. */
+/* Range and contact sensors: the HC-SR04 with a timer capture of the echo's edges, infrared sensors
+ * with the ADC, contacts with input pins. RM0090 section 18; HC-SR04 user's manual (ElecFreaks);
+ * Sharp OP13008EN. */
 #include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
 
 #define CYCLE_MS 60u
 #define TRIGGER 4u                  /* PA4 */
-#define MM_PER_MS 343u              /* sound at 20 degrees C; there and back: half of it */
+#define MM_PER_MS 343u              /* speed of sound at 20 degrees C; the range is half of the path
+                                       */
 #define ECHO_US_MAX 24000u          /* 4.1 m; 38 ms mean no echo */
 #define ULTRASONIC_MM_MIN 20u
 #define INFRARED_GAIN_MV_DMM 1225000u /* 0.1225 V m: sim_device/sensors/infrared.py */
@@ -17,12 +19,12 @@
 void tim5_handler(void);
 
 static volatile uint16_t newest_mm = BOARD_NO_RANGE;
-static volatile uint32_t newest_us; /* when the pulse of newest_mm left */
+static volatile uint32_t newest_us; /* time of the pulse of newest_mm */
 static volatile bool answered;
 static uint32_t cycle_ms;
 
-/* TIM5 counts microseconds; channel 1 captures the echo's rise, channel 2 its fall on the same
- * input (18.3.6). */
+/* Start TIM5, which counts microseconds. Channel 1 captures the rising edge of the echo, channel 2
+ * the falling edge on the same input (18.3.6). */
 void sonar_start(void) {
     pin_output(PORT_A, TRIGGER);
     pin_alternate(PORT_A, 0, 2, PULL_DOWN, false);
@@ -39,7 +41,7 @@ void sonar_start(void) {
 
 void tim5_handler(void) {
     TIM5->sr = ~TIM_SR_CCIF(2);
-    const uint32_t rose_us = TIM5->ccr[0]; /* the sensor raises its pin as its pulse leaves */
+    const uint32_t rose_us = TIM5->ccr[0]; /* the rising edge is the time of the pulse */
     const uint32_t lasted_us = TIM5->ccr[1] - rose_us;
     answered = true;
     newest_us = uptime_us() - (TIM5->cnt - rose_us);
@@ -51,13 +53,14 @@ void tim5_handler(void) {
     newest_mm = (uint16_t)(mm < ULTRASONIC_MM_MIN ? ULTRASONIC_MM_MIN : mm);
 }
 
-/* The trigger is high for the first millisecond of each cycle; the minimum is ten microseconds. */
+/* Set the trigger; called once per millisecond. It is high for the first millisecond of each cycle
+ * (the minimum is ten microseconds). */
 void sonar_millisecond(void) {
     pin_write(PORT_A, TRIGGER, cycle_ms == 0);
     if (++cycle_ms >= CYCLE_MS) {
         cycle_ms = 0;
         if (!answered) {
-            newest_mm = BOARD_NO_RANGE; /* not connected */
+            newest_mm = BOARD_NO_RANGE; /* no sensor connected */
             newest_us = uptime_us() - CYCLE_MS * 1000u;
         }
         answered = false;
@@ -66,7 +69,8 @@ void sonar_millisecond(void) {
 
 uint16_t sonar_mm(void) { return newest_mm; }
 
-/* The inverse of white paper's curve; see sim_device/sensors/infrared.py. */
+/* Convert a voltage to a range with the curve of white paper; see
+ * sim_device/sensors/infrared.py. */
 static uint16_t infrared_dmm(uint32_t mv) {
     if (mv == 0) {
         return BOARD_NO_RANGE;
@@ -80,7 +84,7 @@ static uint16_t infrared_dmm(uint32_t mv) {
 }
 
 void board_ranges(board_t *board, board_ranges_t *out) {
-    const uint32_t state = irq_save(); /* range and time are of one pulse */
+    const uint32_t state = irq_save(); /* so that range and time belong to the same pulse */
     out->ultrasonic_mm = sonar_mm();
     out->ultrasonic_us = newest_us;
     irq_restore(state);

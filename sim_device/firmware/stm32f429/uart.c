@@ -1,6 +1,6 @@
-/* The serial link by DMA. DMA fills the receive ring. An interrupt occurs when the ring is half
- * full, when it is full, and when the line is idle. DMA sends each contiguous part of the send
- * queue in one transfer. RM0090 sections 10 and 30. */
+/* Driver of the serial link with DMA (RM0090 sections 10 and 30). DMA fills the receive ring
+ * buffer. An interrupt occurs when the buffer is half full, when it is full, and when the UART is
+ * idle. DMA sends each contiguous part of the send queue in one transfer. */
 #include <string.h>
 
 #include "cortex_m4.h"
@@ -9,13 +9,13 @@
 #include "stm32f4.h"
 
 #define RX_SIZE 256u
-#define TX_SIZE 1024u /* a power of two, so that an index modulo it is right when a count wraps */
+#define TX_SIZE 1024u /* a power of two, so that indices stay correct when the counts wrap */
 #define BYTE_NS (10u * 1000000u / (BOARD_BAUD / 1000u))
 #define IN (&LINK_DMA->stream[LINK_RX_STREAM])
 #define OUT (&LINK_DMA->stream[LINK_TX_STREAM])
 
-/* The receiver samples the middle of each bit, so the baud rates of both sides may differ by 3 %
- * over ten bits. Each side may use half of that. */
+/* A receiver samples the middle of each bit, so the baud rates of both ends may differ by 3 % over
+ * ten bits. Each end may use half of this tolerance. */
 _Static_assert(BOARD_BAUD * 1000u < LINK_UART_HZ / ((LINK_UART_HZ + BOARD_BAUD / 2u) / BOARD_BAUD) * 1015u &&
                    BOARD_BAUD * 1000u > LINK_UART_HZ / ((LINK_UART_HZ + BOARD_BAUD / 2u) / BOARD_BAUD) * 985u,
                "this UART cannot make BOARD_BAUD to 1.5 %");
@@ -43,7 +43,8 @@ void uart_start(void) {
     in->cr = DMA_CR_CHSEL(LINK_DMA_CHANNEL) | DMA_CR_MINC | DMA_CR_CIRC | DMA_CR_PL_HIGH | DMA_CR_HTIE |
              DMA_CR_TCIE | DMA_CR_EN;
     OUT->par = (uint32_t)(uintptr_t)&LINK_UART->dr;
-    nvic_enable(LINK_UART_IRQ, LEVEL_LINK); /* all three on one level: none interrupts another */
+    nvic_enable(LINK_UART_IRQ, LEVEL_LINK); /* one priority level for all three, so that they do not
+                                               interrupt each other */
     nvic_enable(LINK_RX_IRQ, LEVEL_LINK);
     nvic_enable(LINK_TX_IRQ, LEVEL_LINK);
 }
@@ -65,10 +66,12 @@ static void take(uint32_t arrived_us) {
 void link_uart_handler(void) {
     const uint32_t flags = LINK_UART->sr;
     if ((flags & (USART_SR_IDLE | USART_SR_ERRORS)) != 0) {
-        (void)LINK_UART->dr; /* 30.6.1: reading SR, then DR clears the flags; DMA has the byte */
+        (void)LINK_UART->dr; /* 30.6.1: reading SR and then DR clears the flags; DMA has already
+                                read the byte */
     }
     if ((flags & USART_SR_IDLE) != 0) {
-        take(uptime_us() - (BYTE_NS + 999u) / 1000u); /* the line has been idle for a byte */
+        take(uptime_us() - (BYTE_NS + 999u) / 1000u); /* the UART has been idle for the duration of
+                                                         one byte */
     }
 }
 
@@ -79,7 +82,7 @@ void link_received_handler(void) {
 
 /* ---- sending -------------------------------------------------------------------------------- */
 
-/* Called with interrupts off, or in the stream's own interrupt. */
+/* Start the next DMA transfer. Called with interrupts masked, or in the stream's interrupt. */
 static void send_more(void) {
     const uint32_t waiting = tx_put - tx_sent;
     if (tx_under_way != 0 || waiting == 0) {
@@ -127,5 +130,5 @@ uint32_t board_uart_wait_us(board_t *board) {
     if (waiting == 0 && (LINK_UART->sr & USART_SR_TC) != 0) {
         return 0;
     }
-    return (waiting + 1u) * BYTE_NS / 1000u; /* and the byte in the shift register */
+    return (waiting + 1u) * BYTE_NS / 1000u; /* plus the byte in the shift register */
 }

@@ -1,5 +1,5 @@
-/* RM0090 section 12.2, table 62 (F42x): only the interrupts of these boards; any other is a fault.
- */
+/* Vector table (RM0090 section 12.2, table 62, F42x) with the interrupts of these boards. Any other
+ * interrupt calls the fault handler. */
 #include "f429.h"
 #include "vectors.h"
 
