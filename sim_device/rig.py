@@ -1,4 +1,7 @@
-"""A virtual sweeper behind a link, with injected faults; its interface is a sweeper's interface."""
+"""A virtual sweeper behind a link with injected faults.
+
+Its class has the methods of ``VirtualSweeper``, so it can replace a sweeper.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 class SpinTuning:
     """Limits that separate a robot with normal wheel slip from a robot that does not move.
 
-    All values were tuned with ``campaign.changes``. They stop none of its runs without a fault.
+    All values were tuned with the campaign ``tests/campaign/changes.py``. In its runs without
+    faults, the check never stops the robot.
     """
 
     turn_rad: float = 1.0
@@ -39,10 +40,10 @@ class SpinTuning:
     stand_s: float = 1.0
     """Minimum time for which the accelerometer measures standstill while the wheels turn, s."""
     stand_m_s: float = 0.1
-    """Minimum wheel speed at which the time for ``stand_s`` counts, m/s."""
+    """Minimum wheel speed of the standstill check, m/s. At a lower speed its time restarts."""
     lost_share: float = 0.85
-    """Share of the distance ``run_m`` by which the range ahead must fail to decrease for a
-    detection."""
+    """Share of a distance. The wheels spin if, over the distance ``run_m``, the range ahead
+    decreases by less than (1 - ``lost_share``) of this distance."""
 
 
 class SpinCheck:
@@ -55,8 +56,8 @@ class SpinCheck:
         self._measured = Measured(model)
         self._run = RangeRun(tuning.run_m, tuning.min_readings)
         self._excess_m = 0.0
-        """Distance that the right wheel has driven in addition to the turn by the gyro, with decay,
-        m."""
+        """Difference between the wheels' turn and the gyro's turn, m. It is (right - left distance)
+        - gyro angle · wheel base, summed with decay."""
         self._stood_s = 0.0
         """Time of standstill without a contact while the wheels turn, s."""
 

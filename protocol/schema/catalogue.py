@@ -60,7 +60,7 @@ class Catalogue:
         self.hash: int = zlib.crc32("".join(f"{line}\n" for line in self._whole()).encode())
 
     def _whole(self) -> Iterator[str]:
-        """Yield the inputs of the whole hash: the last hash of each message and enumeration."""
+        """Yield the inputs of the catalogue's hash: the last hash of each message and each enum."""
         yield from (f"{t:02x}:{self.chains[t][-1]:08x}" for t in sorted(self.chains))
         yield from (f"{e.key:08x}:{e.chain[-1]:08x}" for e in self.enums.values())
 

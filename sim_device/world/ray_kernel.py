@@ -1,8 +1,8 @@
-"""Compiled kernel for ray casts against the room's edges and a round walker.
+"""Compiled kernel for ray casts against the room's edges and a walking person (a disc).
 
 All geometry is in float64 arrays. ``edges`` has one row per edge: first corner (2), vector e along
 the edge (2), 1/|e|², and unit vector along the edge (2). ``walker`` contains centre (2) and radius;
-radius 0 means no walker.
+radius 0 means no person.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class UltrasonicGeometry:
     edge_reach_m = cython.declare(cython.double, visibility="public")
     """Maximum range at which convex corners (corners of obstacles) give an echo, m."""
 
-    def __init__(  # noqa: PLR0913, PLR0917 - its numbers
+    def __init__(  # noqa: PLR0913, PLR0917 - one argument per field
         self,
         x_m: cython.double,
         y_m: cython.double,
@@ -141,7 +141,7 @@ def _cast(  # noqa: PLR0913, PLR0917 - scalars for C
     )
 
 
-def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
+def cast_beams(  # noqa: PLR0913, PLR0917 - positional, because it is called very often
     edges: FloatGrid,
     walker: Floats,
     x_m: cython.double,

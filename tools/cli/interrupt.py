@@ -41,7 +41,10 @@ def begin() -> None:
 
 
 def set_done(*, done: bool = True) -> None:
-    """Record that the command's work is confirmed and reported, so that Ctrl-C changes nothing."""
+    """Record that the device has confirmed the command, and that the result is printed.
+
+    Ctrl-C then still ends the process, but with exit status 0.
+    """
     global _is_done  # noqa: PLW0603 - a signal handler gets no argument of ours
     _is_done = done
 

@@ -80,7 +80,7 @@ def command(*, what: str, out: Path, node: int | None, imu: ImuScale | None, for
     lua    Wireshark dissector
     proto  protobuf declarations of the messages in a log
     md     specification: wire format, states, timing
-    """  # noqa: D301 - click keeps the lines of a block behind \b
+    """  # noqa: D301 - after \b click keeps the line breaks of a paragraph
     from protocol.generate import render
 
     if node is not None and what not in PER_NODE:

@@ -1,4 +1,7 @@
-"""Comparison of one planner with each other planner, run by run, because a mean may hide losses."""
+"""Compares the runs of one planner with the runs of every other planner, pair by pair.
+
+A mean can hide rooms in which the planner is worse.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +18,24 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 FROM = 1.5
-"""Minimum multiple of the reference that is compared. At smaller multiples no planner is near its
-end, and its coverage depends mostly on the order of its lanes."""
+"""Smallest multiple of the reference time or energy (``MULTIPLES``) at which coverage is compared.
+At smaller multiples no planner is near its end, and its coverage depends mostly on the order of its
+lanes."""
 _COLUMNS = tuple(k for k, multiple in enumerate(MULTIPLES) if multiple >= FROM)
 _UNITS = {"coverage": "time", "by_energy": "energy"}
 
 
 def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
-    """Return the number of pairs in which the leader swept less, and the smallest difference.
+    """Return a table of the pairs in which the leader swept less, and of the leader's worst margin.
+
+    A row is another planner. The margin is the leader's coverage minus the other planner's.
 
     The coverage is compared at equal time or energy.
 
     Args:
         rows: runs of all planners.
-        curve: ``coverage`` (over time) or ``by_energy``; runs of zimablue have no energy.
+        curve: ``coverage`` (over time) or ``by_energy``. Runs of the external package zimablue
+            have no energy curve.
         leader: planner that is compared with each other planner.
 
     """
@@ -58,7 +65,7 @@ def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
 def _pairs(
     rows: Sequence[Row], others: Sequence[Row], leader: str
 ) -> dict[tuple[str, str], list[tuple[Row, Row]]]:
-    """Return pairs of runs by the other planner and the leader's noise level.
+    """Return pairs of runs, grouped by the other planner and by the leader's noise level.
 
     The first run of a pair is the leader's run.
     """

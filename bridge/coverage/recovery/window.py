@@ -1,6 +1,7 @@
 """A window of the map for one search: free cells, targets, path lengths.
 
-The arrays are reused in every search. The images in it are rotated to the direction of the lanes.
+The arrays are reused in every search. :class:`Turned` contains targets and path lengths, rotated so
+that their rows are parallel to the lanes.
 """
 
 from __future__ import annotations

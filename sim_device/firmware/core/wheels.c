@@ -13,8 +13,9 @@
 /* Maximum gap between samples that is integrated. */
 #define SINCE_MAX_S 0.05f
 #define STALLED_MAX 60000u
-/* Number of periods in which the duty falls to 0 in the safe state, in addition to the ramp's time.
- * The limit of 0.1 s includes the first period and rounding. */
+/* In the safe state the duty decreases linearly. It is 0 this number of periods after the end of
+ * the speed ramp. wheels.h promises 10 periods (0.1 s); two are for the first period and for
+ * rounding. */
 #define RELEASE_PERIODS 8.0f
 
 static float towards(float value, float wanted, float step)
