@@ -34,8 +34,7 @@ class NoticeKind(StrEnum):
     FINISHED = "finished"
     """The run has ended, whatever its outcome, and its log is complete."""
     STOPPED_FOR_SAFETY = "stopped-for-safety"
-    """The device has latched a stop with a cause other than ``SESSION_END``, or the run ended with
-    exit status 5."""
+    """A stop is latched with a cause other than `session_end`, or the run ends with status 5."""
     BATTERY_LOW = "battery-low"
     """The battery's voltage is low, by the supervision rule `battery`; at most once per run."""
     DEVICE_LOST = "device-lost"
