@@ -318,7 +318,7 @@ class Sweeper(ABC, Generic[P]):
 class VirtualSweeper(Sweeper[Firmware]):
     """A sweeper that runs the model of the firmware in Python."""
 
-    def __init__(  # noqa: PLR0913 - what a device can be made with
+    def __init__(  # noqa: PLR0913 - one parameter per option of a device
         self,
         plan: FloorPlan,
         model: RobotModel | None = None,

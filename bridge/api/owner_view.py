@@ -261,5 +261,5 @@ def _plain(message: Message) -> list[Any]:
     return [{"hex": v.hex()} if isinstance(v, bytes) else v for v in message]
 
 
-def _value(value: Any) -> Any:  # noqa: ANN401 - number, text, bytes or None
+def _value(value: Any) -> Any:  # noqa: ANN401 - the type is number, text, bytes or None
     return bytes.fromhex(value["hex"]) if isinstance(value, dict) else value

@@ -154,7 +154,7 @@ def _piece_at(
 
 def _ros_yaml(path: Path) -> _RosMap:
     try:
-        import yaml  # noqa: PLC0415 - an extra
+        import yaml  # noqa: PLC0415 - an optional dependency, imported where it is used
     except ImportError:
         raise MapsMissingError from None
     try:
@@ -307,7 +307,7 @@ def _walls(path: Path, by_role: dict[str, list[Polygon]]) -> tuple[Polygon, tupl
 def _svg_shapes(path: Path) -> Iterator[_Shape]:
     """Read every shape as points in the units of the SVG, with y downward."""
     try:
-        import svgelements  # noqa: PLC0415 - an extra
+        import svgelements  # noqa: PLC0415 - an optional dependency, imported where it is used
     except ImportError:
         raise MapsMissingError from None
     import io  # noqa: PLC0415 - beside the extra

@@ -91,7 +91,7 @@ def _kept(points: NDArray[np.float64], first: int, last: int, tolerance_m: float
     pieces = [(first, last)]
     while pieces:
         begin, end = pieces.pop()
-        if end - begin < 2:  # noqa: PLR2004 - nothing between
+        if end - begin < 2:  # noqa: PLR2004 - no element lies in between
             continue
         a, along = points[begin], points[end] - points[begin]
         between = points[begin + 1 : end] - a

@@ -138,6 +138,6 @@ class DeadMan:
 
 
 def _share(value: float) -> float:
-    if value != value:  # noqa: PLR0124 - NaN
+    if value != value:  # noqa: PLR0124 - a comparison with itself finds NaN
         return 0.0
     return max(-1.0, min(1.0, value))

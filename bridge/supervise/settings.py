@@ -57,12 +57,12 @@ def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any
     return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
 
-def _after(default: float) -> Any:  # noqa: ANN401 - a dataclass field
+def _after(default: float) -> Any:  # noqa: ANN401 - the type of a dataclass field
     meaning = "time for which the condition must hold before `reaction`"
     return _in(default, 0.0, MAX_SECONDS, "s", meaning)
 
 
-def _then(default: float) -> Any:  # noqa: ANN401 - a dataclass field
+def _then(default: float) -> Any:  # noqa: ANN401 - the type of a dataclass field
     meaning = "time from the first reaction to `then` while the condition holds"
     return _in(default, 0.0, MAX_SECONDS, "s", meaning)
 

@@ -89,6 +89,6 @@ def convert(log: Path, bag: Path) -> int:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:  # noqa: PLR2004 - log and bag
+    if len(sys.argv) != 3:  # noqa: PLR2004 - the names of two files
         sys.exit(f"usage: {sys.argv[0]} LOG.mcap BAG")
     print(f"wrote {convert(Path(sys.argv[1]), Path(sys.argv[2]))} messages to {sys.argv[2]}")

@@ -60,7 +60,7 @@ class PlantFaults:
     def __setattr__(self, name: str, value: float) -> None:
         _set(self, name, value)
         if name != "touched":
-            _set(self, "touched", True)  # noqa: FBT003 - what it is set to
+            _set(self, "touched", True)  # noqa: FBT003 - the new value
 
 
 def fill_parameters(b: Body, motor: MotorParameters, chassis: Chassis, model: RobotModel) -> None:

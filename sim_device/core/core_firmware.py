@@ -93,7 +93,7 @@ class LineState(NamedTuple):
 class CoreFirmware:
     """One run of the program on a chip, from a boot to the next reset."""
 
-    def __init__(  # noqa: PLR0913 - inputs of a boot
+    def __init__(  # noqa: PLR0913 - one parameter per input of a boot
         self,
         chip: Chip,
         sensors: SensorSuite,

@@ -39,7 +39,7 @@ class CoreSweeper(Sweeper[CoreFirmware]):
 
     cannot: Mapping[str, str] = CANNOT
 
-    def __init__(  # noqa: PLR0913 - what a device can be made with
+    def __init__(  # noqa: PLR0913 - one parameter per option of a device
         self,
         plan: FloorPlan,
         model: RobotModel | None = None,

@@ -291,7 +291,7 @@ class Health:
     def _is_ultrasonic_wrong(
         self,
         sonar_m: float | None,
-        touched: bool,  # noqa: FBT001 - a reading
+        touched: bool,  # noqa: FBT001 - a part of a reading
         ahead_m: float,
         turned_rad: float,
     ) -> bool:

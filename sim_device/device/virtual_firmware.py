@@ -83,7 +83,7 @@ RANGE_TICKS = 5
 class Firmware:
     """The device's program, one instance per boot."""
 
-    def __init__(  # noqa: PLR0913 - inputs of a boot
+    def __init__(  # noqa: PLR0913 - one parameter per input of a boot
         self,
         model: RobotModel,
         identity: Identity,

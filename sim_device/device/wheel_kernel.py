@@ -143,7 +143,7 @@ def _duty(
     return max(-1.0, min(1.0, duty))
 
 
-def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
+def control(  # noqa: PLR0913, PLR0917 - positional, because it is called very often
     loop: Loop,
     v: cython.double,
     yaw: cython.double,

@@ -71,7 +71,7 @@ class CoreProcess:
         )
         process = self._process
         assert process.stdin is not None  # noqa: S101 - Popen was given PIPE
-        assert process.stdout is not None  # noqa: S101 - likewise
+        assert process.stdout is not None  # noqa: S101 - Popen was given PIPE
         self._reading = process.stdout.fileno()
         self._pipes = Pipes(self._reading, process.stdin.fileno())
         self._output = _Output(process)

@@ -56,7 +56,7 @@ class SensorFaults(SensorFaultValues):
     def __setattr__(self, name: str, value: object) -> None:
         _set(self, name, value)
         if name != "touched":
-            _set(self, "touched", True)  # noqa: FBT003 - what it is set to
+            _set(self, "touched", True)  # noqa: FBT003 - the new value
 
 
 class Miswiring:

@@ -131,7 +131,7 @@ class ImuChip:
         self.pitch_rad, self.roll_rad, self.climb_m_s = pitch_rad, roll_rad, climb_m_s
 
 
-def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes cheaply
+def sample(  # noqa: PLR0913, PLR0917 - single numbers, because a kernel takes them cheaply
     chip: ImuChip,
     normals: Floats,
     at: cython.Py_ssize_t,

@@ -170,7 +170,7 @@ def cast_beams(  # noqa: PLR0913, PLR0917 - positional, because it is called ver
         hits[k, 0], hits[k, 1], hits[k, 2] = hit.range_m, hit.cosine, hit.edge
 
 
-def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
+def echo(  # noqa: PLR0913, PLR0917 - positional, because it is called very often
     edges: FloatGrid,
     walker: Floats,
     corners: FloatGrid,

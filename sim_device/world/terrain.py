@@ -78,7 +78,7 @@ class Stance:
     """Weight on one wheel, N."""
     on_caster_n = cython.declare(cython.double, visibility="public")
 
-    def __init__(  # noqa: PLR0913, PLR0917 - its numbers
+    def __init__(  # noqa: PLR0913, PLR0917 - one argument per field
         self,
         wheel_base_m: cython.double,
         wheel_radius_m: cython.double,
@@ -142,7 +142,7 @@ def _hub(x: cython.double, y: cython.double, radius_m: cython.double, rows: Floa
     return height, slope_x, slope_y, max(away, 0.0)
 
 
-def climb(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
+def climb(  # noqa: PLR0913, PLR0917 - positional, because it is called very often
     x_m: cython.double,
     y_m: cython.double,
     theta_rad: cython.double,

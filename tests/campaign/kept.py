@@ -26,7 +26,7 @@ class Kept:
                 if digest == self._digest:
                     self._known[name] = reported
 
-    def of(self, name: str) -> Any:  # noqa: ANN401 - any kept value
+    def of(self, name: str) -> Any:  # noqa: ANN401 - any stored value
         """Return the result of a run; None: it has not been run."""
         return self._known.get(name)
 

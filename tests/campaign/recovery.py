@@ -22,7 +22,7 @@ def main() -> int:
         for bit in range(8 * len(MAGIC), 8 * len(log.data), step):
             try:
                 check_flip(log, bit)
-            except Exception as error:  # noqa: BLE001 - all of them are counted and named
+            except Exception as error:  # noqa: BLE001 - every exception is counted and reported
                 failed += 1
                 print(f"{log.name}, bit {bit}: {type(error).__name__}: {error}")
         print(f"{log.name}: {8 * len(log.data) // step} bits")

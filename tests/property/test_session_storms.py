@@ -187,7 +187,7 @@ def test_nothing_moves_that_should_not(plan: list[tuple[str, float]], seed: int)
 def test_every_run_ends_and_none_begins_again(
     plan: list[tuple[str, float]],
     seed: int,
-    patient: bool,  # noqa: FBT001 - drawn
+    patient: bool,  # noqa: FBT001 - a case of the test
 ) -> None:
     host = spinning_host()
     storm = Storm(end := HostEnd(host), seed)

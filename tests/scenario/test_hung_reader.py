@@ -152,7 +152,7 @@ def test_an_emulator_serves_on_and_ends(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kitty", [False, True])
 def test_a_terminal_that_takes_nothing_holds_up_nothing(
     how: str,
-    kitty: bool,  # noqa: FBT001 - pytest's
+    kitty: bool,  # noqa: FBT001 - the interface of pytest
     served: Served,
     tmp_path: Path,
 ) -> None:

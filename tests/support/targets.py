@@ -66,7 +66,7 @@ _THIS = sys.modules[__name__]
 def core_sweeper(
     plan: FloorPlan,
     model: RobotModel | None = None,
-    **options: Any,  # noqa: ANN401 - those of either device
+    **options: Any,  # noqa: ANN401 - one parameter per option of both devices
 ) -> CoreSweeper:
     """Make a device with the C core where a test asks for one with the model in Python."""
     assert options.pop("catalogue", CATALOGUE) is CATALOGUE, "the core has the present catalogue"

@@ -55,7 +55,7 @@ def no_record_option(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def check_unrecorded(
-    no_record: bool,  # noqa: FBT001 - the option
+    no_record: bool,  # noqa: FBT001 - the name of the option
     out: Path | None,
     recording: RecordOptions,
     *,

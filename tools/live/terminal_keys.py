@@ -86,7 +86,7 @@ class KeyDecoder:
 
     def _next(self) -> tuple[Key | None, int]:
         data = self._rest
-        if data[0] != 0x1B:  # noqa: PLR2004 - escape
+        if data[0] != 0x1B:  # noqa: PLR2004 - an escape sequence
             return _plain(data)
         found = _CSI.match(data)
         if found is not None:

@@ -125,7 +125,7 @@ def copy_window(
         open_[rows - 1, c] = 0
     for r in range(1, rows - 1):
         for c in range(1, cols - 1):
-            if open_[r, c] == 2 and (  # noqa: PLR2004 - free
+            if open_[r, c] == 2 and (  # noqa: PLR2004 - 2 is a free cell
                 open_[r - 1, c] == 0
                 or open_[r + 1, c] == 0
                 or open_[r, c - 1] == 0

@@ -188,7 +188,7 @@ def _fields(body: str, package: str) -> list[_Field]:
     return found
 
 
-def _value(message: Any, column: Column) -> Any:  # noqa: ANN401 - decoded
+def _value(message: Any, column: Column) -> Any:  # noqa: ANN401 - type of a decoded value
     for part in column.name.split("."):
         message = getattr(message, part)
     if column.type == "json":

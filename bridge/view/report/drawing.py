@@ -52,7 +52,7 @@ def svg(width: float, height: float, draw: Callable[[Axes], None]) -> str:
 
 def as_svg(figure: Figure) -> str:
     """Return a figure as SVG for a page. Equal data give equal text."""
-    import matplotlib as mpl  # noqa: PLC0415 - an extra
+    import matplotlib as mpl  # noqa: PLC0415 - an optional dependency, imported where it is used
 
     out = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "sweepctl", "svg.fonttype": "path"}):

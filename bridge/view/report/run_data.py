@@ -195,7 +195,7 @@ def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
     return begin_s, end_s
 
 
-def _phase(event: Any) -> object:  # noqa: ANN401 - decoded
+def _phase(event: Any) -> object:  # noqa: ANN401 - type of a decoded value
     """Return the phase in a run's event. In logs of version 0.1 it is the last word of the text.
 
     Raises:
@@ -284,7 +284,7 @@ class _Gatherer:
             self._second = second
         self._losses.add(message.sequence)
 
-    def _status(self, time_s: float, status: Any) -> None:  # noqa: ANN401 - decoded
+    def _status(self, time_s: float, status: Any) -> None:  # noqa: ANN401 - type of a decoded value
         if status.stop_cause != self._stop:
             if self._stop >= 0 or status.stop_cause:
                 name = label(StopCause, status.stop_cause)

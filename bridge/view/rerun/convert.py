@@ -162,7 +162,7 @@ class RunConverter:
         self._yaw_rate.add(time_ns, estimate.yaw_rate_rad_s)
         self._errors.add_estimate(time_ns, x_m, y_m)
 
-    def _on_truth(self, time_ns: int, truth: Any) -> None:  # noqa: ANN401 - decoded
+    def _on_truth(self, time_ns: int, truth: Any) -> None:  # noqa: ANN401 - type of a decoded value
         x_m, y_m = map(float, (truth.pose.position.x, truth.pose.position.y))
         self._truth_path.add(time_ns, x_m, y_m)
         self._errors.add_truth(time_ns, x_m, y_m)
@@ -182,21 +182,21 @@ class RunConverter:
         point = (float(state.target_x_m), float(state.target_y_m)) if has_target else None
         self._target.add(time_ns, point)
 
-    def _on_event(self, time_ns: int, event: Any) -> None:  # noqa: ANN401 - decoded
+    def _on_event(self, time_ns: int, event: Any) -> None:  # noqa: ANN401 - type of a decoded value
         self._lines.add(time_ns, str(event.severity), f"{event.source} {event.kind}: {event.text}")
         if event.source == "planner" and event.kind == "lane":
             self._occlusions.lane(time_ns, event.data_json, self._pose)
         elif event.source == "planner" and event.kind == "occlusion":
             self._occlusions.report(time_ns, event.data_json, self._pose)
 
-    def _on_log(self, time_ns: int, line: Any) -> None:  # noqa: ANN401 - decoded
+    def _on_log(self, time_ns: int, line: Any) -> None:  # noqa: ANN401 - type of a decoded value
         level = _LOG_LEVELS.get(line.level, "info")
         self._lines.add(time_ns, level, f"{line.name}: {line.message}")
 
-    def _on_clock(self, time_ns: int, clock: Any) -> None:  # noqa: ANN401 - decoded
+    def _on_clock(self, time_ns: int, clock: Any) -> None:  # noqa: ANN401 - type of a decoded value
         self._clock.add(time_ns, clock.bound_ns * 1e-6, clock.round_trip_ns * 1e-6)
 
-    def _on_imu(self, time_ns: int, imu: Any) -> None:  # noqa: ANN401 - decoded
+    def _on_imu(self, time_ns: int, imu: Any) -> None:  # noqa: ANN401 - type of a decoded value
         self._gyro.add(time_ns, imu.gyro_z_rad_s)
         self._acceleration.add(time_ns, imu.accel_x_m_s2, imu.accel_y_m_s2)
 
@@ -213,7 +213,7 @@ class RunConverter:
         for ray, value in zip(self._rays, values, strict=True):
             ray.add(time_ns, value)
 
-    def _on_power(self, time_ns: int, power: Any) -> None:  # noqa: ANN401 - decoded
+    def _on_power(self, time_ns: int, power: Any) -> None:  # noqa: ANN401 - type of a decoded value
         self._battery.add(time_ns, power.battery_v)
         self._current.add(time_ns, power.motor_left_a, power.motor_right_a)
 

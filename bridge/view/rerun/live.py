@@ -41,7 +41,7 @@ class LiveViewer:
         command += ["--address-file", str(self._address_file)]
         root = str(Path(__file__).parents[3])
         paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-        self._process = subprocess.Popen(  # noqa: S603 - ourselves
+        self._process = subprocess.Popen(  # noqa: S603 - our own program
             command,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), "CI": "1"},
             stdin=subprocess.PIPE,

@@ -149,7 +149,7 @@ class Covariance:
         self._strips = Strips(paths.COVARIANCE, paths.BLUE, 1.0)
         self._next_ns = 0
 
-    def add(self, time_ns: int, estimate: Any) -> None:  # noqa: ANN401 - decoded
+    def add(self, time_ns: int, estimate: Any) -> None:  # noqa: ANN401 - type of a decoded value
         """Add an estimate. At most five ellipses per second are drawn."""
         if time_ns < self._next_ns:
             return
@@ -170,7 +170,7 @@ class Covariance:
         self._strips.send(recording)
 
 
-def describe(state: Any) -> str:  # noqa: ANN401 - decoded
+def describe(state: Any) -> str:  # noqa: ANN401 - type of a decoded value
     """Return the planner's state as Markdown. The paper's planner also has its variables."""
     target = "none"
     if state.HasField("target_x_m"):

@@ -25,7 +25,7 @@ class Whole:
 
     state = PlannerState()
 
-    def start(self, obs: object) -> Finish:  # noqa: ARG002 - of every planner
+    def start(self, obs: object) -> Finish:  # noqa: ARG002 - the interface of every planner
         return Finish("nothing to do")
 
     def next(self, result: object, obs: object) -> Finish:  # noqa: ARG002 - of every planner
@@ -133,7 +133,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 
 class Raises(Whole):
-    def start(self, obs: object) -> Finish:  # noqa: ARG002 - of every planner
+    def start(self, obs: object) -> Finish:  # noqa: ARG002 - the interface of every planner
         raise ZeroDivisionError("no lanes")
 
 

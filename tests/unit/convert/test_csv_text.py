@@ -118,7 +118,7 @@ def test_texts_bytes_lists_and_absent_values(tmp_path: Path) -> None:
         assert row["bytes"] == (held[i] or b"").hex()
         value = numbers[i]
         assert row["numbers"] == "" or json.loads(row["numbers"]) == [
-            None if v != v else v  # noqa: PLR0124 - NaN
+            None if v != v else v  # noqa: PLR0124 - a comparison with itself finds NaN
             for v in value or []
         ]
         assert (row["numbers"] == "") == (value is None)

@@ -27,7 +27,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_synthetic_log(path, first_records(5.0))
 
 
-def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - decoded
+def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - type of a decoded value
     """Return a field by its dotted name, None if it is absent."""
     for name in dotted.split("."):
         descriptor = getattr(message, "DESCRIPTOR", None)
@@ -39,7 +39,7 @@ def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - decoded
     return message
 
 
-def same(a: Any, b: Any) -> bool:  # noqa: ANN401 - decoded
+def same(a: Any, b: Any) -> bool:  # noqa: ANN401 - type of a decoded value
     """Return whether both are equal; NaN equals itself."""
     if isinstance(a, list):
         return len(a) == len(b) and all(map(same, a, b))

@@ -73,7 +73,7 @@ class Truth:
         left, right = (math.floor(m / MODEL.metres_per_count) & 0xFFFF for m in self.turned)
         return left, right
 
-    def gyro(self, still: bool) -> float:  # noqa: FBT001 - a gyro has no keywords
+    def gyro(self, still: bool) -> float:  # noqa: FBT001 - a gyro takes positional values
         rate, self.angle = self.angle / 0.01, 0.0
         return rate + (self.rng.normal(0.0, DRIFT.gyro_sample_rad_s) if still else 0.0)
 

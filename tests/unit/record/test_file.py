@@ -111,7 +111,7 @@ def test_rows_and_messages_keep_their_order_over_many_chunks(
         at = NOW + 20_000_000 * i
         covariance = (0.0,) * 9
         some: list[Record] = [
-            RawBytes(at, False, bytes([i])),  # noqa: FBT003 - what it came by
+            RawBytes(at, False, bytes([i])),  # noqa: FBT003 - False: received
             DeviceMessage(at, at - 5000, 2000, 1, i % 256, i, "encoders", Encoders(i, i)),
             PoseRecord(at, Pose2(float(i), 0.0, 0.0), 0.0, 0.0, covariance, 0.0, 1.0),
             TruthRecord(at, Pose2(float(i), 1.0, 0.0)),

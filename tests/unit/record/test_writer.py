@@ -98,9 +98,9 @@ def test_raw_bytes_are_kept_bit_for_bit(tmp_path: Path) -> None:
     data = bytes(range(256)) * 3
     messages = written(
         tmp_path / "run.mcap",
-        RawBytes(NOW, False, data),  # noqa: FBT003 - a named tuple's field
-        RawBytes(NOW + 1, True, b""),  # noqa: FBT003 - a named tuple's field
-        RawBytes(NOW + 2, True, b"\0\xff"),  # noqa: FBT003 - a named tuple's field
+        RawBytes(NOW, False, data),  # noqa: FBT003 - the type of a field of a named tuple
+        RawBytes(NOW + 1, True, b""),  # noqa: FBT003 - the type of a field of a named tuple
+        RawBytes(NOW + 2, True, b"\0\xff"),  # noqa: FBT003 - the type of a field of a named tuple
     )
     assert [(t, m.log_time, d.data) for t, m, d in messages] == [
         ("/raw/uart/rx", NOW, data),
@@ -113,7 +113,7 @@ def test_can_frames_are_kept_bit_for_bit_bad_ones_included(tmp_path: Path) -> No
     messages = written(
         tmp_path / "run.mcap",
         RawCan(NOW, False, 0x121, bytes(range(8))),  # noqa: FBT003 - a named tuple's field
-        RawCan(NOW + 1, True, 0x000, b""),  # noqa: FBT003 - a named tuple's field
+        RawCan(NOW + 1, True, 0x000, b""),  # noqa: FBT003 - the type of a field of a named tuple
         RawCan(NOW + 2, False, 0xA000_0004, b"\0\xff"),  # noqa: FBT003 - a named tuple's field
     )
     assert [(t, m.log_time, d.outgoing, d.can_id, d.data) for t, m, d in messages] == [

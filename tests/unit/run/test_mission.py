@@ -236,7 +236,7 @@ def test_lost_and_back_never_drives_on() -> None:
 
 
 @pytest.mark.parametrize("watching", [True, False])
-def test_lost_for_good_is_a_fault(watching: bool) -> None:  # noqa: FBT001 - two cases
+def test_lost_for_good_is_a_fault(watching: bool) -> None:  # noqa: FBT001 - both cases are compared
     mission = Mission(None) if watching else driving()
     mission.on_ready(4.0)
     mission = mission if watching else driving()

@@ -23,7 +23,7 @@ class Drive:
         self.check = SpinCheck(MODEL)
         self.time_s, self.left_m, self.right_m = 50.0, 0.0, 0.0
 
-    def run(  # noqa: PLR0913 - the motion
+    def run(  # noqa: PLR0913 - one parameter per part of the motion
         self,
         for_s: float,
         left_m_s: float,

@@ -98,7 +98,7 @@ def opened() -> Session:
 @pytest.mark.parametrize("what", CHANGES)
 def test_it_is_answered_three_times_and_then_once_a_second(
     what: str,
-    joins: bool,  # noqa: FBT001 - two cases
+    joins: bool,  # noqa: FBT001 - both cases are compared
 ) -> None:
     session, device = opened(), Fickle(CHANGES[what])
     device.joins = joins

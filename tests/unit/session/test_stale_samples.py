@@ -210,7 +210,7 @@ def test_a_plan_of_the_device_that_is_not_seen_any_more_is_stopped(
     stream: type[Message],
     name: str,
     limit_s: float,
-    drop: bool,  # noqa: FBT001 - two cases
+    drop: bool,  # noqa: FBT001 - both cases are compared
 ) -> None:
     wire = Restamped(stream)
     ends, host = driving(wire, on_board())

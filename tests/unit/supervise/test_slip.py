@@ -26,7 +26,7 @@ def test_slip_of_one_wheel_at_its_limit() -> None:
     assert walk.step(300, left_m=0.004 + 1.03 * step_m, right_m=0.004)
 
 
-def run_towards(  # noqa: PLR0913 - a run
+def run_towards(  # noqa: PLR0913 - one parameter per option of a run
     walk: Walk,
     closing: float,
     *,

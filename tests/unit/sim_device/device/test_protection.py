@@ -343,7 +343,7 @@ def test_a_cliff_is_no_reason_to_latch_for_a_host_that_reverses() -> None:
 
 
 @pytest.mark.parametrize("on", [True, False])
-def test_reflexes_are_parameters(on: bool) -> None:  # noqa: FBT001 - a table
+def test_reflexes_are_parameters(on: bool) -> None:  # noqa: FBT001 - the columns of a table
     bench = LoneDevice(EDGE, "none")
     bench.set_bool("cliff_reflex", on=on)
     bench.drive(3.0)

@@ -91,7 +91,7 @@ def test_a_socket_with_a_given_listening_address() -> None:
 @pytest.mark.parametrize(
     ("host", "url"),
     [
-        ("0.0.0.0", "socket://127.0.0.1:5"),  # noqa: S104 - a text
+        ("0.0.0.0", "socket://127.0.0.1:5"),  # noqa: S104 - the type is text
         ("::", "socket://127.0.0.1:5"),
         ("", "socket://127.0.0.1:5"),
         ("::1", "socket://[::1]:5"),
@@ -109,7 +109,7 @@ def test_a_client_on_this_machine_reaches_a_socket_of_all_addresses(host: str, u
         ("127.8.8.8", True),
         ("::1", True),
         ("localhost", True),
-        ("0.0.0.0", False),  # noqa: S104 - a text
+        ("0.0.0.0", False),  # noqa: S104 - the type is text
         ("192.168.1.2", False),
         ("robot", False),
     ],
