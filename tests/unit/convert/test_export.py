@@ -1,4 +1,4 @@
-"""Exported tables against the libraries' decoding, message by message."""
+"""Exported tables, compared message by message with the values that the libraries decode."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from support.synthetic_run import first_records, write_synthetic_log
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return five seconds of a made-up run."""
+    """Return five seconds of an artificial run."""
     path = tmp_path_factory.mktemp("export") / "run.mcap"
     return write_synthetic_log(path, first_records(5.0))
 
 
 def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - decoded
-    """Return a field by its dotted name, None if it is absent."""
+    """Return a field by its dotted name, or None if the message does not have it."""
     for name in dotted.split("."):
         descriptor = getattr(message, "DESCRIPTOR", None)
         if descriptor is not None:
@@ -40,7 +40,7 @@ def value(message: Any, dotted: str) -> Any:  # noqa: ANN401 - decoded
 
 
 def same(a: Any, b: Any) -> bool:  # noqa: ANN401 - decoded
-    """Return whether both are equal; NaN equals itself."""
+    """Return whether both values are equal; here NaN equals NaN."""
     if isinstance(a, list):
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, float) and isinstance(b, float) and math.isnan(a):
