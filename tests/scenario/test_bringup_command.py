@@ -38,8 +38,8 @@ def test_it_asks_before_it_turns_a_wheel_and_reports_the_result(
         assert plant.wheel_angles_rad == (0.0, 0.0)
         assert declined.out == "0 of 4 checks failed, 2 skipped\n"
 
-        plant.faults.lifted = True  # on a stand
-        wrong = "y\ny\nrf\ny\nrf\n"  # "the RIGHT wheel turned" for both outputs
+        plant.faults.lifted = True  # the robot is on a stand
+        wrong = "y\ny\nrf\ny\nrf\n"  # the person reports the RIGHT wheel for both outputs
         found = bringup(monkeypatch, wrong, served.port, "--step", "motors", "--json")
         assert found.status == 1
         printed = {f["step"]: f["text"] for f in found.json["findings"] if f["ok"] is False}

@@ -1,4 +1,4 @@
-"""Bring-up on the emulated device: it names each wiring fault, and a correct robot passes."""
+"""Bring-up on the emulated device: it reports each wiring fault, and a correct robot passes."""
 
 from __future__ import annotations
 
@@ -89,7 +89,8 @@ def test_a_correctly_wired_robot_passes_every_check() -> None:
         (["right motor inverted"], {("motor right", "turns backwards")}),
         (["left encoder inverted"], {("encoder left", "counts in reverse")}),
         (["right encoder inverted"], {("encoder right", "counts in reverse")}),
-        # both reversed on one side: a closed loop would work, but drive backwards
+        # Motor and encoder of one side are both reversed. A closed loop would work, but drive
+        # backwards.
         (
             ["left motor inverted", "left encoder inverted"],
             {("motor left", "turns backwards"), ("encoder left", "counts in reverse")},

@@ -1,4 +1,4 @@
-"""First power on the emulated device: a fault ends the checklist before more power is applied."""
+"""First power on the emulated device: the checklist ends at a fault, before power increases."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_a_motor_that_does_not_stop_is_reported() -> None:
     largest = [0.0]
 
     def welded(left: float, right: float) -> None:
-        """Keep the largest duty: the driver's input is stuck."""
+        """Simulate a stuck input of the driver: it holds the largest duty so far."""
         largest[0] = max(largest[0], left)
         set_duty(left if largest[0] < STAGES[-1] - 0.01 else largest[0], right)
 

@@ -1,4 +1,4 @@
-"""The generated C on classic CAN, against the Python end of the bus."""
+"""The generated C codec on classic CAN, compared with the Python end of the bus."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ FROM_HOST = [s for s in CATALOGUE if s.direction is Direction.HOST]
 
 @pytest.fixture(scope="module")
 def adapter(tmp_path_factory: pytest.TempPathFactory) -> Adapter:
-    """The adapter with the bounds of the Python end, whose counts it must equal."""
+    """Return the adapter with the buffer limits of the Python end; the counts must be equal."""
     room = ("-DSP_CAN_OPEN=16", "-DSP_CAN_RECENT=64")
     return generate(tmp_path_factory.mktemp("c_can")).adapter(flags=room, sanitized=True)
 
 
 @pytest.fixture(scope="module")
 def small_adapter(tmp_path_factory: pytest.TempPathFactory) -> Adapter:
-    """The adapter with the bounds of a chip."""
+    """Return the adapter with the buffer limits of a microcontroller."""
     return generate(tmp_path_factory.mktemp("c_small")).adapter(sanitized=True)
 
 
@@ -57,7 +57,7 @@ def frames_of(records: bytes) -> list[CanFrame]:
 
 
 def spoken(rng: random.Random, count: int) -> list[tuple[Message, int]]:
-    """Return a device's messages and their stamps, across a wrap of the clock."""
+    """Return a device's messages and their stamps, across an overflow of the clock."""
     t_us = (1 << 32) - 20_000_000
     out: list[tuple[Message, int]] = []
     for i in range(count):
@@ -107,9 +107,9 @@ def test_python_understands_what_c_sends(adapter: Adapter) -> None:
 
 
 def troubled(rng: random.Random, records: list[CanFrame]) -> list[CanFrame]:
-    """Return frames lost, duplicated, cut, or with a wrong bit.
+    """Return a stream with lost, duplicated, cut and corrupted frames.
 
-    Those of one identifier stay in order.
+    Frames of one identifier stay in order.
     """
     out = []
     for frame in records:
@@ -135,7 +135,7 @@ def troubled(rng: random.Random, records: list[CanFrame]) -> list[CanFrame]:
 def host_traffic(
     rng: random.Random, catalogue: Catalogue = CATALOGUE, shared: int | None = None
 ) -> list[tuple[int, CanFrame]]:
-    """Return a host's writes, and their arrival in the device's time."""
+    """Return a host's writes, and their arrival times on the device's clock."""
     specs = [s for s in catalogue if s.direction is Direction.HOST]
     link = CanLink(Direction.HOST, codec=Codec(catalogue))
     if shared is not None:

@@ -1,4 +1,4 @@
-"""The generated C against the shared vectors and against the Python codec, under sanitizers."""
+"""The generated C codec, compared with the shared vectors and the Python codec; sanitizers on."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ RANDOM_MESSAGES = 100_000
 STREAMS = 600
 FUZZ_RUNS = int(os.environ.get("SWEEPCTL_C_FUZZ_RUNS", "2000000"))
 FUZZ_S = int(os.environ.get("SWEEPCTL_C_FUZZ_S", "30"))
-"""Time limit of the nightly search, s; a campaign uses more."""
+"""Time limit of the nightly fuzzing, s; a campaign sets a longer time."""
 SPECS = CATALOGUE.specs
 NUMBERED = [spec for spec in SPECS if spec.cls is not StopAll]
-"""All messages except the stop of every device, whose frame is always the same bytes."""
+"""Declarations of all messages except stop_all, because its frame is always the same bytes."""
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,10 @@ def adapter(generated: Generated) -> Adapter:
 
 @pytest.fixture(scope="module", params=COMPILERS)
 def each_adapter(request: pytest.FixtureRequest, generated: Generated) -> Adapter:
-    """Sanitized by each compiler; clang's with the unit's model, the others with the big table."""
+    """Return the adapter by each compiler, with sanitizers.
+
+    Clang builds it with the firmware's options, and the other compilers with the large CRC table.
+    """
     name: str = request.param
     flags = UNIT if name == "clang" else ("-O2", "-DSP_CRC_FULL_TABLE")
     made = compiler(name)
@@ -65,7 +68,7 @@ def vectors(name: str) -> list[dict[str, Any]]:
 
 
 def raw_words(vector: dict[str, Any]) -> dict[str, str]:
-    """Return raw values by name in the adapter's words."""
+    """Return the raw values by name, in the adapter's text format."""
     spec = CATALOGUE.by_name[vector["message"]]
     kinds = {f.name: f.wire for f in spec.fields}
     return {
@@ -94,7 +97,7 @@ def test_c_reads_every_intact_vector(each_adapter: Adapter) -> None:
         assert printed[6] == (vector["payload"] or "-"), vector["name"]
         values = dict(word.split("=") for word in printed[7:])
         expected = raw_words(vector)
-        if vector.get("decode_only"):  # the invalid text is shown unchanged
+        if vector.get("decode_only"):  # the adapter shows an invalid text unchanged
             text = CATALOGUE.by_name[vector["message"]].text_field
             assert text is not None
             size = CATALOGUE.by_name[vector["message"]].layout.size
@@ -128,7 +131,7 @@ def test_c_gives_the_vectors_si_values(adapter: Adapter) -> None:
         for name, wanted in vector["si"].items():
             value, back = values[name].split(":")
             raw = vector["raw"][fields[name].name]
-            if wanted is None:  # C shows the sentinel's number: the caller must compare first
+            if wanted is None:  # C shows the number that means "no value"; the caller must compare
                 assert raw == fields[name].none
                 continue
             assert float(value) == pytest.approx(wanted, rel=1e-5, abs=1e-7), name
@@ -139,7 +142,7 @@ def test_c_rejects_every_damaged_vector(each_adapter: Adapter) -> None:
     for vector in vectors("damaged"):
         (line, *_) = each_adapter.ask("decode", [vector["hex"]])
         if "damage" in vector:
-            end = vector["offset"] + vector["length"] + 1  # its delimiter
+            end = vector["offset"] + vector["length"] + 1  # end of the frame with its delimiter
             assert line == f"{vector['damage']} {end}", vector["name"]
             continue
         event, _, *printed = line.split()

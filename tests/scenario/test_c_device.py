@@ -1,4 +1,4 @@
-"""The example device, compiled unchanged, as the peer of the host's session."""
+"""The example device in C, compiled unchanged, connected to the host's session."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ _HEAD, _DRIVE, _TAKE = struct.Struct("=H"), struct.Struct("=ff"), struct.Struct(
 
 
 class Device:
-    """The program in a separate process, in the time that the test gives."""
+    """The example program in a separate process; the test sets its time."""
 
     def __init__(self, program: Path) -> None:
         self._process = subprocess.Popen(
             [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
         self.drive = (0.0, 0.0)
-        """Forward speed and yaw rate that the wheels receive."""
+        """Forward speed (m/s) and yaw rate (rad/s) that the wheels receive."""
         assert self._receive() == b""
 
     def turn(self, now_us: int, data: bytes) -> bytes:
-        """Pass bytes at a time; return what the device has written."""
+        """Pass the time and received bytes; return the bytes that the device has written."""
         stdin = self._process.stdin
         assert stdin is not None
         stdin.write(_TAKE.pack(now_us & 0xFFFF_FFFF, len(data)) + data)

@@ -1,4 +1,4 @@
-"""The example device, built as its page describes, accepted by the command that users run."""
+"""The example device, built as its page describes: `sweepctl connect` accepts it."""
 
 from __future__ import annotations
 

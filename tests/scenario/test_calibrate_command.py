@@ -1,4 +1,4 @@
-"""``sweepctl calibrate`` as users run it: results shown, confirmed, written to file and device."""
+"""``sweepctl calibrate`` as users run it: results shown, confirmed, and written."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_the_gyros_bias_goes_to_file_and_device(
 def test_a_range_sensor_against_a_tape(
     served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The wall is 2.88 m from the sensor; a tape that reads 2.85 gives -3 cm."""
+    """The wall is 2.88 m from the sensor. A tape measure shows 2.85 m, so the offset is -3 cm."""
     file = tmp_path / "new.toml"
     asked = ("range", served.port, "--sensor", "ultrasonic", "--at", "2.85", "--robot", file)
     done = calibrate(monkeypatch, "y\ny\n", *asked, "--json")
@@ -89,7 +89,7 @@ def test_a_range_sensor_against_a_tape(
 
 
 def test_a_calibrated_device_sends_corrected_ranges() -> None:
-    """The device sends 0.9 times 2.88 m plus 5 cm, also after a boot.
+    """The device sends 0.9 times 2.88 m plus 5 cm, before and after a reboot.
 
     The run is in virtual time.
     """
@@ -108,7 +108,7 @@ def test_a_calibrated_device_sends_corrected_ranges() -> None:
 
 
 def test_no_square_is_driven_without_a_yes(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    done = calibrate(monkeypatch, "", "odometry", served.port)  # the input ends: no
+    done = calibrate(monkeypatch, "", "odometry", served.port)  # the end of the input means no
     assert done.status == 1
     assert "nothing was driven" in done.err
     assert served.device.truth.path_m == 0.0
@@ -118,7 +118,7 @@ def test_no_square_is_driven_without_a_yes(served: Served, monkeypatch: pytest.M
 def test_a_refuted_result_is_never_written(
     served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuted: str | None
 ) -> None:
-    """``test_calibrate_squares`` tests the driving itself, in virtual time."""
+    """The result fails its verification. ``test_calibrate_squares`` tests the driving itself."""
     still = Benchmark((0.0, 0.0), (0.0, 0.0))
     correction = Correction(1.01, 1.02, 0.0, 0.0)
     model = correction.applied_to(RobotModel())

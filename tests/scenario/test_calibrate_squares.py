@@ -1,4 +1,4 @@
-"""UMBmark on the emulated device: it finds deliberate errors within 0.1 %."""
+"""UMBmark on the emulated device: it finds deliberate errors with an accuracy of 0.1 %."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MODEL = RobotModel()
 
 
 class ByTruth:
-    """Measures with the plant's own pose."""
+    """Replaces the person's measurement by the plant's true pose."""
 
     def __init__(self, device: VirtualSweeper) -> None:
         self._device = device
@@ -44,7 +44,7 @@ class ByTruth:
 
 
 def wrong_wheels(monkeypatch: pytest.MonkeyPatch, seed: int, noise: NoiseLevel) -> VirtualSweeper:
-    """Return a device whose wheels and base were drawn within wide tolerances."""
+    """Return a device with random wheel diameters and wheelbase, from wide tolerances."""
     monkeypatch.setattr(device_module, "noise_level", lambda _name: noise)
     return VirtualSweeper(PLAN, MODEL, seed=seed)
 
@@ -72,7 +72,7 @@ def test_ratio_base_and_diameter_are_recovered(monkeypatch: pytest.MonkeyPatch) 
     assert found.model.wheel_diameter_m == pytest.approx(mean_m, rel=1e-3)
     assert found.before.worst_m > 0.02
     assert found.after.worst_m < 0.1 * found.before.worst_m
-    assert found.verified is not None  # driven and measured again
+    assert found.verified is not None  # the corrected squares were driven and measured too
     assert found.verified.worst_m < 0.1 * found.before.worst_m
     assert found.refuted is None
     assert device.firmware.latch.cause is StopCause.SESSION_END

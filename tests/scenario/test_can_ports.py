@@ -43,14 +43,14 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 DRIVES_S = 1.5
-"""Duration of a drive, s: longer than 0.2 m take."""
+"""Duration of a drive, s: more than a path of 0.2 m needs."""
 FRAME = RECORD.pack(0x121, 3, b"abc")
 DGRAM = socket.SOCK_DGRAM
 
 
 @contextmanager
 def device_on(port: str, node: int = 1) -> Iterator[None]:
-    """Run a virtual sweeper in a thread, in real time, on its own end of a bus."""
+    """Run a virtual sweeper in a thread, in real time, on its own connection to a bus."""
     device, end = sweeper(node=node, link=CanLink), threading.Event()
     bus = CanPort(port)
 
@@ -74,7 +74,7 @@ def device_on(port: str, node: int = 1) -> Iterator[None]:
 
 
 def drive_a_little(port: str) -> None:
-    """Use the public API: agree, receive every sensor, drive, stop."""
+    """Use the public API: complete the handshake, receive every sensor's data, drive, stop."""
     with bridge.open(port) as robot:
         until(lambda: robot.imu.latest is not None)
         until(lambda: robot.range.latest is not None)

@@ -107,13 +107,13 @@ def test_measured_load_at_default_rates_is_below_thirty_percent_and_as_computed(
 
     drive_at = [0]
     host.each_turn = drive
-    ends.run(6.0)  # past the quick pings
+    ends.run(6.0)  # after the first pings, which are more frequent
     bits, frames, began_us = ends.bus.bits, len(ends.bus.log), ends.now_us
     ends.run(10.0)
     seconds = (ends.now_us - began_us) / 1e6
     load = (ends.bus.bits - bits) / seconds / BITRATE
-    unsent = {"wheel_duty", "planner_state", "log_text"}  # not sent by this pair now
-    quick = {"time_request", "time_reply"}  # four a second now, ten at first
+    unsent = {"wheel_duty", "planner_state", "log_text"}  # neither end sends them in this test
+    quick = {"time_request", "time_reply"}  # four per second now, ten per second at first
     rows = loads()
     shares = [(row, 0.4 if row.name in quick else 1.0) for row in rows if row.name not in unsent]
     nominal = sum(row.bits_per_s * share for row, share in shares) / BITRATE

@@ -1,4 +1,4 @@
-"""A share of the campaign over changes of the world; the whole is ``campaign.changes``."""
+"""A small part of the campaign over changes of the world; ``campaign.changes`` runs all of it."""
 
 from __future__ import annotations
 

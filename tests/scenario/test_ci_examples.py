@@ -27,7 +27,7 @@ PAGE = ROOT / "docs" / "ci.md"
 
 
 def with_sweepctl(folder: Path) -> dict[str, str]:
-    """Return an environment in which ``sweepctl`` and ``python`` are those of this tree."""
+    """Return an environment whose ``sweepctl`` and ``python`` are those of this source tree."""
     binaries = folder / "bin"
     binaries.mkdir()
     command = binaries / "sweepctl"
@@ -54,7 +54,7 @@ def test_the_script_runs_as_it_stands(tmp_path: Path) -> None:
     assert summary["outcome"] == "stopped"
     assert summary["wire"]["crc_errors"] == 0
     assert sorted(p.name for p in out.iterdir()) == ["run.json", "run.mcap"]
-    runtime = tmp_path / f"sweepctl-{os.getuid()}"  # the user's folder for sockets stays, empty
+    runtime = tmp_path / f"sweepctl-{os.getuid()}"  # the user's socket folder must be empty
     assert not runtime.exists() or not list(runtime.iterdir())
     left = {p.name for p in tmp_path.iterdir()}
     assert left <= {"bin", "out", runtime.name}, f"left behind: {left}"
@@ -95,7 +95,7 @@ def test_the_users_test_passes(tmp_path: Path) -> None:
 
 
 def steps_of(text: str) -> list[dict[str, Any]]:
-    """Return the steps of the one job, parsed by indentation, without a YAML library."""
+    """Return the steps of the only job, parsed by indentation without a YAML library."""
     steps: list[dict[str, Any]] = []
     body = text[text.index("    steps:\n") + len("    steps:\n") :]
     for block in re.split(r"^      - ", body, flags=re.MULTILINE)[1:]:
@@ -118,7 +118,7 @@ def steps_of(text: str) -> list[dict[str, Any]]:
 
 
 def commands(lines: str, name: str) -> list[list[str]]:
-    """Return the words of every command line that begins with ``name``, without redirections."""
+    """Return the words of each command line that starts with ``name``, without redirections."""
     joined = lines.replace("\\\n", " ")
     found = [shlex.split(line, comments=True) for line in joined.splitlines() if name in line]
     cut = []

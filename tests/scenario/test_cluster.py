@@ -43,7 +43,7 @@ def two_workers() -> Iterator[Cluster]:
 
 @pytest.fixture(scope="module", name="local")
 def local_rows(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
-    """The same runs in this process."""
+    """Return the rows of the same runs, computed in this process."""
     store = Store(tmp_path_factory.mktemp("local"), code_version(["paper", "u-shape"]))
     for trial in grid_trials(["case-1"], ["paper", "u-shape"], ["typical"], range(6), 8.0):
         store.add(trial, run_trial(trial))
@@ -63,7 +63,7 @@ def wait_for_lines(out: Path, count: int, process: subprocess.Popen[str]) -> Non
 
 
 def check_dataset(out: Path) -> None:
-    """Each result is in the dataset once, with the same values."""
+    """Check that each result is in the dataset exactly once, with equal values."""
     table = pq.read_table(out / FOLDER).to_pylist()
     expected = rows(out)
     assert sorted(row["key"] for row in table) == [row["key"] for row in expected]
@@ -108,7 +108,7 @@ def test_an_interrupted_campaign_continues(
 
 
 def test_files_of_this_machine_are_sent_to_the_workers(tmp_path: Path, cluster: Cluster) -> None:
-    """The workers run in another folder, and the files are renamed before they run."""
+    """Workers use another folder, and the files are renamed before the runs start."""
     room, robot = tmp_path / "own.json", tmp_path / "small.toml"
     room.write_text('{"walls": [[0, 0], [3, 0], [3, 2], [0, 2]], "start": [1, 1, 0]}')
     robot.write_text("robot_diameter_m = 0.26\ncleaning_width_m = 0.13\nwheel_base_m = 0.19\n")

@@ -1,4 +1,4 @@
-"""The device conformance suite, as users run it, on sound and on defective devices."""
+"""The device conformance suite as users run it, on correct and on defective devices."""
 
 from __future__ import annotations
 
@@ -63,20 +63,20 @@ FOUND_BY = {
     "obeysearliersessions": {"test_a_command_of_an_earlier_session_is_not_obeyed"},
     "weakensunsignedstop": {"test_a_stop_needs_no_tag"},
 }
-"""Checks that must find each defect."""
+"""Checks that must fail for each defect."""
 IN_STATE = {
     "atcliff": "test_at_a_cliff_it_does_not_go_ahead",
     "pressed": "test_with_a_bumper_pressed_it_creeps",
     "crashed": "test_a_crash_comes_with_its_record",
     "keyed": "test_a_signed_command_is_obeyed",
 }
-"""Check that needs the state of each sound device."""
+"""Check that applies only in the state of each of these devices, which have no defect."""
 SOUND = (
     "test_hello_identifies_the_device",
     "test_an_answer_names_the_command",
     "test_lone_zeros_are_no_error",
 )
-"""Checks that each sound device passes."""
+"""Checks that must pass on each device without a defect."""
 
 
 class Outcome(NamedTuple):
@@ -112,7 +112,7 @@ def conformance(folder: Path, *arguments: str) -> Outcome:
 
 @pytest.fixture(scope="module", name="runs")
 def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future[Outcome]]]:
-    """Run some defects at a time, because they mostly wait."""
+    """Run the suite on several devices in parallel, because the checks mostly wait."""
     names = ["sound", *FOUND_BY, *IN_STATE]
     key_file = tmp_path_factory.mktemp("key") / "robot.key"
     key_file.touch(mode=0o600)

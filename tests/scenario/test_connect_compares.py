@@ -1,4 +1,4 @@
-"""Checks of ``connect`` at its start: other values on the device, a robot placed elsewhere."""
+"""Checks at the start of ``connect``: other parameters on the device, a robot at another place."""
 
 from __future__ import annotations
 

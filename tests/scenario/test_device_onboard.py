@@ -44,7 +44,7 @@ def phase(host: WireHost[VirtualSweeper]) -> PlannerPhase:
 
 
 def driving() -> WireHost[VirtualSweeper]:
-    """Return a running plan in the middle of a wide floor: the first lane."""
+    """Return a host whose device drives the first lane, in the middle of a wide floor."""
     host = WireHost(sweeper())
     host.start_plan()
     host.run(AT_REST_US / 1e6 + 2.0)
@@ -100,7 +100,7 @@ def test_it_rests_first_and_then_drives_from_its_own_origin() -> None:
     host.run(3.2)
     assert phase(host) is PlannerPhase.LANE
     state = host.last(PlannerState)
-    # It stands at (10, 10) in the room; the origin of its own frame is its start.
+    # The robot starts at (10, 10) in the room. The origin of its own frame is this start.
     assert state.target_x_m == pytest.approx(host.device.truth.path_m, abs=0.06)
     assert abs(state.target_y_m) < 0.02
     assert host.status.setpoint_remaining == 0, "nobody's setpoints move it"

@@ -1,4 +1,4 @@
-"""docs/extending.md, followed exactly on a copy of the source."""
+"""The instructions of docs/extending.md, executed exactly on a copy of the source."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Edit(NamedTuple):
 
 
 def steps(text: str) -> list[Edit | str]:
-    """Return the page's instructions in order: edits, and lines for the shell."""
+    """Return the page's instructions in order: edits of files, and shell commands."""
     found: list[tuple[int, Edit | str]] = [
         (m.start(), Edit(m["file"], m["how"], m["anchor"], m["code"])) for m in _EDIT.finditer(text)
     ]
@@ -83,13 +83,13 @@ def run(line: str, tree: Path) -> str:
         text=True,
         check=False,
     )
-    assert done.returncode in {0, 1}, done.stderr  # 1: a run that its --max-time has ended
+    assert done.returncode in {0, 1}, done.stderr  # 1: --max-time ended the run
     assert "Traceback" not in done.stderr, done.stderr
     return done.stdout + done.stderr
 
 
 def dust_of_the_core(program: Path, seconds: int) -> list[tuple[int, bytes]]:
-    """Run the built firmware for some seconds; stamp (µs) and payload of each dust message."""
+    """Run the firmware for some seconds; return stamp (µs) and payload of each dust message."""
     writer = Writer()
     writer.begin()
     for _ in range(seconds):
@@ -112,7 +112,7 @@ def test_the_page_can_be_followed(tree: Path) -> None:
     assert printed[0].strip() == "[]", "the catalogue's lint has nothing to say"
     assert "/device/dust" in printed[2], "it is in the log"
     messages = plain_messages(tree / "dust.mcap", "/device/dust")
-    # 2 Hz over the drive's 4 s and the 2.5 s of rest before it
+    # 2 Hz during the drive of 4 s and the 2.5 s of rest before it
     assert len(messages) == pytest.approx(2 * 6.5, abs=2)
     core = dust_of_the_core(tree / "sim_device" / "firmware" / "build" / "script_host", 10)
     assert len(core) == pytest.approx(2 * 10, abs=1)

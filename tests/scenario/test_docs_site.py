@@ -1,4 +1,4 @@
-"""The documentation site builds without a warning, and a broken link fails."""
+"""The documentation site builds without a warning, and a broken link is an error."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PAGES = (
 
 
 def build(docs: Path, out: Path) -> subprocess.CompletedProcess[str]:
-    """Build as `make docs` does, but without writing pages; links are checked all the same."""
+    """Build as `make docs` does, with the check of links, but without writing pages."""
     return subprocess.run(
         [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "dummy", docs, out],
         capture_output=True,

@@ -31,7 +31,7 @@ def served() -> Iterator[Served]:
 
 
 def latched(served: Served) -> int:
-    """Return the cause that the device itself has latched."""
+    """Return the stop cause that the device has latched."""
     return int(served.device.firmware.latch.cause)
 
 
@@ -47,8 +47,8 @@ def test_a_tap_drives_a_little_and_space_stops(served: Served, tmp_path: Path) -
         terminal.press(UP)
         until(lambda: served.device.truth.path_m > 0.02)
         assert served.device.truth.v_m_s < 0.13
-        until(lambda: rests(served))  # by itself
-        # 0.7 s at 0.1 m/s, the ramps, and what a busy machine adds to a repeated setpoint
+        until(lambda: rests(served))  # the robot stops without a command
+        # 0.7 s at 0.1 m/s, the ramps, and the delay of a setpoint on a busy machine
         assert 0.03 < served.device.truth.path_m < 0.15
         assert latched(served) == StopCause.NONE, "letting go is no stop"
         terminal.press(b"m")
@@ -95,7 +95,7 @@ def test_a_held_key_or_stick_drives_until_its_release(served: Served, tmp_path: 
         os.write(keeper, pad_event(1, 4, 0))  # the pad's dead-man button is released
         until(lambda: rests(served))
         assert latched(served) == StopCause.NONE
-        terminal.press(b"\x1b[99;5u")  # Ctrl-C in this protocol
+        terminal.press(b"\x1b[99;5u")  # Ctrl-C in the kitty keyboard protocol
         assert terminal.end() == 0
         assert b"\x1b[>11u" in terminal.drawn
         assert terminal.drawn.count(b"\x1b[<u") == 1, "the terminal is put back"
@@ -127,7 +127,7 @@ def test_connect_shows_and_starts_only_when_asked_twice(served: Served, tmp_path
 def test_the_viewers_address_is_shown_during_the_run(served: Served, tmp_path: Path) -> None:
     with OnTerminal("connect", served.port, "--serve", cwd=tmp_path) as terminal:
         terminal.shows("run waiting")
-        _, picture = terminal.drawn.split(b"\x1b[?1049h", 1)  # on the alternate screen
+        _, picture = terminal.drawn.split(b"\x1b[?1049h", 1)  # alternate screen
         for part in ("port", served.port, "elapsed", "viewer", "http://127.0.0.1:", "log", "runs/"):
             assert part.encode() in picture, part
         terminal.press(b"s")

@@ -1,4 +1,4 @@
-"""``emulate`` as real processes: its links, its names in the file system, and its end."""
+"""``emulate`` as a real process: its links, the names of its ports, and its end."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ pytestmark = pytest.mark.realtime
 
 
 def read_all(client: socket.socket) -> bytes:
-    """Read until the other side closes."""
+    """Read until the other end closes."""
     client.settimeout(PATIENCE_S)
     data = b""
     while more := client.recv(4096):
@@ -47,7 +47,7 @@ def read_all(client: socket.socket) -> bytes:
 
 @contextmanager
 def talking(client: socket.socket) -> Iterator[None]:
-    """Ask for the device's time four times a second, as a host does at least once."""
+    """Request the device's time four times a second; a host does it at least once a second."""
     over, link = threading.Event(), Link(Direction.HOST)
 
     def talk() -> None:
@@ -85,7 +85,7 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path, target: str) -> N
             assert first.recv(100), "the first hears the device all the same"
         device.prints("has left")
         how = ("--json", "--out", "run.mcap", "--adapter-delay", "500,500")
-        ended = connect(tmp_path, device.port, "--duration", "1", *how)  # it listens again
+        ended = connect(tmp_path, device.port, "--duration", "1", *how)  # a new client
         assert ended.status == 0, ended.err
         assert "reduce --adapter-delay" in ended.err
         assert ended.json["wire"]["frames"]["rx"] > 50
@@ -101,7 +101,8 @@ def tcp_a_stop_beside_the_host(tmp_path: Path, target: str) -> None:
         how = ("--plan", "paper", "--json", "--out", "run.mcap")
         with Command("connect", device.port, *how, cwd=tmp_path) as host:
             host.prints("run is driving")
-            # As from another machine: here `stop` would ask the process that has the port.
+            # Use the port directly, as from another machine. On this machine, `stop` would send its
+            # request to the process that owns the port.
             assert stop_device(device.port, partial(open_port, device.port)) == [1]
             ended = host.end()
         device.prints("stops the robot")

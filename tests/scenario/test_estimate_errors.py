@@ -1,9 +1,10 @@
-"""Consistency of the host's covariance among walls: whole stack, both noise levels.
+"""Consistency of the host's covariance near walls: whole stack, both noise levels.
 
-Ten whole runs a level, of which each counts as one value, because its samples are correlated. The
-mean NEES of (x, y, yaw) varies by about 1.1 between runs, so the mean of ten is known to 0.35. The
-bounds are half and one and a half times the ideal value: a covariance three times too large or too
-small exceeds them. `python -m bench.consistency` measures larger rooms.
+For each noise level there are ten whole runs. Each run counts as one value, because its samples are
+correlated. The mean NEES of (x, y, yaw) varies by about 1.1 between runs, so the mean of ten runs
+has a standard error of 0.35. The bounds are half and one and a half times the ideal value: a
+covariance three times too large or too small exceeds them. `python -m bench.consistency` measures
+larger rooms.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ from support.sim_body import box, room
 pytestmark = pytest.mark.slow
 
 ROOM = room((0.3, 0.3, 0.0), walls=box(0.0, 0.0, 1.7, 1.4), obstacles=(box(0.85, 0.65, 1.2, 1.0),))
-"""A room that takes about two minutes: perimeter, lanes and a box to go round."""
+"""Room that takes about two minutes: perimeter, lanes, and a box that the robot passes around."""
 RUNS = 10
 LEVELS = ("typical", "harsh")
 
 
 @functools.cache
 def reported(noise: str, seed: int) -> tuple[Reported, ...]:
-    """Return one run, driven once for all callers."""
+    """Return the errors of one run, which is driven once for all callers."""
     return tuple(estimate_errors(ROOM, noise, seed, every_s=5.0))
 
 
@@ -57,11 +58,11 @@ def test_the_covariance_among_walls_is_right_within_a_factor_of_two(noise: str) 
     assert share_inside(runs) > 0.85, "95 % should lie in the ellipse of 95 %"
 
 
-# ---- the measure itself ------------------------------------------------------------------
+# ---- tests of the measure itself ----------------------------------------------------------
 
 
 def drawn(factor: float) -> list[list[Reported]]:
-    """Return errors drawn from a covariance, reported ``factor`` times as large."""
+    """Return errors drawn from a covariance; the reported covariance is ``factor`` times larger."""
     rng = np.random.default_rng(5)
     mix = np.array([[0.02, 0.0, 0.0], [0.005, 0.01, 0.0], [0.001, -0.002, 0.006]])
     true = mix @ mix.T
@@ -80,17 +81,18 @@ def test_errors_of_the_very_covariance_have_a_nees_of_3() -> None:
 
 
 def test_the_interval_is_the_runs_own_spread() -> None:
-    """The interval uses Student's t of 3 (3.182) and a standard deviation of 1.291 over two."""
+    """The interval is Student's t for 3 degrees of freedom (3.182) times 1.291 / √4."""
     assert average([1.0, 2.0, 3.0, 4.0]) == pytest.approx((2.5, 3.182 * 1.291 / 2.0), abs=1e-3)
 
 
 def test_the_truth_has_the_time_of_the_sample() -> None:
-    """Without noise 3 mm and 0.6° remain. A truth 20 ms late would add 1.5 mm, and 2° in a turn."""
+    """Without noise 3 mm and 0.6° remain. A truth 20 ms too late adds 1.5 mm, and 2° in a turn."""
     run = estimate_errors(ROOM, "none", 1, every_s=0.5)
     off = np.abs([t.error for t in run])
     assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.003
     assert np.degrees(off[:, 2].max()) < 0.8
-    # the spread that turns and lanes cause, without the slow drift: 20 ms late is 1.7°
+    # This is the spread that turns and lanes cause, without the slow drift. A truth 20 ms too late
+    # has 1.7°.
     yaw = np.array([t.error[2] for t in run])
     drift = [np.median(yaw[max(k - 5, 0) : k + 6]) for k in range(len(yaw))]
     assert np.degrees(np.percentile(np.abs(yaw - drift), 95)) < 0.5

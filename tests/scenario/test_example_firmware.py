@@ -1,4 +1,4 @@
-"""examples/firmware: built and tested as a user does, on a copy."""
+"""examples/firmware, built and tested on a copy as a user does."""
 
 from __future__ import annotations
 

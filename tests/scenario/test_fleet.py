@@ -1,4 +1,4 @@
-"""Four robots at once: one is killed, one is unplugged, and one STOP is for all."""
+"""Four robots at once: one is killed, one is unplugged, and one STOP stops all."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def wait_for(terminal: OnTerminal, condition: Callable[[list[str]], bool]) -> li
 
 
 def row(lines: list[str], name: str) -> str:
-    """Row of a robot in the table."""
+    """Return the row of a robot in the table."""
     found = [line for line in lines if line.startswith(f"│ {name} ")]
     return found[0] if found else ""
 
@@ -108,7 +108,7 @@ def test_a_stop_that_every_robot_confirms_is_reported(tmp_path: Path) -> None:
 
 
 def wait_for_plan(fleet: Command, port: str) -> None:
-    """Wait until the planner of a robot has decided something."""
+    """Wait until the planner of a robot has made its first decision."""
     line = re.compile(rf"^{re.escape(port)}: +[\d.]+  planner: ", re.MULTILINE)
     until(lambda: line.search(fleet.printed), what=f"a decision of the planner on {port}")
 
@@ -155,7 +155,7 @@ def test_a_robot_whose_process_is_killed_is_stopped_and_the_other_goes_on(tmp_pa
 
 
 def child_of(pid: int, port: str) -> int:
-    """Process of a robot, by its command line."""
+    """Return the process of a robot, found by its command line."""
     for task in Path("/proc").iterdir():
         try:
             parent = int((task / "stat").read_text("utf-8").rpartition(")")[2].split()[1])

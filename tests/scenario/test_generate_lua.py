@@ -1,4 +1,4 @@
-"""The Wireshark dissector on the serial line, by tshark's output for captures."""
+"""The Wireshark dissector for the serial line, tested by tshark's output for captures."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_intact_vectors_show_every_field(dissect: Dissect) -> None:
 
 
 def check_vector_values(vector: Vector, frame: Seen) -> None:
-    """Compare a frame with the vector's own numbers, without the catalogue."""
+    """Compare a frame with the numbers in the vector, without the catalogue."""
     message = vector["message"]
     for name, raw in vector["raw"].items():
         shown = frame.get(f"{message}.{name}.raw") or frame.get(f"{message}.{name}")
@@ -80,7 +80,7 @@ def check_vector_values(vector: Vector, frame: Seen) -> None:
             assert int(shown, 0) == raw, (vector["name"], name)
         elif name == "uid":
             assert (shown or "").replace(":", "") == raw
-        elif "\0" not in raw:  # a display string ends there
+        elif "\0" not in raw:  # a NUL ends a displayed string
             assert (shown or "") == raw, (vector["name"], name)
     for name, value in vector["si"].items():
         field = max((f for f in vector["raw"] if name.startswith(f)), key=len)
@@ -129,10 +129,10 @@ def test_a_signed_setpoint_shows_its_counter_and_tag(dissect: Dissect) -> None:
     frame, bare = dissect(USER0, [Packet(wire), Packet(encode_frame(1, 2, 0, 0, bytes(6), 1)[:-1])])
     assert frame.number("flags.authenticated") == 1
     assert frame.number("velocity_setpoint.v.raw") == 2000
-    assert frame.number("auth.counter") == 0  # after the challenge's, which was the last
+    assert frame.number("auth.counter") == 0  # the challenge's was the largest 32-bit value
     assert len((frame.get("auth.tag") or "").replace(":", "")) == 16
     assert (frame.get("undeclared"), frame.experts) == (None, set())
-    # A frame that is marked as signed but has no tag is reported.
+    # The dissector reports a frame that is marked as signed but has no tag.
     assert (bare.get("auth.tag"), bare.experts) == (None, {"no_tag"})
 
 

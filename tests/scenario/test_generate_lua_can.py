@@ -1,4 +1,4 @@
-"""The Wireshark dissector on CAN, by tshark's output for captures."""
+"""The Wireshark dissector for CAN, tested by tshark's output for captures."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_messages_over_can_show_every_field(dissect: Dissect) -> None:
     for number, (spec, message) in enumerate(made):
         node, t_us = rng.randrange(1, 16), rng.randrange(1 << 32)
         frames = sent_over_can(message, spec.direction, node, t_us)
-        # apart, so that equal frames are no duplicates
+        # The packets are far apart in time, so that equal frames are no duplicates.
         packets += can_packets(frames, number * 2_000_000)
         plan.append((spec, message, node, t_us, len(frames)))
     seen = iter(dissect(SOCKETCAN, packets))
@@ -91,7 +91,7 @@ def check_native(group: list[Seen], spec: MessageSpec, message: Message, t_us: i
         for field, value in zip(spec.fields, message, strict=True):
             if field.can_part != part:
                 assert seen.get(f"{spec.name}.{field.name}") is None
-            elif spec.name != "sync":  # the link writes its own count
+            elif spec.name != "sync":  # the link itself writes the count of sync
                 assert_field(seen, spec, field, value)
 
 

@@ -1,4 +1,4 @@
-"""Every command that reads logs, on malicious files, with bounded memory."""
+"""Every command that reads logs, on malicious files, with limited memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DOCUMENTED = {0, 1, 2, 3, 4}
 
 
 SAMPLE = 1
-"""Number of files of each group in `make test`; `make nightly` uses all."""
+"""Number of files of each group in `make test`; `make nightly` uses all files."""
 
 
 @pytest.mark.timeout(600)

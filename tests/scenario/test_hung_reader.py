@@ -74,10 +74,10 @@ def unread(
 
 
 def under_way(port: str, path_m: float) -> None:
-    """Wait until the run on this port has driven this path."""
+    """Wait until the run on this port has driven a path of this length."""
 
     def has_driven() -> bool:
-        with suppress(Exception):  # it does not exist yet
+        with suppress(Exception):  # the owner's socket does not exist yet
             return bool(ask(port, {"do": "status"})["status"]["path_m"] > path_m)
         return False
 
@@ -85,7 +85,7 @@ def under_way(port: str, path_m: float) -> None:
 
 
 def whole(log: Path) -> dict[str, Any]:
-    """Return the output of ``info`` on a cleanly closed log."""
+    """Return the output of ``info``; the log must be complete."""
     found = sweepctl("info", log, "--json").json
     assert found["whole"]
     return found
@@ -97,7 +97,7 @@ def test_a_full_pipe_holds_up_neither_the_run_nor_a_stop(served: Served, tmp_pat
         *("connect", served.port, "--plan", "paper", "--json", "--out", log), cwd=tmp_path
     ) as process:
         under_way(served.port, 0.1)
-        under_way(served.port, 0.2)  # it drives on, so setpoints are still sent
+        under_way(served.port, 0.2)  # the robot still drives, so setpoints are sent
         stopped = sweepctl("stop", served.port)
         assert stopped.status == 0, stopped.err
         out, _ = process.communicate(timeout=PATIENCE_S)
@@ -136,7 +136,8 @@ def test_other_commands_end_with_their_status(served: Served, tmp_path: Path) ->
 
 
 def test_an_emulator_serves_on_and_ends(tmp_path: Path) -> None:
-    # A name of its own: while it is unplugged, another emulator may get its number.
+    # The port has its own name, because another emulator may get the pty's number during the
+    # unplugging.
     link = tmp_path / "robot"
     fault = ("--fault", "unplug@1:0.5")
     with unread("emulate", "case-1", "--pty-link", link, *fault, cwd=tmp_path) as emulator:

@@ -1,4 +1,4 @@
-"""A device whose IMU has another scale than the catalogue's: correct SI values everywhere."""
+"""A device with another IMU scale than in the catalogue: SI values must be correct everywhere."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_counts_of_no_worth_change_no_scale() -> None:
 
 
 def spun(config: ImuConfig) -> tuple[Ends, Collector]:
-    """Return host and device after some turns on the spot."""
+    """Return host and device after some turns in place."""
     sink = Collector()
     device = VirtualSweeper(OPEN_FLOOR, seed=1, noise="none", imu=config)
     ends = Ends(HostEnd(spinning_host(sink)), device)
@@ -95,7 +95,7 @@ def test_a_run_with_another_scale_is_as_good(tmp_path: Path) -> None:
 
 
 def test_a_log_gives_no_si_values_before_the_scale(tmp_path: Path) -> None:
-    """After the scale, the log has values of the newest scale."""
+    """After the device has sent its scale, the log has SI values by the newest scale."""
     other = OTHER.scale.info()
     sample = Imu(100, 0, 8192, 0, 0, 0, 655)
     messages = [sample, other, sample, NOMINAL.info(), sample]

@@ -1,4 +1,4 @@
-"""Authentication in the C firmware: known vectors, comparison with Python, and sessions."""
+"""Authentication in the C firmware: published vectors, comparison with Python, and sessions."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def shown(data: bytes) -> str:
 
 @pytest.mark.parametrize(
     ("message", "digest"),
-    [  # NIST's examples for FIPS 180-4, and lengths around a block's end
+    [  # NIST's examples for FIPS 180-4, and lengths near the end of a block
         (b"abc", "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"),
         (b"", "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"),
         (
@@ -85,7 +85,7 @@ def test_sha_256(ask: Callable[[Sequence[str]], list[str]], message: bytes, dige
 
 @pytest.mark.parametrize(
     ("key", "message", "digest"),
-    [  # RFC 4231, test cases 1 to 4: those whose key is no longer than a block
+    [  # RFC 4231, test cases 1 to 4, whose keys fit into one block
         (
             b"\x0b" * 20,
             b"Hi There",
@@ -114,11 +114,11 @@ def test_hmac(
     assert ask([f"hmac {key.hex()} {message.hex()}"]) == [digest]
 
 
-# ---- against Python ------------------------------------------------------------------------
+# ---- comparison with Python -----------------------------------------------------------------
 
 
 def test_the_same_frames_are_taken(ask: Callable[[Sequence[str]], list[str]]) -> None:
-    """Frames are authentic, changed, replayed, reordered or of another session: UART and CAN."""
+    """Cases are valid, changed, replayed, reordered and foreign frames, on UART and CAN."""
     rng = random.Random(4)
     host, device = Authenticator(KEY), Authenticator(KEY)
     lines = ["key " + " ".join(f"{word:x}" for word in key_words(KEY))]

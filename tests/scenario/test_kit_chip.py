@@ -1,4 +1,4 @@
-"""The STM32F429's drivers on this computer, with registers that a test simulates."""
+"""The STM32F429 drivers, run on this computer with simulated registers."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ pytestmark = pytest.mark.needs("gcc")
 
 CHIP = KIT / "stm32f429"
 BOARDS = ("board_f429", "board_nucleo_f429zi")
-# The registers' addresses are constants, and DMA takes addresses of 32 bits. So program and heap
-# lie between the peripherals and the processor's own registers.
+# The addresses of the registers are constants, and DMA uses 32-bit addresses. So program and heap
+# must lie between the peripherals and the processor's own registers.
 PLACE = ("-no-pie", "-Wl,-Ttext-segment=0x60000000", "-Wno-int-to-pointer-cast")
 
 

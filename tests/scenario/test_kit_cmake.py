@@ -1,4 +1,4 @@
-"""The firmware as a library in a user's CMake project."""
+"""The firmware as a library in the CMake project of a user."""
 
 from __future__ import annotations
 

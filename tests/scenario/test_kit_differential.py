@@ -1,6 +1,6 @@
-"""The C firmware and the Python one on the same bytes, readings and times: equal, byte for byte.
+"""The C and the Python firmware on equal bytes, readings and times: equal output, byte for byte.
 
-Both implement the same specification. A difference is an error of one of them, or a gap in the
+Both implement one specification. A difference is an error in one of them, or a gap in the
 specification.
 """
 
@@ -23,7 +23,8 @@ from support.rigs import OPEN_FLOOR, Drive, rig
 pytestmark = pytest.mark.slow
 
 EXAMPLES = settings().max_examples // 2
-"""Number of examples, half of the profile's: 50, and 2500 in a search."""
+"""Number of examples, half of the Hypothesis profile's number: 50, or 2500 with the profile deep.
+"""
 
 
 @settings(max_examples=EXAMPLES)
@@ -44,7 +45,7 @@ def test_sessions_on_can(deeds: list[Any]) -> None:
     compare(write(deeds, can=True), can=True)
 
 
-# ---- recorded runs: the inputs of a closed loop, open loop through both ------------------------
+# ---- recorded runs: the inputs of a closed loop, replayed in open loop --------------------------
 
 
 @pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])
@@ -72,7 +73,8 @@ def test_a_recorded_clean(*, can: bool) -> None:
 def test_a_recorded_run_with_faults(
     faults: tuple[str, ...], *, can: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The model hands all frames over at once; with few mailboxes the core's follow in later calls.
+    # The model sends all frames at once. The core has few CAN mailboxes, so its frames follow in
+    # later calls.
     monkeypatch.setattr(line, "CONTROLLER_FRAMES", line.CAN_QUEUE)
     recording, device = recorded(OPEN_FLOOR, can=can)
     settings = LineSettings(0, 1_000, line.DEFAULT_BITRATE) if can else LineSettings()
@@ -84,7 +86,7 @@ def test_a_recorded_run_with_faults(
 
 
 def test_a_firmware_that_differs_is_found() -> None:
-    """A model that drives another robot: its duties differ, and so do its frames."""
+    """The model has another wheel diameter: its duties differ, and so do its frames."""
     recording, device = recorded(OPEN_FLOOR)
     Drive(rig(device=device), 0.2).run(4.0)
     other = replace(recording, model=replace(recording.model, wheel_diameter_m=0.07))

@@ -47,7 +47,7 @@ def test_interrupt_rings_and_the_line_s_queue(tmp_path: Path) -> None:
 def test_no_script_breaks_it(seed: int) -> None:
     """Scripts are sessions with changed, removed and duplicated bytes.
 
-    No sanitizer reports an error.
+    The sanitizers must not report an error.
     """
     rng = random.Random(seed)
     writer = Writer(can=seed % 3 == 0)
@@ -67,7 +67,7 @@ def test_no_script_breaks_it(seed: int) -> None:
 
 
 def _short_steps(data: bytes) -> bytes:
-    """Limit each step of a changed script to a quarter of a second; it could last an hour."""
+    """Limit each step of a changed script to 0.25 s, because a changed time may be an hour."""
     short = bytearray(data)
     for at in range(len(short) - 5):
         if short[at] == ord("S"):
@@ -77,7 +77,7 @@ def _short_steps(data: bytes) -> bytes:
 
 
 def test_no_heap_and_no_other_library() -> None:
-    """The core calls only memory, string and single-precision functions."""
+    """The core calls only functions for memory, strings and single-precision numbers."""
     allowed = {
         *("math.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"),
         *(path.name for path in (KIT / "core").glob("*.h")),
@@ -99,7 +99,7 @@ def test_the_static_checkers_are_content() -> None:
 
 
 def test_connect_accepts_it_on_a_desk(tmp_path: Path) -> None:
-    """On a pseudo-terminal in real time, the handshake completes and nothing is lost."""
+    """On a pseudo-terminal in real time, the handshake succeeds and no frame is lost."""
     sources = [KIT / "core" / "main.c", KIT / "board_host" / "desk.c"]
     program = compile_kit(tmp_path / "desk", wire(tmp_path), sources)
     check_that_connect_accepts(program, tmp_path)

@@ -1,4 +1,4 @@
-"""The C firmware's own planner in the virtual robot: the paper's cases, compared with Python's."""
+"""The C firmware's planner in the virtual robot: the paper's cases, compared with Python."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def start(robot: KitRobot) -> None:
 
 
 def drive(robot: KitRobot, seconds: float) -> None:
-    """Run while the plan runs, with a host present."""
+    """Run while the plan is active; time requests keep the session open."""
     end_us = robot.now_us + round(seconds * 1e6)
     while robot.now_us < end_us and robot.reported.state == RUNNING:
         robot.inform(TimeRequest(0))

@@ -1,4 +1,4 @@
-"""A maker's stream, declared by a plug-in, sent by the C core: one function in a new file."""
+"""A stream of another maker, declared by a plug-in; one function in a new C file sends it."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def frames(program: Path, writer: Writer) -> list[ref.RefFrame]:
-    """Frames that the firmware sends on a script."""
+    """Return the frames that the firmware sends while it runs a script."""
     done = subprocess.run([program], input=script(writer.acts), capture_output=True, check=True)
     wrote = b"".join(step.wrote for step in read(done.stdout))
     return [frame for frame in ref.parse_stream(wrote) if isinstance(frame, ref.RefFrame)]
 
 
 def live(writer: Writer, seconds: int) -> None:
-    """Keep the session for some seconds."""
+    """Keep the session open for some seconds."""
     for _ in range(seconds):
         writer.wait(900_000)
         writer.inform(TimeRequest(1), after_us=100_000)

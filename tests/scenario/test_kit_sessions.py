@@ -1,4 +1,4 @@
-"""Both firmwares in rare cases of random sessions: every command in every mode, faults."""
+"""Both firmwares in rare cases of random sessions: every command in every state, and faults."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ WAYS: dict[int, list[Message]] = {
     RUNNING: [SetMode(0, Mode.ONBOARD), START],
     PAUSED: [SetMode(0, Mode.ONBOARD), START, PlannerCommand(0, PlannerAction.PAUSE, 0)],
 }
-"""Messages that lead from idle to each state."""
+"""Messages that lead from the idle state to each state."""
 COMMANDS: list[Message] = [
     *(ClearStop(0, cause) for cause in range(7)),
     *(SetMode(0, mode) for mode in range(5)),
@@ -87,7 +87,7 @@ class Numbered(Writer):
         self.inform(replaced(message, self._id))
 
     def go(self, state: int) -> None:
-        """Go from any state, perhaps latched, to a state."""
+        """Change from any state, possibly with a latched stop, to this state."""
         self.inform(HostHello(0, 7, Boot().boot_id, 1, "test"))
         self.command(Stop(0, StopCause.OPERATOR))
         for cause in (StopCause.OPERATOR, StopCause.HARDWARE):
@@ -128,9 +128,9 @@ def test_the_graver_of_two_stops_that_coincide_is_latched() -> None:
 
 
 def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
-    """The stranger's stop has a stamp of another clock.
+    """The stop of another host has a stamp of another clock.
 
-    The host clears it and drives on in its session.
+    The host clears this stop and drives on in its session.
     """
     writer = Writer()
     writer.begin()

@@ -1,4 +1,4 @@
-"""Failures that must end in a stop: an error in a run's loop, and two causes of a stop at once."""
+"""Failures that must end in a stop: an error in a run's loop, and two simultaneous stop causes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _emulated() -> Iterator[Emulated]:
 
 @pytest.fixture(name="steps")
 def _steps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Let the plan fail at its fiftieth control step; return the number of steps."""
+    """Raise an error in the planner at its fiftieth control step; return the number of steps."""
     whole, steps = PlanRunner.step, []
 
     def step(self: PlanRunner, obs: Observation) -> VelocityCommand:
@@ -53,7 +53,7 @@ def _steps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def crash_of(log: Path) -> dict[str, Any]:
-    """Return the event of the crash in a complete log."""
+    """Return the crash event in a complete log."""
     reader = LogReader(log)
     assert not reader.truncated
     events = [m.decoded for m in reader.messages(["/events"])]

@@ -1,4 +1,4 @@
-"""``sweepctl monitor --handshake``: an idle robot's sensors, with and without a port owner."""
+"""``sweepctl monitor --handshake``: sensors of an idle robot, with and without a port owner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``sweepctl monitor`` as users run it: its output, and that it sends no byte."""
+"""``sweepctl monitor`` as users run it: it shows messages, and it sends no byte."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.realtime
 
 
 class Line:
-    """The device's end of a serial line: it sends, and keeps everything that the host writes."""
+    """The device's end of a serial line: it sends, and stores all bytes from the host."""
 
     def __init__(self) -> None:
         self._master, self._slave = pty.openpty()
@@ -42,13 +42,13 @@ class Line:
         self._thread.start()
 
     def _talk(self) -> None:
-        # Opening a port empties its buffer: earlier bytes are lost.
+        # Opening a port clears its buffer, so earlier bytes are lost.
         while not self._end.wait(0.02):
             for i in range(2):
                 self._link.send(Imu(0, 0, 16384, 0, 0, 0, 131), 10_000 * i, node=1)
             self._link.send(Status(0, 1, 0, 0, 5), 20_000, node=1)
             self._link.send(Hello(1, bytes(12), 1, 0, 0, 0, 1, 0, 0, "x"), 0, node=1)
-            with suppress(BlockingIOError):  # there is no reader
+            with suppress(BlockingIOError):  # nobody reads the port
                 os.write(self._master, self._link.data_to_send() + b"\0\x05bad\0")
 
     def written(self) -> bytes:

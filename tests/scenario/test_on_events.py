@@ -1,4 +1,4 @@
-"""``connect --on`` with a robot on a real pty: a failing command, a lost device, the end."""
+"""``connect --on`` with a robot on a real pty: a failing command, a lost device, a normal end."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.realtime
 
 
 def event_in(path: Path) -> dict[str, Any]:
-    """Wait until a command has written its event, and return it."""
+    """Wait until a command has written its event; return the event."""
     until(lambda: path.exists() and path.read_text().endswith("}\n"), what=path.name)
     event = json.loads(path.read_text())
     assert isinstance(event, dict)

@@ -1,4 +1,4 @@
-"""The paper's figures on the whole stack, and the failures of its algorithm."""
+"""The paper's results on the whole stack, and the failures of the paper's algorithm."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def run(room: str, planner: str, noise: str, seed: int = 0) -> dict[str, Any]:
 
 @pytest.mark.parametrize("room", [pytest.param("case-1", marks=pytest.mark.nightly), "case-2"])
 def test_a_run_comes_near_the_papers_share(room: str) -> None:
-    """Tolerance of two and a half points for any one run: the spread of the paper's own five."""
+    """The tolerance is 2.5 points for each run: the spread of the paper's five runs."""
     share = run(room, "paper", "paper")["body_free"]
     assert share == pytest.approx(PAPER_SHARES[room][0], abs=0.025)
 
@@ -37,13 +37,13 @@ def test_table_2_comes_out() -> None:
     bodies = [run("case-1", "paper", "paper", seed)["body_free"] for seed in range(TABLE_2_SEEDS)]
     assert len(set(bodies)) > 1, "seeds differ"
     assert fmean(bodies) == pytest.approx(PAPER_SHARES["case-1"][0], abs=0.015)
-    # the paper's own five lie within 2.6 points of each other
+    # the results of the paper's five runs differ by at most 2.6 points
     assert max(bodies) - min(bodies) < 0.026
 
 
 @pytest.mark.nightly
 def test_case_2_is_around_94_percent() -> None:
-    """The mean may be off the paper's value by a point and a half, any run by two and a half."""
+    """The mean may differ from the paper's value by 1.5 points, and each run by 2.5 points."""
     bodies = [run("case-2", "paper", "paper", seed)["body_free"] for seed in range(3)]
     assert fmean(bodies) == pytest.approx(PAPER_SHARES["case-2"][0], abs=0.015)
     assert bodies == pytest.approx([PAPER_SHARES["case-2"][0]] * 3, abs=0.025)
@@ -69,7 +69,7 @@ def test_an_oblique_start_is_hardly_a_run() -> None:
 
 @pytest.mark.nightly
 def test_the_strict_reading_ends_at_the_first_blocked_step() -> None:
-    """A diamond blocks a step. The other interpretation continues; the table has both."""
+    """A diamond blocks a step. In the other interpretation the run continues after it."""
     found = {planner: run("layout:diamond", planner, "none") for planner in ("paper", STRICT_END)}
     shares = {planner: row["mouth_sweepable"] for planner, row in found.items()}
     assert 0.20 < shares[STRICT_END] < 0.35, "as expected of a column"

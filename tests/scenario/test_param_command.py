@@ -1,4 +1,4 @@
-"""``sweepctl param`` on a virtual sweeper: with the port free, and with an owner on it."""
+"""``sweepctl param`` on a virtual sweeper, with a free port and with an owned port."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def served() -> Iterator[Served]:
 
 @pytest.fixture(params=["free", "owned"])
 def port(request: pytest.FixtureRequest, served: Served) -> Iterator[str]:
-    """The device's port, with and without a process that owns it."""
+    """Return the device's port, with and without a process that owns it."""
     if request.param == "free":
         yield served.port
         return

@@ -1,4 +1,4 @@
-"""Bugs planted in a copy of the C core: the tests of the safety chain find each of them."""
+"""Deliberate bugs in a copy of the C core: the tests of the safety chain must find each bug."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ BUGS = {
 
 
 def built(folder: Path, file: str = "", correct: str = "", wrong: str = "") -> Path:
-    """A library of a copy of the core, with some text of a file replaced."""
+    """Return a library built from a copy of the core with a replaced text in one file."""
     core = folder / "core"
     shutil.copytree(KIT / "core", core)
     if file:
@@ -48,7 +48,7 @@ def built(folder: Path, file: str = "", correct: str = "", wrong: str = "") -> P
 
 
 def failures(library: Path, tests: list[str]) -> set[str]:
-    """Names of the tests that fail with this library as the core."""
+    """Return the names of the tests that fail with this library as the core."""
     options = ["-q", "-p", "no:cacheprovider", "--tb=no", "-rf", "-k", "core"]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *options, "--core-library", library, *tests],

@@ -1,4 +1,4 @@
-"""Plug-ins in a live run: the dashboard shows their messages and their planner's state."""
+"""Plug-ins in a live run: the dashboard shows their messages and the state of their planner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two processes over a real pty: agreement, motion, recording; and ports without a sweeper."""
+"""Two processes over a real pty: handshake, motion, recording; and ports without a sweeper."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def ports_that_are_no_sweeper(tmp_path: Path) -> None:
         assert peers[name].port in end.complaint
         assert end.json["outcome"] == "fault"
         assert end.json["log"] is None
-        assert end.err.count(end.json["reason"]) == 1  # one line has the reason, not three
+        assert end.err.count(end.json["reason"]) == 1  # only one line contains it
         assert (tmp_path / f"{name}.mcap").read_text() == "an older log"
     assert len(list(tmp_path.glob("*.mcap*"))) == len(peers), "and no log of their own"
 

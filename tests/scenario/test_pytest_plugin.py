@@ -1,4 +1,4 @@
-"""The pytest plugin as users have it: in their own pytest, in their own folder."""
+"""The pytest plugin as users run it: in their own pytest, in their own folder."""
 
 from __future__ import annotations
 

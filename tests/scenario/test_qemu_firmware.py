@@ -1,4 +1,4 @@
-"""The firmware's own binary on an emulated chip: build, run, stop, reset, loss of the host."""
+"""The firmware's binary on an emulated chip: build, run, stop, reset, loss of the host."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ CHIP = pytest.mark.needs("arm-none-eabi-gcc", "qemu-system-arm")
 
 FLOOR = ROOT / "tests" / "conformance" / "floor.json"
 RAMP_S = 0.20 / 1.0
-"""Time from the cruise speed to rest, s, at the parameters' deceleration."""
+"""Time from the cruise speed to rest, s, at the deceleration limit in the parameters."""
 WHEELS_S = 0.15
-"""Time until the wheels have followed, s: three time constants of the motors."""
+"""Time in which the wheels follow a change of the duty, s: three time constants of the motors."""
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder with both boards' programs."""
+    """Return the folder with the programs of both boards."""
     return build(tmp_path_factory.mktemp("firmware"))
 
 
 @pytest.fixture(scope="module")
 def device(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
-    """Yield one emulator for the checks that do not change it."""
+    """Yield one emulator, shared by the checks that do not change it."""
     folder = tmp_path_factory.mktemp("emulated")
     with emulated(built / "board_f405_qemu.elf", folder, str(FLOOR), "--seed", "3") as made:
         yield made
@@ -58,13 +58,13 @@ def probe(device: Emulated) -> Probe:
     return Probe(open_port(device.port))
 
 
-# ---- built -----------------------------------------------------------------------------
+# ---- build -----------------------------------------------------------------------------
 
 
 @CROSS
 @pytest.mark.parametrize("name", BOARDS)
 def test_size_and_stack(built: Path, name: str) -> None:
-    """The firmware uses at most a quarter of each memory, and its stack fits its reserve."""
+    """The firmware uses at most a quarter of each memory, and its stack fits into its space."""
     took, board = taken(built, name), BOARDS[name]
     assert 10_000 < took.flash < board.flash / 4
     assert took.ram + took.reserve < board.ram / 4
@@ -74,7 +74,7 @@ def test_size_and_stack(built: Path, name: str) -> None:
 
 @CROSS
 def test_the_core_has_no_global_variables(built: Path) -> None:
-    """The caller owns its state: only ``main`` has a device."""
+    """The caller owns the core's state: only ``main`` has a global device."""
     folder = built / "CMakeFiles" / "board_f405_qemu.dir" / "core"
     sizes = run([tool("arm-none-eabi-size"), *sorted(folder.glob("*.obj"))]).decode().splitlines()
     with_variables = {
@@ -138,7 +138,7 @@ def test_unsupported_requests_are_rejected(built: Path, arguments: list[str], wh
 
 @CHIP
 def test_conformance(device: Emulated, tmp_path: Path) -> None:
-    """A part of the suite that `pytest --port PORT` runs: the safe and fast checks."""
+    """The test runs the safe and fast checks of the suite that `pytest --port PORT` runs."""
     report = tmp_path / "report.json"
     chosen = "test_stop.py or test_handshake.py or test_commands.py or test_it_follows_a_setpoint"
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""``sweepctl reboot`` and ``monitor``, with a free port and beside the process that owns it."""
+"""``sweepctl reboot`` and ``monitor``, with a free port and with a port that a process owns."""
 
 from __future__ import annotations
 

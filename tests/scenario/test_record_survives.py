@@ -1,4 +1,4 @@
-"""Content of a log after its writer was killed, or its disk was full."""
+"""The content of a log after its writer was killed, or after the disk was full."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recovery planner at cliffs: it does not drive over an edge, and it ends."""
+"""The recovery planner at cliffs: the robot does not fall, and the run ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recovery planner with the whole stack, in the shipped rooms."""
+"""The recovery planner with the whole stack, in the rooms of the project."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_room_is_swept_and_the_run_ends_by_itself(room: str, noise: str) -> No
 
 
 class Decisions:
-    """Keeps the times at which a run started towards a wall, and those of contacts."""
+    """Stores the times of heading fixes (runs along a known wall) and of contacts."""
 
     def __init__(self) -> None:
         self.measurements_s: list[float] = []
@@ -87,6 +87,6 @@ def test_in_open_floor_gyro_vibration_sends_the_robot_to_a_known_wall(seed: int)
         assert max(sigma for t_s, sigma in sigmas if begun_s - 1.5 < t_s <= begun_s) > 0.75
     for begun_s in whole:
         if any(begun_s < t_s < begun_s + 10.0 for t_s in reported.contacts_s):
-            continue  # lines measured within 0.4 m of a contact count less
+            continue  # the filter gives less weight to wall lines within 0.4 m of a contact
         assert min(sigma for t_s, sigma in sigmas if begun_s < t_s < begun_s + 25.0) < 0.6
     assert max(sigma for _, sigma in sigmas) < 1.5, "it is never left to grow"

@@ -1,4 +1,4 @@
-"""Raw bytes, decoded again, give the recorded messages bit for bit."""
+"""The raw bytes of a log, decoded again, give the recorded messages bit for bit."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def test_a_simulated_run(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 def test_a_run_on_a_bad_line(tmp_path: Path) -> None:
-    """The line damages bytes and loses frames, and the device reboots.
+    """The serial line damages and loses frames, and the device reboots.
 
-    The session behaves the same again.
+    When the session processes the recorded bytes again, its results are equal.
     """
     log = tmp_path / "bad.mcap"
     done = sweepctl(
@@ -63,7 +63,7 @@ def test_a_live_run(tmp_path: Path, link: str) -> None:
 
 
 def test_a_difference_is_reported(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """One bit of one recorded message, changed where the wire's CRC does not protect it."""
+    """The test changes one bit of a recorded message, which the wire's CRC does not protect."""
     from mcap.writer import Writer  # noqa: PLC0415 - used here only
 
     log, changed = short_runs(tmp_path_factory)[0].log, tmp_path / "changed.mcap"

@@ -1,4 +1,4 @@
-"""A recorded robot on a virtual port: the live bridge runs on it as on a real robot."""
+"""A recorded robot on a virtual port: the live host works with it as with a real robot."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Peer:
-    """The host's end, controlled by the test."""
+    """The host's end of the port, controlled by the test."""
 
     def __init__(self, device: ReplayDevice) -> None:
         self.device, self.link = device, Link(Direction.HOST)
@@ -85,7 +85,7 @@ def test_it_sends_hello_and_waits_for_a_handshake(log: Path) -> None:
 
 
 def test_it_answers_only_messages_addressed_to_it(log: Path) -> None:
-    """Node 0 is for stop, hello and time alone; messages for another node are ignored."""
+    """Node 0 accepts only stop, hello and time; messages for another node are ignored."""
     peer = Peer(replay_device(LogReader(log)))
     asked = [HostHello(0, 5, 0, 0, "me"), TimeRequest(3), Stop(7, 4), SetMode(8, 1)]
     asked += [Describe(1, 1), StopAll()]

@@ -1,4 +1,4 @@
-"""A robot with a reversed encoder stops itself, and the run names the encoder; on both devices."""
+"""A robot with a reversed encoder stops itself, and the run names it; both firmwares."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 BRAKE_S = 1.0
-"""Maximum time from standstill to disabled motor drivers, s."""
+"""Maximum time from standstill until the motor drivers are disabled, s."""
 LONGEST_TRAVEL_M = 0.10
-"""Maximum distance from the start, m: a wheel is detected within 0.25 s at its highest speed."""
+"""Maximum distance from the start, m. The device detects a wheel that runs away at its highest
+speed within 0.25 s.
+"""
 
 
 def faults_at_rest(port: str) -> int:
-    """Return the fault bits of the device on a port after the brake time of its drivers."""
+    """Return the device's fault bits after the time in which its drivers brake."""
     probe = Probe(open_port(port))
     try:
         probe.handshake()

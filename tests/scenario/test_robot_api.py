@@ -1,4 +1,4 @@
-"""``bridge.open``: a robot as an object, on a virtual sweeper behind a real pseudo-terminal."""
+"""``bridge.open``: a robot as a Python object, on a virtual sweeper behind a real pty."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_data_comes_by_itself_and_nothing_moves(emulated: Emulated) -> None:
 
     with pytest.raises(StoppedForSafetyError, match="closed"):
         robot.enable(clear_stop=True)
-    with bridge.open(emulated.port, node=1) as again:  # the port is free for another
+    with bridge.open(emulated.port, node=1) as again:  # the port is free again
         until(lambda: again.status.latest is not None)
 
 
@@ -119,7 +119,8 @@ def test_a_stop_holds_until_a_person_frees_it(emulated: Emulated, tmp_path: Path
         assert robot.pose.distance_m(believed) < 0.005, "the estimate goes on from there"
         until(lambda: emulated.pose.distance_m(stopped) > 0.05, lambda: robot.drive(0.2, 0.0))
         robot.stop()
-        # a call on an ended session touches no file that has got its descriptor's number
+        # A call on an ended session must not use its file descriptor: a new file may have this
+        # number.
         files = [(tmp_path / f"{i}").open("wb") for i in range(20)]
         robot.stop()
         robot.close()

@@ -44,10 +44,11 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.realtime
 
 AT_REST_S = 0.25 + 0.45
-"""Maximum time to rest, s: time to live, and the ramp with the motors' lag."""
+"""Maximum time until the robot is at rest, s: the time to live, and the ramp with the motors' lag.
+"""
 MOVING_M_S = 0.15
 STOOD_S = 0.1
-"""Maximum time, s, for which the robot may have stood, because it turned at the end of a lane."""
+"""Maximum standstill of a driving robot, s: it turns at the end of a lane."""
 
 
 def drive(device: Emulator, cwd: Path, *arguments: str | Path) -> Command:
@@ -58,7 +59,7 @@ def drive(device: Emulator, cwd: Path, *arguments: str | Path) -> Command:
 
 
 def under_way(device: Emulator, path_m: float) -> None:
-    """Wait until it has driven this path, and moves: a busy machine is slow."""
+    """Wait until the robot has driven this path and moves; a busy machine is slow."""
 
     def moving() -> bool:
         reported = ask(device.port, {"do": "status"})["status"]
@@ -68,7 +69,7 @@ def under_way(device: Emulator, path_m: float) -> None:
 
 
 def comes_to_rest(poses: list[Pose], before_s: float, broken_s: float) -> None:
-    """Check the rest after a break: not begun ``before_s``, and done by ``broken_s``."""
+    """Check that the robot moved until ``before_s``, and rests soon after ``broken_s``."""
     stood_s = last_motion_s(poses)
     assert stood_s > before_s - STOOD_S, "it was moving"
     held_s = held_up_s(poses, before_s, stood_s)

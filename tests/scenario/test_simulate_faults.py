@@ -1,4 +1,4 @@
-"""``simulate`` with faults: logged, repeatable, and with a correct end."""
+"""``simulate`` with faults: they are logged and repeatable, and the run ends correctly."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def simulate(log: Path, *arguments: str, max_time_s: float = 6.0) -> Done:
 
 
 def faults(log: Path) -> list[tuple[float, str, str]]:
-    """Return time since boot, beginning or end, and text of each event about a fault."""
+    """Return each fault event: time since boot, beginning or end, and text."""
     found: list[tuple[float, str, str]] = []
     for plain, event in decoded(log, "/events"):
         if event.source == "fault":
@@ -98,14 +98,14 @@ def test_the_truth_is_logged_with_a_clock_that_jumps(tmp_path: Path) -> None:
 
 
 def check_truth(tmp_path: Path, fault: str) -> None:
-    """Check that true poses are logged, and compared with the estimate, by true time."""
+    """Check that true poses are logged, and that the estimate is compared at the true time."""
     log = tmp_path / "run.mcap"
     reported = simulate(log, "--fault", fault, max_time_s=8.0).json
     stamps = [plain.log_ns - EPOCH_NS for plain, _ in decoded(log, "/truth/pose")]
     gaps_ms = {(later - earlier) // 1_000_000 for earlier, later in pairwise(stamps)}
-    # every 40 ms, found within a control period of 10 ms: never less than 20 a second
+    # A true pose comes every 40 ms, with a delay of less than a control period (10 ms).
     assert gaps_ms <= set(range(30, 51))
-    # No distance is lost, and no truth is compared with a pose of another time, which is off by 10
-    # mm at 0.2 m/s for 50 ms. The drive is straight, its scale known to half a percent.
+    # The log covers the whole path. No true pose is compared with an estimate of another time: 50
+    # ms at 0.2 m/s would be 10 mm. The drive is straight, and its scale is known to half a percent.
     assert reported["path_m"] > 0.4
     assert reported["pose_error_m"]["max"] < 0.01

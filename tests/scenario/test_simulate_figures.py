@@ -1,6 +1,6 @@
-"""The figures of a simulated run, computed again from its log without our code.
+"""The results of a simulated run, computed again from its log without the project's code.
 
-The MCAP library reads the truth with the schema in the file, the areas are exact polygons, and the
+The MCAP library reads the true poses with the schema in the file. The areas are exact polygons. The
 robot's dimensions are typed in by hand.
 """
 
@@ -31,7 +31,7 @@ Pose = tuple[float, float, float, float]
 
 
 class Figures(NamedTuple):
-    """Figures computed by this file."""
+    """Results computed by this file."""
 
     body_free: float
     body_reachable: float
@@ -58,7 +58,7 @@ def poses(recorded: Recorded) -> list[Pose]:
 
 
 def _poses(run: Recorded) -> list[Pose]:
-    """Return time (s), x, y, theta of the truth."""
+    """Return time (s), x (m), y (m) and theta (rad) of the true poses."""
     found = []
     for plain, value in decoded(run.log, "/truth/pose"):
         position, turn = value.pose.position, value.pose.orientation
@@ -68,7 +68,7 @@ def _poses(run: Recorded) -> list[Pose]:
 
 
 class Areas(NamedTuple):
-    """Areas of a room by its file."""
+    """Areas of a room, from its room file."""
 
     free: BaseGeometry
     reachable: BaseGeometry
@@ -114,7 +114,7 @@ def _mouth(pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _strokes(poses: list[Pose]) -> list[tuple[float, BaseGeometry]]:
-    """Return the area that the mouth swept between two different poses: hulls of its two places."""
+    """Return the swept area: for each two consecutive poses, the hull of the mouth's two places."""
     strokes: list[tuple[float, BaseGeometry]] = []
     last = poses[0]
     for pose in poses[1:]:
@@ -129,7 +129,7 @@ def _strokes(poses: list[Pose]) -> list[tuple[float, BaseGeometry]]:
 def _passed_s(
     strokes: list[tuple[float, BaseGeometry]], sweepable: BaseGeometry, share: float
 ) -> float:
-    """Return when a share was swept, by bisection."""
+    """Return the time at which a share of the area was swept, by bisection."""
     low, high = 0, len(strokes)
     while high - low > 1:
         middle = (low + high) // 2
@@ -144,7 +144,7 @@ def test_coverage(figures: Figures, reported: dict[str, Any], key: str) -> None:
 
 
 def test_path(figures: Figures, reported: dict[str, Any]) -> None:
-    # the log continues while the robot rolls out
+    # the log continues until the robot is at rest
     assert reported["path_m"] == pytest.approx(figures.path_m, abs=0.02)
 
 

@@ -82,7 +82,7 @@ def wire(run: Recorded, direction: str) -> list[RefFrame]:
 
 
 def test_device_messages_match_their_bytes(recorded: Recorded) -> None:
-    """Hello and the answers to questions belong to the session, which does not pass them on."""
+    """The log has no hello and no answers, because the session does not pass them on."""
     topics = {f"/device/{name}" for name, _, _ in LAYOUTS.values()}
     in_log = list(decoded(recorded.log, *topics))
     logged = {plain.topic for plain, _ in in_log}
@@ -114,7 +114,7 @@ def test_sequence_numbers_miss_nothing(recorded: Recorded) -> None:
 
 
 def test_commands_match_their_bytes(recorded: Recorded) -> None:
-    """A velocity in /cmd is the setpoint on the wire, to the wire's own step."""
+    """A velocity in /cmd equals the setpoint on the wire, to the wire's resolution."""
     commands = [value for _, value in decoded(recorded.log, "/cmd")]
     sent = [f for f in wire(recorded, "tx") if LAYOUTS[f.type_id][0] == "velocity_setpoint"]
     assert len(sent) == len(commands) > 500
@@ -133,7 +133,7 @@ def test_commands_match_their_bytes(recorded: Recorded) -> None:
 
 
 def test_publish_time_is_the_devices_moment_within_its_bound(recorded: Recorded) -> None:
-    """The device of a virtual run boots at the epoch: its own stamp is the true Unix time."""
+    """The device boots at the epoch of virtual time, so its own stamp gives the true Unix time."""
     bounded = 0
     for name, _, _ in LAYOUTS.values():
         for plain, value in decoded(recorded.log, f"/device/{name}"):

@@ -1,4 +1,4 @@
-"""``simulate --planner-option``: it changes the run, is logged, and is rejected in one line."""
+"""``simulate --planner-option``: a valid option changes the run and is logged; others fail."""
 
 from __future__ import annotations
 

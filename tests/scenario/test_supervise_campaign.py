@@ -1,4 +1,4 @@
-"""A part of the supervision campaign; the whole is ``campaign.supervise``."""
+"""A small part of the supervision campaign; ``campaign.supervise`` runs all of it."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_the_page_counts_missed_hazards_and_false_alarms() -> None:
     assert good
     assert "**1 false alarms, 1.00 per hour**" in text
     assert f"| {hazard.name} | stall | 1 | 1 | 0 | 0 | 1.00 | 2.0 s | 2.0 s |" in text
-    # Of three alarms of the stall rule and two of the slip rule, one each was false.
+    # The stall rule raised three alarms, and the slip rule two; each rule raised one false alarm.
     assert "| stall | 2 | 1 | 0 | 1 | 0.500 |" in text
     assert "| slip | 2 | 0 | 1 | 1 | 0.500 |" in text
     assert "| disagreement | 1 | 1 | 0 | 0 | 1.000 |" in text
@@ -63,9 +63,9 @@ def test_the_page_counts_missed_hazards_and_false_alarms() -> None:
 
 @pytest.mark.parametrize(("reported_m", "true"), [(1.02, False), (0.98, False), (1.04, True)])
 def test_an_alarm_about_d_is_compared_with_the_true_lane(reported_m: float, *, true: bool) -> None:
-    """The robot went a metre ahead within 5 s, and 2 cm back.
+    """The robot drives a metre ahead within 5 s, and then 2 cm back.
 
-    The turn before it is not part of the lane.
+    The turn before this motion is not part of the lane.
     """
     sink = Alarms()
     ways = [(1.0, -3.0), (2.0, 0.0), (3.0, 0.4), (6.0, 1.0), (6.5, 0.98)]

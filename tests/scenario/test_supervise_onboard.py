@@ -1,4 +1,4 @@
-"""The device plans for itself; the host starts, supervises and ends it; in virtual time."""
+"""The device plans; the host starts, supervises and ends the plan, in virtual time."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The bound on time stamps over the emulator's own line, adapters and drifting clock.
+"""The error bound of time stamps, with the emulator's serial line, adapters and clock drift.
 
-It contains the truth, and it is small if the delays are declared.
+The bound contains the true time. It is small if the delays of the link are declared.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ pytestmark = pytest.mark.usefixtures("target")
 
 BAUD = 921_600
 BYTES = 16
-"""Length of the shortest frame with its delimiters, bytes: no frame is faster on the line."""
+"""Length of the shortest frame with its delimiters, bytes; no frame takes less time on the line."""
 ON_THE_LINE_NS = BYTES * 10 * 1_000_000_000 // BAUD
 RUN_S = 16
 SETTLED_S = 10.0
 
 
 class Stamps:
-    """Keeps the stamp of each message, and the host's mapping of it."""
+    """Stores the stamp of each message, and the host time that the host computes for it."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[int, int, int]] = []
@@ -61,7 +61,7 @@ class Stamps:
 def listen(
     latency_us: int, drift_ppm: float, declared_ns: tuple[int, int], *faults: str
 ) -> tuple[Stamps, float, float]:
-    """Return a resting robot's stamps, their share within the bound, and the bound's p95 (ms)."""
+    """Return a resting robot's stamps, their share inside the bound, and the bound's p95 (ms)."""
     stamps, seconds = Stamps(), [0]
 
     def declare(made: VirtualRun) -> None:
@@ -91,7 +91,7 @@ def listen(
     return stamps, inside / len(stamps.rows), bounds[int(0.95 * len(bounds))] / 1e6
 
 
-# At 0 device and adapter keep step: a byte always waits for the same time.
+# Without drift (0 ppm), device and adapter stay in phase: each byte waits for an equal time.
 @pytest.mark.parametrize("drift_ppm", [-100.0, 0.0, 30.0])
 def test_at_an_adapter_of_1_ms_the_bound_is_true_and_below_a_tenth_of_it(drift_ppm: float) -> None:
     stamps, inside, p95_ms = listen(1_000, drift_ppm, (ON_THE_LINE_NS, ON_THE_LINE_NS))
@@ -107,9 +107,9 @@ def test_at_an_adapter_of_16_ms_it_is_true_too() -> None:
 
 
 def test_asymmetric_delays_cause_no_error_if_declared() -> None:
-    """The delay from the device is 3 ms longer.
+    """The delay from the device to the host is 3 ms longer than in the other direction.
 
-    Undeclared, half of that is in the bound, which is correct too.
+    If it is not declared, the bound contains half of the difference, which is correct too.
     """
     slow_up = "latency@0:ms=3,way=up"
     _, inside, p95_ms = listen(1_000, -60.0, (ON_THE_LINE_NS, ON_THE_LINE_NS + 3_000_000), slow_up)

@@ -1,4 +1,4 @@
-"""Rerun beside a running run: it shows the run, and cannot delay it."""
+"""Rerun next to a live run: it shows the run, and it cannot delay the run."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(begin_s: float, end_s: float) -> Iterator[Record]:
 
 
 def swept_pixels(client: ViewerClient, png: Path) -> int:
-    """Return how much green floor the viewer shows; 0 while it shows nothing yet."""
+    """Return the number of green (swept) pixels; 0 before the viewer shows anything."""
     try:
         client.save_screenshot(str(png))
     except (RuntimeError, ValueError):

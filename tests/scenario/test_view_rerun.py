@@ -1,4 +1,4 @@
-"""A run in Rerun: by its own importer, without our code, and by ours."""
+"""A run in Rerun: through Rerun's own importer, and through the project's converter."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _CHUNK = re.compile(r"with (\d+) rows .* - (/\S*) - data columns: \[(.*)\]")
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A whole run."""
+    """Return the log of a whole run."""
     return write_synthetic_log(tmp_path_factory.mktemp("view") / "run.mcap")
 
 
 def rerun(*arguments: str) -> str:
-    """Run Rerun's own command, from the same environment."""
+    """Run the `rerun` command of this environment."""
     spec = importlib.util.find_spec("rerun_cli")
     assert spec is not None
     assert spec.origin is not None
@@ -43,7 +43,7 @@ def rerun(*arguments: str) -> str:
 
 
 def rows(rrd: Path) -> dict[tuple[str, str], int]:
-    """Rows by entity and component of a Rerun file."""
+    """Return the rows of a Rerun file by entity and component."""
     counts: dict[tuple[str, str], int] = defaultdict(int)
     for line in rerun("rrd", "print", str(rrd)).splitlines():
         if found := _CHUNK.search(line):

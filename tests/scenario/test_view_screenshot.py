@@ -1,4 +1,4 @@
-"""The window that `view` opens, drawn off screen by the viewer itself."""
+"""The window that `view` opens, drawn by the viewer without a screen."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Proxy:
         self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
 
     def asked(self) -> list[bytes]:
-        """Return the beginning of each request."""
+        """Return the first line of each request."""
         found = []
         with suppress(BlockingIOError):
             while True:
@@ -57,7 +57,7 @@ def test_the_window_shows_room_and_swept_floor_without_network_requests(
     log, png = tmp_path / "run.mcap", tmp_path / "view.png"
     write_synthetic_log(log)
     with Proxy() as proxy:
-        # A user's own proxy, for every request beyond this machine.
+        # The environment names a user's proxy for every request to another machine.
         for scheme in ("http", "https", "all"):
             monkeypatch.setenv(f"{scheme}_proxy", proxy.url)
             monkeypatch.setenv(f"{scheme}_proxy".upper(), proxy.url)
@@ -73,7 +73,7 @@ def test_the_window_shows_room_and_swept_floor_without_network_requests(
 
 
 def _long_run(log: Path) -> None:
-    """Three minutes: one minute each along y = 0.5, 1.5 and 2.5 m."""
+    """Write a run of three minutes: one minute along each of y = 0.5, 1.5 and 2.5 m."""
     plan = parse_floorplan(
         """{"walls": [[0,0],[4,0],[4,3],[0,3]], "start": [0.4,0.5,0],
         "carpets": [{"polygon": [[0.8,0.8],[1.4,0.8],[1.4,1.2],[0.8,1.2]]}],
@@ -98,7 +98,7 @@ def test_the_newest_minute_of_a_long_path_stands_out_and_the_floor_is_marked(
     room = imread(png)[60:580, :950, :3]
     red, green, blue = room[..., 0], room[..., 1], room[..., 2]
     rows = np.flatnonzero(walls(room).sum(axis=1) > 300)
-    top, bottom = rows.min(), rows.max()  # the walls at y = 3 and at y = 0
+    top, bottom = rows.min(), rows.max()  # the walls at y = 3 m and at y = 0 m
     bright = (blue > 0.9) & (red < 0.5) & (green > 0.4)
 
     def seen(y_m: float) -> int:

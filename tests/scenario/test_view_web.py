@@ -28,7 +28,7 @@ PATIENCE_S = 100.0
 
 
 def swept_pixels(png: Path) -> int:
-    """Return the amount of green floor in the upper left, where the layout has the room."""
+    """Return the number of green pixels in the upper left, where the layout shows the room."""
     picture = imread(png)[..., :3]
     room = picture[: SIZE[1] * 6 // 10, : SIZE[0] // 2]
     return int(np.count_nonzero(swept(room)))

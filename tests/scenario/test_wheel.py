@@ -30,7 +30,7 @@ MODULES = ("sweepctl_plugins.py", "sweepctl_pytest.py")
 SOURCES = (*PACKAGES, *MODULES, "setup.py", "pyproject.toml", "README.md", "LICENSE")
 BUILT = shutil.ignore_patterns("__pycache__", "build", "*.so", "*.pyd")
 NOT_WANTED = ("cython", "pyximport", "sweepctl", "__editable__", "ziglang", "setuptools")
-"""Beginnings of package names that a user's venv lacks, in lower case."""
+"""Prefixes of package names, in lower case, that must be absent from a user's venv."""
 
 USERS_TESTS = """
 import pytest
@@ -65,7 +65,7 @@ def built(source: Path, out: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def venv(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install it beside its dependencies, without this checkout and without compilers."""
+    """Install the wheel with its dependencies, without this checkout and without compilers."""
     folder = tmp_path_factory.mktemp("user") / "venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
     (site,) = folder.glob("lib/python*/site-packages")
@@ -94,7 +94,7 @@ def run(venv: Path, *command: str, cwd: Path) -> subprocess.CompletedProcess[str
 
 
 def only(venv: Path) -> dict[str, str]:
-    """Return an environment with only the venv: no compiler, no path of ours."""
+    """Return an environment with only the venv: no compiler, and no path of this source tree."""
     kept = {name: value for name, value in os.environ.items() if name in {"HOME", "LANG", "TMPDIR"}}
     return {**kept, "PATH": str(venv / "bin")}
 

@@ -1,4 +1,4 @@
-"""A wire between a bring-up session and an emulated device, in virtual time.
+"""A simulated connection between a bring-up session and an emulated device, in virtual time.
 
 The module also has a scripted person, who does what the session requests.
 """
@@ -27,7 +27,7 @@ CALM_S = 1.0
 
 
 class RigWire:
-    """Host and device on one clock: sent bytes arrive a millisecond later."""
+    """Host and device on one clock: sent bytes arrive ``LATENCY_US`` later."""
 
     def __init__(self, device: VirtualSweeper) -> None:
         self.device = device

@@ -2,8 +2,9 @@
 
     python -m support.broken_device DEFECT…
 
-prints a line ``ready PORT`` for each, and serves until its stdin is closed. Every defect acts on
-the bytes between a sound device and its port: frames are changed, held, repeated or dropped.
+This command prints a line ``ready PORT`` for each device. It serves the devices until its stdin is
+closed. Every defect acts on the bytes between a correct device and its port: it changes, holds,
+repeats or drops frames.
 """
 
 from __future__ import annotations
@@ -51,11 +52,11 @@ KEY = bytes(range(0x20, 0x30))
 
 
 class Sound:
-    """Between device and port; changes only the ids of commands.
+    """A device without a defect: the base class, which changes only the ids of commands.
 
-    A device executes no command whose id is far behind the newest. Our own commands are sent
-    between those of the host. So the device sees one sequence of ids for all commands, and the host
-    sees only the ids that it gave.
+    A device executes no command whose id is far behind the newest id. A defect may insert its own
+    commands between the commands of the host. So this class renumbers all commands in one sequence
+    for the device. It gives each answer the id that the host chose.
     """
 
     plan = load_room("empty")
@@ -67,7 +68,8 @@ class Sound:
         self._up, self._down = UartParser(), UartParser()
         self._newest_id = FIRST_ID
         self._ids: dict[int, int] = {}
-        """Ids that the device sees in this session, by the ids that the host gave."""
+        """Ids that the device receives in this session; the keys are the ids that the host chose.
+        """
         self._own_ids: set[int] = set()
 
     def step(self, data: bytes, now_us: int) -> bytes:
@@ -77,7 +79,7 @@ class Sound:
         return self.to_host(out)
 
     def to_device(self, data: bytes) -> bytes:
-        """Return the bytes for the device: the host's, and our own."""
+        """Return the bytes for the device: those from the host, and the inserted commands."""
         frames = [f for f in self._down.feed(data) if isinstance(f, Frame)]
         going = (self._numbered(g) for f in frames for g in self.host_frame(f))
         return b"".join(map(_bytes, going)) + self.injected()
@@ -88,7 +90,7 @@ class Sound:
         return b"".join(_bytes(g) for f in frames for g in self.device_frame(f))
 
     def _numbered(self, frame: Frame) -> Frame:
-        """Return a frame of the host with the id that the device sees."""
+        """Return a frame of the host with the command id for the device."""
         message = self.message(frame)
         if isinstance(message, HostHello):
             self._ids.clear()
@@ -100,7 +102,7 @@ class Sound:
         return self.saying(frame, message, command_id=self._ids[number])
 
     def _renumbered(self, frame: Frame) -> Frame:
-        """Return a frame of the device with the id that the host gave."""
+        """Return a frame of the device with the command id that the host chose."""
         message = self.message(frame)
         if isinstance(message, Ack | Nack):
             for number, seen in self._ids.items():
@@ -131,7 +133,7 @@ class Sound:
         return frame._replace(type_id=type_id, payload=payload)
 
     def own_id(self) -> int:
-        """Return an id for our own command; no host sees its answer."""
+        """Return an id for an inserted command; the host must not receive its answer."""
         number = self._next_id()
         self._own_ids.add(number)
         return number

@@ -1,4 +1,4 @@
-"""A browser without a window, controlled by its debugging pipe: opens pages, takes pictures."""
+"""A browser without a window, controlled through its debugging pipe, that takes screenshots."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def find_browser() -> str:
 
 
 class Browser:
-    """One page of a size in pixels."""
+    """One page with a size in pixels."""
 
     def __init__(self, folder: Path, page: str, size: tuple[int, int]) -> None:
         to_read, self._to = os.pipe()

@@ -1,4 +1,4 @@
-"""The message-dependent parts of the C adapter: its table, and its input and output words."""
+"""The C adapter's table of messages, and the text format of its input and output."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _fill(field: Field, index: int) -> str:
     return f"(void)adapter_unhex(w[{index}]); memcpy(m.{name}, w[{index}], sizeof m.{name});"
 
 
-# ---- messages as the adapter's words ---------------------------------------------------------
+# ---- messages in the adapter's text format -----------------------------------------------------
 
 _LETTERS = "abc xyz_09\0é☂𝄞"
 
@@ -105,7 +105,7 @@ def _random_value(rng: random.Random, spec: MessageSpec, field: Field) -> int | 
 
 
 def words(message: Message) -> list[str]:
-    """Return the values as the adapter reads and prints them."""
+    """Return the values in the text format that the adapter reads and prints."""
     return [_word(value) for value in message]
 
 

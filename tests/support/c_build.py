@@ -30,13 +30,14 @@ UNIT = ("-DSP_CRC_UNIT", '-DSP_CONFIG_FILE="crc_unit.h"')
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler of this machine, or of the locked packages."""
+    """A C compiler of this machine, or of the packages in the lock file."""
 
     command: tuple[str, ...]
     sanitized: tuple[str, ...] = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     """Options that end the program on undefined behaviour, and on memory errors if possible."""
     tool: str = ""
-    """Tool that may start without a mark, because the locked compiler could replace it."""
+    """Tool that may start without a mark, because the compiler in the lock file could replace it.
+    """
 
     def run(self, *arguments: str | Path) -> None:
         """Compile; the test fails with the compiler's output."""
@@ -46,8 +47,8 @@ class Compiler:
 
 ZIG = Compiler(
     (sys.executable, "-m", "ziglang", "cc"),
-    # No AddressSanitizer. Undefined behaviour ends the program by a trap, because the code that
-    # reports it takes 20 s to build.
+    # Zig has no AddressSanitizer. A trap ends the program on undefined behaviour, because the code
+    # that reports it takes 20 s to build.
     ("-fsanitize=undefined", "-fsanitize-trap=undefined"),
 )
 """Clang from the `ziglang` wheel: available on every machine."""
@@ -66,7 +67,7 @@ def compiler(name: str) -> Compiler:
 
 
 def any_compiler(*preferred: str) -> Compiler:
-    """Return the first available compiler of the system, else the locked one."""
+    """Return the first available compiler of the system, else the compiler from the lock file."""
     for name in preferred:
         if tool_named(name).present():
             return Compiler((tool(name),), tool=name)
@@ -82,7 +83,7 @@ def tool(name: str) -> str:
 
 
 def locked(name: str) -> str:
-    """Return the path of a program from a locked package, in this environment."""
+    """Return the path of a program from a package in the lock file, in this environment."""
     path = shutil.which(name, path=sysconfig.get_path("scripts"))
     if path is None:
         pytest.fail(f"{name} is not in {sysconfig.get_path('scripts')}: `make venv` installs it")

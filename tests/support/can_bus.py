@@ -1,4 +1,4 @@
-"""A CAN bus in virtual time: one frame after the other, the lowest identifier first."""
+"""A CAN bus in virtual time: it sends one frame after the other, the lowest identifier first."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ _STUFF_RUN = 5
 
 
 class Bus:
-    """Arbitration and bit times; every node receives all frames except its own.
+    """A bus with arbitration and bit times; every node receives all frames except its own.
 
-    A node sends in the order of its requests, like a controller in that mode (bxCAN's TXFP).
+    A node sends its frames in the order of the requests. A bxCAN controller does this if its TXFP
+    bit is set.
     """
 
     def __init__(self, bitrate: int = BITRATE) -> None:
@@ -28,9 +29,9 @@ class Bus:
         self._free_us = 0.0
         self.bits = 0
         self.log: list[tuple[int, str, CanFrame]] = []
-        """Time of completion, sender and content of each frame."""
+        """Completion time, sender and content of each frame."""
         self.spoil: Callable[[CanFrame], int] = lambda _frame: 1
-        """Number of arrivals of a frame: 0 loses it, 2 duplicates it."""
+        """Number of copies of a frame that arrive: 0 loses the frame, 2 duplicates it."""
 
     def join(self, node: str) -> None:
         self._waiting.setdefault(node, [])
@@ -93,9 +94,9 @@ class BusWire(Wire):
 
 
 def frame_bits(frame: CanFrame) -> int:
-    """Return the bits of this frame, including its stuff bits."""
+    """Return the number of bits of this frame, including its stuff bits."""
     length = len(frame.data)
-    head = frame.can_id << 7 | length  # start bit 0, identifier, RTR, IDE, r0, length
+    head = frame.can_id << 7 | length  # start-of-frame bit (0), identifier, RTR, IDE, r0, length
     value = head << 8 * length | int.from_bytes(frame.data, "big")
     count = 19 + 8 * length
     value, count = value << 15 | crc15(value, count), count + 15

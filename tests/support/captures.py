@@ -21,26 +21,26 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 USER0 = 147
-"""Link type with one frame a packet, without delimiters."""
+"""Link type whose packets are single frames without delimiters."""
 USER1 = 148
-"""Link type with bytes as they were read from the line."""
+"""Link type whose packets are bytes as the host read them from the serial line."""
 SOCKETCAN = 227
 _EXTENDED = 0x8000_0000
 
 
 class Packet(NamedTuple):
-    """One record of a capture."""
+    """One packet of a capture."""
 
     data: bytes
     t_us: int = 0
     direction: int = 0
     """Direction: 1: to the host, 2: from the host, 0: unknown. Only pcapng stores it."""
     cut: int = 0
-    """Number of bytes that the capture dropped at the end of the packet."""
+    """Number of bytes that the capture omits at the end of the packet."""
 
 
 def write_pcap(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
-    """Write the old format: one link type, microseconds."""
+    """Write the pcap format: one link type, times in microseconds."""
     with path.open("wb") as file:
         file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 0x40000, link_type))
         for packet in packets:
@@ -50,7 +50,7 @@ def write_pcap(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
 
 
 def write_pcapng(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
-    """Write the new format: one interface, microseconds, each packet with its direction."""
+    """Write the pcapng format: one interface, times in microseconds, packets with directions."""
     with path.open("wb") as file:
         file.write(_block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
         file.write(_block(1, struct.pack("<HHI", link_type, 0, 0)))
@@ -68,7 +68,7 @@ def _block(kind: int, body: bytes) -> bytes:
 
 
 def socketcan(can_id: int, data: bytes, *, extended: bool = False) -> bytes:
-    """Return a classic CAN frame in LINKTYPE_CAN_SOCKETCAN: the identifier in network order."""
+    """Return a classic CAN frame in LINKTYPE_CAN_SOCKETCAN, the identifier in network order."""
     return struct.pack(">IBxxx", can_id | (_EXTENDED if extended else 0), len(data)) + data
 
 
@@ -86,18 +86,18 @@ def line_of_log(path: Path) -> list[Packet]:
 
 
 class Shown(NamedTuple):
-    """One line of the packet's tree."""
+    """One line of tshark's packet tree."""
 
     name: str
     """Name for display filters."""
     show: str
-    """Value in the form for filters."""
+    """Value in the form that display filters use."""
     text: str
-    """Text for people."""
+    """Text that a person reads."""
 
 
 class Seen(NamedTuple):
-    """One frame of ours as dissected by tshark."""
+    """One frame of this protocol as dissected by tshark."""
 
     packet: int
     """Number of the packet in the capture, from 1."""
@@ -117,13 +117,13 @@ class Seen(NamedTuple):
         return int(value, 0)
 
     def text_of(self, name: str) -> str:
-        """Return the text for people of ``sweepctl.<name>``."""
+        """Return the text that a person reads for ``sweepctl.<name>``."""
         (text,) = (line.text for line in self.lines if line.name == f"sweepctl.{name}")
         return text
 
     @property
     def experts(self) -> set[str]:
-        """Return the names of the findings, without their prefix."""
+        """Return the names of the expert items (tshark's warnings), without their prefix."""
         return {
             line.name.removeprefix("sweepctl.") for line in self.lines if line.name in _FINDINGS
         }

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Message
 
 PATIENCE_S = 110.0
-"""Maximum time of a command that takes seconds, s; only a hang is longer."""
+"""Maximum time of a command that usually takes seconds, s; only a hang is longer."""
 
 
 def sweepctl(*arguments: str | Path) -> Done:
@@ -50,7 +50,10 @@ def start(
     env: Mapping[str, str] | None = None,
     own_group: bool = False,
 ) -> subprocess.Popen[str]:
-    """Run the command in a separate process; ``own_group``: as from a shell's prompt."""
+    """Start the command in a separate process.
+
+    With ``own_group``, it has its own process group, like a command that a shell starts.
+    """
     return subprocess.Popen(
         [*COMMAND, *map(str, arguments)],
         cwd=cwd,
@@ -84,7 +87,7 @@ class Recorded(NamedTuple):
 
 
 def case_1(factory: pytest.TempPathFactory) -> Recorded:
-    """Return the paper's case 1 from start to end, made once for all tests."""
+    """Return a whole run of the paper's case 1; it is made once for all tests."""
     return _case_1(factory.getbasetemp())
 
 
@@ -101,9 +104,9 @@ def _case_1(base: Path) -> Recorded:
 
 
 def short_runs(factory: pytest.TempPathFactory) -> tuple[Recorded, Recorded, Recorded]:
-    """Return twelve seconds of a drive: seed 4, seed 4 again, seed 5; made once for all tests.
+    """Return three drives of twelve seconds with the seeds 4, 4 and 5, made once for all tests.
 
-    Each runs in a separate process, with another hash seed of Python.
+    Each drive runs in a separate process with a different hash seed of Python.
     """
     return _short_runs(factory.getbasetemp())
 

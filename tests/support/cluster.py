@@ -1,4 +1,4 @@
-"""A Dask cluster on this machine, in processes of its own: ``python -m support.cluster N``."""
+"""A Dask cluster on this machine in separate processes: ``python -m support.cluster N``."""
 
 from __future__ import annotations
 

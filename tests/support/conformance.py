@@ -1,8 +1,8 @@
 """The conformance suite in pytest: its devices, its order and its report.
 
-With ``--port`` every check runs on that one device, one after the other, and no other test runs.
-Without it the checks run on several emulated devices at a time, each in a separate process, because
-checks mostly wait.
+With ``--port`` every check runs on the device of that port, one after the other, and no other test
+runs. Without ``--port`` the checks run on several emulated devices in parallel, because checks
+mostly wait. Each emulated device is a separate process.
 """
 
 from __future__ import annotations
@@ -47,18 +47,23 @@ LANES = {
     "keyed-core-pty": 1,
     "keyed-core-slcan": 1,
 }
-"""Number of emulated devices for each kind of device: with or without a key, the model in Python or
-the C core, and the kind of link."""
+"""Number of emulated devices for each kind of device. A kind has a key or none, its firmware is the
+Python model or the C core, and its link is a UART or CAN.
+"""
 KEYED = "keyed-"
 KEY = bytes(range(0x10, 0x20))
 """Key of the emulated devices that have one."""
 LISTEN_S = 3.5
-"""Time to listen for a device, s: three of its own hellos, after the end of its session."""
+"""Time to listen for a device, s. After the end of a session, a device sends three hellos in this
+time.
+"""
 HELD_UP_US = 500_000
-"""Minimum delay of one end that makes a failed check invalid, µs: half of the device's session
-timeout."""
+"""Minimum delay of the probe or the device that makes a failed check invalid, µs: half of the
+device's session timeout.
+"""
 TRIES = 3
-"""Maximum number of tries of a check on an emulated device while an end is delayed that long."""
+"""Maximum number of tries of a check on an emulated device if such a delay makes the check invalid.
+"""
 NOT_APPLICABLE = "not applicable: "
 
 

@@ -1,4 +1,4 @@
-"""The outcome of every check of a device, by chapter."""
+"""The outcome of every check of a device, by chapter of the suite."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def kind_of(device: str) -> str:
 
 @dataclass
 class Chapter:
-    """Outcomes of one file of checks."""
+    """Outcomes of the checks in one file."""
 
     passed: int = 0
     failed: int = 0

@@ -31,7 +31,7 @@ CHUNK = 0x06
 
 
 class Message(NamedTuple):
-    """One message, with its names."""
+    """One message with its topic and the name of its schema."""
 
     topic: str
     schema: str
@@ -48,13 +48,13 @@ class Log(NamedTuple):
     data: bytes
     messages: Counter[Message]
     chunks: list[tuple[int, int, Counter[Message]]]
-    """Begin, end and messages of each chunk."""
+    """First byte, end and messages of each chunk."""
     has_summary: bool
 
 
 @functools.cache
 def logs() -> tuple[Log, ...]:
-    """Return one of our logs, and one of each kind that other programs write."""
+    """Return a log of sweepctl, and a log of each kind that other programs write."""
     made = [_log("ours", small_log())]
     made += [_log(kind.name.lower(), foreign(kind)) for kind in CompressionType]
     made.append(_log("outside chunks", foreign(CompressionType.NONE, chunked=False)))
@@ -63,7 +63,7 @@ def logs() -> tuple[Log, ...]:
 
 
 def foreign(compression: CompressionType, *, chunked: bool = True, summary: bool = True) -> bytes:
-    """Return a log of the mcap library's own writer: three topics, small chunks."""
+    """Return a log by the writer of the mcap library: three topics, small chunks."""
     file = io.BytesIO()
     writer = Writer(
         file,
@@ -124,7 +124,7 @@ def _messages(reader: McapReader) -> Counter[Message]:
 
 
 def read_whole(data: bytes) -> Counter[Message]:
-    """Read a file with the library's two readers and all their checks."""
+    """Read a file with both readers of the mcap library and all their checks."""
     messages = _messages(NonSeekingReader(io.BytesIO(data), validate_crcs=True))
     seeking = make_reader(io.BytesIO(data), validate_crcs=True)
     assert _messages(seeking) == messages
@@ -139,7 +139,7 @@ def read_whole(data: bytes) -> Counter[Message]:
 
 
 def recovered(data: bytes) -> tuple[Recovery, Counter[Message]]:
-    """Return the report of ``recover`` on a file, and what the library reads of the result."""
+    """Return the report of ``recover`` on a file, and the messages in the recovered file."""
     with tempfile.TemporaryDirectory() as folder:
         broken, out = Path(folder) / "broken.mcap", Path(folder) / "out.mcap"
         broken.write_bytes(data)

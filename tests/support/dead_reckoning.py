@@ -1,7 +1,8 @@
 """The paper's estimate as a reference: dead reckoning with a gyro heading.
 
-Encoders give the path (eq. 3, 4). The gyro minus its mean at the first rest gives the heading. The
-exact arc gives the position (eq. 5). Tests compare the filter with it.
+The encoders give the travelled path (equations 3 and 4 of the paper). The gyro rate minus its mean
+at the first rest gives the heading. An exact arc gives the position (equation 5). Tests compare the
+Kalman filter with this estimate.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ _HELD = 5
 
 
 class DeadReckoning:
-    """Estimator like ``PoseEstimator``: times in s of one clock, gyro in rad/s, 16-bit counts."""
+    """Estimator with the interface of ``PoseEstimator``.
+
+    Times are in s of one clock, gyro rates in rad/s, and encoder counts have 16 bits.
+    """
 
     def __init__(self, model: RobotModel, start: Pose2) -> None:
         """``start``: the robot's pose, at rest."""
@@ -33,29 +37,29 @@ class DeadReckoning:
 
     @property
     def pose(self) -> Pose2:
-        """Pose at the newest encoder sample."""
+        """Pose at the time of the newest encoder sample."""
         return self._pose
 
     @property
     def gyro_bias_rad_s(self) -> float:
-        """Mean of the gyro at the first rest; 0 before its first sample."""
+        """Mean of the gyro rate at the first rest, rad/s; 0 before the first sample."""
         return self._bias_sum / self._samples if self._samples else 0.0
 
     def on_imu(self, t_s: float, gyro_z_rad_s: float) -> None:
-        """Take one gyro sample, the mean rate since the last one."""
+        """Process one gyro sample: the mean rate since the previous sample."""
         last_s, self._imu_s = self._imu_s, t_s
         dt = 0.0 if last_s is None else t_s - last_s
         if self._started:
             self._turned += (gyro_z_rad_s - self.gyro_bias_rad_s) * dt
             return
-        # In the newest samples the robot may already move; the counts show it a little later.
+        # The robot may already move in the newest samples: the counts show a motion a little later.
         self._held.append((gyro_z_rad_s, dt))
         if len(self._held) > _HELD:
             self._bias_sum += self._held.pop(0)[0]
             self._samples += 1
 
     def on_encoders(self, t_s: float, left: int, right: int) -> None:  # noqa: ARG002 - as the filter
-        """Take one encoder sample, and move by the turn and the path since the last."""
+        """Process one encoder sample: move by the turn and the path since the previous sample."""
         counts, self._counts = self._counts, (left, right)
         if counts is None:
             return

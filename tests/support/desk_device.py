@@ -1,4 +1,4 @@
-"""A program that emulates a device: it prints `ready PORT` and serves a pseudo-terminal."""
+"""Checks a program that emulates a device: it prints `ready PORT` and serves a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check_that_connect_accepts(program: Path, folder: Path) -> None:
-    """Connect to ``program`` for 2 s: the handshake must succeed, without a damaged frame."""
+    """Run ``connect`` on ``program`` for 2 s: the handshake succeeds without a damaged frame."""
     with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as device:
         try:
             assert device.stdout is not None

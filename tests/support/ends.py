@@ -43,7 +43,8 @@ R = TypeVar("R")
 HOST_BOOT_US = 7_000_000
 """The host's clock at the device's first boot, µs."""
 RAMP_US = 450_000
-"""Time from top speed to rest, µs: 0.3 s at the device's 1 m/s², the motors' lag, one control tick.
+"""Time from the highest speed to rest, µs: 0.3 s of braking at the device's limit of 1 m/s², the
+lag of the motors, and one control period.
 """
 TIME_TO_LIVE_US = 250_000
 REST_M_S = 0.005
@@ -55,9 +56,10 @@ OPEN_FLOOR = room((10.0, 10.0, 0.0))
 
 
 class Valve(Wire):
-    """A wire that can be cut or held.
+    """A simulated wire that a test can cut or hold.
 
-    While it is cut, all bytes are lost. Held bytes arrive together when the hold ends.
+    A cut wire loses all bytes. A held wire stores the bytes, and they arrive together when the hold
+    ends.
     """
 
     def __init__(self, inner: Wire) -> None:
@@ -67,7 +69,7 @@ class Valve(Wire):
         self._kept: list[Piece] = []
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Return the pieces that may pass, and those that were held before."""
+        """Return the pieces that may pass, including the pieces that were held before."""
         pieces = self._inside.arrived(now_us)
         if self.cut:
             pieces = []
@@ -78,12 +80,12 @@ class Valve(Wire):
         return [Piece(now_us, data) for _, data in kept]
 
     def next_us(self) -> int | None:
-        """Return the time of the next arrival; held bytes have none: a call releases them."""
+        """Return the time of the next arrival; held pieces have none and leave at the next call."""
         return self._inside.next_us()
 
 
 class Weather(Wire):
-    """Applies other wires' faults to pieces while it is active."""
+    """A simulated wire with the faults of other wires while ``storming`` is true."""
 
     def __init__(self, inner: Wire, *storms: Wire) -> None:
         super().__init__(inner)
@@ -91,7 +93,7 @@ class Weather(Wire):
         self._storms = storms
 
     def misbehave(self, piece: Piece) -> list[Piece]:
-        """Pass a piece, or apply every fault to it."""
+        """Pass a piece unchanged, or apply every fault to it."""
         pieces = [piece]
         if self.storming:
             for storm in self._storms:
@@ -107,7 +109,7 @@ class Sent(NamedTuple):
 
 
 class Collector:
-    """A sink that keeps everything."""
+    """A sink that stores every record."""
 
     def __init__(self) -> None:
         self.records: list[Record] = []
@@ -123,7 +125,7 @@ class Collector:
 
 
 class Spinning(ScriptedPlanner):
-    """Turns to and fro forever, a motion that never contacts a wall."""
+    """Planner that turns left and right without end, a motion without wall contact."""
 
     def script(self, obs: Observation) -> Script:
         self.record.change(state="spinning")
@@ -134,7 +136,7 @@ class Spinning(ScriptedPlanner):
 
 
 def spinning_host(sink: Collector | None = None, **mission: bool | float) -> Host:
-    """Return a host whose plan never ends."""
+    """Return a host with a planner that never ends."""
     model = RobotModel()
     return Host(
         model,

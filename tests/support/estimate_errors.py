@@ -1,8 +1,9 @@
-"""Consistency of the pose's covariance with its errors, over whole runs.
+"""Consistency of the pose covariance with the pose errors, over whole runs.
 
-Host, wire and virtual sweeper run together. The estimate is compared with the truth at the time of
-its newest encoder sample. The samples of a run are correlated, because an error persists. So each
-run counts as one value, its mean, and the spread between runs gives the confidence interval.
+Host, simulated link and virtual sweeper run together. The estimate is compared with the true pose
+at the time of its newest encoder sample. The samples of a run are correlated, because an error
+persists. So each run counts as one value, its mean, and the spread between runs gives the
+confidence interval.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 FIRST_S = 10.0
-"""Time before which samples are ignored, s: the start pose is exact, so there is no uncertainty
-yet."""
+"""Time before which samples are ignored, s. The start pose is exact, so there is no uncertainty at
+first.
+"""
 _KEPT = 32
 
 
@@ -46,19 +48,19 @@ class Reported(NamedTuple):
 
     @property
     def nees(self) -> float:
-        """Normalised squared error; its mean is 3 for a consistent covariance."""
+        """Normalised estimation error squared (NEES); its mean is 3 for a consistent covariance."""
         return float(self.error @ np.linalg.solve(self.covariance, self.error))
 
     @property
     def yaw_nees(self) -> float:
-        """Normalised squared error of the yaw alone; its mean is 1."""
+        """NEES of the yaw alone; its mean is 1 for a consistent covariance."""
         return float(self.error[2] ** 2 / self.covariance[2, 2])
 
 
 def estimate_errors(
     plan: FloorPlan, noise: str, seed: int, *, every_s: float = 10.0, planner: str = "recovery"
 ) -> list[Reported]:
-    """Run a planner to its end; return the errors at fixed times of the drive."""
+    """Run a planner to its end; return the errors at regular times of the drive."""
     truth: dict[int, Pose2] = {}
     reported: list[Reported] = []
 
@@ -93,24 +95,25 @@ def estimate_errors(
 
 
 class Average(NamedTuple):
-    """Mean of a figure over runs."""
+    """Mean of a quantity over runs, with its confidence interval."""
 
     mean: float
     half: float
-    """Half of its 95 % interval, by the spread between runs (Student's t)."""
+    """Half the width of the 95 % confidence interval, from the spread between runs (Student's t).
+    """
 
     def __str__(self) -> str:
         return f"{self.mean:.2f} ± {self.half:.2f}"
 
 
 def average(runs: Sequence[float]) -> Average:
-    """Return the mean of one figure per run, for two or more runs."""
+    """Return the mean of one value per run, for two or more runs."""
     spread = statistics.stdev(runs) / math.sqrt(len(runs))
     return Average(statistics.fmean(runs), float(stats.t.ppf(0.975, len(runs) - 1)) * spread)
 
 
 def anees(runs: Sequence[Sequence[Reported]]) -> Average:
-    """Return the average NEES of x, y and yaw."""
+    """Return the average NEES (ANEES) of x, y and yaw."""
     return average([statistics.fmean(t.nees for t in run) for run in runs])
 
 
@@ -120,6 +123,6 @@ def yaw_anees(runs: Sequence[Sequence[Reported]]) -> Average:
 
 
 def share_inside(runs: Sequence[Sequence[Reported]], share: float = 0.95) -> float:
-    """Return the share of all samples inside the ellipse that should hold ``share``."""
+    """Return the share of the samples inside the ellipse that should hold ``share`` of them."""
     maximum = float(stats.chi2.ppf(share, 3))
     return statistics.fmean(t.nees < maximum for run in runs for t in run)

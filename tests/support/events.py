@@ -1,4 +1,4 @@
-"""A sink that keeps a run's events."""
+"""A sink that stores the events of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Events(NullSink):
-    """Keeps events, and no other record."""
+    """Stores events and ignores all other records."""
 
     def __init__(self) -> None:
         self.events: list[EventRecord] = []

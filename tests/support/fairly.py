@@ -1,8 +1,8 @@
-"""Scheduling of real-time tests: first several at a time, then alone if there was no verdict.
+"""Scheduling of real-time tests: in parallel first, then one by one those without a verdict.
 
-Other tests may delay a program so long that its test fails. Such a failure is no verdict: the test
-runs again alone in the next phase, and that run is the verdict. In that phase, a test that fails
-while the machine is busy runs again at once. A wrong program fails again.
+Other tests may delay a program until its test fails. Such a failure is no verdict. The test runs
+again alone in the next phase, and that run gives the verdict. In that phase, a test that fails
+while the machine is busy runs again at once. If the program is wrong, the test fails again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 TRIES = 3
 AGAIN_S = 35.0
-"""Maximum duration of a test that is run again, s: the time limit of a test covers all tries."""
+"""Maximum duration of a test that is run again, s; the time limit of a test includes all its tries.
+"""
 AGAIN, PUT_OFF = "ran-again", "put-off"
 """Keys of a report's properties: a try that did not count, and a test without a verdict yet."""
 
@@ -51,9 +52,9 @@ def configure(config: pytest.Config, busy: Callable[[], Busy] = Busy) -> None:
 
 
 class Units(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
-    """Gives a worker all tests of a file that share a fixture, else the next test.
+    """Scheduler that gives a worker all tests of a file that share a fixture, else the next test.
 
-    The conformance checks share their devices.
+    For example, the conformance checks share their devices.
     """
 
     def _split_scope(self, nodeid: str) -> str:
@@ -88,7 +89,7 @@ class Fairly:
     def pytest_collection_modifyitems(
         self, config: pytest.Config, items: list[pytest.Item]
     ) -> None:
-        # The last tests must be short; otherwise one worker runs on when the others are done.
+        # Short tests run last. After a long last test, one worker would run on alone.
         items.sort(key=lambda item: item.get_closest_marker("slow") is None)
         if self._alone is None:
             return
@@ -113,7 +114,7 @@ class Fairly:
     def _tries(
         self, item: pytest.Item, nextitem: pytest.Item | None
     ) -> Iterator[pytest.TestReport]:
-        """Return the reports of the try that counts; its properties hold the others."""
+        """Return the reports of the try that counts; its properties list the other tries."""
         notes: list[tuple[str, object]] = []
         for left in range(TRIES - 1, -1, -1):
             busy = self._busy()

@@ -1,8 +1,8 @@
-"""A fast kinematic world for runs by the hundred: one compiled call per control step.
+"""A fast kinematic world for hundreds of runs: one compiled call per control step.
 
-The rules of contact, ranging and lag are simplified from the virtual sweeper's. Instead of an
-estimator, the planner gets the true pose plus slowly varying errors (``PoseNoise``). It serves to
-explore a planner, not to publish figures.
+Its rules of contact, ranging and lag are simpler than in the virtual sweeper. The planner gets no
+estimate, but the true pose plus errors that vary slowly (``PoseNoise``). This world serves to
+explore a planner; no published result comes from it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _RANGES_EVERY_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class PoseNoise:
-    """Standard deviations of the given pose and of the sensors."""
+    """Standard deviations of the errors in the given pose and in the sensors."""
 
     name: str = "none"
     position_m: float = 0.0
@@ -44,7 +44,8 @@ class PoseNoise:
     ultrasonic_m: float = 0.0
     dropout: float = 0.0
     infrared_m: float = 0.0
-    """Sigma of the infrared at 10 cm, m; it grows as the range squared."""
+    """Standard deviation of the infrared range at 10 cm, m; it grows with the square of the range.
+    """
 
 
 LEVELS = {
@@ -58,7 +59,7 @@ LEVELS = {
 
 
 class FastWorld:
-    """Truth and observations of one run."""
+    """True state and observations of one run."""
 
     def __init__(
         self, plan: FloorPlan, model: RobotModel, seed: int = 0, noise: PoseNoise | None = None

@@ -17,7 +17,7 @@ _PI = cython.declare(cython.double, math.pi)
 @cython.final
 @cython.cclass
 class _Touch:
-    """The nearest wall: its distance, and the unit vector away from it."""
+    """The nearest wall: its distance, and the unit vector that points away from it."""
 
     gap: cython.double
     ux: cython.double
@@ -71,9 +71,11 @@ def move(  # noqa: PLR0913, PLR0917 - a kernel
     radius: cython.double,
     span: cython.double,
 ) -> None:
-    """Move one step.
+    """Move the robot by one control step.
 
-    State: x y th v w travelled collisions free_s left right contact_s touching.
+    ``state`` holds: x, y (m), heading (rad), speed (m/s), yaw rate (rad/s), travelled path (m),
+    number of collisions, time since the last contact (s), left and right bumper, time in contact
+    (s), contact at present.
     """
     sub = 8
     dt = 0.02 / sub
@@ -133,9 +135,9 @@ def sense(  # noqa: PLR0913, PLR0917 - a kernel
     side_x_m: cython.double,
     side_y_m: cython.double,
 ) -> None:
-    """Compute ``out``: ranges of the ultrasonic, the left and the right infrared.
+    """Write the ranges of the ultrasonic, the left and the right infrared to ``out``.
 
-    The ultrasonic is ``front_m`` ahead of the axle, the left infrared at ``side_x_m, side_y_m``.
+    The ultrasonic is ``front_m`` ahead of the axle. The left infrared is at ``side_x_m, side_y_m``.
     """
     x, y, th = state[0], state[1], state[2]
     c, s = cos(th), sin(th)

@@ -1,4 +1,4 @@
-"""A client of the Foxglove WebSocket protocol, independent of Foxglove's SDK."""
+"""A client of the Foxglove WebSocket protocol that does not use Foxglove's SDK."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 PATIENCE_S = 30.0
-"""Maximum time of a step that takes a second, s; only a hang is longer."""
+"""Maximum time of a step that usually takes a second, s; only a hang is longer."""
 _DATA, _TIME = 1, 2
 
 
 class Received(NamedTuple):
-    """A message as it was received."""
+    """A received message."""
 
     topic: str
     log_ns: int
@@ -37,7 +37,7 @@ class Received(NamedTuple):
 
 
 class FoxgloveClient:
-    """Subscribes to every channel and keeps what it receives."""
+    """Client that subscribes to every channel and stores all messages."""
 
     def __init__(self, address: str) -> None:
         self._open = ExitStack()
@@ -53,7 +53,7 @@ class FoxgloveClient:
         self.messages: list[Received] = []
         self._newest: Counter[str] = Counter()
         self.texts: list[dict[str, Any]] = []
-        """Messages of the protocol other than data, in order."""
+        """Control messages of the protocol in order of arrival, without the data messages."""
         self.times_ns: list[int] = []
         self.closed = False
 
@@ -76,18 +76,18 @@ class FoxgloveClient:
                 self.closed = True
 
     def newer(self, than_ns: int) -> int:
-        """Number of messages from this log time on. Every call must give the same time."""
+        """Number of messages from this log time on. Every call must pass an equal time."""
         taken = self._newest["taken"]
         self._newest["newer"] += sum(m.log_ns >= than_ns for m in self.messages[taken:])
         self._newest["taken"] = len(self.messages)
         return self._newest["newer"]
 
     def op(self, name: str) -> list[dict[str, Any]]:
-        """Messages of the protocol of this name."""
+        """Control messages with this name."""
         return [text for text in self.texts if text["op"] == name]
 
     def decoder(self, topic: str) -> Callable[[bytes], Any]:
-        """Decoder of a topic, made from the schema that the server has advertised."""
+        """Decoder of a topic, from the schema that the server has advertised."""
         (channel,) = [each for each in self.channels.values() if each["topic"] == topic]
         name, kind = channel["schemaName"], channel["schemaEncoding"]
         if channel["encoding"] == "protobuf":

@@ -1,4 +1,4 @@
-"""Measures how long the machine delays programs, which real-time verdicts take into account."""
+"""Measures the delays that a busy machine causes, because a real-time verdict depends on them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import time
 from pathlib import Path
 
 PRESSURE = Path("/proc/pressure/cpu")
-"""Path of the kernel's pressure stall information (PSI): the time in which a task waited for a
-core."""
+"""Path of the kernel's pressure stall information (PSI): the time in which tasks waited for a core.
+"""
 BUSY = 0.3
-"""Maximum share of a test's time in which a task waited for a core. Above it, a failure is no
-verdict. The real-time tests on two idle cores stay below it, except while many programs start at
-once."""
+"""Maximum share of a test's time in which tasks waited for a core. Above it, a failure is no
+verdict. On two idle cores the real-time tests stay below it, except when many programs start
+together.
+"""
 
 
 def waited_ns() -> int:
-    """Return the total time for which threads of this process have waited for a core, ns.
+    """Return the total time for which the threads of this process waited for a core, ns.
 
-    0 if unknown.
+    The result is 0 if the time is unknown.
     """
     total = 0
     for task in Path("/proc/self/task").glob("*/schedstat"):
@@ -41,15 +42,15 @@ class Busy:
 
     @property
     def share(self) -> float:
-        """Return the share of the time since the start in which a task waited for a core.
+        """Return the share of the time since the start in which tasks waited for a core.
 
-        0 if unknown.
+        The result is 0 if the share is unknown.
         """
         return (_pressure_us() - self._before_us) / 1e6 / max(self.elapsed_s, 1e-6)
 
     @property
     def excuses(self) -> bool:
-        """Return whether a real-time failure may be due to the machine."""
+        """Return whether the machine's load may be the cause of a real-time failure."""
         return self.share > BUSY
 
 

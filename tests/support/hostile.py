@@ -1,10 +1,10 @@
-"""Wires with faults, composable and seeded.
+"""Simulated wires with faults, which can be composed and have a random seed.
 
-Sans-I/O: bytes go in with :meth:`Wire.push`, and :meth:`Wire.pull` returns what has arrived by a
-time. A wrapper acts on the pieces of the wire inside it, so ``Lossy(Chunked(Pipe(), 1), p=0.2,
-rng=rng)`` loses single bytes, while ``Chunked(Lossy(Pipe(), p=0.2, rng=rng), 1)`` loses whole
-writes. One wire is one direction. Times are integers of microseconds, of any clock that never goes
-back.
+The classes do no I/O: bytes go in with :meth:`Wire.push`, and :meth:`Wire.pull` returns the bytes
+that have arrived until a time. A wrapper acts on the pieces of the wire inside it. So
+``Lossy(Chunked(Pipe(), 1), p=0.2, rng=rng)`` loses single bytes, but ``Chunked(Lossy(Pipe(), p=0.2,
+rng=rng), 1)`` loses whole writes. A wire transports bytes in one direction. Times are integers in
+microseconds, of any monotonic clock.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ if TYPE_CHECKING:
 
 
 class Piece(NamedTuple):
-    """Bytes that arrive together, and their time."""
+    """Bytes that arrive together, and their arrival time."""
 
     at_us: int
     data: bytes
 
 
 class Wire:
-    """Base of the wrappers: passes on the pieces of the wire inside."""
+    """Base class of the wrappers: passes on the pieces of the wire inside."""
 
     def __init__(self, inner: Wire | None = None) -> None:
         self._inner = inner
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Write bytes at the near end."""
+        """Write bytes at the sending end."""
         self._inside.push(data, now_us)
 
     def pull(self, now_us: int) -> list[bytes]:
-        """Return what has arrived at the far end, in order of arrival."""
+        """Return the bytes that have arrived at the receiving end, in order of arrival."""
         return [piece.data for piece in self.arrived(now_us)]
 
     def next_us(self) -> int | None:
-        """Return the time of the next arrival; None if nothing is on the way."""
+        """Return the time of the next arrival; None if no bytes are in transit."""
         return self._inside.next_us()
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Return the same as :meth:`pull`, with the time of each arrival."""
+        """Return the bytes of :meth:`pull` as pieces with arrival times."""
         return [out for piece in self._inside.arrived(now_us) for out in self.misbehave(piece)]
 
     def misbehave(self, piece: Piece) -> list[Piece]:
@@ -56,7 +56,7 @@ class Wire:
 
 
 class Pipe(Wire):
-    """The innermost wire: keeps order, loses nothing, delays bytes by ``latency_us``."""
+    """The innermost wire: preserves the order, loses nothing, delays bytes by ``latency_us``."""
 
     def __init__(self, latency_us: int = 0) -> None:
         super().__init__()
@@ -65,12 +65,12 @@ class Pipe(Wire):
         self._way: list[Piece] = []
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Write bytes; empty bytes are no piece."""
+        """Write bytes; empty bytes make no piece."""
         if data:
             self._way.append(Piece(now_us + self.latency_us, data))
 
     def arrived(self, now_us: int) -> list[Piece]:
-        """Return the pieces that are old enough."""
+        """Return the pieces whose arrival time has come."""
         count = 0
         while count < len(self._way) and self._way[count].at_us <= now_us:
             count += 1
@@ -83,7 +83,7 @@ class Pipe(Wire):
 
 
 class Chunked(Wire):
-    """Splits pieces to at most ``size`` bytes, like the reads of a slow port."""
+    """Splits pieces into parts of at most ``size`` bytes, like the reads of a slow port."""
 
     def __init__(self, inner: Wire, size: int) -> None:
         super().__init__(inner)
@@ -96,24 +96,24 @@ class Chunked(Wire):
 
 
 class _Chance(Wire):
-    """A wire whose fault hits each piece with probability ``p``."""
+    """A wire with a fault that affects each piece with probability ``p``."""
 
     def __init__(self, inner: Wire, p: float, rng: random.Random) -> None:
         super().__init__(inner)
         self._p = p
         self._rng = rng
         self.befell = 0
-        """Number of pieces that were hit so far."""
+        """Number of affected pieces so far."""
 
     def misbehave(self, piece: Piece) -> list[Piece]:
-        """Hit a piece, or pass it unchanged."""
+        """Affect a piece, or pass it unchanged."""
         if self._rng.random() >= self._p:
             return [piece]
         self.befell += 1
         return self.hit(piece)
 
     def hit(self, piece: Piece) -> list[Piece]:
-        """Return the pieces that replace a hit piece."""
+        """Return the pieces that replace an affected piece."""
         raise NotImplementedError
 
 
@@ -136,14 +136,14 @@ class BitFlips(_Chance):
 
 
 class Burst(_Chance):
-    """Replaces up to ``longest`` bytes of a piece by noise, as a motor's spark does."""
+    """Replaces up to ``longest`` bytes of a piece by noise, like a spark of a motor."""
 
     def __init__(self, inner: Wire, p: float, rng: random.Random, longest: int = 16) -> None:
         super().__init__(inner, p, rng)
         self._longest = longest
 
     def hit(self, piece: Piece) -> list[Piece]:
-        """Overwrite a stretch."""
+        """Overwrite some consecutive bytes."""
         data = bytearray(piece.data)
         first = self._rng.randrange(len(data))
         for i in range(first, min(len(data), first + self._rng.randint(1, self._longest))):

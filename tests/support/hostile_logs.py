@@ -36,26 +36,26 @@ GOOD = b'{"good": 1}'
 
 
 def record(made: McapRecord) -> bytes:
-    """Return a record's bytes."""
+    """Return the bytes of a record."""
     builder = RecordBuilder()
     made.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
 
 
 def message(channel: int, data: bytes, log_ns: int = 5, length: int | None = None) -> bytes:
-    """Return a message record; ``length`` is its claimed length."""
+    """Return a message record; ``length`` is its stated length, which may be false."""
     size = 22 + len(data) if length is None else length
     return _MESSAGE.pack(5, size, channel, 1, log_ns, log_ns) + data
 
 
 def chunk(content: bytes, packed: bytes, compression: bytes, claimed: int | None = None) -> bytes:
-    """Return a chunk record with the given, possibly false, claims."""
+    """Return a chunk record with the stated sizes and CRC, which may be false."""
     size = len(content) if claimed is None else claimed
     return packed_chunk(packed, compression, size, zlib.crc32(content))
 
 
 def packed_chunk(packed: bytes, compression: bytes, size: int, crc: int) -> bytes:
-    """Return a chunk record of packed bytes."""
+    """Return a chunk record with compressed bytes."""
     body = struct.pack("<QQQI", 5, 5, size, crc)
     body += struct.pack("<I", len(compression)) + compression + struct.pack("<Q", len(packed))
     return struct.pack("<BQ", 6, len(body) + len(packed)) + body + packed
@@ -91,7 +91,7 @@ def lz4_zeros(size: int) -> bytes:
 
 
 def bombs() -> dict[str, bytes]:
-    """Return chunks that unpack to much more than their own size."""
+    """Return chunks that decompress to much more than their own size."""
     sized, unsized = zeros(3072 * MIB, sized=True), zeros(3072 * MIB, sized=False)
     truthful = bytes(120 * MIB)
     tiny = message(1, b"") * (18 * MIB // 31)
@@ -140,7 +140,7 @@ def declarations() -> dict[str, bytes]:
 
 
 def _ours(topic: str, data: Iterable[tuple[int, bytes]], *attachments: tuple[str, bytes]) -> bytes:
-    """Return messages on one of our topics, with its schema."""
+    """Return messages on a topic of sweepctl, with its schema."""
     file = io.BytesIO()
     writer = Writer(file, compression=CompressionType.ZSTD)
     writer.start()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FOLDER = ROOT / "docs" / "schemas"
 ANY = "*"
-"""Command name of the schema of failures, which any command may print."""
+"""Command name of the failure schema, because any command may print a failure."""
 _NOTES = frozenset({"$schema", "$defs", "title", "description", "x-commands"})
 _KEYWORDS = _NOTES | {
     *("$ref", "anyOf", "type", "enum", "const", "properties", "required", "additionalProperties"),
@@ -47,14 +47,14 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 
 def schema_of(command: str) -> dict[str, Any] | None:
-    """Return the schema of a command's output; None: it has none."""
+    """Return the schema of a command's output; None if the command has none."""
     found = [s for s in schemas().values() if command in s["x-commands"]]
     assert len(found) <= 1, f"{command}: several schemas"
     return found[0] if found else None
 
 
 def commands(group: click.Group = cli, path: str = "") -> Iterator[tuple[str, click.Command]]:
-    """Yield each command that ships, with its name as it is typed."""
+    """Yield each command of the project, with its name as the user types it."""
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)
@@ -66,7 +66,7 @@ def commands(group: click.Group = cli, path: str = "") -> Iterator[tuple[str, cl
 
 
 def command_of(arguments: Sequence[str]) -> str | None:
-    """Return the command of a command line, with its subcommand; None: it is not ours."""
+    """Return the command and subcommand of a command line; None if it is no command of sweepctl."""
     name = next((word for word in arguments if not word.startswith("-")), "")
     command = cli.get_command(click.Context(cli), name)
     if not isinstance(command, click.Group):
@@ -78,7 +78,7 @@ def command_of(arguments: Sequence[str]) -> str | None:
 
 
 def output_problems(command: str, value: object) -> list[str]:
-    """Return the errors in a command's output, by its schema or that of failures."""
+    """Return the errors in a command's output, by the command's schema or by the failure schema."""
     schema, failure = schema_of(command), schemas()["error"]
     if not list(problems(value, failure, failure)):
         return []
@@ -91,7 +91,7 @@ def check_output(arguments: Sequence[str], out: str) -> None:
     """Check the output of a command with ``--json``.
 
     Raises:
-        AssertionError: it is not one object that matches the command's schema.
+        AssertionError: the output is not one object that matches the command's schema.
 
     """
     command = command_of(arguments)
@@ -103,7 +103,7 @@ def check_output(arguments: Sequence[str], out: str) -> None:
 def problems(
     value: object, schema: dict[str, Any], root: dict[str, Any], at: str = "$"
 ) -> Iterator[str]:
-    """Yield the errors in a value."""
+    """Yield the errors in a value, compared with a schema."""
     unknown = schema.keys() - _KEYWORDS
     assert not unknown, f"{at}: the check does not know {sorted(unknown)}"
     if "$ref" in schema:

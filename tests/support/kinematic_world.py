@@ -1,7 +1,8 @@
 """A small differential-drive world for planner tests, independent of the emulator.
 
-A disc among polygons, stepped at 50 Hz. Contact removes the normal part of the motion, so that the
-disc slides. Encoders and gyro go through the host's own estimator.
+The robot is a disc among polygons and moves in steps of 50 Hz. A contact removes the component of
+the motion into the wall, so the disc slides along the wall. The host's estimator processes the
+encoder and gyro readings.
 """
 
 from __future__ import annotations
@@ -32,16 +33,17 @@ _BUMPER_OVERLAP_RAD = math.radians(10.0)
 
 @dataclass(frozen=True, slots=True)
 class WorldNoise:
-    """Standard deviations; all zero is the ideal world."""
+    """Standard deviations of the noise; all zero is the ideal world."""
 
     ultrasonic_m: float = 0.0
     infrared_m: float = 0.0
     gyro_rad_s: float = 0.0
     gyro_bias_rad_s: float = 0.0
-    """Gyro bias from the start, rad/s; it can be measured at rest."""
+    """Constant gyro bias, rad/s; the estimator can measure it at rest."""
     gyro_drift_rad_s: float = 0.0
-    """Additional gyro bias once the robot moves, rad/s, with random sign; calibration cannot remove
-    it."""
+    """Additional gyro bias after the robot first moves, rad/s, with random sign; calibration at
+    rest cannot remove it.
+    """
     wheel_scale: float = 0.0
 
 
@@ -57,7 +59,7 @@ TYPICAL = WorldNoise(
 
 
 class KinematicWorld:
-    """The truth, and the sensor readings."""
+    """True state of the world, and the sensor readings."""
 
     def __init__(
         self,
@@ -89,7 +91,7 @@ class KinematicWorld:
     # -- motion ----------------------------------------------------------------------------
 
     def step(self, command: VelocityCommand) -> Observation:
-        """Apply a command for one control period and observe."""
+        """Apply a command for one control period; return the observation."""
         dt = STEP_S / _SUBSTEPS
         follow = 1.0 - math.exp(-dt / _LAG_S)
         for _ in range(_SUBSTEPS):

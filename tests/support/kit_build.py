@@ -1,4 +1,4 @@
-"""The C firmware on this computer: built once in a run, run on scripts."""
+"""The C firmware on this computer: it is built once per test run and executes scripts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CORE = sorted(p for p in (KIT / "core").glob("*.c") if p.name != "main.c")
 
 
 def wire(directory: Path) -> Path:
-    """Write the generated codec to ``directory``/wire."""
+    """Write the generated codec to the folder ``wire`` in ``directory``."""
     folder = directory / "wire"
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in render("c").items():
@@ -71,7 +71,7 @@ def compile_kit(  # noqa: PLR0913 - options of a build
 
 @dataclass(frozen=True)
 class Kit:
-    """The built script board."""
+    """The compiled script board: the C firmware with a board that executes a script."""
 
     program: Path
 
@@ -80,7 +80,7 @@ class Kit:
         return read(self.raw(script(acts)))
 
     def raw(self, data: bytes) -> bytes:
-        """Run any bytes as a script; the test fails if the sanitizers report an error."""
+        """Run arbitrary bytes as a script; the test fails if the sanitizers report an error."""
         done = subprocess.run(
             [self.program], input=data, capture_output=True, timeout=60, check=False
         )
@@ -94,7 +94,7 @@ LIBRARY = [KIT / "board_library" / name for name in ("board.c", "library.c")]
 
 @functools.cache
 def library(*sources: Path, sanitized: bool = False, optimised: bool = False) -> Path:
-    """Build the core and ``sources`` as a shared library, once for all tests of a run."""
+    """Build the core and ``sources`` as a shared library, once per test run."""
     directory = Path(tempfile.mkdtemp(prefix="library-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
     flags = ("-O2" if optimised else "-O0", "-g", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -105,7 +105,7 @@ def library(*sources: Path, sanitized: bool = False, optimised: bool = False) ->
 
 @functools.cache
 def the_kit() -> Kit:
-    """Build the core with the compiler's sanitizers, once for all tests of a run."""
+    """Build the core with the compiler's sanitizers, once per test run."""
     directory = Path(tempfile.mkdtemp(prefix="kit-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
     sources = [KIT / "board_host" / name for name in ("script.c", "script_main.c")]

@@ -1,4 +1,4 @@
-"""Runs both firmwares on one script: they must be equal, byte for byte."""
+"""Runs the C and the Python firmware on one script: their output must be equal, byte for byte."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ def compare(acts: list[Act], *, can: bool = False) -> list[Reported]:
     for number, (c, python) in enumerate(zip(ours, twins, strict=True)):
         assert frames(c.wrote, can=can) == frames(python.wrote, can=can), number
         assert c._replace(wrote=b"", motors=(0, 0)) == python._replace(wrote=b"", motors=(0, 0))
-        # Single against double precision: a duty may differ by one step, 1/10 000.
+        # The C core computes in single precision and the Python model in double precision. So a
+        # duty may differ by one step, 1/10 000.
         assert c.motors == pytest.approx(python.motors, abs=1), number
     return ours

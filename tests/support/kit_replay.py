@@ -1,9 +1,9 @@
 """Record the inputs of the C core's board in a run, and replay them to both firmwares, open loop.
 
-A recording has everything that crosses the border between board and firmware: received bytes with
-their times, encoder counts, registers of the IMU, ranges, contacts, the ADC's readings, boots and
-resets. The outputs do not affect later inputs. So if the outputs differ, the firmwares differ; a
-different path of the robot cannot be the cause.
+A recording contains all data between the board and the firmware: received bytes with their times,
+encoder counts, registers of the IMU, ranges, contacts, the ADC's readings, boots and resets. The
+outputs do not affect later inputs. So if the outputs differ, the firmwares differ; a different path
+of the robot cannot be the cause.
 """
 
 from __future__ import annotations
@@ -47,8 +47,9 @@ if TYPE_CHECKING:
 
 _DUTY_ONE = 10_000
 HEAD_VALUES = len(RECEIVE.unpack(bytes(RECEIVE.size)))
-"""Number of values at the beginning of a POLL payload that are those of RECEIVE. The encoder counts
-follow."""
+"""Number of values at the beginning of a POLL payload, before the encoder counts. They equal the
+values of a RECEIVE payload.
+"""
 _BORDER = frozenset({Operation.POLL, Operation.RECEIVE, Operation.BOOT})
 """Operations after which the firmware's state and output are compared."""
 
@@ -59,16 +60,17 @@ BOUNDS = {
     "status.load": (4, "the model counts received frames too, and begins with a full interval"),
     "time_reply.sent": (1, "the core adds the time until the line is idle, at most 1 us here"),
 }
-"""Largest difference that a field may have, in its wire steps, with the cause. The other fields are
-equal. Readings, setpoints and streams are integers; only the wheel controller computes with
-fractions, the core's in single precision and the model's in double."""
+"""Largest allowed difference of a field, in its wire steps, with the cause. All other fields must
+be equal. Readings, setpoints and streams are integers. Only the wheel controller computes with
+fractions: in single precision in the core, in double precision in the model.
+"""
 
 
 # ---- recording -------------------------------------------------------------------------------
 
 
 class Call(NamedTuple):
-    """A call of the chip: operation, payload, values that it requested meanwhile, and reply."""
+    """A call of the chip: operation, payload, values that the call requested, and reply."""
 
     operation: int
     payload: bytes
@@ -87,7 +89,7 @@ class Recording:
 
 
 class RecordingChip:
-    """The built-in core on a virtual board, which writes down all calls."""
+    """The built-in core on a virtual board that records all calls."""
 
     def __init__(self, answer: Callable[[int], bytes], recording: Recording) -> None:
         self._answer, self._recording = answer, recording
@@ -101,7 +103,7 @@ class RecordingChip:
         return answer
 
     def call(self, operation: int, payload: bytes) -> bytes:
-        """Pass a call on."""
+        """Pass a call to the core and record it."""
         self._answers = []
         reply = self._chip.call(operation, payload)
         self._recording.calls.append(Call(operation, payload, self._answers, reply))

@@ -1,4 +1,4 @@
-"""The C firmware in the virtual robot: its sensors read the plant, its duties drive it."""
+"""The C firmware in the virtual robot: the sensors measure the plant, the duties drive it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _POWER_PERIODS, _POWER_PHASE = 20, 5
 
 
 class KitRobot:
-    """The program in a child process, one control period at a time."""
+    """The firmware's program in a child process, which runs one control period after the other."""
 
     def __init__(
         self, program: Path, plan: FloorPlan, *, seed: int = 0, noise: str = "typical"
@@ -55,12 +55,12 @@ class KitRobot:
         return self._ticks * PERIOD_US
 
     def inform(self, *messages: Message) -> None:
-        """Send messages at the end of the running period."""
+        """Send messages at the end of the current control period."""
         for message in messages:
             self.link.send(message, self.now_us, node=1)
 
     def live(self, seconds: float) -> None:
-        """Run firmware and plant for a number of seconds."""
+        """Run firmware and plant for this time."""
         for _ in range(round(seconds * 1e6 / PERIOD_US)):
             self._period()
 

@@ -1,7 +1,7 @@
-"""Scripts for the C firmware's script board, and its reports.
+"""Scripts for the C firmware's script board, and the reports of this board.
 
-``sim_device/firmware/board_host/script.c`` defines the format: records in, one record out for each
-step.
+``sim_device/firmware/board_host/script.c`` defines the format: a script consists of records, and
+the board prints one report for each step.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ REPORTED = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2h?I")
 _STATUS, _TIME_REPLY = 0x11, 0x18
 _LOAD = 5
 _T16 = 2
-"""Size of the stamp before the payload of a periodic frame on CAN, bytes."""
+"""Size of the time stamp before the payload of a periodic frame on CAN, bytes."""
 _STAMP, _HEADER, _CRC = 4, 8, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """Boot again."""
+    """Reboot the firmware."""
 
     boot_id: int = 1
     reset_cause: int = 0
@@ -78,7 +78,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Run for a time, then receive data."""
+    """Run the firmware for a time, then pass received data to it."""
 
     for_us: int
     data: bytes = b""
@@ -89,7 +89,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class LoseSupply:
-    """Lose the supply a number of control periods after the start of the next save."""
+    """Interrupt the supply ``periods`` control periods after the next save to flash begins."""
 
     periods: int
 
@@ -101,12 +101,12 @@ Act = Boot | Readings | Step | LoseSupply
 
 
 def script(acts: Iterable[Act]) -> bytes:
-    """Return the whole script."""
+    """Return the script as bytes."""
     return b"".join(act.record() for act in acts)
 
 
 class Held(NamedTuple):
-    """Content of a watchdog, in wire steps; ``counter`` 256: none yet."""
+    """Setpoint in a watchdog, in wire steps; ``counter`` is 256 before the first setpoint."""
 
     first: int
     second: int
@@ -121,7 +121,9 @@ class Reported(NamedTuple):
     session_id: int
     negotiated: bool
     state: int
-    """State of ``modes.h``: stopped, idle, velocity, bring-up, onboard, running, paused."""
+    """State as numbered in ``modes.h``: stopped, idle, velocity, bring-up, onboard, running,
+    paused.
+    """
     stop_cause: int
     faults: int
     stale: int

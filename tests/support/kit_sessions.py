@@ -1,4 +1,4 @@
-"""Actions of a host on a device, well-behaved and hostile, as a strategy of scripts."""
+"""Strategy that draws scripts with the actions of a host, both valid and hostile."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ F32 = struct.Struct("<f")
 
 
 def f32(value: float) -> int:
-    """Return the bits of a parameter's value."""
+    """Return the 32 bits of a parameter's value."""
     return int.from_bytes(F32.pack(value), "little")
 
 
 class Writer:
-    """Writes a script: a host's messages, with its sequence numbers and its clock."""
+    """Writes a script with the messages of one host, with its sequence numbers and its clock."""
 
     def __init__(self, *, can: bool = False) -> None:
         self.acts: list[Act] = [Readings()]
@@ -61,12 +61,12 @@ class Writer:
         self._printed: list[bytes] = []
         self.counter = 0
         self.reboots = 0
-        """Number of reboots by a command or a loss of supply, since the last ``Boot`` in the
-        script."""
+        """Number of reboots by a command or a loss of supply since the last ``Boot`` in the script.
+        """
 
     @property
     def boot_id(self) -> int:
-        """Boot id of the present boot in the script."""
+        """Boot id of the current boot in the script."""
         boots = [act for act in self.acts if isinstance(act, Boot)]
         return (boots or [Boot()])[-1].boot_id + self.reboots
 
@@ -95,24 +95,24 @@ class Writer:
         self.acts.append(Step(after_us, data))
 
     def replay(self, back: int) -> None:
-        """Send older bytes again: those of the last sending (0), of the one before (1), ..."""
+        """Send earlier bytes again; ``back`` is 0 for the last sending, 1 for the one before."""
         if self._printed:
             self.raw(self._printed[-1 - back % len(self._printed)])
 
     def damage(self, bit: int) -> None:
-        """Repeat the last sending with an inverted bit."""
+        """Send the last bytes again with one inverted bit."""
         if self._printed and self._printed[-1]:
             data = bytearray(self._printed[-1])
             data[bit // 8 % len(data)] ^= 1 << bit % 8
             self.raw(bytes(data))
 
     def cut(self, kept: int) -> None:
-        """Repeat the last sending without its tail."""
+        """Send the last bytes again without their end."""
         if self._printed and self._printed[-1]:
             self.raw(self._printed[-1][: kept % len(self._printed[-1])])
 
     def frame(self, node: int, type_id: int, payload: bytes, flags: int = 0) -> None:
-        """Send any payload in a complete frame."""
+        """Send any payload in a valid frame."""
         stamp_us = self.now_us + HOST_AHEAD_US
         self.raw(b"\0" + encode_frame(node, type_id, 0, stamp_us, payload, flags))
 
@@ -121,7 +121,7 @@ class Writer:
         self.frame(1, HELLO, struct.pack("<IIIB", 1, 9, self.boot_id, 1) + name)
 
     def begin(self, session_id: int = 7) -> None:
-        """Go from boot to driving."""
+        """Open a session after a boot and enter velocity mode."""
         self.inform(HostHello(0, session_id, self.boot_id, 0, "first"))
         self.inform(HostHello(0, session_id, self.boot_id, 1, "first"))
         self.inform(ClearStop(0xFFF0, StopCause.SESSION_END), SetMode(0xFFF1, Mode.VELOCITY))

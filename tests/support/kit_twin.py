@@ -1,4 +1,4 @@
-"""Runs the Python firmware on the same script as the C firmware's script board."""
+"""Runs the Python firmware on the scripts of the C firmware's script board."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _V_STEP, _YAW_STEP, _DUTY_STEP = 0.0001, 0.0002, 0.0001
 
 
 class PaperSensors:
-    """The given readings as sensors."""
+    """Sensors that return the readings in the script."""
 
     def __init__(self) -> None:
         self.now = Readings()
@@ -75,7 +75,7 @@ def seen(reading: int, per_m: float) -> float | None:
 
 
 def pieces(data: bytes, *, can: bool) -> list[bytes]:
-    """Return one frame at a time: a describe message affects the frames behind it."""
+    """Return one frame after the other: a describe message affects the frames after it."""
     if can:
         size = RECORD.size
         whole = len(data) - len(data) % size
@@ -84,7 +84,7 @@ def pieces(data: bytes, *, can: bool) -> list[bytes]:
 
 
 class Twin:
-    """Runs a script."""
+    """Runs a script on the Python firmware."""
 
     def __init__(self) -> None:
         self.sensors = PaperSensors()
@@ -132,7 +132,7 @@ class Twin:
         while self._due_us <= until_us:
             self._duties = self.firmware.tick(self._due_us - self._booted_us)
             self._due_us += TICK_US
-            if self._can:  # frames of one period leave by rank
+            if self._can:  # the frames of one period leave in order of priority
                 wrote += self.firmware.data_to_send()
         self._now_us = until_us
         for piece in pieces(step.data, can=self._can):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def let_lie(device: Sweeper[Any], what: str, at_s: float) -> None:
-    """Let the device's planner report a false value of this kind from a time on."""
+    """Let the device's planner report a false value of this kind after ``at_s`` seconds."""
     control, lie = device.firmware.control, LIES[what]
     true_state = control.planner_state
     reported: dict[str, int] = {}
@@ -68,5 +68,6 @@ LIES: dict[str, Lie] = {
     "paused": lambda true, _: changed(true, phase=PlannerPhase.PAUSED),
     "turn": lambda true, _: changed(true, phase=PlannerPhase.TURN),
 }
-"""False values by name: D 5 cm too long, another case, another Length, another Prev-D, a T that
-jumps, and a phase that the robot is not in."""
+"""False values by name: D that is 5 cm too long, another case, another Length, another Prev-D, T
+that jumps, and a wrong phase.
+"""

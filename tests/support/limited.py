@@ -1,6 +1,6 @@
-"""Runs log commands with bounded memory, on some of a group's files.
+"""Runs log commands with limited memory on some files of a group.
 
-``python -m support.limited GROUP FOLDER FILES`` prints JSON.
+``python -m support.limited GROUP FOLDER FILES`` prints the results as JSON.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from pathlib import Path
 from support.hostile_logs import GROUPS
 
 MEMORY = 5 << 29
-"""Address space of a command, bytes: 2.5 GiB, of which the libraries take some 1.2 GiB."""
+"""Address space of a command, bytes: 2.5 GiB, of which the libraries need about 1.2 GiB."""
 CPU_S = 100
-"""Maximum processor time of a command, s: many times its usual time. Without it the files take
-hours."""
+"""Maximum processor time of a command, s: many times its usual time. Without a limit, the files
+would take hours.
+"""
 COMMANDS = {
     "info": ("info", "FILE", "--json"),
     "recover": ("recover", "FILE", "--out", "OUT.mcap"),
@@ -33,13 +34,14 @@ COMMANDS = {
     "rerun": ("view", "FILE", "--save", "OUT.rrd"),
 }
 DRAWING = {"report", "picture", "rerun"}
-"""Commands that read like ``diff`` and take seconds to draw. They get all files of the groups in
-``DRAWN``, but only the first file of every other group."""
+"""Commands that read a file as ``diff`` does, and need seconds to draw it. They run on all files of
+the groups in ``DRAWN``, but only on the first file of every other group.
+"""
 DRAWN = {"contents", "impostors"}
 
 
 def main() -> None:
-    """Run each command on each file in a separate process; print how each ended."""
+    """Run each command on each file in a separate process; print the result of each command."""
     from tools.cli.main import run  # noqa: F401, PLC0415 - as above
 
     group, folder, files = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
@@ -67,7 +69,7 @@ def main() -> None:
 
 
 def _run(arguments: list[str], printed: Path) -> None:
-    """Run a command in the child process, its output into a file."""
+    """Run a command in the child process and write its output to a file."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
     number = os.open(printed, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)

@@ -20,17 +20,17 @@ _SOON_MS = 600
 """Time that the person needs after a request, ms."""
 _HELD_MS = 2000
 _HAND_COUNTS = 2
-"""Counts of a wheel turned by hand between two samples."""
+"""Encoder counts between two samples while the person turns a wheel by hand."""
 _LSB_G, _LSB_DEG = 16384, 131.0
 
 
 class Stand:
-    """Wraps a device's sensors and motors; ``wrong`` names the wiring faults."""
+    """Wrapper of a device's sensors and motors; ``wrong`` names the wiring faults."""
 
     def __init__(self, *wrong: str, seed: int = 3, noise: str = "typical") -> None:
         self.device = VirtualSweeper(PLAN, noise=noise, seed=seed)
         self.wrong = frozenset(wrong)
-        self.device.plant.faults.lifted = True  # the cliff sensor is covered: it detects paper
+        self.device.plant.faults.lifted = True  # the cliff sensor is covered with paper
         self._hand: tuple[str, int] = ("", 0)
         self._by_hand = {"left": 0, "right": 0}
         plant, sensors = self.device.plant, self.device.sensors
@@ -51,13 +51,13 @@ class Stand:
     # ---- the person -----------------------------------------------------------------------
 
     def confirm(self, text: str) -> bool:
-        """Do what the text asks for."""
+        """Do the action that the text requests."""
         self._hand = (text, self.device.plant.tick_ms + _SOON_MS)
         self._angles = self.device.plant.wheel_angles_rad
         return True
 
     def choose(self, _text: str) -> str:
-        """Return which wheel turned, and in which direction."""
+        """Return the wheel that turned, and its direction."""
         left, right = (
             now - before
             for now, before in zip(self.device.plant.wheel_angles_rad, self._angles, strict=True)
@@ -112,9 +112,9 @@ class Stand:
         if self._asked("Raise", "LEFT side"):
             ay += round(math.sin(_TILT) * _LSB_G)
             az -= round((1.0 - math.cos(_TILT)) * _LSB_G)
-        if "imu upside down" in self.wrong:  # rotated by 180° about x
+        if "imu upside down" in self.wrong:  # rotated by 180° about the x axis
             ay, az, gy, gz = -ay, -az, -gy, -gz
-        if "imu turned" in self.wrong:  # rotated by 90° about z: its x to the robot's left
+        if "imu turned" in self.wrong:  # rotated by 90° about the z axis
             ax, ay, gx, gy = ay, -ax, gy, -gx
         if "gyro inverted" in self.wrong:
             gz = -gz
@@ -144,7 +144,7 @@ class Stand:
         if "cliff dead" in self.wrong:
             return False
         text, at_ms = self._hand
-        # The person removes the paper shortly after showing it to the robot, unless it must stay.
+        # The person removes the paper soon after the robot detects it, unless the paper must stay.
         return (
             "cliff sensor" in text
             and "COVER" not in text

@@ -1,7 +1,8 @@
 """``@pytest.mark.needs("tshark")``: skip a test whose tool is missing, and report it at the end.
 
-With ``--require-tools`` each such test fails with one line instead. A test that starts a system
-program without its mark fails, whether the program is installed or not: see ``check_start``.
+With ``--require-tools`` each such test fails instead, with a message of one line. A test that
+starts a system program without this mark fails, even if the program is installed: see
+``check_start``.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 MISSING = "missing-tool"
 """Key of a report's property that names the missing tool of a skipped test."""
 _STARTS = {"subprocess.Popen", "os.posix_spawn", "os.exec"}
-"""Audit events of a program's start; the program is the first argument."""
+"""Audit events at the start of a program; the program is the first argument."""
 
 
 def add_options(parser: pytest.Parser) -> None:
@@ -72,9 +73,9 @@ class _Needs:
         self._item: pytest.Item | None = None
         self._setting_up: list[pytest.FixtureDef[object]] = []
         self._started_by: dict[object, set[str]] = {}
-        """Tools whose programs a fixture's setup has started, by its FixtureDef."""
+        """Tools whose programs started in the setup of a fixture; the key is the FixtureDef."""
         self._seconds: defaultdict[str, float] = defaultdict(float)
-        """Duration of each file, s."""
+        """Duration of the tests in each file, s."""
         sys.addaudithook(self._audit)
 
     # ---- marks ----------------------------------------------------------------------------
@@ -115,7 +116,7 @@ class _Needs:
         self, fixturedef: pytest.FixtureDef[object]
     ) -> Generator[None, object, object]:
         self._setting_up.append(fixturedef)
-        self._started_by.pop(fixturedef, None)  # of another parameter of the same fixture
+        self._started_by.pop(fixturedef, None)  # left by another parameter of this fixture
         try:
             return (yield)
         finally:
@@ -123,7 +124,7 @@ class _Needs:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_call(self, item: pytest.Item) -> None:
-        """Check the programs that shared fixtures have started, for every test that uses them."""
+        """Check the programs of shared fixtures, in every test that uses such a fixture."""
         if not isinstance(item, pytest.Function):
             return
         marked = {tool.name for tool in needed(item)}

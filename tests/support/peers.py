@@ -57,7 +57,7 @@ def shorter(original: type[Message], fields: int) -> type[Message]:
 def catalogue(
     *, less: Iterable[type[Message]] = (), more: Iterable[type[Message]] = ()
 ) -> Catalogue:
-    """Return our catalogue without ``less``; ``more`` replaces messages of the same name."""
+    """Return the project's catalogue without ``less``; ``more`` replaces messages of equal name."""
     less, more = list(less), list(more)
     replaced = {m.__name__ for m in (*less, *more)}
     return Catalogue([*(m for m in ALL_MESSAGES if m.__name__ not in replaced), *more])

@@ -1,11 +1,11 @@
-"""Runs the tests in phases and adds their results up; exits with 1 if one failed.
+"""Runs the tests in phases and adds the results; exits with 1 if a phase failed.
 
     PYTHONPATH=tests python -m support.phases test|check|nightly [pytest's options]
 
-There are three phases. The first runs the tests in virtual time, on all cores. The second runs the
-tests marked ``realtime``, a few at a time. The third runs, one by one, the tests marked ``alone``
-and those that had no verdict in the second phase. Each phase runs even if an earlier one failed.
-`make check` has only the first phase.
+There are three phases. The first phase runs the tests in virtual time, on all cores. The second
+phase runs the tests marked ``realtime``, a few in parallel. The third phase runs, one by one, the
+tests marked ``alone`` and the tests without a verdict in the second phase. Each phase runs even if
+an earlier phase failed. `make check` has only the first phase.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ OK, FAILED, INTERRUPTED, NO_TESTS = 0, 1, 2, 5
 
 
 SLOW_S = 3.0
-"""Minimum time of a file, s of one core, that requires the mark ``slow``. Below it `make check` can
-run two hundred files in a minute and a half."""
+"""Minimum duration of a file that requires the mark ``slow``, s of one core. `make check` runs two
+hundred shorter files in a minute and a half.
+"""
 WORKERS = 4
-"""Number of real-time tests at a time: most of them wait, and on two cores four leave none idle."""
+"""Number of real-time tests in parallel. Most of them wait, so four tests keep two cores busy."""
 
 
 class Phase(NamedTuple):
@@ -41,13 +42,13 @@ class Phase(NamedTuple):
     marks: str
     options: tuple[str, ...]
     files: Callable[[], list[str]] = list
-    """Files with the tests of the run; empty: all files."""
+    """Returns the files with the tests of the phase; an empty list means all files."""
 
 
 def realtime_files() -> list[str]:
     """Return the files with real-time tests.
 
-    Only these are loaded, because each worker would take seconds to load all files.
+    Only these files are loaded, because each worker would need seconds to load all files.
     """
     return [
         str(path)
@@ -57,7 +58,7 @@ def realtime_files() -> list[str]:
 
 
 PUT_OFF = "{folder}/put-off"
-"""File in which the second phase lists the tests that the third runs again."""
+"""File in which the second phase lists the tests that the third phase runs again."""
 VIRTUAL = Phase(
     "tests in virtual time, on all cores",
     "not realtime",
@@ -79,7 +80,7 @@ SELECTIONS = {
 
 
 class Totals:
-    """Sums of all phases."""
+    """Sums of the counts of all phases."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -90,7 +91,7 @@ class Totals:
         self.failed = False
 
     def add(self, title: str, status: int, results: Path) -> None:
-        """Add one phase."""
+        """Add the counts of one phase."""
         self.failed |= status not in {OK, NO_TESTS}
         try:
             counted = json.loads(results.read_text(encoding="utf-8"))
@@ -104,13 +105,16 @@ class Totals:
             self.counts += Counter(counted)
 
     def lines(self) -> list[str]:
-        """Return the closing lines."""
+        """Return the lines of the final summary."""
         counts = (f"{self.counts[name]} {name}" for name in ("passed", "failed", "skipped"))
         return [*block(self.not_run), "", *self.broken, ", ".join(counts)]
 
 
 def unmarked(seconds: dict[str, float]) -> list[str]:
-    """Return advice on slow files of `make check`; no verdict, because the machine may be busy."""
+    """Return advice on slow files of `make check`.
+
+    It is only advice, because the machine may be busy.
+    """
     by_time = sorted(seconds.items(), key=lambda item: -item[1])
     found = [f"  {took:5.1f} s  {name}" for name, took in by_time if took > SLOW_S]
     return [f"above {SLOW_S:g} s, and without the mark slow:", *found] if found else []

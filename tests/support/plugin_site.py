@@ -24,7 +24,7 @@ def install(
     sources: Mapping[str, str] | None = None,
     version: str = "1.0",
 ) -> None:
-    """Write a package's metadata, with entry points by kind, and its modules by name."""
+    """Write a package's metadata, its entry points by kind, and its modules by name."""
     folder = site / f"{package.replace('-', '_')}-{version}.dist-info"
     folder.mkdir(parents=True)
     (folder / "METADATA").write_text(
@@ -48,7 +48,7 @@ def install_example(site: Path) -> None:
 
 
 def sweepctl_with(site: Path, *arguments: str | Path) -> Done:
-    """Run the command with the site on its path, in the site's parent folder."""
+    """Run ``sweepctl`` with the installed packages on its path, in their parent folder."""
     path = f"{site}:{ROOT}"
     done = subprocess.run(
         [*COMMAND, *map(str, arguments)],

@@ -1,7 +1,7 @@
-"""A minimal host for checks: it sends what a check requests, and keeps everything it receives.
+"""A minimal host for checks: it sends the requested messages and stores all received messages.
 
-It knows a device only by the bytes on its port, so the same checks apply to the emulator, a
-firmware in another emulator, and a real robot.
+It depends only on the bytes of the device's port. So the checks apply to the emulator, to a
+firmware in another emulator, and to a real robot.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ __all__ = ["Heard", "Ping", "Probe", "now_us", "since"]
 TRY_S = 0.4
 SETPOINT_S = 0.02
 QUICK_STATUS = 500
-"""Rate of the status, tenths of a hertz: a change of state is visible within one control period of
-a host."""
+"""Rate of the status message, tenths of a hertz. A change of state appears within one control
+period of a host (20 ms).
+"""
 
 
 class Probe(WireProbe):
@@ -57,11 +58,11 @@ class Probe(WireProbe):
 
     @property
     def boot_id(self) -> int:
-        """Boot id that a hello must name to open a session; 0: the device has not sent it yet."""
+        """Boot id that a hello must contain to open a session; 0 before the device has sent it."""
         return 0 if self.hello is None else self.hello.boot_id
 
     def send_hello(self, *, negotiated: int = 0, session_id: int | None = None) -> int:
-        """Send a hello in our session, or in another."""
+        """Send a hello in the probe's session, or in another session."""
         session = self.session_id if session_id is None else session_id
         return self.send(
             HostHello(CATALOGUE.hash, session, self.boot_id, negotiated, "conformance")
@@ -137,11 +138,11 @@ class Probe(WireProbe):
                 codec.limit(type_id, outcome.shared_fields)
 
     def has(self, kind: type[Message]) -> bool:
-        """Return whether the device shares this message."""
+        """Return whether the device supports this message."""
         return CATALOGUE.by_class[kind].type_id not in self.link.disabled
 
     def needs(self, what: Capability | type[Message] | bool, name: str = "") -> None:  # noqa: FBT001 - what is needed
-        """Skip the test as not applicable if the device lacks something."""
+        """Skip the test as not applicable if the device lacks a feature."""
         if isinstance(what, Capability):
             assert self.hello is not None
             present, name = bool(self.hello.capabilities & what), f"no {what.name} in its hello"

@@ -1,6 +1,6 @@
 """Helpers for conformance checks: read and set a device's parameters through a ``Probe``.
 
-They also convert values to and from their 32 bits.
+They also convert values to and from the 32 bits of a parameter.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def every(device: Probe) -> list[ParameterValue]:
 
 
 def put(device: Probe, parameter: ParameterValue, raw: int) -> NackReason | None:
-    """Set one parameter; return a rejection's reason, or None."""
+    """Set one parameter; return the reason of a rejection, or None."""
     return device.refusal(lambda i: SetParameter(i, parameter.parameter, parameter.kind, raw))
 
 
@@ -65,7 +65,7 @@ def writable(parameters: list[ParameterValue]) -> list[ParameterValue]:
 
 
 def other_value(parameter: ParameterValue) -> int:
-    """Return a value within its range that differs from the present one and the default."""
+    """Return a value in the parameter's range that is neither the present value nor the default."""
     low = value_of(parameter.kind, parameter.low)
     high = value_of(parameter.kind, parameter.high)
     for share in (0.25, 0.3, 0.35):

@@ -13,7 +13,7 @@ COMMAND = (sys.executable, "-m", "tools.sweepctl")
 
 
 def environment(**more: str) -> dict[str, str]:
-    """Return our environment, in which another process finds our modules."""
+    """Return the environment for another process that imports the project's modules."""
     return {**os.environ, "PYTHONPATH": str(ROOT), **more}
 
 
@@ -26,7 +26,7 @@ class Done(NamedTuple):
 
     @property
     def json(self) -> dict[str, Any]:
-        """Return the only object on stdout."""
+        """The only object on stdout."""
         assert self.out.endswith("}\n"), self.out
         value = json.loads(self.out, parse_constant=_not_json)
         assert isinstance(value, dict)
@@ -34,7 +34,7 @@ class Done(NamedTuple):
 
     @property
     def line(self) -> str:
-        """Return the only line for people."""
+        """Return the only line of the text output."""
         assert "Traceback" not in self.err, self.err
         lines = self.err.strip().splitlines()
         assert len(lines) == 1, self.err
@@ -42,7 +42,7 @@ class Done(NamedTuple):
 
     @property
     def complaint(self) -> str:
-        """Return the last line for people."""
+        """Return the last line of the text output."""
         return self.err.strip().splitlines()[-1]
 
 

@@ -1,4 +1,4 @@
-"""Kernels run from their source by Python, as the reference for the compiled modules."""
+"""Kernels as Python modules from their source, as the reference for the compiled modules."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 def load_pure(source: Path) -> ModuleType:
-    """Load a module from its source under its own name, whether it is compiled or not."""
+    """Load a module from its Python source under its usual name, whether it is compiled or not."""
     spec = importlib.util.spec_from_file_location(
         f"{source.parent.name}_{source.stem}_pure", source
     )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses searches
+    sys.modules[spec.name] = module  # dataclasses searches for the module here
     spec.loader.exec_module(module)
     return module

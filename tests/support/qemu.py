@@ -1,4 +1,4 @@
-"""The firmware built for its chips, and the emulator that runs it in QEMU."""
+"""The firmware binaries for the supported chips, and the emulator that runs them in QEMU."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ READY_S = 60.0
 
 
 def build(folder: Path) -> Path:
-    """Build both boards' programs, with every warning as an error; fail without the tools."""
+    """Build the programs of both boards, every warning as an error; fail if a tool is missing."""
     tool("arm-none-eabi-gcc")
     command: list[str | Path] = [
         locked("cmake"),
@@ -66,7 +66,7 @@ class Emulated(NamedTuple):
         return truth
 
     def qemu_pid(self) -> int:
-        """Process id of the emulator's only child."""
+        """Process id of QEMU, the only child process of the emulator."""
         pid = self.process.pid
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
         assert len(children) == 1, children
@@ -75,7 +75,7 @@ class Emulated(NamedTuple):
 
 @contextmanager
 def emulated(firmware: Path, cwd: Path, *arguments: str | Path) -> Iterator[Emulated]:
-    """Run ``sweepctl emulate --target qemu`` during the block; it must end cleanly."""
+    """Run ``sweepctl emulate --target qemu`` during the block; it must end without an error."""
     tool("qemu-system-arm")
     control = cwd / "control"
     process = start(
@@ -100,7 +100,7 @@ def finish(process: subprocess.Popen[str]) -> Done:
 
 
 def true_coverage(log: Path, room: str) -> float:
-    """Return the swept share of the sweepable floor, from the truth's log."""
+    """Return the swept share of the sweepable floor, from the log of the true motion."""
     poses = []
     for plain, value in decoded(log, "/truth/pose"):
         turn = value.pose.orientation

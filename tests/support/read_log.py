@@ -1,4 +1,4 @@
-"""Writes a log and reads it whole, with the mcap library and its own decoders."""
+"""Writes a log and reads all of it with the mcap library and its decoders."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def written(path: Path, *records: Record) -> list[tuple[str, Any, Any]]:
-    """Return topic, MCAP message and decoded message of everything, by the library's own reader."""
+    """Return topic, MCAP message and decoded message of all messages, by the library's reader."""
     writer = RunWriter(path, run_info())
     for record in records:
         writer.write(record)

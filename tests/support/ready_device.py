@@ -55,7 +55,7 @@ class ReadyDevice:
         assert self.ends.run(4.0, lambda: self.host.session.state is State.READY)
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:
-        """Send a command until it is answered; return the rejection's reason, or None."""
+        """Send a command until an answer arrives; return the reason of a rejection, or None."""
         session = self.host.session
         type_id = CATALOGUE.by_class[type(make(0))].type_id
         before = len(self.host.of(CommandEnded))
@@ -66,7 +66,7 @@ class ReadyDevice:
         return None if outcome.reason is None else NackReason(outcome.reason)
 
     def spare_id(self) -> int:
-        """Return an id of the session for a command of another type that a test sends itself."""
+        """Return an unused command id of the session, for a command that the test sends itself."""
         given: list[int] = []
 
         def make(command_id: int) -> Message:
@@ -114,14 +114,14 @@ class ReadyDevice:
         assert self.ask(lambda i: SetMode(i, mode)) is None
 
     def drive(self, duration_s: float, make: Callable[[int], Message]) -> None:
-        """Repeat a cyclic message at 50 Hz."""
+        """Send a cyclic message repeatedly at 50 Hz."""
         for _ in range(round(duration_s * 50)):
             self.counter = (self.counter + 1) & 0xFF
             self.send(make(self.counter))
             self.ends.run(0.02)
 
     def send(self, message: Message, *, stamp_ns: int | None = None) -> None:
-        """Send any message of any age, without the session's checks."""
+        """Send any message with any age, without the session's checks."""
         at_ns = self.ends.host_ns if stamp_ns is None else stamp_ns
         self.host.session.link.send(message, at_ns // 1000, node=1)
         self.ends.to_device.push(self.host.session.data_to_send(), self.ends.now_us)

@@ -36,7 +36,7 @@ def kinds(context: RecoveryContext) -> list[str]:
 
 
 def returned(part: Generator[object, object, Returned]) -> Returned:
-    """Return the result of a part that drives no leg."""
+    """Return the result of a planner part (a generator) that yields no leg."""
     try:
         next(part)
     except StopIteration as stop:

@@ -1,7 +1,8 @@
 """A second, simple and slow codec that shares no code with ``protocol``.
 
-Everything is typed in by hand from the description of the wire format: byte offsets, scales, the
-bitwise CRC, COBS one byte at a time. If it and ``protocol`` differ, one of them is wrong.
+The byte offsets and scales are typed in by hand from the description of the wire format. The CRC
+works bit by bit, and COBS byte by byte. If the results of this codec and of ``protocol`` differ,
+one of the two is wrong.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ SHORTEST_DECODED = 12
 
 
 class CobsError(ValueError):
-    """Bytes that no COBS encoder wrote."""
+    """Bytes that are not valid COBS."""
 
 
 def crc32(data: bytes) -> int:
-    """Return the CRC-32 of zlib: reflected 0x04C11DB7, all ones in, complemented out."""
+    """Return the CRC-32 of zlib: reflected 0x04C11DB7, initial value and final XOR all ones."""
     register = 0xFFFFFFFF
     for byte in data:
         register ^= byte
@@ -32,7 +33,7 @@ def crc32(data: bytes) -> int:
 
 
 def cobs_encode(data: bytes) -> bytes:
-    """Replace each zero by the distance to the next one; 0xFF: 254 bytes and no zero."""
+    """Replace each zero by the distance to the next zero; 0xFF means 254 bytes without a zero."""
     out = bytearray()
     group = bytearray()
     for position, byte in enumerate(data):
@@ -52,10 +53,10 @@ def cobs_encode(data: bytes) -> bytes:
 
 
 def cobs_decode(data: bytes) -> bytes:
-    """Invert :func:`cobs_encode`.
+    """Decode the output of :func:`cobs_encode`.
 
     Raises:
-        CobsError: a zero byte, or a distance that leads past the end.
+        CobsError: there is a zero byte, or a distance points past the end.
 
     """
     out = bytearray()
@@ -77,7 +78,7 @@ def cobs_decode(data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class RefFrame:
-    """An intact frame: its header as numbers, its payload, the place of its first byte."""
+    """An intact frame: header fields as numbers, payload, and position of the first byte."""
 
     offset: int
     version: int
@@ -91,7 +92,7 @@ class RefFrame:
 
 @dataclass(frozen=True)
 class RefDamage:
-    """Bytes between two delimiters that are no frame; the reason is cobs, length or crc."""
+    """Bytes between two delimiters that are no valid frame; the reason is cobs, length or crc."""
 
     offset: int
     length: int
@@ -108,7 +109,7 @@ def frame_bytes(  # noqa: PLR0913 - the header's fields
     payload: bytes,
     version: int = VERSION,
 ) -> bytes:
-    """Write one frame by its byte offsets, with a delimiter on either side."""
+    """Write one frame by its byte offsets, with a delimiter before and after it."""
     body = bytearray(8)
     body[0] = version * 16 + flags
     body[1] = node

@@ -1,4 +1,4 @@
-"""A virtual sweeper with line and faults, and a session that drives it, in virtual time."""
+"""A virtual sweeper with a serial line and faults, and a session that drives it; virtual time."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _SETPOINT_US = 20_000
 
 
 class Heard(NamedTuple):
-    """A message of the device."""
+    """A received message of the device."""
 
     at_us: int
     """Arrival: the device's true time, µs."""
     t_us: int
-    """Stamp of the message, µs."""
+    """Time stamp in the message, µs."""
     message: Message
 
 
@@ -54,7 +54,7 @@ def rig(
 
 
 class Drive:
-    """A session that requests one velocity whenever it is ready."""
+    """A session that requests one constant velocity whenever it is ready."""
 
     def __init__(self, made: Rig, v_m_s: float = 0.0, yaw_rate_rad_s: float = 0.0) -> None:
         self.rig = made
@@ -74,7 +74,7 @@ class Drive:
         return HostNs((self.now_us + HOST_BOOT_US) * 1000)
 
     def run(self, until_s: float) -> None:
-        """Run both ends until this time of the device."""
+        """Run host and device until this time of the device."""
         end_us = round(until_s * 1e6)
         pending = b""
         while self.now_us < end_us:
@@ -112,7 +112,7 @@ class Drive:
         ]
 
     def round_trips_us(self, since_s: float, until_s: float) -> list[int]:
-        """Return the round trips of the pings that were answered in this interval."""
+        """Return the round-trip times of the pings that were answered in this interval, µs."""
         return [
             (e.arrived_ns - e.sent_ns) // 1000
             for at_us, e in self.events
@@ -120,10 +120,10 @@ class Drive:
         ]
 
     def negotiated(self) -> list[SessionReady]:
-        """Return the event of each complete handshake."""
+        """Return one event for each complete handshake."""
         return [e for _, e in self.events if isinstance(e, SessionReady)]
 
 
 def lost_frames(drive: Drive, since_s: float, until_s: float) -> float:
-    """Return the share of the inertial samples, 100 a second, that did not arrive."""
+    """Return the share of the inertial samples (100 per second) that did not arrive."""
     return 1.0 - len(drive.of(Imu, since_s, until_s)) / (100 * (until_s - since_s))

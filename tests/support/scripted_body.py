@@ -1,4 +1,4 @@
-"""Replacements of the plant whose motion is a formula, and so the sensors' output too."""
+"""Replacements of the plant with a motion given by a formula, so the sensor output is known."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _still(_t_s: float) -> float:
 
 
 class Scripted:
-    """A body for the inertial sensor: heading and impulses as functions of time."""
+    """A body for tests of the inertial sensor: heading and impulses are functions of time."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - all inputs of a sensor, each with a default
         self,
@@ -38,7 +38,7 @@ class Scripted:
 
     @property
     def plant(self) -> Plant:
-        """The object itself, in the type that a sensor expects."""
+        """Return itself, in the type that a sensor expects."""
         return cast("Plant", self)
 
     @property
@@ -59,7 +59,7 @@ class Scripted:
 
 
 class Placed:
-    """A body for bumper and cliff sensor, at a place that the test sets."""
+    """A body for tests of the bumper and cliff sensors, at a pose that the test sets."""
 
     def __init__(self, world: World, pose: Pose2 | None = None) -> None:
         self.world = world
@@ -68,7 +68,7 @@ class Placed:
 
     @property
     def plant(self) -> Plant:
-        """The object itself, in the type that a sensor expects."""
+        """Return itself, in the type that a sensor expects."""
         return cast("Plant", self)
 
     def put(self, x_m: float, y_m: float, theta_rad: float = 0.0) -> None:

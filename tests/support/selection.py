@@ -1,4 +1,4 @@
-"""Selection of tests: ``nightly`` for those that `make test` has a smaller version of."""
+"""Selection of tests: a ``nightly`` test has a smaller version that `make test` runs."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ if TYPE_CHECKING:
 
 
 def seeds(always: int, nightly: int, *, first: int = 0) -> list[ParameterSet]:
-    """Return seeds from ``first`` on: ``always`` for every run, the rest for `make nightly`."""
+    """Return seeds: the first ``always`` for every run, the others only for `make nightly`."""
     marks = [()] * always + [(pytest.mark.nightly,)] * nightly
     return [pytest.param(first + number, marks=mark) for number, mark in enumerate(marks)]

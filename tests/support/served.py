@@ -17,7 +17,7 @@ PLAN = parse_floorplan('{"walls": [[0,0],[6,0],[6,6],[0,6]], "start": [3,3,0]}')
 
 
 class Served:
-    """Device and port; ``device`` is the running one."""
+    """Device and port; ``device`` is the device that runs at present."""
 
     def __init__(self, *, seed: int = 1, noise: str = "none") -> None:
         self.device = VirtualSweeper(PLAN, noise=noise, seed=seed)

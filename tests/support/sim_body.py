@@ -16,7 +16,7 @@ from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World
 
 IDEAL_BATTERY = BatteryParameters(resistance_ohm=0.0, capacity_ah=1e9)
-"""Battery with constant voltage, so that motion has a closed form."""
+"""Battery with constant voltage, so that the motion has a closed form."""
 IDEAL_CHASSIS = Chassis(caster_drag_n=0.0, mass_kg=0.0)
 """Chassis without drag and wheel spin: the robot moves as the wheels roll."""
 
@@ -63,7 +63,7 @@ def sensors(body: Plant, *, level: str = "none", seed: int = 2) -> SensorSuite:
 
 
 def duty(v_m_s: float) -> float:
-    """Return the duty of a noise-free wheel that rolls at this speed on a full ideal battery."""
+    """Return the duty of a noise-free wheel that rolls at this speed with a full ideal battery."""
     model = RobotModel()
     return MotorParameters().duty_for(
         v_m_s / (0.5 * model.wheel_diameter_m), model.battery_v, model.driver_drop_v

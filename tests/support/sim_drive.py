@@ -1,7 +1,7 @@
 """The virtual sweeper's plant and sensors, driven by a test, with the host's estimator.
 
-The test steers by the estimate, as a planner would, and only reads the truth. Values are rounded as
-on the wire.
+The test steers by the estimate, as a planner does. It uses the true state only for comparison.
+Values are rounded as on the wire.
 """
 
 from __future__ import annotations
@@ -27,16 +27,18 @@ _G, _LSB_G, _LSB_DEG = 9.80665, 16384.0, 131.0
 
 @dataclass
 class Errors:
-    """Estimate against truth, at the encoder samples."""
+    """Errors of the estimate, compared with the true pose at the encoder samples."""
 
     position_m: list[float] = field(default_factory=list)
     yaw_rad: list[float] = field(default_factory=list)
     nees: list[float] = field(default_factory=list)
-    """NEES of (x, y, θ) every two seconds; its mean is 3 for a consistent covariance."""
+    """Normalised estimation error squared (NEES) of (x, y, θ) every two seconds; its mean is 3 for
+    a consistent covariance.
+    """
 
 
 class SimDrive:
-    """A robot in a room, its estimator, and its errors."""
+    """A robot in a room with its estimator and the estimate's errors."""
 
     def __init__(
         self, plan: FloorPlan, level: str, seed: int, *, walls: bool = True, accel: bool = True
@@ -51,7 +53,7 @@ class SimDrive:
         self.bumped = False
         self.tick = 0
         self.encoder_gain = (1.0, 1.0)
-        """Gains of the left and right counters; a gain simulates slip."""
+        """Gains of the left and right encoder counters; a gain other than 1 simulates slip."""
         self._accel = accel
         self._raw = (0, 0)
         self._counts = [0.0, 0.0]
@@ -59,7 +61,7 @@ class SimDrive:
     # -- driving ---------------------------------------------------------------------------
 
     def step(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
-        """Drive 10 ms at a commanded velocity."""
+        """Drive for 10 ms at a commanded velocity."""
         raw = self.suite.encoders()
         supply_v = self.body.supply_v
         self.body.set_duty(*self.control.step(v_m_s, yaw_rate_rad_s, raw, supply_v))
@@ -80,7 +82,7 @@ class SimDrive:
             self.step(0.0, 0.0)
 
     def straight(self, distance_m: float, *, speed_m_s: float = 0.2) -> None:
-        """Drive along the estimate's present heading, rounded to a quarter turn."""
+        """Drive along the estimated heading, rounded to a quarter turn."""
         start = self.estimator.pose
         heading = round(start.theta_rad / (0.5 * math.pi)) * 0.5 * math.pi
         c, s = math.cos(heading), math.sin(heading)
@@ -102,10 +104,10 @@ class SimDrive:
             self.step(0.0, max(min(4.0 * error, 1.2), -1.2) + math.copysign(0.1, error))
         self.rest(0.4)
 
-    # -- inside ----------------------------------------------------------------------------
+    # -- internal ---------------------------------------------------------------------------
 
     def _counters(self) -> tuple[int, int]:
-        """Return the counters as on the wire, with simulated slip."""
+        """Return the encoder counters as on the wire, with simulated slip."""
         raw = self.suite.encoders()
         for side in (0, 1):
             delta = (raw[side] - self._raw[side] + 0x8000) % 0x10000 - 0x8000

@@ -1,4 +1,4 @@
-"""Small logs of made-up runs, for the library of runs."""
+"""Small logs of artificial runs, for tests of the library of runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write_log(  # noqa: PLR0913 - the columns of a list of runs
     ends: bool = True,
     extra: dict[str, str] | None = None,
 ) -> Path:
-    """Write the log of a run that began ``at_s`` seconds after the epoch of made-up runs."""
+    """Write the log of an artificial run that began ``at_s`` seconds after ``EPOCH_NS``."""
     info = replace(
         run_info(),
         seed=seed,
@@ -45,7 +45,7 @@ def write_log(  # noqa: PLR0913 - the columns of a list of runs
 
 
 def summary_of(planner: str, seed: int, coverage: float | None) -> dict[str, Any]:
-    """Return the end of a made-up run."""
+    """Return the final summary of an artificial run."""
     return {
         "room": "synthetic",
         "planner": planner,

@@ -1,8 +1,9 @@
-"""Runs ordinary compiled modules from their sources, for coverage and for fuzzing.
+"""Loads the ordinary compiled modules from their sources, for coverage and fuzzing.
 
     python -m pytest -p support.sources --cov
 
-Importing this module is enough. Kernels stay compiled, because they are too slow otherwise.
+An import of this module is enough. The numerical kernels stay compiled, because they are too slow
+in Python.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Step responses of the steering gains: bearing and wall distance while driving.
+"""Step responses of the steering controllers: bearing and wall distance of a moving robot.
 
-The plant is that of ``step_response``, but with both velocities, each with its dead time and lag,
-so that steering acts on a moving robot.
+The plant is the model of ``step_response`` with two velocities, forward and yaw. Each velocity has
+its dead time and lag.
 """
 
 from __future__ import annotations
@@ -34,14 +34,16 @@ BEARING_BAND_RAD = math.radians(1.0)
 WALL_BAND_M = 0.002
 """Tolerance of the gap to a wall, m: the noise of an infrared sensor, or 1.5 of its wire steps."""
 _NEAR_M = 0.10
-"""Minimum distance at which a bearing is evaluated, m: on the last centimetres it means nothing."""
+"""Minimum distance at which a bearing is evaluated, m: nearer to the point, a bearing has no
+meaning.
+"""
 _WIRE_M = 0.00125
-"""Step of an infrared's reading on the wire, m."""
+"""Resolution of an infrared range on the wire, m."""
 _LONG_S, _FOLLOW_S = 20.0, 15.0
 
 
 class _Body:
-    """A robot whose velocities follow commands late, ``DEAD_S``, and with a lag, ``LAG_S``."""
+    """A robot that follows velocity commands with a dead time ``DEAD_S`` and a lag ``LAG_S``."""
 
     def __init__(self, model: RobotModel, v_m_s: float = 0.0, dead_s: float = DEAD_S) -> None:
         tune = MotionTuning()
@@ -54,13 +56,13 @@ class _Body:
         self.sent_rad_s = 0.0
 
     def step(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
-        """Run one control step; the command passes the smoothing first."""
+        """Run one control step; the velocity smoothers process the command first."""
         self.sent_rad_s = self._smooth_w.update(yaw_rate_rad_s, STEP_S)
         self._pending.append((self._smooth_v.update(v_m_s, STEP_S), self.sent_rad_s))
         v, w = self._pending.popleft()
         keep = math.exp(-STEP_S / LAG_S)
         carried = LAG_S * (1.0 - keep)
-        # exact for a lag towards a constant over the step
+        # exact if the lag's target is constant over the step
         way = v * STEP_S + (self.v_m_s - v) * carried
         turn = w * STEP_S + (self.yaw_rate_rad_s - w) * carried
         self.v_m_s = v + (self.v_m_s - v) * keep
@@ -78,10 +80,10 @@ def bearing_step(
     distance_m: float = 1.0,
     dead_s: float = DEAD_S,
 ) -> StepResponse:
-    """Turn to the bearing of a point until it is 10 cm away (section 3.3, part 4).
+    """Turn to the bearing of a point until it is 10 cm away (section 3.3 of the paper, part 4).
 
-    The value is the corrected part of the bearing. The robot starts at rest; beyond 45° it turns in
-    place first.
+    The value is the corrected part of the bearing. The robot starts at rest. For a bearing above
+    45° it first turns in place.
     """
     tune = MotionTuning()
     rate = tune.turn_rate_share * model.max_yaw_rate_rad_s
@@ -110,10 +112,10 @@ def wall_step(  # noqa: PLR0913 - a robot, a step, and the following
     speed_m_s: float | None = None,
     dead_s: float = DEAD_S,
 ) -> StepResponse:
-    """Follow a straight wall from a gap that is off by ``step_m`` (positive: too far).
+    """Follow a straight wall from a gap with an error of ``step_m`` (positive: too far).
 
     The wall's direction is unknown at first, as at the beginning of each leg. The value is the
-    corrected part of the step, m, over 15 s. The wall does not hold the robot.
+    corrected part of the step, m, over 15 s. The wall is not solid: the robot can pass through it.
     """
     wall_m = model.radius_m + gap_m + step_m
     response = StepResponse([], [], [], step_m)

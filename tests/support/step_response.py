@@ -1,12 +1,12 @@
-"""Effect of the controllers' gains: closed-loop step responses, and Fig. 12's smoothing.
+"""Closed-loop step responses of the controllers, and the velocity smoothing of Fig. 12.
 
-The plant of these experiments is the virtual sweeper as the controllers see it. A commanded
-velocity takes effect after a dead time (link and control period) and a first-order lag (motors and
-wheel control). The gains are chosen as follows:
+The plant is a simple model of the virtual sweeper for the controllers. A commanded velocity takes
+effect after a dead time (link and control period) and a first-order lag (motors and wheel control).
+The gains are chosen by these rules:
 
-- Rotary (``gain_table``): the gains with the shortest settling time of those that overshoot a 90°
-  turn by less than 2 %. Kp 5 1/s and Td 0.03 s settle in 1.38 s; Kp 4 takes 1.60 s, Kp 6 1.56 s.
-- Point to point: near the point the speed falls as v = Kp·r, which is a deceleration of Kp·v. It
+- Rotary (``gain_table``): the gains with the shortest settling time and less than 2 % overshoot in
+  a 90° turn. Kp 5 1/s and Td 0.03 s settle in 1.38 s; Kp 4 takes 1.60 s, Kp 6 1.56 s.
+- Point to point: near the point the speed falls as v = Kp·r. This is a deceleration of Kp·v, which
   must stay within the share of the acceleration limit for braking: Kp = 0.75·0.4/0.2 = 1.5 1/s at
   cruise speed. The response does not overshoot.
 
@@ -34,11 +34,12 @@ if TYPE_CHECKING:
 
 BAND_RAD = math.radians(0.25)
 LAG_S, DEAD_S = 0.05, 0.04
-"""Lag and dead time of the velocity loop, s: motors and wheel control; two control periods."""
+"""Lag of the velocity loop (motors and wheel control) and its dead time (two control periods), s.
+"""
 
 
 class SmoothingSeries(NamedTuple):
-    """Fig. 12: a velocity before and after smoothing."""
+    """Series of Fig. 12: a velocity before and after smoothing."""
 
     time_s: list[float]
     before_m_s: list[float]
@@ -54,7 +55,7 @@ class SmoothingSeries(NamedTuple):
 def _respond(
     control: Callable[[float], float], smoother: VelocitySmoother, target: float, seconds: float
 ) -> StepResponse:
-    """Close the loop over dead time and lag."""
+    """Simulate the closed loop with dead time and lag."""
     pending: deque[float] = deque([0.0] * round(DEAD_S / STEP_S))
     value, velocity = 0.0, 0.0
     response = StepResponse([], [], [], target)
@@ -80,7 +81,7 @@ def rotary_step(
     seconds: float = 6.0,
     lowpass: float = 0.6,
 ) -> StepResponse:
-    """Turn in place by the rotary PD (section 3.3 eq. 2), with the executor's limits."""
+    """Turn in place with the rotary PD controller (section 3.3, eq. 2) and the usual limits."""
     rotary = RotaryController(
         0.75 * model.max_yaw_rate_rad_s, 0.5 * model.max_yaw_accel_rad_s2, gains
     )
@@ -96,7 +97,7 @@ def point_step(
     seconds: float = 12.0,
     lowpass: float = 0.6,
 ) -> StepResponse:
-    """Drive to a point straight ahead by the point-to-point PD (section 3.3, part 4)."""
+    """Drive to a point ahead with the point-to-point PD controller (section 3.3, part 4)."""
     point = PointToPointController(model.cruise_speed_m_s, 1.5, gains)
     smoother = VelocitySmoother(model.max_accel_m_s2, lowpass)
     return _respond(
@@ -108,7 +109,7 @@ def point_step(
 
 
 class GainRow(NamedTuple):
-    """One row of the table from which the gains were chosen."""
+    """One row of the table that serves to choose the gains."""
 
     kp: float
     td_s: float
@@ -121,7 +122,7 @@ def gain_table(
     kps: Sequence[float] = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0),
     tds: Sequence[float] = (0.0, 0.03, 0.06),
 ) -> list[GainRow]:
-    """Return the response to a 90° turn for each pair of rotary gains (band: 0.25°)."""
+    """Return the response to a 90° turn for each pair of rotary gains (tolerance band: 0.25°)."""
     rows = []
     for kp in kps:
         for td in tds:
@@ -133,7 +134,7 @@ def gain_table(
 def smoothing_series(
     model: RobotModel, *, lowpass: float = 0.6, stop_s: float = 2.0, seconds: float = 4.0
 ) -> SmoothingSeries:
-    """Return Fig. 12: twice, the command steps to cruise speed and an obstacle sets it to 0."""
+    """Return Fig. 12: the command steps to cruise speed twice, and an obstacle resets it to 0."""
     smoother = VelocitySmoother(model.max_accel_m_s2, lowpass)
     series = SmoothingSeries([], [], [])
     for i in range(round(seconds / STEP_S)):

@@ -1,4 +1,4 @@
-"""A planner that drives ahead forever."""
+"""A planner that drives straight ahead without end."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Straight:
-    """Drives ahead in the present direction."""
+    """Planner that drives straight along the present heading."""
 
     state = PlannerState("straight")
 

@@ -1,7 +1,7 @@
 """Hypothesis strategies for messages, frames and streams.
 
-They draw raw values from the reference codec's table. If the catalogue lays out a field
-differently, this shows as a difference, not as other test data.
+They draw raw values from the table of the reference codec. If the catalogue lays out a field
+differently, a test finds the difference.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def message_of(type_id: int, values: dict[str, object]) -> Message:
 
 
 typed_values = type_ids.flatmap(lambda t: st.tuples(st.just(t), values_of(t)))
-"""A type, and values for all its fields."""
+"""Draws a message type and values for all its fields."""
 
 
 @st.composite
@@ -98,10 +98,10 @@ streams = st.lists(
     ),
     max_size=8,
 ).map(b"".join)
-"""Possible content of a line: intact and damaged frames, garbage, overlong stretches, zeros."""
+"""Draws content of a serial line: intact and damaged frames, garbage, too long frames, zeros."""
 
 
 def cut(data: bytes, places: list[int]) -> list[bytes]:
-    """Split ``data`` at these places, taken modulo its length."""
+    """Split ``data`` at these positions, modulo its length."""
     ends = sorted(p % (len(data) + 1) for p in places)
     return [data[a:b] for a, b in zip([0, *ends], [*ends, len(data)], strict=True)]

@@ -1,10 +1,11 @@
-"""Facts from a chip's SVD file about the registers that the firmware uses, stored as data.
+"""Register data from a chip's SVD file, for the registers that the firmware uses.
 
     PYTHONPATH=tests python -m support.svd STM32F429x.svd
 
-writes ``tests/vectors/stm32f429.json``: for each peripheral its base address and its registers
-(offset and, for each field, first bit and width), and the number of each interrupt. ST publishes
-the file; version 0.4 of the Python package ``cmsis-svd`` contains it.
+This command writes ``tests/vectors/stm32f429.json``. The file has the base address and the
+registers of each peripheral, and the number of each interrupt. A register has an offset, and the
+first bit and width of each field. ST publishes the SVD file; version 0.4 of the Python package
+``cmsis-svd`` contains it.
 """
 
 from __future__ import annotations

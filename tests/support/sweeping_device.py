@@ -1,4 +1,4 @@
-"""A device that sweeps lanes and reports them, for the check of its planner."""
+"""A device that sweeps lanes and reports them, for tests of the planner check."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IDLE, LANE, TURN, STEP = (
 )
 BACK = PlannerPhase.RECOVERY_BACK
 PERIOD = 10
-"""Number of control steps between two planner states: 5 Hz."""
+"""Number of control steps between two planner states, which arrive at 5 Hz."""
 CRUISE_M = 0.2 * STEP_S
 
 
@@ -40,7 +40,7 @@ class Device:
     def go(
         self, steps: int, speed_m: float = 0.0, *, rate: float = 0.0, lead_m: float = 0.0
     ) -> None:
-        """Run a number of control steps. Every tenth brings a planner state, changed or not."""
+        """Run a number of control steps. Every tenth step sends a planner state, changed or not."""
         for index in range(steps):
             if index % PERIOD == 0:
                 self.state = PlannerState(*tuple(self.state))

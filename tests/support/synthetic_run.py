@@ -1,4 +1,4 @@
-"""A made-up run: one pass of lanes over a small room, in the form of a real log."""
+"""An artificial run in the form of a real log: one pass of lanes over a small room."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ PLAN = FloorPlan(
 
 
 def run_info(*, plan: FloorPlan | None = PLAN) -> RunInfo:
-    """Return the description of the made-up run."""
+    """Return the description of the artificial run."""
     return RunInfo(
         port="memory",
         planner="u-shape",
@@ -74,7 +74,7 @@ def run_info(*, plan: FloorPlan | None = PLAN) -> RunInfo:
 
 
 def _path() -> Iterator[tuple[Pose2, float, float, str]]:
-    """Yield pose, speed, yaw rate and state of every step: three lanes, up to the box."""
+    """Yield pose, speed, yaw rate and state of every step: three lanes until the box."""
     dt_s = STEP_NS * 1e-9
     pose, side = PLAN.start, 1.0
     for _ in range(4):

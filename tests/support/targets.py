@@ -1,9 +1,9 @@
 """The firmware of the virtual devices in a test: the model in Python, or the C core.
 
-A test that uses the fixture ``target`` runs once with each firmware. The usual functions
-(``support.ends.sweeper``, ``support.rigs.rig``, ``run_virtual``) then make devices with that
-firmware. ``--core-library FILE`` replaces the C core by another library, in the process of the
-tests.
+A test that uses the fixture ``target`` runs once with each firmware. In such a test the usual
+functions (``support.ends.sweeper``, ``support.rigs.rig``, ``run_virtual``) make devices with that
+firmware. ``--core-library FILE`` replaces the C core by another library, which runs in the process
+of the tests.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ def configure(config: pytest.Config) -> None:
 
 
 def parametrize(metafunc: pytest.Metafunc) -> None:
-    """Run a test with each target, or only with the model in Python if its mark demands it."""
+    """Run a test with each target; run it only with the Python model if its mark demands this."""
     if "target" in metafunc.fixturenames:
         alone = metafunc.definition.get_closest_marker(PYTHON_ONLY) is not None
         metafunc.parametrize("target", TARGETS[:1] if alone else TARGETS, indirect=True)
 
 
 def choose(target: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make every device of the test with this firmware."""
+    """Use this firmware in every device of the test."""
     if target == "core":
         for module in list(sys.modules.values()):
             if getattr(module, "VirtualSweeper", None) is VirtualSweeper and module is not _THIS:
@@ -68,7 +68,7 @@ def core_sweeper(
     model: RobotModel | None = None,
     **options: Any,  # noqa: ANN401 - one parameter per option of both devices
 ) -> CoreSweeper:
-    """Make a device with the C core where a test asks for one with the model in Python."""
+    """Make a device with the C core in place of the device with the Python model."""
     assert options.pop("catalogue", CATALOGUE) is CATALOGUE, "the core has the present catalogue"
     if _library:
         options["make_chip"] = partial(LocalChip, library=_library[0])

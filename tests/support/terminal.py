@@ -1,4 +1,4 @@
-"""A command on a terminal of its own: the test sends keys and reads the screen."""
+"""A command on a pseudo-terminal: the test sends keys and reads the screen."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ KITTY_REPLY, XTERM_REPLY = b"\x1b[?0u\x1b[?62;c", b"\x1b[?64;1;2c"
 
 
 class OnTerminal:
-    """``sweepctl`` with its three streams on a pty of 120 × 40.
+    """``sweepctl`` with stdin, stdout and stderr on a pty of 120 × 40 characters.
 
-    With ``kitty``, the terminal reports key releases.
+    With ``kitty`` the terminal also reports key releases, as the kitty keyboard protocol defines.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class OnTerminal:
                 continue
             try:
                 data = os.read(self._master, 65536)
-            except OSError:  # the other end is closed
+            except OSError:  # the other end of the pty is closed
                 return
             with self._news:
                 self.drawn += data
@@ -73,28 +73,28 @@ class OnTerminal:
                 os.write(self._master, KITTY_REPLY if self._kitty else XTERM_REPLY)
 
     def shows(self, text: str) -> None:
-        """Wait until this text was drawn."""
+        """Wait until the screen contained this text."""
         with self._news:
             found = self._news.wait_for(lambda: text.encode() in self.drawn, PATIENCE_S)
         assert found, self.drawn[-3000:].decode("utf-8", "replace")
 
     def stand_still(self) -> None:
-        """Stop reading, like a terminal whose window hangs."""
+        """Stop reading, as a terminal does if its window hangs."""
         self._reads.clear()
 
     def hold(self) -> None:
-        """Stop its output, as Ctrl-S does."""
+        """Pause the command's output, as Ctrl-S does."""
         os.write(self._master, b"\x13")
 
     def resume(self) -> None:
-        """Continue reading."""
+        """Resume the command's output, as Ctrl-Q does."""
         self._reads.set()
 
     def press(self, data: bytes) -> None:
         os.write(self._master, data)
 
     def end(self) -> int:
-        """Wait for its end; return its exit status."""
+        """Wait until the command ends; return its exit status."""
         status = self.process.wait(PATIENCE_S)
         self._thread.join(PATIENCE_S)
         return status

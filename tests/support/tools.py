@@ -1,9 +1,9 @@
-"""The registry of programs that tests start and that Python does not provide.
+"""The registry of programs that tests start and that are not part of Python.
 
 It is the source of the marker ``needs`` (``support.needs``), of ``.ci/packages*.txt`` and of the
-table in CONTRIBUTING.md:
+table in CONTRIBUTING.md. This command writes the files:
 
-    PYTHONPATH=tests python -m support.tools    writes these files
+    PYTHONPATH=tests python -m support.tools
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def unmarked(*names: str) -> Iterator[None]:
 
 
 def startable() -> frozenset[str]:
-    """Return the tools whose programs may start here without a mark."""
+    """Return the tools with programs that may start without a mark at present."""
     return _UNMARKED.get()
 
 
@@ -56,7 +56,7 @@ class UnknownToolError(LookupError):
 
 @dataclass(frozen=True)
 class Package:
-    """A system package, and why the tests need it."""
+    """A system package, and the reason why the tests need it."""
 
     debian: str
     reason: str
@@ -96,7 +96,7 @@ def _present(tool: Tool) -> bool:
 
 
 def _clang_has_runtimes() -> bool:
-    """Return whether sanitizers and fuzzer link: Debian packages them separately."""
+    """Return whether clang can link its sanitizers and fuzzer: Debian packages them separately."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder, "empty.c")
         source.write_text("int LLVMFuzzerTestOneInput(void) { return 0; }\n", encoding="ascii")
@@ -105,14 +105,14 @@ def _clang_has_runtimes() -> bool:
 
 
 def _arm_has_libc() -> bool:
-    """Return whether newlib-nano's specification exists; gcc prints its path if so."""
+    """Return whether newlib-nano's specification file exists; if so, gcc prints its path."""
     command = ("arm-none-eabi-gcc", "-print-file-name=nano.specs")
     done = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_S, check=False)
     return os.sep in done.stdout
 
 
 def _has_vulkan() -> bool:
-    """Return whether the loader exists, and a driver's manifest where the loader searches."""
+    """Return whether the Vulkan loader exists, and a driver manifest in its search path."""
     try:
         ctypes.CDLL("libvulkan.so.1")
     except OSError:

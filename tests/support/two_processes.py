@@ -25,12 +25,13 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 PATIENCE_S = 60.0
-"""Maximum time of a step that takes seconds, s; only a hang is longer."""
+"""Maximum time of a step that usually takes seconds, s; only a hang is longer."""
 
 
 TURN_S = 0.05
-"""Minimum gap between the emulator's poses that shows a pause, s. Without a pause, the gap is at
-most 20 ms plus a control period."""
+"""Minimum time between two poses of the emulator that shows a pause of its process, s. Without a
+pause, this time is at most 20 ms plus a control period.
+"""
 
 
 class Command:
@@ -84,7 +85,7 @@ class Command:
         self.process.send_signal(number)
 
     def is_stopped(self) -> None:
-        """Wait until a SIGSTOP has arrived at every thread."""
+        """Wait until a SIGSTOP has stopped every thread."""
         tasks = Path(f"/proc/{self.process.pid}/task")
         until_s = time.monotonic() + PATIENCE_S
         while any(_state(task) not in "TZX" for task in tasks.iterdir()):
@@ -92,7 +93,7 @@ class Command:
             time.sleep(0.001)
 
     def end(self) -> Done:
-        """Wait for its end."""
+        """Wait until the command ends; return its result."""
         assert self.process.stdout is not None
         assert self.process.stderr is not None
         try:
@@ -132,7 +133,7 @@ def _state(task: Path) -> str:
 
 
 class Emulator(Command):
-    """A virtual sweeper on a pty of its own."""
+    """A virtual sweeper on its own pty."""
 
     def __init__(self, cwd: Path, *arguments: str | Path, **variables: str) -> None:
         options = ("emulate", "case-1", "--noise", "none", *arguments)

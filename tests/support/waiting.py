@@ -19,7 +19,7 @@ def until(
     within_s: float = PATIENCE_S,
     what: str = "the condition is true",
 ) -> None:
-    """Wait until the condition is true; call ``meanwhile`` before each further try."""
+    """Wait until the condition is true; call ``meanwhile`` before each new check."""
     limit_s = time.monotonic() + within_s
     while not condition():
         assert time.monotonic() < limit_s, f"not within {within_s:g} s: {what}"

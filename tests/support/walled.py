@@ -22,7 +22,7 @@ def line(normal_rad: float, distance_m: float, span_m: float = 0.3) -> LineMeasu
 
 
 class Room:
-    """A filter and its walls; tests can inflate its covariance."""
+    """A filter and its walls; tests can inflate the covariance."""
 
     def __init__(self) -> None:
         self.filter = Ekf(ORIGIN)

@@ -1,4 +1,4 @@
-"""Handmade control steps for the supervisor; by default a robot at rest."""
+"""Handmade control steps for tests of the supervisor; by default the robot is at rest."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ MODEL = RobotModel()
 STEP_S = 0.02
 G_LSB = 16384
 PER_COUNT_M = 3.141592653589793 * 0.065 / 1560
-"""Travel per encoder count of the default robot, m, by eq. 3."""
+"""Travel per encoder count of the default robot, m, by eq. 3 of the paper."""
 
 
 def imu(x: int = 0, y: int = 0, z: int = G_LSB, *, yaw: int = 0, mark: int = 0) -> Imu:
-    """Return a sample; ``mark`` makes it differ from others, in a register that no rule reads."""
+    """Return an IMU sample; ``mark`` makes it unique through a register that no rule reads."""
     return Imu(x, y, z, mark, 0, 0, yaw)
 
 
 def reading(front_m: float | None = None, contacts: int = 0) -> Range:
-    """Return a reading of the rangers: only the front one has a range."""
+    """Return a reading of the rangers in which only the front ranger has a range."""
     front = 0xFFFF if front_m is None else round(front_m * 1000)
     return Range(front, 0xFF, 0xFF, contacts, 0)
 
@@ -50,12 +50,12 @@ def planner(  # noqa: PLR0913 - the paper's variables
     length: int = 0,
     case: int = 0,
 ) -> PlannerState:
-    """Return a state of the device's planner, in the wire's units."""
+    """Return a state of the device's planner, in wire units."""
     return PlannerState(phase, turns, 0, 0, distance, previous, length, case)
 
 
 class Walk:
-    """Consecutive steps of 20 ms, with the given wheel travel."""
+    """Consecutive control steps of 20 ms, with a given wheel travel."""
 
     def __init__(self, *conditions: Condition) -> None:
         self.conditions = conditions
@@ -70,7 +70,7 @@ class Walk:
     def step(
         self, count: int = 1, *, left_m: float = 0.0, right_m: float = 0.0, **values: object
     ) -> bool:
-        """Run a number of steps with this wheel travel per step."""
+        """Run a number of control steps, each with this wheel travel."""
         for _ in range(count):
             self.left_m += left_m
             self.right_m += right_m
@@ -79,7 +79,7 @@ class Walk:
         return self.held
 
     def look(self, **values: object) -> bool:
-        """Run one step without wheel travel."""
+        """Run one control step without wheel travel."""
         counts = Encoders(
             round(self.left_m / PER_COUNT_M) & 0xFFFF, round(self.right_m / PER_COUNT_M) & 0xFFFF
         )

@@ -25,7 +25,7 @@ PING_US = 250_000
 
 
 class WireHost(Generic[D]):
-    """Bytes to and from a device, in its true time; pings keep the session alive."""
+    """Bytes to and from a device, in its true time; pings keep the session open."""
 
     def __init__(self, device: D) -> None:
         self.device = device
@@ -78,7 +78,7 @@ class WireHost(Generic[D]):
             self.send(HostHello(CATALOGUE.hash, session, hello.boot_id, negotiated, "frames"))
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:
-        """Send a command; return its answer, which must come at once."""
+        """Send a command, which the device must answer at once; return a rejection's reason."""
         self._id += 1
         (reply,) = [m for m in self.send(make(self._id)) if isinstance(m, Ack | Nack)]
         assert reply.command_id == self._id
@@ -97,13 +97,13 @@ class WireHost(Generic[D]):
         return self.ask(lambda i: PlannerCommand(i, action, planner))
 
     def start_plan(self, planner: int = OnboardPlanner.PAPER) -> None:
-        """Go from a boot to a running plan."""
+        """Open a session after a boot and start a plan."""
         self.join()
         assert self.clear() is None
         self.start_plan_again(planner)
 
     def start_plan_again(self, planner: int = OnboardPlanner.PAPER) -> None:
-        """Go from a cleared stop to a running plan."""
+        """Start a plan after a stop was cleared."""
         assert self.choose(Mode.ONBOARD) is None
         assert self.plan(PlannerAction.START, planner) is None
 

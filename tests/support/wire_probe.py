@@ -1,7 +1,7 @@
-"""The wire of a probe: it sends what a check requests, and keeps everything it receives.
+"""The connection of a probe: it sends the requested messages and stores all received messages.
 
-It knows a device only by the bytes on its port, so the same checks apply to the emulator, a
-firmware in another emulator, and a real robot.
+It depends only on the bytes of the device's port. So the checks apply to the emulator, to a
+firmware in another emulator, and to a real robot.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _WRAP, _HALF = 1 << 32, 1 << 31
 
 
 class Heard(NamedTuple):
-    """A message, and our clock at its arrival."""
+    """A message, and the probe's clock at its arrival."""
 
     at_us: int
     message: Message
@@ -42,7 +42,7 @@ class Heard(NamedTuple):
 
 
 class Ping(NamedTuple):
-    """A time request and its reply; host and device microseconds."""
+    """A time request and its reply; times of host and device in microseconds."""
 
     sent_us: int
     reached_us: int
@@ -55,7 +55,7 @@ class Ping(NamedTuple):
 
 
 def now_us() -> int:
-    """The host's clock."""
+    """Return the time of the host's clock, µs."""
     return time.monotonic_ns() // 1000
 
 
@@ -107,7 +107,7 @@ class WireProbe:
                 self._pump(0.001)
 
     def write_frame(self, can_id: int, data: bytes) -> None:
-        """Put one frame on a bus."""
+        """Send one frame on a CAN bus."""
         self.write(RECORD.pack(can_id, len(data), data))
 
     def send(
@@ -118,7 +118,7 @@ class WireProbe:
         stamp_us: int | None = None,
         flags: int = 0,
     ) -> int:
-        """Send a message now; return our clock at its sending."""
+        """Send a message now; return the probe's clock at the sending."""
         at_us = now_us()
         if node is None:
             node = NODE_ALL if self.node is None else self.node
@@ -147,7 +147,7 @@ class WireProbe:
                 self.events.append(event)
 
     def _take_challenge(self, message: Message) -> None:
-        """Sign in this session from its challenge on, which follows the device's hello."""
+        """Sign messages after this session's challenge, which follows the device's hello."""
         if isinstance(message, Hello) and message.session_id == self.session_id:
             self.nonce = (message.boot_id, message.session_id, 0)
         elif isinstance(message, Challenge) and self.nonce[1] == self.session_id:

@@ -1,4 +1,4 @@
-"""Invalid arguments: one clear error before anything is sent or opened."""
+"""Invalid arguments: one clear error before any byte is sent and any port is opened."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def test_every_remedy_has_words_for_both() -> None:
 
 
 def test_open_has_the_options_of_a_robot() -> None:
-    """It has the same names, kinds, types and defaults, and no option with an arbitrary type."""
+    """The options have equal names, kinds, types and defaults, and none has an arbitrary type."""
     ours, robots = (
         {name: p for name, p in inspect.signature(call).parameters.items() if name != "self"}
         for call in (bridge.open, Robot)

@@ -21,7 +21,7 @@ MODEL = RobotModel()
 
 
 class Whole:
-    """A complete planner that ends at once."""
+    """A complete planner whose plan ends at once."""
 
     state = PlannerState()
 
@@ -82,7 +82,7 @@ def test_a_simulated_run_fails_before_it_begins() -> None:
 
 
 class Once(Whole):
-    """Returns one given leg."""
+    """Planner that returns one given leg."""
 
     def __init__(self, leg: object) -> None:
         self.leg = leg
@@ -138,7 +138,7 @@ class Raises(Whole):
 
 
 def test_a_planner_that_raises_ends_the_run_as_a_fault() -> None:
-    """As in ``simulate``; the sweeper can be used afterwards."""
+    """``simulate`` ends such a run as a fault too. The sweeper can be used afterwards."""
     sweeper = SimulatedSweeper(SweeperSettings())
     summary = sweeper.clean(Raises())
     assert summary["outcome"] == "fault"

@@ -1,4 +1,4 @@
-"""The state of a run for the dashboard of another process: as JSON, and back."""
+"""The state of a run as JSON, for the dashboard of another process; both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loop that owns the port, with a port and a clock made by the test."""
+"""The loop that owns the port, tested with a fake port and a fake clock."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class FakeClock:
 
 
 class FakePort:
-    """A device's port in the pump's own time; it can stop taking bytes, or vanish."""
+    """A device's port in the time of a fake clock. It can become full, or disappear."""
 
     name = "fake"
 
@@ -96,7 +96,7 @@ class Filling(Collector):
 
 
 class Scene:
-    """A pump on a fake port; ``at`` schedules events."""
+    """A pump on a fake port; ``at`` schedules the test's actions."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.clock = FakeClock()

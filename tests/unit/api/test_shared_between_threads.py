@@ -1,7 +1,7 @@
-"""Objects that several threads use at once, with the interpreter switching as often as possible.
+"""Objects that several threads use at once; the interpreter switches as often as possible.
 
-Each test makes a fixed number of calls; a race shows as an exception or as a state that no single
-call can cause.
+Each test makes a fixed number of calls. A race causes an exception, or a state that no single call
+can cause.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PATIENCE_S = 60.0
 @pytest.fixture(autouse=True, name="_often")
 def _switching_often() -> Iterator[None]:
     before = sys.getswitchinterval()
-    if sys.gettrace() is None:  # two threads that start to be traced at once are an error
+    if sys.gettrace() is None:  # tracing two threads at once causes an error
         sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(before)
@@ -53,7 +53,7 @@ def made() -> tuple[Host, Ends]:
 
 
 def together(*works: Callable[[], object]) -> list[BaseException]:
-    """Run each in a separate thread to its end; return their exceptions."""
+    """Run each function in a separate thread until it ends; return the exceptions."""
     raised: list[BaseException] = []
     begin = threading.Barrier(len(works))
 
@@ -116,13 +116,13 @@ def test_the_speed_of_a_drive_by_hand_is_changed_by_one_at_a_time() -> None:
 
 
 def test_the_map_is_copied_whole_while_it_grows() -> None:
-    """The dashboard draws it while the loop marks cells: rows, columns and cells must match."""
+    """The dashboard copies the map while the loop marks cells; rows, columns and cells match."""
     swept, places = SweptMap(MODEL), random.Random(3)
     over = threading.Event()
 
     def drive() -> None:
         for i in range(1_500):
-            reach_m = 1.0 + 0.006 * i  # it grows repeatedly
+            reach_m = 1.0 + 0.006 * i  # the map grows repeatedly
             pose = Pose2(places.uniform(-reach_m, reach_m), places.uniform(-reach_m, reach_m), 0.0)
             swept.update(pose)
         over.set()

@@ -1,4 +1,4 @@
-"""Gyro at rest and range sensors against a tape, with handmade values."""
+"""Calibration of gyro and range sensors from handmade values."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_bias_beyond_the_data_sheet_is_no_bias() -> None:
 
 
 def test_two_distances_give_scale_and_offset() -> None:
-    """A reading is 0.98 of the distance plus 4 mm: true = (read - 0.004)/0.98."""
+    """A reading is 0.98 times the distance plus 4 mm, so the distance is (reading - 0.004)/0.98."""
     points = [Point(d, 0.98 * d + 0.004, 0.0, 40) for d in (0.2, 0.5, 1.0)]
     found = fit(points)
     assert found.scale == pytest.approx(1.0 / 0.98)
@@ -60,7 +60,7 @@ def test_two_distances_give_scale_and_offset() -> None:
 
 
 def test_the_devices_own_correction_is_included() -> None:
-    """The raw value is r, the device sends 1.1 r - 0.01, and the truth is 1.05 r + 0.002."""
+    """The raw value is r, the device sends 1.1 r - 0.01, the true distance is 1.05 r + 0.002."""
     points = [Point(1.05 * r + 0.002, 1.1 * r - 0.01, 0.0, 40) for r in (0.1, 0.3)]
     found = fit(points, 1.1, -0.01)
     assert found.scale == pytest.approx(1.05)
@@ -95,7 +95,7 @@ def test_a_stray_echo_is_not_counted() -> None:
 
 
 def counted(speed: float, other: float, *, gain: float = 1000.0) -> list[tuple[float, int, int]]:
-    """Return both wheels from rest at 1 s, the first at once, the second through a lag of 0.1 s."""
+    """Return counts of two wheels that start at 1 s: one at once, one with a lag of 0.1 s."""
     found = []
     for i in range(300):
         t = 0.01 * i
@@ -109,7 +109,7 @@ def test_a_steps_figures_are_those_of_the_curve() -> None:
     left, right = wheel_steps(counted(0.2, 0.2), 1.0, 0.2, 0.001)
     assert left.steady_m_s == pytest.approx(0.2, rel=0.03)
     assert left.rise_s <= 0.05
-    assert right.rise_s == pytest.approx(0.1 * math.log(9.0), abs=0.03)  # of a first-order lag
+    assert right.rise_s == pytest.approx(0.1 * math.log(9.0), abs=0.03)  # for a first-order lag
     assert left.settled_s < right.settled_s
     assert judge_step(left).ok is True
     picture = as_text((left, right))

@@ -1,4 +1,4 @@
-"""A bring-up session leaves the robot stopped, and reports it only after the confirmation."""
+"""A bring-up session stops the robot at its end, and reports the stop after its confirmation."""
 
 from __future__ import annotations
 

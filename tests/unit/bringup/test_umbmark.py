@@ -1,4 +1,4 @@
-"""UMBmark's arithmetic against a square in closed form, independent of its code."""
+"""UMBmark's equations, compared with a square in closed form that shares no code with them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ PARTS = 40
 
 
 def true_square(ratio: float, base: float, *, clockwise: bool, scale: float = 1.0) -> SquareRun:
-    """Return a square that looks perfect to odometry, driven by wheels with other sizes.
+    """Return a square drive with wrong wheel sizes that looks exact in the odometry.
 
-    Complex numbers, one exact arc for each leg: independent of the host's odometry.
+    The positions are complex numbers, and each leg is an exact arc. The host's odometry is not
+    used.
     """
     per_count = math.pi * MODEL.wheel_diameter_m / MODEL.counts_per_turn
     left_m = scale * per_count * 2.0 / (1.0 + ratio)
@@ -49,7 +50,8 @@ def true_square(ratio: float, base: float, *, clockwise: bool, scale: float = 1.
                 way_left, way_right = left_m * step[0], right_m * step[1]
                 angle = (way_right - way_left) / base_m
                 way = 0.5 * (way_left + way_right)
-                # an arc of this length: the chord's complex number is the integral of e^(iθ)
+                # The chord of an arc with this length is the integral of e^(iθ), as a complex
+                # number.
                 chord = (
                     way
                     if angle == 0.0
@@ -84,8 +86,8 @@ def test_the_closed_form_is_borensteins_to_the_first_order() -> None:
 
 
 def test_signs_of_the_return_errors() -> None:
-    """The signs are those of the source's figures for each error alone."""
-    a = 0.5 * math.pi * 0.002  # opposite of over-rotation: the base is wider than given
+    """The signs must equal those in the figures of the UMBmark paper for each single error."""
+    a = 0.5 * math.pi * 0.002  # the base is too wide, so the robot turns too little
     wide = benchmark(MODEL, both(1.0, 1.002))
     for got in (wide.clockwise[0], wide.counter_clockwise[0]):
         assert got == pytest.approx(-2.0 * SIDE_M * a, rel=0.05)
@@ -123,7 +125,7 @@ def test_a_correction_is_on_top_of_the_one_before() -> None:
     after = Correction(1.001, 1.01, 0.0, 0.0).applied_to(reported)
     assert after.wheel_ratio == pytest.approx(1.002 * 1.001)
     assert after.wheel_base_m == pytest.approx(0.231 * 1.01)
-    # the mean diameter stays
+    # the mean wheel diameter is unchanged
     mean = 0.5 * (after.left_metres_per_count + after.right_metres_per_count)
     assert mean == pytest.approx(MODEL.metres_per_count)
 
@@ -134,7 +136,7 @@ def test_one_direction_is_not_enough() -> None:
 
 
 def test_the_scale_of_a_straight_path() -> None:
-    counts = [(1560, 1560)] * 10  # ten turns of the wheel
+    counts = [(1560, 1560)] * 10  # ten turns of each wheel
     reported_m = 10.0 * math.pi * MODEL.wheel_diameter_m
     assert straight_scale(MODEL, counts, 1.01 * reported_m) == pytest.approx(1.01)
     with pytest.raises(ValueError, match="did not move"):

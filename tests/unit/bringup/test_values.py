@@ -1,4 +1,4 @@
-"""The robot file and the device: parameter of each key, and files edited in place."""
+"""The robot file and the device: the parameter for each key, and edits of a file in place."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def device(**changes: float) -> list[Parameter]:
 
 
 def test_every_parameter_of_the_model_has_its_key() -> None:
-    """The device's own table names the model's field of each parameter."""
+    """The device's table gives the model's field for each parameter."""
     named = {p.name: robot_key(p) for p in device()}
     for parameter in table(MODEL, 1):
         if parameter.model_key is not None:

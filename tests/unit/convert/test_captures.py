@@ -1,4 +1,4 @@
-"""Captures of other programs: candump logs and raw bytes, read as logs."""
+"""Captures of other programs, read as logs: candump logs and raw bytes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from support.cli import plain_messages, short_runs, sweepctl
 if TYPE_CHECKING:
     from pathlib import Path
 
-# A status and half an IMU sample of node 1, computed by hand from PROTOCOL.md: the identifier is
-# the type << 4 | node, the last two bytes are the stamp in 16 µs.
+# A status and half an IMU sample of node 1, computed by hand from PROTOCOL.md. The identifier is
+# the type << 4 | node. The last two bytes are the stamp in units of 16 µs.
 CANDUMP_LOG = """\
 (1700000000.000100) can0 101#00000000000100000000
 (1700000000.010200) can0 101#00E1F50501000000
@@ -133,7 +133,7 @@ def test_hostile_captures_take_no_more_memory_than_they_have_bytes(
     path = tmp_path / "file"
     path.write_bytes(b"")
     with pytest.raises(LogReadError):
-        describe_any(path)  # imports its libraries
+        describe_any(path)  # this call imports the libraries that it needs
     path.write_bytes(content)
     tracemalloc.start()
     try:

@@ -1,4 +1,4 @@
-"""CSV cells read back as the same values, by Python's own CSV and JSON readers."""
+"""CSV cells must be read back as equal values by Python's CSV and JSON readers."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ POWERS_OF_TWO = np.exp2(np.arange(-1074, 1024))
 DOUBLES = np.concatenate(
     [
         np.array([0.0, -0.0, 1.0, 0.1, -2.5, 1 / 3, 5e-324, 1e-5, 1e-4, 1e15, 1e16, 1e22, 1e23]),
-        # Every bit pattern is equally likely; those that are no number are removed.
+        # Random bit patterns with equal probability; NaN and infinity are removed later.
         RNG.integers(-(2**63), 2**63 - 1, 20_000, dtype=np.int64).view(np.float64),
         RNG.normal(size=20_000),
         RNG.integers(-(10**6), 10**6, 5_000) / 1000,
         RNG.integers(0, 2**62, 5_000).astype(np.float64),
-        # Where the next float below is only half as far away, and the neighbours.
+        # Powers of two and their neighbours: the next lower float is only half as far away as the
+        # next higher.
         POWERS_OF_TWO,
         np.nextafter(POWERS_OF_TWO, 0.0),
         np.nextafter(POWERS_OF_TWO[:-1], np.inf),
@@ -37,7 +38,7 @@ DOUBLES = np.concatenate(
 
 
 def cells(path: Path, columns: dict[str, pa.Array]) -> list[dict[str, str]]:
-    """Write columns to a file and return what Python's reader reads."""
+    """Write columns to a file; return the rows that Python's CSV reader reads."""
     table = CsvTable(path, {name: column.type for name, column in columns.items()})
     table.write(list(columns.values()))
     table.close()
@@ -46,7 +47,7 @@ def cells(path: Path, columns: dict[str, pa.Array]) -> list[dict[str, str]]:
 
 
 def written(path: Path, values: NDArray[Any]) -> list[str]:
-    """Return one column's cells."""
+    """Write one column; return its cells."""
     return [row["x"] for row in cells(path, {"x": pa.array(values)})]
 
 
@@ -87,7 +88,7 @@ def test_integers(tmp_path: Path, dtype: str) -> None:
 
 
 def test_times_are_those_of_the_calendar(tmp_path: Path) -> None:
-    """The times include leap years, century years, the same second again, and times before 1970."""
+    """The times include leap years, century years, equal seconds, and times before 1970."""
     days = np.arange("1677-09-22", "2262-04-11", dtype="M8[D]").astype("M8[ns]").view(np.int64)
     within = RNG.integers(0, 86_400_000_000_000, len(days))
     close = 1_700_000_000_000_000_000 + np.arange(0, 3_000_000_000, 7_654_321)
@@ -128,13 +129,13 @@ def test_texts_bytes_lists_and_absent_values(tmp_path: Path) -> None:
         assert row["flag"] == ["true", "", "false"][i % 3]
         assert json.loads(row["flags"]) == columns["flags"][i].as_py()
     assert len(rows) == 27
-    # An empty text and an absent one differ in the file, though not for Python's reader.
+    # An empty text and a missing text differ in the file, but Python's reader returns equal values.
     lines = (tmp_path / "x.csv").read_bytes().split(b"\n")
     assert sum(line.startswith(b'"",') for line in lines) == 3
 
 
 def test_rows_longer_than_the_buffer_and_slices(tmp_path: Path) -> None:
-    """A block of output ends between rows, wherever a column begins in its memory."""
+    """A block of output ends between two rows, even if a column is a slice of a larger array."""
     long = pa.array([list(range(i, i + 20_000)) for i in range(30)], pa.list_(pa.int32()))
     number, text = pa.array([None, *range(29)]), pa.array([str(i) * i for i in range(30)])
     flag = pa.array([i % 3 == 0 for i in range(30)])

@@ -1,4 +1,4 @@
-"""Exported tables of other programs' logs, and of hostile ones."""
+"""Exported tables of logs by other programs, and of malicious logs."""
 
 from __future__ import annotations
 

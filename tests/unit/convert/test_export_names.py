@@ -1,4 +1,4 @@
-"""File names of exported topics, which are any text."""
+"""File names for exported topics, because a topic's name may be any text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ROS maps and SVG floor plans become rooms of the right size, in the right place."""
+"""ROS maps and SVG floor plans become rooms with the correct size and position."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FREE, UNKNOWN, WALL = 254, 205, 0
 def ros_map(
     tmp_path: Path, cells: np.ndarray, origin: str = "[-1.0, 2.0, 0.0]", **more: object
 ) -> Path:
-    """Write a map of 0.1 m cells; ``cells`` as in the image, the highest row first."""
+    """Write a map with cells of 0.1 m; the first row of ``cells`` is the top row of the image."""
     Image.fromarray(cells.astype(np.uint8)).save(tmp_path / "flat.pgm")
     keys: dict[str, object] = {
         "image": "flat.pgm",
@@ -42,7 +42,7 @@ def ros_map(
 
 
 def flat() -> np.ndarray:
-    """Return 3 m × 2 m of floor with walls, a table, unknown floor around, and a second room."""
+    """Return a floor of 3 m × 2 m with walls, a table, unknown cells around, and a second room."""
     cells = np.full((30, 60), UNKNOWN)
     cells[4:26, 4:36] = WALL
     cells[5:25, 5:35] = FREE
@@ -58,7 +58,8 @@ def read(path: Path, start: Pose2 | None = None, tolerance_m: float = 0.0) -> Fl
 def test_a_ros_map_has_the_place_of_its_origin_and_the_size_of_its_cells(tmp_path: Path) -> None:
     plan = read(ros_map(tmp_path, flat()))
     assert plan.name == "flat"
-    # Columns 5 to 35 of 0.1 m, from x = −1 m. Of 30 rows, 5 to 25 are free, from either end.
+    # Columns 5 to 35 are free: 0.1 m each, from x = −1 m. Rows 5 to 25 of 30 are free, counted from
+    # the top or from the bottom.
     assert plan.bounds() == pytest.approx((-0.5, 2.5, 2.5, 4.5))
     assert signed_area_m2(plan.walls) == pytest.approx(6.0)
     (table,) = plan.obstacles

@@ -1,4 +1,4 @@
-"""Recovery of damaged logs: the mcap library's own reader checks what is kept."""
+"""Recovery of damaged logs: the mcap library's reader checks the recovered file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read_all(path: Path) -> list[Message]:
-    """Return everything, by the library's reader, which checks every CRC and needs the summary."""
+    """Return all messages by the library's reader, which checks every CRC and needs the summary."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         found = [
@@ -57,7 +57,7 @@ def read_all(path: Path) -> list[Message]:
 
 
 def chunks(data: bytes | bytearray) -> list[tuple[int, int]]:
-    """Return offset and whole length of every chunk of an intact file."""
+    """Return the file offset and total length of every chunk of an intact file."""
     found, position = [], 8
     while position < len(data) - 8:
         opcode, length = struct.unpack_from("<BQ", data, position)
@@ -68,7 +68,7 @@ def chunks(data: bytes | bytearray) -> list[tuple[int, int]]:
 
 
 def messages_in(data: bytes, offset: int, length: int) -> list[Message]:
-    """Return the messages in one chunk of an intact file, by the library."""
+    """Return the messages in one chunk of an intact file, as the library reads them."""
     reported = make_reader(io.BytesIO(data)).get_summary()
     assert reported is not None
     one = io.BytesIO(data[:8] + data[offset : offset + length])

@@ -1,4 +1,4 @@
-"""Compiled loops over a raster, against handmade pictures and the simplest search."""
+"""Compiled loops over a raster, compared with handmade pictures and with a brute-force search."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def test_pieces_that_touch_by_a_corner_are_one_or_two() -> None:
 
 def test_depth_is_counted_to_the_nearest_cell_outside() -> None:
     assert deepest(drawn("...", "...")) == 0.0
-    assert deepest(drawn("###", "###", "###")) == 2.0  # the raster's edge is outside
+    assert deepest(drawn("###", "###", "###")) == 2.0  # the cells beyond the edge count as outside
     hole = np.ones((9, 9), dtype=np.bool_)
     hole[4, 4] = False
-    assert deepest(hole) == pytest.approx(math.sqrt(8.0))  # two cells off the hole, both ways
+    assert deepest(hole) == pytest.approx(math.sqrt(8.0))  # two cells off in x and y
 
 
 def test_depth_is_that_of_a_search_of_all_pairs() -> None:
@@ -60,7 +60,7 @@ def test_reading_intermediate_figures_does_not_change_the_result() -> None:
         if i % 50 == 0:
             shares.append(track.report().coverage.mouth_free)
     assert shares == sorted(shares)
-    # a metre by the mouth's 0.16 m, of 4 m²
+    # one metre with the mouth width of 0.16 m, as a share of 4 m²
     assert shares[-1] == pytest.approx(0.04, abs=5e-4)
     report = meter.measure(path)
     assert shares[-1] == pytest.approx(report.coverage.mouth_free, abs=1e-4)

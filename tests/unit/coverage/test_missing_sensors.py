@@ -24,7 +24,7 @@ SENSORS = ("ultrasonic", "infrared_left", "infrared_right")
 
 
 def without(*names: str) -> RobotModel:
-    """The robot without these sensors."""
+    """Return the robot without these sensors."""
     model = WHOLE
     for name in names:
         model = replace(model, **{name: replace(getattr(model, name), fitted=False)})

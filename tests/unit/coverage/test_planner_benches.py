@@ -1,4 +1,4 @@
-"""The counts of the planner benchmarks, and that they do not change the planner."""
+"""The counts of the planner benchmarks; the measurement must not change the planner."""
 
 from __future__ import annotations
 
@@ -42,13 +42,14 @@ def test_a_decision_lasts_as_long_as_the_standstill_for_its_search(timed: Run) -
     assert len(searched) > 20
     assert max(decision.stood for decision in searched) > 5
     assert all(decision.stood == 0 for decision in handed_over)
-    # every slice except a decision's first comes at least a control step after the one before
+    # Each slice of a decision, except the first, comes one control step or more after the slice
+    # before.
     slices = len(timed.planner.calls_ns) - len(timed.planner.decisions)
     assert sum(decision.stood for decision in searched) >= slices
 
 
 def test_every_control_step_is_timed_once(timed: Run) -> None:
-    # the world's first step is made before the planner is called
+    # the world makes its first step before it calls the planner
     steps = round(timed.duration_s / STEP_S) - 1
     assert len(timed.asked_ns) + len(timed.unasked_ns) == steps
     assert len(timed.watch_ns) == len(timed.unasked_ns)

@@ -1,4 +1,4 @@
-"""A planner's options by name: numbers, words, yes or no; an invalid one is one error line."""
+"""A planner's options by name: numbers, words, yes or no; an invalid value is a one-line error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The planners' decisions for made-up results."""
+"""The decisions of the planners for given results of legs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def seen(pose: Pose2, time_s: float = 0.0) -> Observation:
 
 
 class Corridor:
-    """Ends legs: lanes after listed distances, side steps complete by default."""
+    """Returns leg results: lanes end after listed distances, side steps are complete by default."""
 
     def __init__(self, planner: Planner, lanes: list[float], blocked: dict[int, float]) -> None:
         self.planner, self.lanes, self.blocked = planner, list(lanes), blocked
@@ -108,7 +108,7 @@ def test_case_2_an_obstacle_restarts_the_count() -> None:
     planner = paper()
     run = Corridor(planner, [2.0, 2.0, 1.0], {})
     assert run.of("lane")[-1].data["case"] == 2
-    # the turn after it is counted already
+    # the turn after this lane is counted already
     assert planner.state.turn_count == 1
 
 
@@ -120,7 +120,8 @@ def test_a_difference_of_the_diameter_or_less_is_no_case() -> None:
 
 
 def test_case_3_drives_back_by_w_times_t_sweeps_and_returns() -> None:
-    # lanes at 0 and .16 complete, at .32 to .80 before an obstacle, at .96 past it
+    # The lanes at 0 and 0.16 m are complete, an obstacle shortens the lanes at 0.32 to 0.80 m, and
+    # the lane at 0.96 m is past the obstacle.
     lanes = [2.0, 2.0, 0.5, 0.5, 0.5, 0.5, 2.0]
     planner = paper()
     run = Corridor(planner, [*lanes, 0.7, 0.7, 0.7, 0.7, 2.0], {})
@@ -132,12 +133,13 @@ def test_case_3_drives_back_by_w_times_t_sweeps_and_returns() -> None:
     assert lane_rows == pytest.approx(
         [0, 0.16, 0.32, 0.48, 0.64, 0.80, 0.96, 0.32, 0.48, 0.64, 0.80, 1.12]
     )
-    # the last of four lanes in the occluded region ends where the first began: no way back
+    # The occluded region has four lanes. The last lane ends at the side where the first lane began,
+    # so the robot need not drive back along a lane.
     kind, row, distance = run.log[lane_rows.index(0.96) * 2 + 1]
     assert (kind, row) == ("step", 0.96)
     assert distance == pytest.approx(0.64)
     assert not [e for e in run.log if e[0] == "goto"]
-    # cleared by the recovery, then two whole steps
+    # the recovery resets the count, then two whole steps follow
     assert planner.state.turn_count == 2
 
 

@@ -1,4 +1,4 @@
-"""Evidence from a bump: the obstacle, the forbidden places of the axle, and their duration."""
+"""Evidence from a bump: the obstacle, the forbidden positions of the axle, and their duration."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def empty() -> EvidenceMap:
 
 
 def standing(memory: EvidenceMap, bearing_deg: float, gap_m: float = 0.004) -> None:
-    """Put a known obstacle in front of the rim, at a bearing from ``HERE``."""
+    """Put a known obstacle in front of the footprint's rim, at a bearing from ``HERE``."""
     far, bearing = MODEL.radius_m + gap_m, math.radians(bearing_deg)
     memory.add_point(far * math.cos(bearing), far * math.sin(bearing))
 
@@ -50,7 +50,7 @@ def at(memory: EvidenceMap, x_m: float, y_m: float) -> tuple[int, int]:
 def test_one_bumper_switch_alone_blocks_cells_until_its_guess_is_cleared() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=False)
-    assert memory.blocked[at(memory, 0.05, 0.02)]  # an obstacle at the left half
+    assert memory.blocked[at(memory, 0.05, 0.02)]  # the obstacle is at the left bumper switch
     assert not memory.blocked[at(memory, 0.05, -0.06)]
     middle = math.radians(38.5)
     guessed = at(memory, 0.165 * math.cos(middle), 0.165 * math.sin(middle))
@@ -97,7 +97,7 @@ def test_evidence_on_the_other_side_does_not_count() -> None:
 
 
 def test_a_followed_wall_is_not_the_contact() -> None:
-    """A convex wall is abeam on the right, and an unknown obstacle ahead of it to the right."""
+    """The followed convex wall is abeam on the right. An unknown obstacle is ahead to the right."""
     memory = empty()
     standing(memory, -75.0, 0.002)
     met = memory.contact_rad(HERE, left=False, right=True)
@@ -124,13 +124,13 @@ def test_clearing_bumps_keeps_observed_evidence() -> None:
     assert memory.clear_bumps(0.2)
     assert not memory.blocked.any()
     assert (memory.wall == walls).all()
-    assert not memory.tried[at(memory, 0.2, 0.0)]  # beside the bump: one more try
+    assert not memory.tried[at(memory, 0.2, 0.0)]  # near the bump, one more try is allowed
     assert memory.tried[at(memory, 1.5, 1.5)] == 1
     assert not memory.clear_bumps(0.2)
 
 
 class Following:
-    """A perimeter pass with the wall on the right, and repeated bumps at one place."""
+    """A perimeter pass with the wall on the right, and repeated bumps at one position."""
 
     def __init__(
         self, bearing_deg: float = 0.0, *, brisk: bool = False, model: RobotModel = MODEL

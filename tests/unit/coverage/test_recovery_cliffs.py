@@ -1,4 +1,4 @@
-"""Cliffs: the stored evidence, the forbidden places of the axle, and the reaction."""
+"""Cliffs: the stored evidence, the forbidden positions of the axle, and the reaction."""
 
 from __future__ import annotations
 
@@ -82,10 +82,10 @@ def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
 @pytest.mark.parametrize(
     ("x_m", "y_m", "left"),
     [
-        (0.03, 0.0, 0),  # all three detected floor
-        (0.03, 2.0 * ASIDE_M, 2),  # the right barrier, where the left one was
+        (0.03, 0.0, 0),  # all three barriers have detected floor
+        (0.03, 2.0 * ASIDE_M, 2),  # the right barrier is where the left barrier was
         (0.0, 0.0, 3),
-        (-0.02, 0.0, 3),  # backing off: floor before an edge
+        (-0.02, 0.0, 3),  # the robot backs off: floor before an edge
         (0.08, 0.0, 3),
         (0.03, 0.03, 3),
     ],

@@ -1,4 +1,4 @@
-"""Events of the recovery planner: each decision has one, and the end has its figures."""
+"""Events of the recovery planner: one for each decision, and the final counts at the end."""
 
 from __future__ import annotations
 

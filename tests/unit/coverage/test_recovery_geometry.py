@@ -17,7 +17,7 @@ PAPER = RobotModel()
 
 
 def scaled(scale: float, width: float = 0.5, ahead: float = 0.0) -> RobotModel:
-    """Return the paper's robot at another size; mouth width and offset in diameters."""
+    """Return the paper's robot with another size; mouth width and offset are in diameters."""
     diameter_m = 0.32 * scale
 
     return replace(
@@ -60,10 +60,10 @@ def test_every_robot_has_usable_sizes(scale: float, width: float, ahead: float) 
         low = min(value) if isinstance(value, tuple) else value
         assert low >= 0.0, field.name
         assert field.name in {"ahead_m", "ahead_cells"} or low > 0.0, field.name
-    # a lane sweeps no more than the mouth, and at least half of it
+    # A lane is at most as wide as the mouth, and at least half as wide.
     lane_m = (2 * made.lane_cells + 1) * made.cell_m
     assert 0.5 * model.cleaning_width_m < lane_m <= model.cleaning_width_m
-    # inflation is between the footprint minus a cell and the footprint
+    # The inflation radius is between the footprint minus one cell and the footprint.
     assert model.radius_m - made.cell_m < made.inflation_cells * made.cell_m < model.radius_m
     assert made.band_m[1] < 0.5 * model.cleaning_width_m
     assert made.hole_cells * made.cell_m <= 0.5 * model.cleaning_width_m + 0.5 * made.cell_m

@@ -1,4 +1,4 @@
-"""A run along a known wall when the heading is uncertain: the paths there, and the runs."""
+"""Heading fix: a run along a known wall when the heading is uncertain, and the path there."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ QUARTER = 0.5 * math.pi
 
 
 def swept_lane(options: RecoveryOptions) -> EvidenceMap:
-    """Return a lane of 2 m."""
+    """Return the map after a lane of 2 m."""
     memory = EvidenceMap(MODEL, options, Pose2(0.0, 0.0, 0.0))
     for k in range(101):
         pose = Pose2(0.02 * k, 0.0, 0.0)
@@ -96,10 +96,10 @@ def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far()
 
 
 class CountedFix(HeadingFix):
-    """Records whether each run along a wall was driven."""
+    """Records whether each run along a wall took place."""
 
     def __init__(self, *, blocked: bool) -> None:
-        """``blocked``: a person stands in the path to every wall."""
+        """Set whether a person blocks the path to every wall."""
         super().__init__()
         self.blocked = blocked
         self.driven: list[bool] = []

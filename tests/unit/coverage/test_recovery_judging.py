@@ -1,4 +1,4 @@
-"""Evidence of a fruitless trip: against its target, or against a passage on the way."""
+"""Evidence from a fruitless trip: it counts against the target or against the path to it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PLACE = (1.5, 0.0)
 
 
 def fruitless(context: RecoveryContext, count: int) -> None:
-    """Let a number of consecutive perimeter passes sweep just too little."""
+    """Let consecutive perimeter passes each sweep slightly too little."""
     for _ in range(count):
         choice = Choice("perimeter", (PLACE,), 0.0, 0.5)
         context.stuck.take(choice, 6, Pose2(*PLACE, 0.0), arrived=False)
@@ -72,30 +72,30 @@ def test_a_target_is_spared_at_most_eight_times_so_that_the_plan_ends() -> None:
 
 
 class Blocked:
-    """Drives to a far place repeatedly, and bumps at one place on the path each time."""
+    """Drives to a far target repeatedly; each time a bump at the same position blocks the path."""
 
     def __init__(self, floor: int = 0) -> None:
-        """``floor``: new cells by each attempt."""
+        """Set ``floor``, the number of new cells in each attempt."""
         self.floor = floor
         self.tries = 0
         self.uncertain_m: set[Scalar | None] = set()
-        """Places where evidence was cleared."""
+        """Positions (x) at which evidence was cleared, m."""
         self.why: set[str] = set()
-        """Reasons, before the colon."""
+        """Reasons of the clearings: the text before the colon."""
 
     def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
-        """There is no wall near."""
+        """Do nothing, because there is no wall near."""
         self.context = context
         yield from ()
 
     def choose(self, context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
-        """Choose always the same lane."""
+        """Always choose the same lane."""
         del context
         yield from ()
         return Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
 
     def lane(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
-        """Do not arrive."""
+        """Report a lane that the robot does not reach."""
         yield from ()
         self.tries += 1
         context.map.new_cells += self.floor
@@ -105,7 +105,7 @@ class Blocked:
         return False
 
     def run(self, maximum: int) -> tuple[str, Counter[str]]:
-        """Return why it ended after at most ``maximum`` attempts, and each decision's count."""
+        """Return the reason of the end after at most ``maximum`` attempts, and decision counts."""
         behaviours = Behaviours(self.approach, self.choose, self.lane)
         planner = RecoveryPlanner(MODEL, RecoveryOptions(max_decisions=maximum), behaviours)
         end = planner.start(AT_REST)
@@ -120,7 +120,7 @@ def test_a_place_that_blocks_seven_times_is_cleared_before_the_target_is_abandon
     planner = Blocked()
     _, reported = planner.run(21)
     assert reported["clear"] == 2
-    assert planner.uncertain_m == {0.1}  # where it was blocked
+    assert planner.uncertain_m == {0.1}  # the position of the bumps
     assert reported["abandon"] == 0
     planner = Blocked()
     _, reported = planner.run(24)
@@ -145,7 +145,7 @@ def test_abandoned_targets_do_not_count_after_new_floor() -> None:
 
 
 class AmongLegs(Blocked):
-    """A leg is known beside the blocked place, and another farther away."""
+    """Adds a known furniture leg near the blocked position, and one farther away."""
 
     LEGS = ((0.1, 0.25), (0.1, 0.55))
 

@@ -1,4 +1,4 @@
-"""A run of the recovery planner loads no more modules, because loading would delay the robot."""
+"""A run of the recovery planner imports no module, because an import would delay the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recovery planner's map and its kernels on floors small enough for results by hand."""
+"""The recovery planner's map and its kernels, on floors so small that results are by hand."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ def observed(
 
 def test_a_straight_sweep_marks_exactly_the_centres_passed() -> None:
     (swept,) = layers(11, 20, 1)
-    # from column 4.0 to 10.0 along row 5.5, half width 2: centres 4.5 … 9.5, rows 3.5 … 7.5
+    # The path goes from column 4.0 to 10.0 along row 5.5, with half width 2. It covers the cell
+    # centres in columns 4.5 … 9.5 and rows 3.5 … 7.5.
     assert sweep(swept, 4.0, 5.5, 0.0, 10.0, 5.5, 0.0, 2.0, 0.0) == 6 * 5
     assert swept[3:8, 4:10].all()
     assert swept.sum() == 30
@@ -65,9 +66,9 @@ def test_a_turn_in_place_sweeps_a_disc() -> None:
 def test_evidence_is_revocable_and_leaves_no_trace() -> None:
     wall, inflated = layers(21, 21, 2)
     add_wall(wall, inflated, 10, 10, 1, 3.0)
-    assert inflated.sum() == 0  # once is not certain
+    assert inflated.sum() == 0  # one reading is not certain
     add_wall(wall, inflated, 10, 10, 1, 3.0)
-    assert inflated.sum() == 29  # lattice points within 3 of a point
+    assert inflated.sum() == 29  # grid points within a radius of 3 cells
     add_wall(wall, inflated, 10, 12, 2, 3.0)
     assert inflated.max() == 2
     add_wall(wall, inflated, 10, 12, -1, 3.0)
@@ -97,10 +98,11 @@ def test_where_the_body_is_nothing_else_is() -> None:
 
 def test_a_bump_forbids_only_cells_common_to_all_possible_contacts() -> None:
     (blocked,) = layers(41, 41, 1)
-    # both halves: a contact within 10° of straight ahead; the footprint's radius is 8 cells
+    # Both bumper switches mean a contact within 10° of straight ahead. The footprint's radius is 8
+    # cells.
     bump_area(blocked, 20.5, 20.5, math.radians(-10), math.radians(10), 8.0)
-    assert blocked[20, 22] == 1  # a step ahead the wall is inside the footprint
-    assert blocked[20, 20] == 0  # here it stands
+    assert blocked[20, 22] == 1  # two cells ahead, the wall would be inside the footprint
+    assert blocked[20, 20] == 0  # the robot is here
     assert blocked[20, 16] == 0
     marked = np.argwhere(blocked)
     for row, col in marked:
@@ -123,17 +125,18 @@ def test_the_share_not_swept_ahead() -> None:
 
 def test_the_speed_limit_makes_contact_with_known_obstacles_soft() -> None:
     (wall,) = layers(81, 81, 1)
-    wall[40, 60] = 2  # its centre is 20 cells, 0.4 m, ahead of the axle at (40.5, 40.5)
+    wall[40, 60] = 2  # the centre is 20 cells (0.4 m) ahead of the axle at (40.5, 40.5)
     given = (0.02, 0.17, 0.17, 0.17, 0.026, 0.3, 0.0, 0.3)
 
     def at(x: float, y: float = 40.5, heading: float = 0.0) -> float:
         return pace(wall, x, y, heading, *given)
 
-    assert at(40.5) == pytest.approx(0.3)  # it stops from 0.3 m/s in 0.15 m
+    assert at(40.5) == pytest.approx(0.3)  # the braking distance from 0.3 m/s is 0.15 m
     assert at(47.5) == pytest.approx(math.sqrt(0.026**2 + 2 * 0.3 * (0.26 - 0.17)))
     assert at(52.0) == pytest.approx(0.026)
     assert at(52.0, heading=math.pi) == pytest.approx(0.3)
-    # at 9 cells to the side it does not count, at 6 cells the contact is at 45° and more
+    # At 9 cells to the side the obstacle does not count. At 6 cells the contact angle is 45° or
+    # more.
     assert at(55.0, 40.5 - 9.0) == pytest.approx(0.3)
     assert at(55.0, 40.5 - 6.0) == pytest.approx(0.026 / math.sqrt(1 - (0.12 / 0.17) ** 2))
     wall[40, 60] = 1

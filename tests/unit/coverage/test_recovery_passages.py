@@ -34,7 +34,7 @@ GEOMETRY = PlannerGeometry.from_model(MODEL, OPTIONS)
 HERE = Pose2(0.0, 0.0, 0.0)
 BEYOND = (1.0, 0.0)
 MIDDLE_DEG = 38.5
-"""Bearing of the middle of a bumper half, °, where an unknown contact is assumed."""
+"""Bearing of the middle of a bumper switch, °; an unknown contact is assumed there."""
 
 
 def seen(pose: Pose2 = HERE, v_m_s: float = 0.0) -> Observation:
@@ -42,7 +42,7 @@ def seen(pose: Pose2 = HERE, v_m_s: float = 0.0) -> Observation:
 
 
 class AtDoor:
-    """Stands before a door 1 m away with floor behind it; the floor on this side is swept."""
+    """A robot 1 m before a door with floor behind it; the floor on this side is swept."""
 
     def __init__(self) -> None:
         self.context = context_at(seen())
@@ -64,7 +64,7 @@ class AtDoor:
         right: bool = False,
         new_m2: float = 0.1,
     ) -> tuple[list[Leg], list[str]]:
-        """Drive to the floor beyond and get blocked; return the legs and the decisions."""
+        """Drive towards the floor beyond until blocked; return the legs and the decisions."""
         script = transit(self.context, Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=new_m2))
         legs: list[Leg] = [next(script)]
         pose = self.context.pose

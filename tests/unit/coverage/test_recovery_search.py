@@ -37,7 +37,7 @@ CELLS = np.zeros(1024, dtype=np.int32)
 
 
 def floor(rows: int, cols: int) -> np.ndarray:
-    """Return a free floor with a closed rim, like a window of the map."""
+    """Return a free floor with a closed border, like a window of the map."""
     open_ = np.zeros((rows, cols), dtype=np.uint8)
     open_[1:-1, 1:-1] = 2
     return open_
@@ -73,7 +73,8 @@ def test_travel_goes_round_a_wall_and_not_through() -> None:
     assert (reach(open_, 11, 6)[:, 12:] == -1).all()
     open_[1, 11] = 2
     dist = reach(open_, 11, 6)
-    # up to the gap, through it, and down again: 10 rows each way, 10 columns
+    # The path goes up to the gap, through it, and down again: 10 rows in each direction, 10
+    # columns.
     assert dist[11, 16] == 10 * 14 + 10 * 10
 
 
@@ -91,7 +92,7 @@ def test_travel_in_slices_finds_the_same() -> None:
 
 
 def window(**layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``open_`` and ``done`` of the inner 9 by 9 cells of a map of 11 by 11."""
+    """Return ``open_`` and ``done`` for the inner 9 × 9 cells of a map of 11 × 11 cells."""
     empty = np.zeros((11, 11), dtype=np.uint8)
     inflated, blocked, visited, swept, wall, tried = (
         layers.get(name, empty)
@@ -103,7 +104,7 @@ def window(**layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def at(row: int, col: int, value: int = 1) -> np.ndarray:
-    """Return a map of 11 by 11 with one mark, at a cell of the inner 9 by 9."""
+    """Return a map of 11 × 11 cells with one mark, at a cell of the inner 9 × 9."""
     layer = np.zeros((11, 11), dtype=np.uint8)
     layer[row + 1, col + 1] = value
     return layer
@@ -117,14 +118,14 @@ def test_beside_a_wall_is_dear_and_the_wall_shut() -> None:
     assert not open_[0].any()
     assert not open_[:, 8].any()
     open_, _ = window(inflated=at(4, 4), visited=at(4, 4))
-    assert open_[4, 4] == 2  # the robot was there, whatever the evidence
+    assert open_[4, 4] == 2  # the robot was there, so the cell is free
 
 
 def test_the_reason_identifies_the_action() -> None:
     _, done = window(swept=at(2, 2), tried=at(3, 3, 2), wall=at(4, 4, 2))
     assert (done[2, 2], done[3, 3], done[4, 4]) == (SWEPT, GIVEN_UP, OCCUPIED)
     _, done = window(tried=at(3, 3), wall=at(4, 4))
-    assert not done.any()  # one fruitless attempt, one reading: not yet
+    assert not done.any()  # one fruitless attempt or one reading is not enough
 
 
 def test_targets_are_cells_that_the_mouth_reaches() -> None:
@@ -138,7 +139,7 @@ def test_targets_are_cells_that_the_mouth_reaches() -> None:
     row, col = np.indices(dist.shape)
     off_row, off_col = np.clip(row, 10, 19) - row, np.clip(col, 10, 19) - col
     expected = (off_row**2 + off_col**2 <= 12) & (done == 0)
-    assert (target.astype(bool) == expected).all()  # the cell too far lies within its neighbours'
+    assert (target.astype(bool) == expected).all()  # neighbours reach the farther cell
     assert count == expected.sum()
     assert (ways[12, 12], ways[10, 10], ways[9, 9]) == (-1, 50, -1)
 

@@ -1,4 +1,4 @@
-"""Headings along a path, and the maximum speed at the end of a piece."""
+"""Headings along a path, and the maximum speed at the end of each section."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_only_a_slight_bend_is_driven_without_a_stop(bend_deg: float, *, fast: b
     last = end_speed(OPTIONS, choice("lane", bend_deg, corner), 0, 0.0)
     assert inner == last
     assert (inner > 0.1) is fast
-    # a planned slight bend is below the bend that needs a turn in place, with a margin
+    # A planned slight bend is smaller than the bend that needs a turn in place, with a margin.
     assert abs(bend) < OPTIONS.bend_rad - math.radians(3.0) or not fast
 
 

@@ -1,4 +1,4 @@
-"""Stored segments of followed walls, which can give the heading again."""
+"""Stored segments of followed walls, which a later run uses to measure the heading again."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_stretch_is_begun_from_either_end_a_little_off_the_wall() -> None:
     assert segments.starts() == []
     follow(segments, LEFT, (1.0, 2.0, 0.0), (1.5, 2.0, 0.0), (2.0, 2.0, 0.0))
     segments.end(Pose2(2.0, 2.0, 0.0), LEFT)
-    # the wall is above; away from it is below, whichever direction it is followed in
+    # The wall is above the path. So both starts are below it, one for each direction of travel.
     forth, back = segments.starts()
     assert one(forth, 1.0, 2.0 - OFF_M, 0.0)
     assert one(back, 2.0, 2.0 - OFF_M, -math.pi)
@@ -45,7 +45,7 @@ def test_short_and_bent_ones_are_not_kept_and_a_corner_parts_two() -> None:
     follow(segments, LEFT, (0.0, 0.0, 0.0), (0.4, 0.0, 0.0))
     segments.end(Pose2(0.4, 0.0, 0.0), LEFT)
     assert segments.starts() == []
-    # round a column of 1 m: never straight for half a metre
+    # The path around a column of 1 m is never straight for half a metre.
     for k in range(100):
         at = 0.1 * k
         segments.follow(Pose2(math.cos(at), math.sin(at), at + QUARTER), LEFT, straight=True)

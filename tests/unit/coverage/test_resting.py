@@ -48,7 +48,7 @@ def test_a_rest_without_effect_ends_and_is_not_repeated_at_once() -> None:
 
 
 class Legs:
-    """Two short legs, for a planner with or without observations."""
+    """Planner with two short legs and without observations during the legs."""
 
     state = None
 
@@ -70,7 +70,7 @@ class Legs:
 
 
 class Watching(Legs):
-    """A planner with observations, like ``recovery``."""
+    """Planner that observes during its legs, like ``recovery``."""
 
     speed_limit_m_s = 1.0
 
@@ -99,7 +99,7 @@ def test_only_a_planner_that_watches_is_held_and_only_between_its_legs() -> None
 
 
 class Flowing(Watching):
-    """Ends its only leg in motion, and the plan with it; or has an uncertain gyro by then."""
+    """Planner whose only leg and whose plan end in motion; the gyro may be uncertain then."""
 
     def _leg(self, obs: Observation) -> Leg:
         self.asked.append(obs.time_s)
@@ -129,7 +129,7 @@ def test_a_plan_that_ends_or_rests_in_motion_brakes_within_the_limit(uncertainty
 
 
 class Circling(Watching):
-    """After one leg it only turns to its present heading; each turn ends as it begins."""
+    """Planner that, after one leg, only turns to its present heading; such turns end at once."""
 
     def _leg(self, obs: Observation) -> Leg:
         self.asked.append(obs.time_s)

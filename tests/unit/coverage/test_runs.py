@@ -1,4 +1,4 @@
-"""Complete runs in the small world: the paper's figures, and that every run ends."""
+"""Complete runs in the small world: the paper's results, and the end of every run."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_paper_on_case_1_without_noise_is_the_computed_figure() -> None:
     report = meter(CASE_1).measure(done.poses, done.runner.lane_length_m)
     assert done.finish_reason == "side step blocked at both ends of the last lane"
     assert 0.93 <= report.coverage.body_free <= 0.945
-    # eq. 8 as written gives 64 %: the lanes are W wide and stop short of the walls
+    # Equation 8 as written gives 64 %, because the lanes are W wide and end before the walls.
     assert report.coverage.eq8 == pytest.approx(0.64, abs=0.03)
     assert report.coverage.mouth_free < 0.774
 
@@ -89,7 +89,7 @@ def test_paper_revisits_the_floor_that_u_shape_leaves() -> None:
 
 
 def test_strict_end_leaves_most_of_case_1() -> None:
-    """An end at the first blocked step gives results far from the paper's tables."""
+    """If the run ends at the first blocked step, the results are far from the paper's tables."""
     world = KinematicWorld(CASE_1, MODEL, random.Random(0))
     done = run_plan(world, PaperPlanner(MODEL, PaperOptions(end="blocked_step")), 2000.0)
     assert done.finish_reason is not None

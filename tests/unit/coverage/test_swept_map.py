@@ -1,4 +1,4 @@
-"""The live map: its marks, its growth, its export."""
+"""The live map of the swept floor: its marks, its growth, its export."""
 
 from __future__ import annotations
 

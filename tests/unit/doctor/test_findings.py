@@ -1,4 +1,4 @@
-"""The doctor's rules on handmade lines, and a part of the emulator's faults."""
+"""The doctor's rules on handmade data, and on some faults of the emulator."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MS = 1_000_000
 
 
 class Line:
-    """A device that sends given messages to the doctor."""
+    """A device whose messages come from the test, and the doctor that receives them."""
 
     def __init__(self) -> None:
         self.examination = Examination()
@@ -30,7 +30,7 @@ class Line:
         self.late_ms = 0
 
     def inform(self, message: object, *, every_ms: int = 10, count: int = 1) -> None:
-        """Send a message ``count`` times, stamped at sending."""
+        """Send a message ``count`` times; each has the time of its sending as its stamp."""
         for _ in range(count):
             self.now_ms += every_ms
             self.link.send(message, self.now_ms * 1000, node=1)  # type: ignore[arg-type]  # any
@@ -119,7 +119,7 @@ def test_missing_numbers_without_damage_are_an_overrun() -> None:
 
 @pytest.mark.parametrize("cut", [0, 3], ids=["between frames", "inside a frame"])
 def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
-    """The log was recovered without one chunk, so the gap may begin in the middle of a frame."""
+    """The recovered log lacks one chunk, so the gap may begin in the middle of a frame."""
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, every_ms=4, count=400)
@@ -127,7 +127,7 @@ def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
         line.link.send(COUNTS, line.now_ms * 1000, node=1)
         line.hear(line.link.data_to_send()[:cut])
     for _ in range(54):
-        line.now_ms += 4  # 0.2 s, less than a hole by time alone
+        line.now_ms += 4  # 0.2 s in all, too short for a gap by time alone
         line.link.send(COUNTS, line.now_ms * 1000, node=1)
         line.link.data_to_send()
     line.inform(COUNTS, every_ms=4, count=400)
@@ -143,7 +143,7 @@ def test_a_hole_and_a_stall() -> None:
     line.inform(hello())
     line.inform(COUNTS, count=200)
     for _ in range(50):
-        frame(line)  # half a second that was not received
+        frame(line)  # frames of half a second are not received
     line.inform(COUNTS, count=200)
     assert line.kinds == ["gap"]
     line = Line()

@@ -1,4 +1,4 @@
-"""A log of another program that uses our topics' names for its own messages."""
+"""A log of another program whose messages use the topic names of sweepctl."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Reader:
-    """A file that holds these messages."""
+    """A log reader that returns these messages."""
 
     truncated = False
 

@@ -1,4 +1,4 @@
-"""The figures against closed forms and against exact geometry of another library."""
+"""The coverage metrics, compared with closed forms and with exact geometry of a library."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ HALL = FloorPlan("hall", box(0, 0, 3, 2), (), Pose2(1.5, 1.0, 0.0))
 
 
 def straight(x0: float, y0: float, x1: float, y1: float, t0: float = 0.0) -> Track:
-    """Return a lane at 0.2 m/s, sampled at 50 Hz."""
+    """Return the poses of a lane at 0.2 m/s, sampled at 50 Hz."""
     length = math.hypot(x1 - x0, y1 - y0)
     count = max(round(length / 0.004), 1)
     heading = math.atan2(y1 - y0, x1 - x0)
@@ -72,10 +72,10 @@ def exact_centres(plan: FloorPlan) -> BaseGeometry:
 def test_areas_of_case_1() -> None:
     meter = CoverageMeter(CASE_1, MODEL)
     assert meter.free_m2 == pytest.approx(2.06 * 2.057 - 0.4, rel=1e-4)
-    # the disc cannot reach the four corners of the room: (1 - π/4) R² each
+    # The disc cannot reach the four corners of the room; each corner has (1 - π/4) R².
     corners = 4 * (1 - math.pi / 4) * 0.16**2
     assert meter.reachable_m2 == pytest.approx(2.06 * 2.057 - 0.4 - corners, rel=3e-4)
-    # the share of the floor that a mouth on the axle can reach
+    # This is the share of the floor that a mouth on the axle can reach.
     assert meter.sweepable_m2 / meter.free_m2 == pytest.approx(0.774, abs=0.0005)
 
 
@@ -121,7 +121,7 @@ def test_a_straight_run() -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 0.00125, 0.0025, 0.004])
 def test_a_lane_has_its_width_wherever_it_lies_on_the_grid(shift: float) -> None:
-    """With points at the cells' centres the width would jump by 3 %."""
+    """A metric that counts cell centres would change the width in jumps of 3 %."""
     report = CoverageMeter(HALL, MODEL).measure(straight(0.5, 1.0 + shift, 2.5, 1.0 + shift))
     assert report.coverage.mouth_free * 6.0 == pytest.approx(0.32, rel=3e-3)
 

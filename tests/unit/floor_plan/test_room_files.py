@@ -1,4 +1,4 @@
-"""Room files: all errors are named, and probable mistakes are cautions."""
+"""Room files: every error is reported, and probable mistakes cause warnings."""
 
 from __future__ import annotations
 

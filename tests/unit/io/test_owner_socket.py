@@ -1,4 +1,4 @@
-"""The socket of a port's owner: its clients, its answers, and its files."""
+"""The socket of the process that owns a port: its clients, its answers, and its files."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Waiting:
 
 
 class Robot:
-    """Answers with the request and the requester."""
+    """A robot that answers with the request and the name of the client."""
 
     def __init__(self) -> None:
         self.over = False
@@ -90,7 +90,7 @@ class Robot:
 
 @pytest.fixture(autouse=True, name="runtime")
 def _runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    # Not pytest's own folder: a socket's path has 108 bytes at most.
+    # A socket's path has at most 108 bytes, so pytest's own folder may be too long.
     with tempfile.TemporaryDirectory(prefix="run-") as name:
         monkeypatch.setenv("XDG_RUNTIME_DIR", name)
         yield Path(name)
@@ -145,7 +145,7 @@ def test_nothing_is_left_behind(port: str, runtime: Path) -> None:
 def test_files_of_a_killed_owner_are_replaced(port: str, runtime: Path) -> None:
     where = folder()
     dead = socket.socket(socket.AF_UNIX)
-    dead.bind(str(where / "999999999-0.sock"))  # no process has this number
+    dead.bind(str(where / "999999999-0.sock"))  # no process has this process id
     dead.close()
     for name in link_names(port):
         owner_names.put_link(where, name, where / "999999999-0.sock")

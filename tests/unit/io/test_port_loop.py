@@ -1,4 +1,4 @@
-"""The loop of a port, in virtual time: its waits, and its data."""
+"""The loop of a port in virtual time: its waiting times and its data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MS = 1_000_000
 
 
 class Port:
-    """A port on which every byte arrives at the end of a wait; a wait takes at least 1 µs."""
+    """A port whose bytes arrive at the end of a wait; a wait takes at least 1 µs."""
 
     name = "port"
 
@@ -40,7 +40,7 @@ class Port:
 
 
 class Due:
-    """An engine that sends at one time."""
+    """A protocol engine that sends once, at a given time."""
 
     def __init__(self, due_ns: int) -> None:
         self.taken: list[tuple[bytes, int]] = []

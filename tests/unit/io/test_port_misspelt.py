@@ -1,4 +1,4 @@
-"""A misspelt port: the error names the intended port, and never says that a robot is missing."""
+"""A misspelt port: the error suggests the intended port, and does not report a missing robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real serial ports, as far as a pseudo-terminal is one."""
+"""Real serial ports, as far as a pseudo-terminal behaves like a serial port."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_bytes_pass_both_ways(wire: Pty) -> None:
 
 
 def test_a_full_port_reports_so_and_does_not_spin(wire: Pty) -> None:
-    """Pyserial's own non-blocking write loops until the port takes bytes."""
+    """The non-blocking write of pyserial repeats until the port accepts bytes."""
     with SerialPort(wire.path) as port:
         taken = 0
         while written := port.write(bytes(1000)):

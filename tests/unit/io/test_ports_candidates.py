@@ -1,4 +1,4 @@
-"""Ports by their descriptors, by their stable names, and by the hellos on them."""
+"""Candidate ports: found by USB descriptors, by stable names, and by the hellos on them."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_stable_name_is_followed_wherever_it_leads(by_id: Path, tmp_path: Path
 
 
 class Pty:
-    """Two ends of a line."""
+    """A pseudo-terminal: both ends of a serial line."""
 
     def __init__(self) -> None:
         self.master, self.slave = pty.openpty()
@@ -142,7 +142,7 @@ def hello(link: Link) -> bytes:
 
 @contextmanager
 def repeating(line: Pty, printed: Callable[[], bytes]) -> Iterator[None]:
-    """Repeat bytes on the line, because opening a port drops the earlier ones."""
+    """Send bytes repeatedly, because opening a port discards earlier bytes."""
     end = threading.Event()
 
     def speak() -> None:

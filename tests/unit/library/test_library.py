@@ -1,4 +1,4 @@
-"""The library of runs: what it reads and stores, and the limits of a condition."""
+"""The library of runs: the logs that it reads and stores, and the limits of a condition."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def listed(
 
 
 def read_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Update the index and return the logs that were read for it."""
+    """Update the index; return the logs that this update read."""
     names: list[str] = []
     real = entry.read_entry
 

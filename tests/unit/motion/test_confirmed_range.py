@@ -1,4 +1,4 @@
-"""Use of the range ahead by a robot that turns while it drives."""
+"""The ultrasonic range ahead, used by a robot that turns while it drives."""
 
 from __future__ import annotations
 

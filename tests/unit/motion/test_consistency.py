@@ -1,8 +1,8 @@
 """Consistency of the filter's covariance with its errors (NEES), and the size of the errors.
 
-Two tests. The first simulates a truth with the drift model's figures but by other means (wheels on
-the floor, a millisecond at a time); the mean must lie within chi-square bounds on both sides. The
-second uses the virtual sweeper's plant and sensors, whose errors differ from the model's.
+The first test simulates a robot with the noise of the drift model, in steps of 2 ms and by other
+equations than the filter's; the sum of NEES must be within chi-square bounds. The second test uses
+the virtual robot, whose errors differ from the model's.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ DRIFT = DriftModel()
 RUNS = 24
 TICK_S = 0.002
 LEGS = ((3.0, 0.0), (1.2, 1.3), (4.0, 0.0), (1.2, -1.3), (3.0, 0.25))
-"""Duration and yaw rate of the legs of a drive; after every second one a rest."""
+"""Duration (s) and yaw rate (rad/s) of the legs of a drive; a rest follows every second leg."""
 
 
 class Truth:
-    """Two wheels on a floor, each with its own slip; a gyro with all its errors."""
+    """True motion: two wheels on a floor, each with its slip, and a gyro with all its errors."""
 
     def __init__(self, seed: int) -> None:
         self.rng = rng = np.random.default_rng(seed)
         self.x = self.y = self.theta = 0.0
         self.turned = [0.0, 0.0]
-        """Turn of the wheels by their encoders, nominal metres."""
+        """Travel of the wheels by their encoders, m at the nominal diameter."""
         self.bias = math.radians(rng.normal(0.0, 1.0))
         self.shift = rng.normal(0.0, DRIFT.motion_bias_rad_s)
         self.gyro_gain = 1.0 / (1.0 - rng.normal(0.0, DRIFT.gyro_scale))
         self.wheel = 1.0 + rng.normal(0.0, DRIFT.wheel_scale)
         self.tick = 0
         self.angle = 0.0
-        """Integral of the yaw rate, and of the gyro's noise, since the last sample."""
+        """Integral of yaw rate and gyro noise since the last sample, rad."""
 
     def step(self, v: float, w: float) -> None:
         rng, b = self.rng, MODEL.wheel_base_m
@@ -53,7 +53,7 @@ class Truth:
         for side, speed in enumerate((v - 0.5 * w * b, v + 0.5 * w * b)):
             way = speed * TICK_S
             self.turned[side] += way / self.wheel
-            # Each wheel slips independently: their mean then has the model's figure.
+            # The wheels slip independently, so the mean of both has the model's value.
             stray = math.sqrt(2.0) * DRIFT.along_m_sqrt_m * math.sqrt(abs(0.5 * v) * 2.0 * TICK_S)
             gone.append(way + rng.normal(0.0, 1.0) * stray if v else way)
         turn = (gone[1] - gone[0]) / b
@@ -79,7 +79,7 @@ class Truth:
 
 
 def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
-    """Return error and covariance at the end of half a minute's drive."""
+    """Return error, covariance and estimator at the end of a drive of half a minute."""
     truth = Truth(seed)
     estimator = PoseEstimator(MODEL, ORIGIN)
 
@@ -105,24 +105,23 @@ def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
 
 
 def test_nees_lies_within_its_chi_square_bounds() -> None:
-    """The NEES of 3 numbers, summed over 24 runs, is chi-square of 72.
+    """The NEES of 3 states, summed over 24 runs, is chi-square with 72 degrees of freedom.
 
-    99.8 % of it lies in (41, 113).
+    99.8 % of this distribution lies in (41, 113).
     """
     runs = [run_model(seed) for seed in range(RUNS)]
     nees = [float(error @ np.linalg.solve(p, error)) for error, p, _ in runs]
     assert 41.0 < sum(nees) < 113.0
-    for axis in range(3):  # and each number alone: chi-square of 24, 99.8 % in (8, 51)
+    for axis in range(3):  # one state alone: 24 degrees of freedom, 99.8 % in (8, 51)
         alone = sum(float(error[axis] ** 2 / p[axis, axis]) for error, p, _ in runs)
         assert 8.0 < alone < 51.0
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_through_the_virtual_body_at_typical(seed: int) -> None:
-    """The robot drives round a room near its walls for a minute and a half.
+    """The robot drives around a room near the walls for a minute and a half.
 
-    Its errors are not the model's own. The bounds: 1.5 cm and 0.7°, and a NEES at most that of 3
-    numbers.
+    Its errors differ from the model. The bounds are 1.5 cm, 0.7°, and a mean NEES below 5.
     """
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", seed)
     alone = DeadReckoning(MODEL, drive.estimator.pose)
@@ -134,13 +133,13 @@ def test_through_the_virtual_body_at_typical(seed: int) -> None:
     errors = drive.errors
     assert max(errors.position_m) < 0.015
     assert max(errors.yaw_rad) < math.radians(0.7)
-    # the samples of one run are correlated: a wide upper bound for their mean
+    # The samples of one run are correlated, so the bounds of their mean are wide.
     assert 0.1 < sum(errors.nees) / len(errors.nees) < 5.0
     assert drive.estimator.disturbances == (), "no false alarm"
 
 
 def test_walls_estimate_wheel_scale_and_the_bias_of_motion() -> None:
-    """Only the second round counts: in the first, the wall ahead has no known direction."""
+    """Walls help from the second round on: before, the wall ahead has no known direction."""
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
     drive.rest(2.0)
     before = drive.estimator.ekf.wheel_scale_sigma

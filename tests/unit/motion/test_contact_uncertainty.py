@@ -1,4 +1,4 @@
-"""Effect of contact on the estimate: the wheels measure a path that a wall prevents."""
+"""Effect of contact on the estimate: the encoders count, but a wall prevents the motion."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ START = Pose2(1.0, 1.0, 0.0)
 
 
 class Pushed:
-    """An estimator without an accelerometer, moved by wheels alone."""
+    """An estimator without accelerometer whose only motion input is the encoders."""
 
     def __init__(self) -> None:
         self.estimator = PoseEstimator(MODEL, START)
@@ -83,7 +83,7 @@ def test_inertial_evidence_after_a_bump_is_kept() -> None:
 @pytest.mark.parametrize("speed_m_s", [0.06, 0.15, 0.2])
 @pytest.mark.parametrize("pressed", [1, 3])
 def test_after_a_bumper_release_the_wheels_path_counts(speed_m_s: float, pressed: int) -> None:
-    """By inertia a jerk looks like a stop, but the robot rolls on, so the wheels' path counts."""
+    """By the accelerometer a jerk looks like a stop. The robot rolls on, so the encoders count."""
     drive, contact = struck(speed_m_s)
     for k in range(8):
         contact.update(left=k < pressed, right=False, grazing=False)
@@ -123,7 +123,7 @@ def test_a_bump_felt_before_does_not_end_the_next_one() -> None:
 
 
 def struck(speed_m_s: float) -> tuple[SimDrive, ContactUncertainty]:
-    """Return a moving robot whose accelerometer has just measured a hard stop."""
+    """Return a moving robot whose accelerometer has just measured a hard impact."""
     drive = SimDrive(room((1.0, 1.0, 0.0)), "typical", 5)
     drive.rest(2.0)
     for _ in range(100):

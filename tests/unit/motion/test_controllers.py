@@ -1,4 +1,4 @@
-"""The paper's controllers, and their deviations from the paper's text."""
+"""The paper's controllers, and the differences from the paper's text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bridge.motion.geometry import Pose2
 def test_pid_is_the_papers_sum() -> None:
     pid = Pid(PidGains(kp=2.0, ti_s=4.0, td_s=0.5))
     assert pid.update(1.0, 0.1) == pytest.approx(2.0 + 0.5 * 0.1)
-    # P 2·3, I 0.5·(0.1 + 0.3), D 2·0.5·(3 - 1)/0.1
+    # P: 2·3, I: 0.5·(0.1 + 0.3), D: 2·0.5·(3 - 1)/0.1
     assert pid.update(3.0, 0.1) == pytest.approx(6.0 + 0.5 * 0.4 + 20.0)
 
 
@@ -26,7 +26,7 @@ def test_pid_does_not_wind_up() -> None:
     for _ in range(500):
         assert wound.update(5.0, 0.02) == 1.0
     assert wound.integral == 0.0
-    # leaves saturation at once when the error turns
+    # The output leaves saturation as soon as the error changes its sign.
     assert wound.update(-0.1, 0.02) < 0.0
 
 

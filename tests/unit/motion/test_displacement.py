@@ -1,4 +1,4 @@
-"""A robot that was moved: walls stand where it has driven, and known walls are not found."""
+"""A robot that was moved by hand: it measures walls on driven floor, and misses known walls."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STEP_M = 0.01
 
 
 class Map:
-    """Walls as the filter has them."""
+    """The walls, with the interface of the filter's wall map."""
 
     def __init__(self) -> None:
         self.walls: list[tuple[Wall, float, float]] = []
@@ -40,7 +40,7 @@ class Map:
 
 
 class Drive:
-    """Straight drives along x, with or without a wall on the left."""
+    """Straight drives parallel to x, with or without a wall on the left."""
 
     def __init__(self) -> None:
         self.check, self.walls = DisplacementCheck(MODEL), Map()
@@ -68,7 +68,7 @@ def test_a_wall_on_driven_floor_shows_that_the_robot_was_moved() -> None:
     drive = Drive()
     drive.along(0.0, 3.0, 0.0)
     assert drive.check.evidence == (0, 0.0)
-    drive.along(0.0, 1.0, -0.25, left_m=0.15)  # on the floor of the first drive
+    drive.along(0.0, 1.0, -0.25, left_m=0.15)  # this wall is on the floor of the first drive
     assert drive.check.evidence[0] >= 8
     assert not drive.check.displaced, "as long as furniture"
     drive.along(1.0, 1.6, -0.25, left_m=0.15)

@@ -1,4 +1,4 @@
-"""Slip and collision: the detectors alone, and with the virtual plant."""
+"""Slip and collision: the detectors on handmade data, and with the virtual plant."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def test_a_bump_stands_out_from_vibration() -> None:
 @pytest.mark.parametrize(
     ("left", "right", "turn", "side"),
     [
-        (0.004, 0.006, 0.0, 1),  # straight ahead, the right one counts too much
+        (0.004, 0.006, 0.0, 1),  # straight ahead; the right wheel counts too much
         (0.006, 0.004, 0.0, -1),
         (-0.006, -0.004, 0.0, -1),  # backwards
-        (-0.004, 0.004, 0.008, 0),  # turning in place, by the gyro
+        (-0.004, 0.004, 0.008, 0),  # a turn in place, also measured by the gyro
         (0.004, 0.00405, 0.0, 0),
     ],
 )
@@ -65,7 +65,7 @@ def test_bridging_ends_when_the_wheels_agree_again() -> None:
 
 
 def test_a_turning_body_carries_its_velocity_in_the_room() -> None:
-    """In half a turn at constant velocity in the room, the forward velocity becomes backward."""
+    """The room velocity is constant. After half a turn the forward velocity is backward."""
     bridge = InertialBridge(0.1)
     for _ in range(1000):
         bridge.push(0.0, 0.0, math.pi, 0.001)
@@ -88,7 +88,7 @@ def test_a_bridge_that_never_agrees_is_a_stall_where_the_body_stands() -> None:
 @pytest.mark.parametrize("follows", [True, False])
 def test_a_stall_ends_when_body_and_wheels_gain_equal_speed(*, follows: bool) -> None:
     bridge = InertialBridge(0.06)
-    bridge.push(-5.0, 0.0, 0.0, 0.01)  # grazed: inertia loses speed that the wheels still measure
+    bridge.push(-5.0, 0.0, 0.0, 0.01)  # a graze: the speed by acceleration is now too low
     for _ in range(30):
         bridge.push(0.0, 0.0, 0.0, 0.02)
         assert not bridge.over(0.06, 0.02)
@@ -100,7 +100,8 @@ def test_a_stall_ends_when_body_and_wheels_gain_equal_speed(*, follows: bool) ->
         reported_m += 0.02 * speed
         if bridge.over(speed, 0.02):
             break
-    # 0.05 m/s are gained in the seventh step; in the stall's last ones 5 cm/s were withheld
+    # The speed increases by 0.05 m/s until the seventh step. During the end of the stall the path
+    # of 5 cm/s was left out.
     assert (k == 7) is follows
     if follows:
         assert reported_m <= bridge.given_back_m < reported_m + 0.01
@@ -108,11 +109,11 @@ def test_a_stall_ends_when_body_and_wheels_gain_equal_speed(*, follows: bool) ->
         assert bridge.given_back_m == 0.0
 
 
-# ---- against the plant -----------------------------------------------------------------
+# ---- with the virtual plant ------------------------------------------------------------
 
 
 def run_into_wall(degrees: float, seed: int, *, accel: bool, push_s: float = 0.15) -> SimDrive:
-    """Drive into a wall 0.5 m ahead at 0.2 m/s, at an angle off normal; push on for ``push_s``."""
+    """Drive into a wall at 0.2 m/s, at an angle to its normal; push for another ``push_s``."""
     start = (1.3, 2.0, math.radians(degrees))
     plan = room(start, walls=box(0.0, 0.0, 2.0, 4.0))
     drive = SimDrive(plan, "typical", seed, walls=False, accel=accel)

@@ -1,4 +1,4 @@
-"""Dead reckoning with a gyro heading, against a truth integrated here."""
+"""Dead reckoning with a gyro heading, compared with a true motion that the test integrates."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SIGMA = math.radians(0.05)
 
 
 class Drive:
-    """A robot whose truth is a chain of exact arcs, at 100 Hz gyro and 50 Hz encoders."""
+    """A robot whose true motion is a chain of exact arcs; gyro at 100 Hz, encoders at 50 Hz."""
 
     def __init__(self, seed: int = 0, *, bias: float = 0.0, noise: float = 0.0) -> None:
         self.rng = random.Random(seed)
@@ -72,7 +72,7 @@ def test_a_circle_across_the_counter_wrap_closes() -> None:
 
 
 def test_the_bias_follows_the_chips_temperature_after_two_standstills() -> None:
-    """The slope is 0.02 °/s per degree, at 3 °C a minute: 0.06 °/s in the last of three minutes."""
+    """The bias changes by 0.02 °/s per °C, at 3 °C a minute: by 0.06 °/s in the last minute."""
     slope, rate_c_s = math.radians(0.02), 0.05
     off = {}
     for reported in (False, True):
@@ -88,7 +88,7 @@ def test_the_bias_follows_the_chips_temperature_after_two_standstills() -> None:
                 counts = math.floor(way / MODEL.metres_per_count) & 0xFFFF
                 estimator.on_encoders(t, counts, counts)
         off[reported] = abs(math.degrees(estimator.gyro_bias_rad_s - bias))
-    # 110 s after the last rest, in which the chip warmed by 5.5 °C
+    # The last rest was 110 s ago. Since then the chip has warmed by 5.5 °C.
     assert off[False] == pytest.approx(0.11, abs=0.01)
     assert off[True] < 0.02
 

@@ -1,4 +1,4 @@
-"""Legs driven in the small world: place, reason and smoothness of their ends."""
+"""Legs driven in the small world: position, reason and smoothness of their ends."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def world_at(
 
 
 class Driver:
-    """Runs legs and keeps the commands."""
+    """Runs legs and stores the commands."""
 
     def __init__(self, world: KinematicWorld) -> None:
         self.world = world
@@ -73,7 +73,7 @@ def test_drive_stops_short_of_the_wall_and_does_not_touch_it(seed: int) -> None:
     world.rest(2.0)
     result = Driver(world).run(Drive(0.0, stop_range_m=0.05))
     assert result.reason is StopReason.RANGE
-    # the ultrasonic sits 4 cm behind the robot's front
+    # the ultrasonic sensor is 4 cm behind the robot's front
     assert 4.0 - MODEL.radius_m - world.truth.x_m == pytest.approx(0.01, abs=0.006)
 
 
@@ -86,7 +86,7 @@ def test_commands_keep_the_limits_of_the_robot() -> None:
     assert max(speeds) <= MODEL.max_speed_m_s
     assert max(abs(r) for r in rates) <= MODEL.max_yaw_rate_rad_s
     steps = [abs(b - a) for a, b in itertools.pairwise(speeds)]
-    # the last step to zero may be as large as the speed that counts as rest
+    # The last step to zero may be as large as the speed limit for standstill.
     assert max(steps) <= MODEL.max_accel_m_s2 * STEP_S + 0.01
 
 
@@ -113,7 +113,7 @@ def test_backing_off_holds_the_line_too() -> None:
 
 
 def test_a_bump_halts_at_once_without_a_ramp() -> None:
-    # a post beside the ultrasonic's cone
+    # a post outside the ultrasonic's cone
     post = ((3.0, 2.10), (3.05, 2.10), (3.05, 2.15), (3.0, 2.15))
     driver = Driver(world_at(1.0, 2.0, obstacles=(post,)))
     result = driver.run(Drive(0.0, stop_range_m=0.05))

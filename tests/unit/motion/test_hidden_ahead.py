@@ -1,4 +1,4 @@
-"""An obstacle that left the ultrasonic's cone is remembered, and approached at a harmless speed."""
+"""An obstacle that leaves the ultrasonic's cone is stored, and the robot approaches it slowly."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOW = Braking(DECEL, 0.0)
 
 
 def test_head_on_the_speed_at_the_touch_is_harmless() -> None:
-    # v² = touch² + 2·a·d
+    # v² = v_contact² + 2·a·d
     assert contact_speed(0.0, 0.26, 0.16, NOW) == pytest.approx(
         math.sqrt(TOUCH_M_S**2 + 2.0 * DECEL * 0.10)
     )
@@ -24,7 +24,7 @@ def test_head_on_the_speed_at_the_touch_is_harmless() -> None:
 
 
 def test_aside_only_the_part_along_the_normal_counts() -> None:
-    # contact at 30° off the bow: v·cos 30° along the normal
+    # The contact is 30° from straight ahead, so the speed along the normal is v·cos 30°.
     aside, ahead = 0.16 * math.sin(math.radians(30)), 0.16 * math.cos(math.radians(30))
     speed = contact_speed(aside, ahead, 0.16, NOW)
     assert speed * math.cos(math.radians(30)) == pytest.approx(TOUCH_M_S)
@@ -48,7 +48,8 @@ def drive(
 
 def test_a_leg_beside_the_beam_is_approached_slowly() -> None:
     hidden = HiddenAhead(MODEL, DECEL)
-    # 8 cm off the axis it leaves the cone 0.61 m before the sensor, and contact is at 0.139 m
+    # At 8 cm from the axis, the leg leaves the cone 0.61 m before the sensor. The contact is 0.139
+    # m ahead of the axle.
     speeds = drive(hidden, (1.2, 0.08), 1.2 - 0.139)
     assert speeds[0] == math.inf
     assert speeds[-1] * math.sqrt(1 - 0.25) < 0.03
@@ -64,7 +65,7 @@ def test_passed_obstacles_do_not_slow_it() -> None:
 def test_an_echo_that_comes_back_is_not_hidden() -> None:
     hidden = HiddenAhead(MODEL, DECEL)
     hidden.update(0.60, 0.0, 0.0)
-    assert hidden.update(None, 0.01, 0.0) < math.inf  # lost at 0.59 m
+    assert hidden.update(None, 0.01, 0.0) < math.inf  # the echo was lost at 0.59 m
     assert hidden.update(0.58, 0.01, 0.0) == math.inf
 
 
@@ -80,6 +81,7 @@ def test_a_missing_expected_contact_clears_the_obstacle(aside_m: float, released
     hidden = HiddenAhead(MODEL, DECEL)
     speeds = drive(hidden, (1.2, aside_m), 1.2)
     slow = [k for k, speed in enumerate(speeds) if speed < math.inf]
-    # a centimetre past the contact of a point 2 cm farther aside: sqrt(0.16² - (y + 0.02)²) - 0.01
+    # The obstacle is cleared 1 cm after the expected contact of a point 2 cm farther to the side:
+    # sqrt(0.16² - (y + 0.02)²) - 0.01.
     assert 1.2 - 0.004 * slow[-1] == pytest.approx(released_m, abs=0.012)
     assert speeds[-1] == math.inf

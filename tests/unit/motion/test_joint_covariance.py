@@ -1,4 +1,4 @@
-"""The filter's covariance by hand: states that are added, updated and held."""
+"""The filter's joint covariance, with results by hand: states are added, updated and held."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def test_an_augmented_state_is_correlated_with_its_sources() -> None:
     assert first == 2
     assert joint_covariance.p[2, 2] == pytest.approx(4.5)
     assert joint_covariance.p[0, 2] == pytest.approx(4.0)
-    # an unchanged difference gives no information about either
+    # An unchanged difference of two states gives no information about either state.
     joint_covariance.update((0, 2), np.array([[1.0, -1.0]]), np.zeros(1), np.array([[1e-9]]))
     assert joint_covariance.p[0, 0] == pytest.approx(4.0)
     joint_covariance.marginalise(2, 1)
@@ -37,7 +37,7 @@ def test_a_held_state_counts_with_its_variance_and_stays() -> None:
     assert joint_covariance.p == pytest.approx(
         np.array([[4.0 - 16.0 / 9.0, -4.0 / 9.0], [-4.0 / 9.0, 1.0]])
     )
-    # (I - KH) P (I - KH)' + KRK', Joseph's form, which holds for any gain
+    # Joseph's form (I - KH) P (I - KH)' + KRK' is valid for any gain K.
     gain = np.array([[4.0 / 9.0], [0.0]])
     keep = np.eye(2) - gain @ row
     joseph = keep @ np.diag([4.0, 1.0]) @ keep.T + 4.0 * gain @ gain.T
@@ -45,7 +45,7 @@ def test_a_held_state_counts_with_its_variance_and_stays() -> None:
 
 
 def test_the_correlation_of_two_held_states_stays() -> None:
-    """Joseph's form with zero gains for held states gives the same, for any covariance."""
+    """For any covariance, the result equals Joseph's form with zero gains for the held states."""
     rng = np.random.default_rng(1)
     root = rng.normal(size=(5, 5))
     joint_covariance = JointCovariance((1.0,) * 5)

@@ -1,4 +1,4 @@
-"""Encoder wrap, and dead reckoning against closed forms."""
+"""Overflow of encoder counts, and dead reckoning compared with closed forms."""
 
 from __future__ import annotations
 
