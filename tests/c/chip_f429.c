@@ -228,10 +228,10 @@ static void another_sensor_is_not_taken(void)
     }
 }
 
-static void the_sensor_is_set_up(void)
+/* The sensor answers with its identity, and the driver writes the settings. */
+static void settings_are_written(void)
 {
     static const uint8_t ours[2] = {0x68, 0};
-    CHECK(asked_for() == 0x75);
     answers(ours, 2);
     for (unsigned i = 0; i < 7; i++) {
         CHECK((I2C1->cr1 & I2C_CR1_STOP) != 0);
@@ -243,6 +243,12 @@ static void the_sensor_is_set_up(void)
         CHECK(!started());
         event(I2C_SR1_BTF);
     }
+}
+
+static void the_sensor_is_set_up(void)
+{
+    CHECK(asked_for() == 0x75);
+    settings_are_written();
 }
 
 /* The last stop has been sent, and the pin reports a new sample. */
@@ -281,6 +287,50 @@ static void a_sample_that_begins_under_the_tick_goes_on(void)
     answers(level, sizeof level);
     board_imu(NULL, &imu);
     CHECK(imu.sampled_us == from_us);
+}
+
+/* The sensor holds SDA low, so the STOP is never sent. The bus is freed after two milliseconds. */
+static void a_stop_that_is_never_sent_is_found(void)
+{
+    clock_us += 9000;
+    data_ready();
+    CHECK(asked_for() == 0x3B);
+    answers(level, sizeof level);
+    CHECK((I2C1->cr1 & I2C_CR1_STOP) != 0);
+    for (unsigned passed = 0; passed < 3; passed++) {
+        clock_us += 1000;
+        imu_millisecond();
+    }
+    CHECK((I2C1->cr1 & I2C_CR1_STOP) == 0); /* by the reset of the peripheral */
+    for (unsigned passed = 0; passed < 105 && !started(); passed++) {
+        millisecond();
+    }
+    I2C1->cr1 |= I2C_CR1_START;
+    CHECK(asked_for() == 0x75);
+    settings_are_written();
+}
+
+/* BTF stays set on a blocked bus. The interrupt ends itself, so that the others can run. */
+static void an_event_that_repeats_is_masked(void)
+{
+    clock_us += 9000;
+    data_ready();
+    CHECK(asked_for() == 0x3B);
+    event(I2C_SR1_BTF);
+    CHECK(started());
+    event(I2C_SR1_BTF);
+    CHECK((I2C1->cr2 & I2C_CR2_ITEVTEN) != 0);
+    clock_us += 3000;
+    event(I2C_SR1_BTF);
+    CHECK((I2C1->cr2 & I2C_CR2_ITEVTEN) == 0);
+    millisecond();
+    CHECK((I2C1->cr2 & I2C_CR2_ITEVTEN) != 0); /* set up again */
+    for (unsigned passed = 0; passed < 105 && !started(); passed++) {
+        millisecond();
+    }
+    I2C1->cr1 |= I2C_CR1_START;
+    CHECK(asked_for() == 0x75);
+    settings_are_written();
 }
 
 static void only_a_bus_error_is_spurious(void)
@@ -509,6 +559,8 @@ int main(void)
     the_sensor_is_set_up();
     a_sample_is_stamped_by_its_pin();
     a_sample_that_begins_under_the_tick_goes_on();
+    a_stop_that_is_never_sent_is_found();
+    an_event_that_repeats_is_masked();
     only_a_bus_error_is_spurious();
     a_bus_that_hangs_is_freed();
     parameters_lie_in_the_second_bank();

@@ -133,6 +133,11 @@ void i2c1_event_handler(void) {
     } else if ((flags & I2C_SR1_BTF) != 0 && phase == WRITING) {
         phase = READING;
         I2C1->cr1 |= I2C_CR1_START;
+    } else if (uptime_us() - began_us > PATIENCE_US) {
+        /* BTF stays set until the START or STOP is on the bus (27.6.6). On a blocked bus this
+         * interrupt would repeat for ever. */
+        I2C1->cr2 &= ~I2C_CR2_ITEVTEN;
+        failed = true;
     }
 }
 
@@ -188,15 +193,15 @@ static void restart(void) {
 void imu_millisecond(void) {
     const uint32_t state = irq_save();
     const uint32_t now_us = uptime_us();
-    const bool late = phase != REST && now_us - began_us > PATIENCE_US;
+    const bool stopping = (I2C1->cr1 & I2C_CR1_STOP) != 0; /* cleared when the STOP is sent */
+    const bool late = (phase != REST || stopping) && now_us - began_us > PATIENCE_US;
     const bool broken = failed || late;
     if (broken) {
         phase = BROKEN; /* handlers now start no transfer */
         I2C1->cr2 &= ~(I2C_CR2_ITERREN | I2C_CR2_ITEVTEN);
         given_up = true;
         began_us = now_us;
-    } else if (phase != REST || (I2C1->cr1 & I2C_CR1_STOP) != 0 ||
-               (given_up && now_us - began_us < RETRY_US)) {
+    } else if (phase != REST || stopping || (given_up && now_us - began_us < RETRY_US)) {
         /* A transfer is in progress, the last STOP is not sent yet, or the retry time is not over.
          * 27.6.1: do not write CR1 before the STOP is sent. */
     } else if (!identified || setting < SETTINGS) {
