@@ -9,11 +9,7 @@ filter estimates two states:
 The side is u (+1 left, -1 right). A motion (ds ahead, dθ) gives ψ' = ψ + u·dθ and d' = d - ds·sin
 ψ. The beam starts sideways at (mx, my), with the range r. Its hit is on the wall if
 
-    mx·sin ψ + (|my| + r)·cos ψ = d + ½·κ·mx².
-
-κ is the curvature of the wall (1/m), positive for a round column. Each metre of the axle's path
-turns the direction of such a wall by b = κ/(1 + κ·d). A filter for a straight wall corrects ψ by
-this turn with every reading. So a low-pass over the path estimates b from the corrections of ψ.
+    mx·sin ψ + (|my| + r)·cos ψ = d.
 """
 
 from __future__ import annotations
@@ -37,17 +33,6 @@ flat."""
 _BEND_RAD_SQRT_M = 0.25
 """Standard deviation of ψ per √m along a curved wall, rad. Along a column of 0.3 m radius, the
 direction turns by 0.4 rad in 12 cm."""
-_BEND_M = 0.15
-"""Path constant of the low-pass that estimates the turn of a round wall's direction, m. Rooms with
-round columns tuned it: a longer path keeps the gap too wide in the first half metre."""
-_ROUND_RAD_M = 0.5
-"""Minimum turn of a wall's direction per path that counts as round, rad/m. Range noise causes
-smaller values along a straight wall."""
-_MIN_SHARE = 0.2
-"""Minimum radius of a round wall, as a share of the radius of the axle's path."""
-_SETTLED_M = 0.15
-"""Path along a new wall after which corrections of ψ show a round wall, m. The corrections before
-only find the wall's direction."""
 _FIRST_RAD = 0.3
 """Standard deviation of ψ for a new wall, rad."""
 MAX_YAW_RAD = math.radians(60.0)
@@ -62,17 +47,7 @@ def infrared_sigma_m(range_m: float) -> float:
 class WallTrack:
     """The filter. Both states are None before the first reading."""
 
-    __slots__ = (
-        "_arm_m",
-        "_bend",
-        "_path_m",
-        "_pdd",
-        "_pdy",
-        "_pyy",
-        "_reach_m",
-        "distance_m",
-        "yaw_rad",
-    )
+    __slots__ = ("_arm_m", "_pdd", "_pdy", "_pyy", "_reach_m", "distance_m", "yaw_rad")
 
     def __init__(self, mount: RangerMount) -> None:
         """Create a filter for a range sensor that faces sideways."""
@@ -84,12 +59,7 @@ class WallTrack:
         """Remove the wall from the filter."""
         self.distance_m: float | None = None
         self.yaw_rad = 0.0
-        self._pdd = self._pdy = self._pyy = self._bend = self._path_m = 0.0
-
-    @property
-    def bend_rad_m(self) -> float:
-        """Turn of a round wall's direction per path of the axle, rad/m; 0: a straight wall."""
-        return self._bend if self._bend > _ROUND_RAD_M else 0.0
+        self._pdd = self._pdy = self._pyy = 0.0
 
     @property
     def yaw_sigma_rad(self) -> float:
@@ -104,7 +74,6 @@ class WallTrack:
     def begin(self, range_m: float, yaw_rad: float = 0.0, sigma_rad: float = _FIRST_RAD) -> None:
         """Begin with a reading of a wall. The wall's direction is only roughly known."""
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        self._bend = self._path_m = 0.0
         self.yaw_rad = yaw_rad
         self.distance_m = self._reach_m * s + (self._arm_m + range_m) * c
         slope = self._reach_m * c - (self._arm_m + range_m) * s
@@ -122,14 +91,12 @@ class WallTrack:
         """
         if self.distance_m is None:
             return
-        into_rad -= self.bend_rad_m * ahead_m
         mid = self.yaw_rad + 0.5 * into_rad
         distance = self.distance_m
         self.distance_m = max(distance - ahead_m * math.sin(mid), min(distance, min_m))
         self.yaw_rad += into_rad
         slope = -ahead_m * math.cos(mid)
         way = abs(ahead_m)
-        self._path_m += way
         self._pdd += slope * (2.0 * self._pdy + slope * self._pyy) + (_WAY_SIGMA * way) ** 2
         self._pdy += slope * self._pyy
         self._pyy += _BEND_RAD_SQRT_M**2 * way
@@ -139,10 +106,7 @@ class WallTrack:
         if self.distance_m is None or abs(self.yaw_rad) > MAX_YAW_RAD:
             return None
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        bend = self.bend_rad_m
-        curvature = bend / max(1.0 - bend * self.distance_m, _MIN_SHARE)
-        recess_m = 0.5 * curvature * self._reach_m**2
-        return (self.distance_m + recess_m - self._reach_m * s) / c - self._arm_m
+        return (self.distance_m - self._reach_m * s) / c - self._arm_m
 
     def take(self, range_m: float, gate_sigmas: float, min_gate_m: float) -> bool:
         """Update with a reading.
@@ -162,13 +126,8 @@ class WallTrack:
         if abs(innovation) > max(min_gate_m, gate_sigmas * math.sqrt(variance)):
             return False
         gain = 1.0 / variance
-        correction_rad = to_yaw * gain * innovation
-        if self._path_m > _SETTLED_M:
-            max_bend = (1.0 - _MIN_SHARE) / max(self.distance_m, _BEND_M)
-            bend = self._bend - correction_rad / _BEND_M
-            self._bend = min(max(bend, -_ROUND_RAD_M), max_bend)
         self.distance_m += to_d * gain * innovation
-        self.yaw_rad += correction_rad
+        self.yaw_rad += to_yaw * gain * innovation
         self._pdd -= to_d * to_d * gain
         self._pdy -= to_d * to_yaw * gain
         self._pyy -= to_yaw * to_yaw * gain

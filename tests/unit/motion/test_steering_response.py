@@ -76,7 +76,7 @@ def test_the_bearing_gain_is_the_fastest_stable_at_twice_the_dead_time() -> None
 @pytest.mark.parametrize("speed_m_s", [CRUISE_M_S, 1.2 * CRUISE_M_S])
 def test_the_distance_to_a_wall_settles(step_m: float, speed_m_s: float) -> None:
     response = wall_step(MODEL, step_m, speed_m_s=speed_m_s)
-    assert response.overshoot * abs(step_m) < 0.003
+    assert response.overshoot * abs(step_m) < 0.0015
     assert response.settled_s(WALL_BAND_M) * speed_m_s < 0.4
     assert response.rise_s * speed_m_s < 0.2
     assert abs(response.value[-1] - step_m) < WALL_BAND_M, "and nothing lasts"
@@ -99,13 +99,11 @@ def test_a_round_column_does_not_widen_the_gap(radius_m: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "overshoot_m"), [({"yaw_gain_s": 2.0}, 0.003), ({"lookahead_m": 0.06}, 0.004)]
+    ("change", "overshoot_m"), [({"yaw_gain_s": 2.0}, 0.009), ({"lookahead_m": 0.06}, 0.008)]
 )
 def test_a_slack_yaw_or_a_short_range_swings(change: dict[str, float], overshoot_m: float) -> None:
-    """With the given gains, the overshoot is 0.6 mm."""
     response = wall_step(MODEL, 0.02, replace(FOLLOW_TUNING, **change))
     assert response.overshoot * 0.02 > overshoot_m
-    assert wall_step(MODEL, 0.02).overshoot * 0.02 < 0.001
 
 
 def test_a_stiff_yaw_swings_where_the_line_is_slow() -> None:
@@ -175,5 +173,5 @@ def test_the_body_settles_on_a_walls_distance_like_the_plant(seed: int) -> None:
     leg = FollowWall(left=True, gap_m=0.05, distance_m=2.5)
     poses = drive_leg("typical", seed, leg, Pose2(1.0, y - 0.02, 0.0))
     off_m = [p.y_m - y for p in poses]
-    assert max(off_m) < 0.005
+    assert 0.001 < max(off_m) < 0.009
     assert max(abs(off) for p, off in zip(poses, off_m, strict=True) if p.x_m > 2.0) < 0.005
