@@ -19,7 +19,16 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 
-PARTS = ("authentication.c", "flash_store.c", "held.c", "inbox.c", "line.c", "parameters.c", "sha256.c", "text.c")
+PARTS = (
+    "authentication.c",
+    "flash_store.c",
+    "held.c",
+    "inbox.c",
+    "line.c",
+    "parameters.c",
+    "sha256.c",
+    "text.c",
+)
 
 
 def test_interrupt_rings_and_the_line_s_queue(tmp_path: Path) -> None:
