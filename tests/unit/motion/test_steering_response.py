@@ -75,10 +75,11 @@ def test_the_bearing_gain_is_the_fastest_stable_at_twice_the_dead_time() -> None
 @pytest.mark.parametrize("step_m", [0.02, -0.02, 0.01, -0.01, 0.04])
 @pytest.mark.parametrize("speed_m_s", [CRUISE_M_S, 1.2 * CRUISE_M_S])
 def test_the_distance_to_a_wall_settles(step_m: float, speed_m_s: float) -> None:
+    """The integral, needed for round columns, overshoots by up to 6 mm."""
     response = wall_step(MODEL, step_m, speed_m_s=speed_m_s)
-    assert response.overshoot * abs(step_m) < 0.0015
-    assert response.settled_s(WALL_BAND_M) * speed_m_s < 0.4
-    assert response.rise_s * speed_m_s < 0.2
+    assert response.overshoot * abs(step_m) < 0.0065
+    assert response.settled_s(WALL_BAND_M) * speed_m_s < 0.75
+    assert response.rise_s * speed_m_s < 0.15
     assert abs(response.value[-1] - step_m) < WALL_BAND_M, "and nothing lasts"
 
 
@@ -92,10 +93,18 @@ def test_the_approach_is_slow_near_the_wall(step_m: float) -> None:
     assert 0.0 < max(across) < 0.017
 
 
-@pytest.mark.parametrize("radius_m", [0.2, 0.3, 0.5, 1.0])
-def test_a_round_column_does_not_widen_the_gap(radius_m: float) -> None:
-    """Without the turn of the wall's direction, the gap to a column of 0.3 m is 13 mm too wide."""
-    assert abs(column_stand_off_m(MODEL, radius_m)) < 0.001
+def test_the_integral_follows_columns_but_overshoots() -> None:
+    """Along a column of 0.3 m, the gap is 13 mm too large without the integral.
+
+    With it, a step of 20 mm overshoots by 5 mm instead of 1 mm.
+    """
+    without = replace(FOLLOW_TUNING, integral_s=math.inf)
+    assert abs(column_stand_off_m(MODEL, 0.3)) < 0.003
+    assert column_stand_off_m(MODEL, 0.3, without) > 0.010
+    assert wall_step(MODEL, 0.02, without).overshoot < 0.05
+    assert wall_step(MODEL, 0.02).overshoot > 0.2
+    quick = wall_step(MODEL, 0.02, replace(FOLLOW_TUNING, integral_s=1.0))
+    assert quick.overshoot > 0.5, "shorter, it is past the line by more than half the step"
 
 
 @pytest.mark.parametrize(
