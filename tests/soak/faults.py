@@ -2,9 +2,9 @@
 
     PYTHONPATH=tests python -m soak.faults --runs 500
 
-Each run is the whole stack in virtual time, recorded: a room, a planner on the host or on the
-device, with or without supervision, and one to three faults of any kind with any values, all drawn
-from the run's seed. The truth shows unsafe motion, every 40 ms.
+Each run is the complete software in virtual time, recorded. The run's seed determines the room, the
+planner (on the host or on the device), the supervision, the link (UART or CAN), and one to three
+faults of any kind with any values. The true pose, every 40 ms, shows unsafe motion.
 """
 
 from __future__ import annotations
@@ -27,9 +27,12 @@ from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from bridge.session.records import RunInfo
 from bridge.supervise import SuperviseSettings
+from protocol.can.link import CanLink
+from protocol.uart.link import Link
 from sim_device.faults.kinds import KINDS, parse_fault
 from sim_device.faults.spec import FaultSpec, Number
-from sim_device.line.line import LineSettings
+from sim_device.line.line import DEFAULT_BITRATE, LineSettings
+from sim_device.rig import WITHOUT_BUS
 from soak.watched import Truth
 from tools.cli.rooms import load_room
 from tools.virtual.loop import HOST_BOOT_NS
@@ -44,6 +47,8 @@ ROOMS = ("case-1", "case-2", "columns", "l-room", "table-and-chair", "two-rooms"
 PLANNERS = ("paper", "recovery", "u-shape", "random")
 _LOG_UNIFORM = {"rate", "ppm"}
 """Arguments whose interesting values are orders of magnitude apart."""
+_LINKS = ("uart", "uart", "timed-uart", "can")
+"""Links of the runs, as likely as they are listed. A plain UART delays each byte by 1 ms."""
 
 
 @dataclass
@@ -98,6 +103,8 @@ def _run(result: Result, max_s: float) -> None:
     chosen = [kinds[result.seed % len(kinds)], *rng.sample(kinds, rng.randrange(3))]
     faults = [draw_fault(kind, rng, plan) for kind in chosen]
     result.faults = tuple(spec.text for spec in faults)
+    bus_only = any(spec.kind.name in WITHOUT_BUS for spec in faults)
+    link = "can" if bus_only else rng.choice(_LINKS)
     onboard = rng.random() < 0.4
     model = RobotModel()
     with tempfile.TemporaryDirectory() as folder:
@@ -123,7 +130,8 @@ def _run(result: Result, max_s: float) -> None:
             seed=result.seed,
             max_time_s=max_s,
             faults=faults,
-            line=LineSettings() if rng.random() < 0.5 else None,
+            line=_line(link),
+            link=CanLink if link == "can" else Link,
             onboard=planner_number(planner) if onboard else None,
             supervise=SuperviseSettings() if onboard or rng.random() < 0.5 else None,
             prepare=truth.attach,
@@ -136,17 +144,23 @@ def _run(result: Result, max_s: float) -> None:
         if truth.samples == 0:
             result.bad.append("no truth was seen")
         result.simulated_s = truth.simulated_s
-        _read(path, result)
+        _read(path, "/raw/can" if link == "can" else "/raw/uart/tx", result)
 
 
-def _read(path: Path, result: Result) -> None:
+def _line(link: str) -> LineSettings | None:
+    if link == "uart":
+        return None
+    return LineSettings(bitrate=DEFAULT_BITRATE) if link == "can" else LineSettings()
+
+
+def _read(path: Path, raw: str, result: Result) -> None:
     """Read the whole log again."""
     reader = LogReader(path)
     topics = Counter(message.topic for message in reader.messages())
     result.messages = sum(topics.values())
     if reader.truncated or reader.problems:
         result.bad.append(f"log: truncated {reader.truncated}, {reader.problems[:2]}")
-    if reader.summary is None or not topics["/truth/pose"] or not topics["/raw/uart/tx"]:
+    if reader.summary is None or not topics["/truth/pose"] or not topics[raw]:
         result.bad.append(f"log: incomplete, topics {sorted(topics)}")
 
 

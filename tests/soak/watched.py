@@ -22,6 +22,10 @@ RAMP_S = 0.35
 TOP_M_S = 0.45
 """Maximum plausible speed, m/s: 1.5 times the model's top speed."""
 
+MOVED_BY_FAULT = frozenset({"obstacle", "person", "carried", "displaced"})
+"""Kinds of fault that move the robot by something other than its wheels: by hand, or by an object
+that appears at the robot's place and pushes the robot."""
+
 
 class Truth:
     """Passes records on, and checks the robot's true motion against the device's limits."""
@@ -43,8 +47,8 @@ class Truth:
         """Check the truth, and pass all records on."""
         if isinstance(record, TruthRecord):
             self._look(record.log_ns * 1e-9, record.pose)
-        elif isinstance(record, EventRecord) and record.data.get("fault") == "obstacle":
-            self._last = None  # it may appear at the robot's place and push the robot
+        elif isinstance(record, EventRecord) and record.data.get("fault") in MOVED_BY_FAULT:
+            self._last = None
         self._sink.write(record)
 
     @property
