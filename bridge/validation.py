@@ -94,7 +94,7 @@ def _value(
     return value
 
 
-def _word(path: str, default: bool | str, value: object) -> bool | str:  # noqa: FBT001 - a type
+def _word(path: str, default: bool | str, value: object) -> bool | str:  # noqa: FBT001 - a default of either type, not a flag
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise ConfigError(f"{path}: must be true or false")

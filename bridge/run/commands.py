@@ -117,7 +117,7 @@ class Dialogue:
         self.parameters = {}
         self.parameter_count = None
 
-    def parameter(self, message: ParameterValue, *_: Any) -> None:  # noqa: ANN401 - the times of every listener
+    def parameter(self, message: ParameterValue, *_: Any) -> None:  # noqa: ANN401 - unused device and host times
         """Store a reported parameter."""
         if message.name is not None:
             found = Parameter.from_message(message)

@@ -106,7 +106,8 @@ class Mission:
 
         Args:
             runner: Decides the velocity; None: monitor only.
-            clear_stop: Clear a latched stop of any cause, not only of a clean end.
+            clear_stop: Clear a latched stop of any cause. If False, clear only the stop of a clean
+                end of a session or of power-on.
             max_time_s: Maximum time of the drive, s; None: unlimited.
             at_rest_s: Standstill before the first move, s.
             resume: Continuation of the run after a loss of the device.
@@ -118,9 +119,9 @@ class Mission:
         self.drive_started_s: float | None = None
         self.drive_ended_s: float | None = None
         self.stop_cause = StopCause.NONE
-        """Highest cause of the stops that this run has requested at its end."""
+        """Most severe cause of the stops that this run has requested at its end."""
         self.confirmed = StopCause.NONE
-        """Highest cause of the stops that the device has confirmed at the run's end."""
+        """Most severe cause of the stops that the device has confirmed at the run's end."""
         self.signed = False
         """True if commands are signed with a key. The key may differ from the device's key."""
         self.link: LinkTrouble | None = None

@@ -21,8 +21,8 @@ FOLLOWING = 0.7
 to 1 s, samples stay fresh. If the device's clock runs at less than 0.3 of its nominal rate, samples
 become stale."""
 RESYNC_S = 1.0
-"""Time after which rejected samples count as a clock reset if their stamps advance, s. Before this
-time the run has ended, because its data are stale after 0.3 s."""
+"""Time after which rejected samples count as a clock reset if their stamps advance, s. A run
+ends earlier, because its data are stale after 0.3 s."""
 
 
 class SampleTimes:

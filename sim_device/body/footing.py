@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 GRAVITY_M_S2 = 9.80665
 _FADE = SLOW_MS * TICK_S / SLIP_TIME_S
 _FASTEST_M_TICK = 0.005
-"""Maximum motion of the robot in a millisecond, m, including the push of a walker."""
+"""Maximum motion of the robot in a millisecond, m, even if a walking person pushes it."""
 _PERIODS = SLIP_DRAWS // 2
 
 
 class Footing:
-    """Computes each wheel's travel per radian and drag from the floor, for the kernels."""
+    """Computes, for the kernels, each wheel's drag and its travel per radian on the present floor."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - the parts of a robot
         self,

@@ -105,7 +105,7 @@ class PicturedRun:
     """Maps of ``recovery``: one at the beginning of each leg and each contact."""
 
     def write(self, record: Record) -> None:
-        """Store the data to draw; this makes the object the run's sink."""
+        """Store the data to draw. With ``write`` and ``close``, this class is a sink of the run."""
         if isinstance(record, TruthRecord):
             self.truth.append((_since_boot(record.log_ns), record.pose))
         elif isinstance(record, EventRecord):
@@ -143,7 +143,7 @@ class MapView(NamedTuple):
 
     t_s: float
     forbidden: NDArray[np.uint8]
-    """Cells that bumps or a cliff forbid to the axle: not 0."""
+    """Nonzero: bumps or a cliff forbid the cell to the axle."""
     occupied: NDArray[np.bool_]
     extent: tuple[float, float, float, float]
     """Left, right, bottom, top, metres."""

@@ -61,7 +61,10 @@ class _Driven(NamedTuple):
 
 
 def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
-    """Run the planner of a trial in its room, to the last compared multiple at most."""
+    """Run the planner of a trial in its room until the planner ends or the time limit is reached.
+
+    The planner ``random`` ends after the last point of the coverage curves.
+    """
     model, plan = trial.model, trial.plan
     planner, meter = planner_of(trial, model), CoverageMeter(plan, model, 0.01)
     perfect = trial.noise == PERFECT

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import uuid
-from collections.abc import Callable  # noqa: TC003 - of a field of a dataclass
+from collections.abc import Callable  # noqa: TC003 - the type of a dataclass field
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -121,8 +121,8 @@ class Viewer:
 def feed(options: FeedOptions, ended: Callable[[], bool] = lambda: False) -> None:
     """Show a log until its end, until the viewer is closed, or until ``ended`` returns True.
 
-    A window stays open afterwards. A server continues after the end of the log until ``ended``
-    returns True, and ends with this call.
+    A window stays open afterwards. A server serves until ``ended`` returns True, also after the end
+    of the log. It is closed before this function returns.
 
     Raises:
         LogReadError: the log is missing, cannot be read, or is no MCAP file.

@@ -35,7 +35,7 @@
     X(FAULT_HOLDS, 4u) \
     X(NO_PLANNER, 8u)
 
-/* The first row of state and event applies whose condition is true or that has none:
+/* For a state and an event, the first row applies that has no condition or a true condition:
  * ENTERS(states, EVENT, condition, STATE), REJECTS(states, EVENT, condition, REASON).
  * States are IN(STATE), ALL, or FREE: all but STOPPED. */
 #define MODE_ROWS(ENTERS, REJECTS) \
