@@ -1,4 +1,4 @@
-"""Parameters by name and in their unit, as the host shows and checks them."""
+"""Parameters with name, unit and range, as the host shows and checks them."""
 
 from __future__ import annotations
 
