@@ -1,4 +1,4 @@
-"""Real-time tests run again if the machine was busy, and only then."""
+"""A failed real-time test runs again only if the machine was busy."""
 
 from __future__ import annotations
 

@@ -530,7 +530,7 @@ status = run(sys.argv[2].split())
 print([name for name in sys.argv[3:] if not sys.modules[name].__file__.endswith(sys.argv[1])])
 sys.exit(status)
 """
-"""Program that runs a command and prints the modules that have another file name extension."""
+"""Program that runs a command and prints the modules whose files lack the given suffix."""
 
 
 @pytest.mark.parametrize("name", sorted(MODULES))

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 RUNS = {"parser": 15_000, "link": 2_500, "codec": 25_000, "batch": 1_500, "can": 6_000}
 SHARE = 5
-"""``make test`` runs one in this number of the inputs."""
+"""``make test`` divides the number of inputs by this number."""
 
 
 @pytest.mark.parametrize("share", [SHARE, pytest.param(1, marks=pytest.mark.nightly)])

@@ -1,4 +1,4 @@
-"""The simulated wires with faults work as documented; otherwise their tests would prove little."""
+"""The simulated wires with faults work as documented, so that other tests can rely on them."""
 
 from __future__ import annotations
 

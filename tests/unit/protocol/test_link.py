@@ -226,7 +226,7 @@ def test_damage_is_counted_and_passed_on() -> None:
     ("order", "lost", "reordered"),
     [
         ([0, 1, 2, 3], 0, 0),
-        ([7, 8, 9], 0, 0),  # the first number may be any, without a loss
+        ([7, 8, 9], 0, 0),  # reception may begin at any number without a loss
         ([0, 3, 4], 2, 0),
         ([0, 1, 1, 2], 0, 1),
         ([0, 2, 1, 3], 1, 1),

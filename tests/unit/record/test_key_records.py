@@ -1,4 +1,4 @@
-"""No record, message text or option text contains a motion key."""
+"""No record, message text or option text contains the key that signs commands."""
 
 from __future__ import annotations
 

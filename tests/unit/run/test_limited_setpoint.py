@@ -70,7 +70,7 @@ class Spy(Supervisor):
 
 
 def test_rules_see_the_limited_setpoint_and_none_takes_the_limit_for_a_fault() -> None:
-    """A bumper switch that is stuck for 3 s limits a free robot to 0.05 m/s."""
+    """A bumper switch that is stuck for 3 s limits a robot without an obstacle to 0.05 m/s."""
     model = RobotModel()
     sink = Collector()
     mission = Mission(Pushing(Spinning(model), model))

@@ -124,7 +124,7 @@ def test_without_an_observation_it_stands() -> None:
     assert mission.step(None, None, 17.0) == HALT
     assert ending(mission) is None
     assert mission.step(None, "imu", 17.0) == HALT
-    assert ending(mission) is None, "without an observation, stale data end nothing"
+    assert ending(mission) is None, "stale data without an observation do not end the run"
     assert mission.step(AT_REST, "imu", 17.0) == HALT
     assert ending(mission) == Ending(
         "stopped", "no imu data from the device", 5, StopCause.SUPERVISE

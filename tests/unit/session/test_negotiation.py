@@ -188,7 +188,7 @@ def test_a_bootstrap_message_that_lacks_fields_fails_too(of: type[Message], fiel
 
 @pytest.mark.parametrize("p", [0.0, 0.3])
 def test_negotiation_costs_a_question_a_message(p: float) -> None:
-    """In an earlier version, each reply caused four requests, and each request caused a reply."""
+    """In an earlier version, each reply caused four requests, which caused four more replies."""
 
     def lossy() -> Wire:
         return Lossy(Pipe(3_000), p, random.Random(5))

@@ -115,7 +115,7 @@ def test_the_node_that_confirms_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_bytes_are_the_same_from_every_sender(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two senders of a stop on one CAN bus therefore never corrupt each other's frames."""
+    """Equal bytes prevent two senders on one CAN bus from corrupting each other's frames."""
     line = Line(lambda _: None)
     line.now_ns += 123_456_789
     with pytest.raises(NoDeviceError):
