@@ -113,7 +113,7 @@ def test_type_and_name_declared_twice() -> None:
             with_field(Status, "load", unit="V"),
             "status.load: lacks its SI property load_v",
         ),
-        (  # a sentinel declared like a distance
+        (  # a field with a sentinel needs si_or_none
             with_field(Power, "logic", none=255, high=254),
             "power.logic: lacks its SI property logic_v",
         ),
