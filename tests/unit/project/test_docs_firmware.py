@@ -1,4 +1,4 @@
-"""The page for firmware engineers names only existing things."""
+"""docs/firmware.md names only existing C names and files, and explains every error."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_the_minimal_set_and_range_suffice_for_driving() -> None:
 
 
 def on_a_line(feed: bytes = b"", *, echo: bool = False) -> Failed:
-    """Return how a session fails on a line without a sweeper."""
+    """Return how a session fails on a serial link without a sweeper."""
     session = Session(lambda: 1)
     now = HostNs(5 * SECOND_NS)
     session.open(now)
@@ -79,7 +79,7 @@ def on_a_line(feed: bytes = b"", *, echo: bool = False) -> Failed:
 
 
 def with_a_device(*, transmit_only: bool = False, less_of_stop: bool = False) -> Failed:
-    """Return how a session fails with a device whose line or whose messages are wrong."""
+    """Return how a session fails with a device that cannot receive, or whose stop lacks a field."""
     host = session_end()
     shorter = variant(Stop, {"command_id": Annotated[int, number(U8, "id", "shorter")]})
     device = sweeper(catalogue=catalogue(more=[shorter])) if less_of_stop else sweeper()
@@ -91,7 +91,7 @@ def with_a_device(*, transmit_only: bool = False, less_of_stop: bool = False) ->
 
 
 def of_a_later_version() -> bytes:
-    """Return a frame with a valid CRC of the version after ours."""
+    """Return a frame of the next protocol version, with a valid CRC."""
     body = bytes([PROTOCOL_VERSION + 1 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
     encoded: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
     return b"\0" + encoded + b"\0"
@@ -109,7 +109,7 @@ FAILURES: dict[str, Callable[[], Failed]] = {
 
 @pytest.mark.parametrize("kind", FAILURES)
 def test_every_error_of_the_host_is_explained(kind: str) -> None:
-    """The page has the error's words for users; the test causes each kind of failure."""
+    """The page has a row with the text of each failure that the test causes."""
     failed = FAILURES[kind]()
     assert failed.kind == kind
     first_cells = re.findall(r"^\| ([^|]+) \| [^|]{10,} \|$", TEXT, re.MULTILINE)

@@ -13,7 +13,7 @@ DOCS = ROOT / "docs"
 
 
 def reported(page: str) -> dict[str, str]:
-    """First and second cell of every line of a table whose first is code."""
+    """Return the first two cells of every table row whose first cell is code."""
     rows = re.findall(
         r"^\| `([\w-]+)` \| ([^|]+) \|", (DOCS / page).read_text("utf-8"), re.MULTILINE
     )

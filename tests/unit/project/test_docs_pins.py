@@ -1,4 +1,4 @@
-"""docs/images/pins-*.png: every pin of the firmware's boards, each once."""
+"""The images docs/images/pins-*.png show every pin of the firmware's boards once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/recovery-planner.md lists the planner's states and events; its pictures can be drawn."""
+"""docs/recovery-planner.md lists all states and events; every picture of the docs is drawn."""
 
 from __future__ import annotations
 

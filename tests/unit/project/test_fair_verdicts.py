@@ -1,4 +1,4 @@
-"""Real-time tests run again if the machine was busy, and only then."""
+"""A failed real-time test runs again only if the machine was busy."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_only_a_busy_machine_gives_another_try(
     result.assert_outcomes(passed=passed, failed=2 - passed)
     result.stdout.fnmatch_lines([f"*AssertionError: try {tries}"])
     reported = [line for line in result.outlines if "of the time a task waited" in line]
-    assert len(reported) == (3 if tries > 1 else 0), "each try that did not count is named"
+    assert len(reported) == (3 if tries > 1 else 0), "each ignored try is reported"
 
 
 @pytest.mark.parametrize("share", [BUSY + 0.1, BUSY - 0.1], ids=["busy", "idle"])
@@ -116,7 +116,7 @@ def test_a_failure_beside_others_on_a_busy_machine_is_repeated_alone(
     first.assert_outcomes(passed=7, failed=0 if busy else 2, errors=0 if busy else 1)
     assert first.ret == (0 if busy else 1)
     made = Path("made").read_text(encoding="ascii")
-    assert len(made.splitlines()) == 1, "one worker has all tests of a fixture"
+    assert len(made.splitlines()) == 1, "all tests of a shared fixture run in one worker"
     second = pytester.runpytest_subprocess(*options, "--alone=put-off")
     if not busy:
         second.assert_outcomes(passed=1, deselected=10)
@@ -134,5 +134,5 @@ def test_more_work_than_cores_is_measured() -> None:
     children = [subprocess.Popen([sys.executable, "-c", spin]) for _ in range(count)]
     while any(child.poll() is None for child in children):
         sum(range(100_000))  # this process uses a core as well
-    assert busy.excuses is PRESSURE.exists(), "without the kernel's account nothing is excused"
+    assert busy.excuses is PRESSURE.exists(), "only the kernel's pressure file excuses a failure"
     assert (waited_ns() > before_ns) is Path("/proc/self/schedstat").exists()

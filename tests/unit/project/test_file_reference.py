@@ -1,4 +1,4 @@
-"""Reference pages of robot and room files: generated, complete, and true."""
+"""The generated reference pages of robot and room files are fresh, complete and correct."""
 
 from __future__ import annotations
 

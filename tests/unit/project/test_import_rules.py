@@ -1,6 +1,7 @@
-"""Rules beyond import-linter: an allow-list for the pure packages, and what they load at run time.
+"""Import rules of the pure packages: an allow-list, and the modules that they load at run time.
 
-Its contracts name forbidden imports, so they would accept a new library.
+The contracts of import-linter are not enough. They list forbidden imports, so they would accept a
+new library.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ HEAVY = ("can", "google.protobuf", "matplotlib", "mcap", "rerun", "serial")
 
 
 def imported_modules(source: str) -> set[str]:
-    """Return the dotted names of all imports of ``source``, in functions and for types too."""
+    """Return the dotted names of all imports of ``source``, also in functions and for types."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""The gate of the safety code: its coverage, and the allowed number of survivors."""
+"""The gate of the safety code: required coverage, and allowed number of surviving mutants."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def survivors(count: int) -> list[Mutant]:
         (0, 1, False, False),
         (2, 2, True, True),
         (2, 3, True, False),
-        (2, 3, False, True),  # a share gives no number for the whole
+        (2, 3, False, True),  # a share of the mutants does not show the total
     ],
 )
 def test_more_survivors_than_are_granted_fail_the_run(

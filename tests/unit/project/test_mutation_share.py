@@ -1,4 +1,4 @@
-"""The mutation run itself, on a module of three lines; and a part of the real one."""
+"""The mutation tester on a module of a few lines, and on a part of the real safety code."""
 
 from __future__ import annotations
 
@@ -76,12 +76,12 @@ def test_an_interrupted_run_continues(tmp_path: Path) -> None:
     path = tmp_path / "kept.jsonl"
     Kept(path).add(LATCH, "0123", "late: a -> b", killed=False)
     assert Kept(path).of(LATCH, "0123") == {"late: a -> b": False}
-    assert Kept(path).of(LATCH, "4567") == {}, "its sources have changed"
+    assert Kept(path).of(LATCH, "4567") == {}, "results of other sources are not used"
     assert Kept(None).of(LATCH, "0123") == {}
 
 
 def test_a_share_of_the_latchs_mutants_is_killed_except_equivalents() -> None:
-    # In a separate process, which has not imported the target.
+    # A separate process, because this process has imported the target.
     made = [mutant.name for mutant in mutants(LATCH.path.read_text(), LATCH.exclude)]
     share = 20
     same = next(name for name in equivalents()["latch"] if name in made)

@@ -1,6 +1,7 @@
-"""The interface for plug-ins: listed in docs/plugins.md, and unchanged.
+"""The plug-in interface is unchanged, and docs/plugins.md lists it.
 
-A change here breaks installed plug-ins: append with a default, or wait for a major version.
+A change of this interface breaks installed plug-ins. Append a parameter or field with a default, or
+wait for a major version.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ PAGE = ROOT / "docs" / "plugins.md"
 PUBLIC: dict[str, dict[str, list[str]]] = tomllib.loads(
     Path(__file__).with_name("plugin_interface.toml").read_text(encoding="utf-8")
 )
-"""Public names by module: parameters of a call, or fields of a data class, in their order."""
+"""Public names by module, each with its parameters or fields in their order."""
 
 
 def shape(thing: Any) -> list[str]:  # noqa: ANN401 - any object of a module
@@ -40,7 +41,7 @@ def shape(thing: Any) -> list[str]:  # noqa: ANN401 - any object of a module
 
 
 HANDED_IN = (Knobs, WireKnobs)
-"""Classes whose objects a plug-in receives and never makes: the order of their fields is free."""
+"""Classes whose objects a plug-in only receives, so the order of their fields may change."""
 NAMES = [(module, name) for module, names in PUBLIC.items() for name in names]
 
 
@@ -54,12 +55,12 @@ def test_a_public_name_is_as_it_was_and_at_most_longer(module: str, name: str) -
     )
     if is_record or inspect.isfunction(thing):
         if thing not in HANDED_IN:
-            assert now[: len(then)] == then, "new ones are appended"
+            assert now[: len(then)] == then, "new parts are appended"
         parameters = inspect.signature(thing).parameters
         added = [
             p for p in now if p not in then and parameters[p].default is inspect.Parameter.empty
         ]
-        assert added == [], "what is appended has a default"
+        assert added == [], "appended parts have a default"
 
 
 def test_the_page_lists_exactly_the_public_names() -> None:

@@ -1,4 +1,4 @@
-"""Each compiled module gives the same results compiled and run by Python: one scenario for each."""
+"""Each compiled module gives the same results as its Python source, in one scenario per module."""
 
 # A module that is loaded from its source has no type.
 # ruff: noqa: ANN401
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     Scenario = Callable[[Any], list[object]]
 
 TOLERANCE = 1e-12
-"""Relative tolerance: C's ``hypot`` and Python's differ in the last bit."""
+"""Relative tolerance. The functions ``hypot`` of C and of Python differ in the last bit."""
 
 
 def box(*sides: float) -> list[tuple[float, float]]:
@@ -52,7 +52,7 @@ def box(*sides: float) -> list[tuple[float, float]]:
 
 
 def edges(*polygons: list[tuple[float, float]]) -> NDArray[np.float64]:
-    """Return rows as ``ray_kernel`` takes them."""
+    """Return the edges of polygons as rows in the format of ``ray_kernel``."""
     rows = []
     for polygon in polygons:
         for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
@@ -67,14 +67,14 @@ CORNERS = np.array([(0.0, 0.0, 0.0), (2.0, 1.5, 0.0), (1.2, 0.6, 1.0), (1.2, 0.9
 
 
 def public(thing: object) -> list[object]:
-    """Return all numbers in a compiled object."""
+    """Return name and value of each public number of a compiled object."""
     names = (name for name in sorted(dir(type(thing))) if not name.startswith("_"))
     values = ((name, getattr(thing, name)) for name in names)
     return [(name, float(v)) for name, v in values if isinstance(v, int | float | np.number)]
 
 
 def floor(rng: np.random.Generator, rows: int, cols: int) -> NDArray[np.uint8]:
-    """Return a mostly free floor with some blocks and a closed rim."""
+    """Return a mostly free grid with some blocks and a closed border."""
     open_ = np.full((rows, cols), 2, dtype=np.uint8)
     for _ in range(5):
         row, col = rng.integers(0, rows), rng.integers(0, cols)
@@ -257,7 +257,7 @@ def drive_kernel(m: Any) -> list[object]:
     m.advance(0, 0.0, 0.0, b)
     duties = [(0.9, 0.9)] * 220 + [(-0.7, 0.7)] * 40 + [(0.9, 0.8)] * 120 + [(0.0, 0.0)] * 20
     for period, (left, right) in enumerate(duties):
-        if period == 60:  # a person walks towards it
+        if period == 60:  # a person walks towards the robot
             b.walker_x_m, b.walker_y_m, b.walker_radius_m = b.x_m, b.y_m + 0.35, 0.05
             b.walker_vy_m_s, b.walker_ms, b.disturbed = -0.5, 200.0, True
         b.left.slope_n, b.right.carpet_n = (2.0, 0.5) if 100 < period < 130 else (0.0, 0.0)
@@ -310,7 +310,7 @@ def imu_kernel(m: Any) -> list[object]:
         interval_ms = 10 if k % 10 else 7
         chip.interval_ms, chip.per_s = interval_ms, 1000.0 / interval_ms
         chip.per_g, chip.per_deg = chip.per_s / 9.80665, chip.per_s * 57.29577951308232
-        extra[:] = 300.0 if k == 70 else 0.0  # beyond its range: it saturates
+        extra[:] = 300.0 if k == 70 else 0.0  # beyond the sensor's range, so the sensor saturates
         felt += rng.uniform(0.0, 0.002, 8) * (k > 40)
         normals = rng.standard_normal(m.DRAWS + 3)
         given += m.sample(chip, normals, 3, 10.0 * k, *felt.tolist())
@@ -384,7 +384,7 @@ def damaged_stream(rng: np.random.Generator) -> bytes:
 
 
 def cut_up(data: bytes, rng: np.random.Generator) -> list[bytes]:
-    """Return the same bytes in pieces."""
+    """Return the bytes split into pieces at random places."""
     places = sorted({0, len(data), *rng.integers(0, len(data), 200).tolist()})
     return [data[a:b] for a, b in pairwise(places)]
 
@@ -432,7 +432,7 @@ def codec(m: Any) -> list[object]:
 
 
 def events_of(link: Any, pieces: list[bytes]) -> list[object]:
-    """Return the events of a link for some bytes, and its counts afterwards."""
+    """Return the events of a link for these bytes, and the link's statistics afterwards."""
     events = [event for piece in pieces for event in link.receive(piece, 0)]
     given: list[object] = []
     for event in events:
@@ -492,7 +492,7 @@ SCENARIOS: dict[str, Scenario] = {
 
 
 def flat(given: list[object]) -> list[float]:
-    """Return all numbers, one after the other."""
+    """Return all numbers of nested results as one list."""
     numbers: list[float] = []
     for value in given:
         if isinstance(value, np.ndarray):
@@ -516,11 +516,11 @@ MODULES: dict[str, Scenario] = {
     "protocol.uart.framing": framing,
     "protocol.uart.link": uart_link,
 }
-"""Ordinary modules with types in a .pxd: all results are equal, not only close."""
+"""Modules of plain Python with types in a .pxd file. All their results must be exactly equal."""
 
 TYPED = {source for source in kernels.sources() if kernels.types(source).exists()}
 IN_A_RUN = {kernels.module_name(source) for source in TYPED} - set(MODULES)
-"""Ordinary modules that a simulated run compares, its log to the last byte."""
+"""Further modules of plain Python. A simulated run compares them by the bytes of its log."""
 RUN = """
 import sys
 if sys.argv[1] == ".py":
@@ -530,7 +530,7 @@ status = run(sys.argv[2].split())
 print([name for name in sys.argv[3:] if not sys.modules[name].__file__.endswith(sys.argv[1])])
 sys.exit(status)
 """
-"""Runs the command and prints the modules that were not loaded from such a file."""
+"""Program that runs a command and prints the modules whose files lack the given suffix."""
 
 
 @pytest.mark.parametrize("name", sorted(MODULES))

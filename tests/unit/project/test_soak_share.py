@@ -1,4 +1,4 @@
-"""A part of the endurance campaigns; the whole is ``make soak``."""
+"""A part of the endurance campaign; ``make soak`` runs all of it."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ def test_every_kind_can_be_drawn() -> None:
 def test_motion_under_a_latch_is_seen() -> None:
     device = VirtualSweeper(load_room("case-1"), seed=1, noise="none")
     truth = Truth(NullSink())
-    truth.attach(_Made(device))  # type: ignore[arg-type]  # the part that it uses
+    truth.attach(_Made(device))  # type: ignore[arg-type]  # has a device
     ns = 1_000_000
     steps = round(RAMP_S / 0.02) + 6
-    for step in range(steps):  # 0.2 m/s under the latch that every boot has
+    for step in range(steps):  # 0.2 m/s, although a stop is latched since boot
         truth.write(TruthRecord(step * 20 * ns, Pose2(0.004 * step, 0.0, 0.0)))
-    assert 3 < len(truth.unsafe) < 8, "and there is room for more: it keeps ten"
+    assert 3 < len(truth.unsafe) < 8, "fewer than the ten that are kept"
     assert truth.unsafe[0].startswith(f"at {RAMP_S + 0.03:.2f} s")
     device.firmware.latch.clear(StopCause.SESSION_END)
     seen = len(truth.unsafe)
     truth.write(TruthRecord(steps * 20 * ns, Pose2(0.004 * steps, 0.0, 0.0)))
-    assert len(truth.unsafe) == seen, "free to move"
+    assert len(truth.unsafe) == seen, "no stop is latched, so motion is safe"
     truth.write(TruthRecord((steps + 1) * 20 * ns, Pose2(0.004 * steps + 0.1, 0.0, 0.0)))
     assert len(truth.unsafe) == seen + 1
     assert "5.00 m/s" in truth.unsafe[-1]
@@ -50,7 +50,7 @@ def test_motion_under_a_latch_is_seen() -> None:
 
 def test_a_robot_that_an_obstacle_shoves_does_not_drive() -> None:
     truth = Truth(NullSink())
-    truth.attach(_Made(VirtualSweeper(load_room("case-1"), seed=1, noise="none")))  # type: ignore[arg-type]  # all that it looks at
+    truth.attach(_Made(VirtualSweeper(load_room("case-1"), seed=1, noise="none")))  # type: ignore[arg-type]  # has a device
     ns = 1_000_000
     for step in range(100):
         truth.write(TruthRecord(step * 20 * ns, Pose2(0.0, 0.0, 0.0)))
@@ -60,11 +60,11 @@ def test_a_robot_that_an_obstacle_shoves_does_not_drive() -> None:
     assert truth.unsafe == []
     assert truth.simulated_s == 2.0
     truth.write(TruthRecord(2020 * ns, Pose2(0.2, 0.0, 0.0)))
-    assert "5.00 m/s" in truth.unsafe[0], "once, and no longer"
+    assert "5.00 m/s" in truth.unsafe[0], "the obstacle excuses only one step"
 
 
 class _Made:
-    """The device of a run, without the rest."""
+    """A run that has only its device."""
 
     def __init__(self, device: VirtualSweeper) -> None:
         self.device = device

@@ -1,4 +1,4 @@
-"""System tools: the registry, the mark that uses it, and the files generated from it."""
+"""System tools: their registry, the pytest mark ``needs``, and the generated package lists."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ CONFTEST = """
     def pytest_configure(config):
         needs.configure(config)
 """
-"""A suite on a machine without tshark."""
+"""Configuration of a test suite on a machine without tshark."""
 SUITE = """
     import pytest
 
@@ -67,7 +67,7 @@ SUITE = """
 
 @pytest.fixture
 def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run pytest in a separate process, on tests with the given text."""
+    """Return a function that runs pytest in a separate process on a test file with a given text."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "tests"), str(ROOT)]))
     pytester.makeconftest(CONFTEST)
 
@@ -91,7 +91,7 @@ def test_without_its_tool_a_test_is_skipped_and_counted(run: Run) -> None:
 def test_required_tools_make_each_such_test_a_failure_of_one_line(run: Run) -> None:
     result = run(SUITE, "--require-tools", "-q")
     result.assert_outcomes(passed=1, failed=2)
-    # pytest's own list of failures repeats each line, complete or cut.
+    # The list of failures of pytest repeats each line, sometimes truncated.
     reported = [line for line in result.outlines if line.startswith("missing system tool")]
     how = "sudo apt-get install --no-install-recommends tshark"
     assert reported == [f"missing system tool: tshark; install: {how}"] * 2
@@ -113,9 +113,9 @@ def test_a_mark_of_an_unknown_tool_is_an_error(run: Run) -> None:
 def installed(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[str], Path]:
-    """Return a function that puts a program on the path, outside of the tests' own folders."""
+    """Return a function that installs a program in a folder of PATH that no test owns."""
     folder = tmp_path_factory.mktemp("bin")
-    # The suite in its own process uses another temporary folder.
+    # The suite in the separate process uses another temporary folder.
     elsewhere = tmp_path_factory.mktemp("temporary")
     monkeypatch.setenv("TMPDIR", str(elsewhere))
     monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
@@ -219,7 +219,7 @@ def test_every_tool_has_a_package_and_every_program_one_tool() -> None:
 
 
 def test_every_workflow_runs_commands_that_people_can_run() -> None:
-    """A workflow calls `.ci/run`, on the system whose packages the registry names."""
+    """Each workflow only calls `.ci/run`, on the system whose packages the registry lists."""
     workflows = list((ROOT / ".github" / "workflows").glob("*.yml"))
     assert len(workflows) > 1
     for path in workflows:

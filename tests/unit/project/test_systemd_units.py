@@ -1,4 +1,4 @@
-"""The systemd units of the examples, and the script that they start."""
+"""The systemd units in ``examples/systemd``, and the notification script that they start."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PROGRAM = "/usr/local/bin/sweepctl"
 
 
 def complaints(folder: Path, service: str) -> str:
-    """Return systemd's complaints about the units, which it accepts or ignores line by line."""
+    """Return the errors and warnings of ``systemd-analyze verify`` about the units."""
     program = folder / "sweepctl"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
@@ -41,7 +41,7 @@ def complaints(folder: Path, service: str) -> str:
         check=False,
         env={**os.environ, "SYSTEMD_COLORS": "0"},
     )
-    # systemd also complains about the machine's own units, if it reads them.
+    # systemd also reports problems of other units of the machine.
     mine = [line for line in done.stderr.splitlines() if str(folder) in line or "kitchen" in line]
     return "\n".join(mine) or ("" if done.returncode == 0 else done.stderr)
 
@@ -67,7 +67,8 @@ def test_the_unit_starts_a_command_line_that_connect_takes() -> None:
     found = re.search(rf"^ExecStart={PROGRAM} connect %i (.*)$", service, re.MULTILINE)
     assert found is not None
     words = ["/dev/ttyUSB0", *found[1].split()]
-    # With the group's settings: click keeps the help options of the first context.
+    # The context needs the settings of the group, because click keeps the help options of the
+    # first context.
     parent = cli.make_context("sweepctl", ["connect"], resilient_parsing=True)
     context = connect.make_context("connect", words, parent=parent)
     assert isinstance(context, click.Context)

@@ -1,4 +1,4 @@
-"""All phases of the tests run, and their results are added up."""
+"""The test runner runs all phases of the tests and adds up their results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Measured(hold_up.Busy):
     share = {share}
 """
 QUICK = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": "xdist.plugin"}
-"""Environment without other plugins: each run of the phases starts pytest three times."""
+"""Environment without other plugins, to save time: each run starts pytest three times."""
 PASSES, FAILS, BREAKS = "assert True", "assert False", "import os; os._exit(3)"
 FAILS_BESIDE_OTHERS = "import sys; assert '--alone' in ' '.join(sys.argv)"
 
@@ -41,7 +41,7 @@ FAILS_BESIDE_OTHERS = "import sys; assert '--alone' in ' '.join(sys.argv)"
 def run(
     folder: Path, virtual: str, real: str, selection: str = "test", share: float = 0.0
 ) -> tuple[int, str]:
-    """Return exit status and output of the phases over one test each, and some marked ones."""
+    """Run the phases on a suite with one test of each kind; return exit status and output."""
     (folder / "conftest.py").write_text(CONFTEST.format(share=share), encoding="utf-8")
     (folder / "tests").mkdir()
     (folder / "tests" / "test_them.py").write_text(

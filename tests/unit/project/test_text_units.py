@@ -1,4 +1,4 @@
-"""Texts for people: a number stands before every unit."""
+"""In every text for users, a unit follows a number."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NUMBER = re.compile(r"([\d{}][})]?|\()\s?$")
 
 
 def texts(source: str) -> Iterator[str]:
-    """Yield every sentence of a module, with ``{}`` for each inserted value, without docstrings."""
+    """Yield every string of a module except docstrings, with ``{}`` for each inserted value."""
     tree = ast.parse(source)
     passed = set[int]()
     for node in ast.walk(tree):
@@ -42,7 +42,7 @@ def texts(source: str) -> Iterator[str]:
 
 
 def bare_units(source: str) -> list[str]:
-    """Return the sentences in which a unit follows no number."""
+    """Return the texts in which a unit does not follow a number."""
     return [
         text
         for text in texts(source)

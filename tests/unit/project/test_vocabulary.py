@@ -1,4 +1,4 @@
-"""The check of retired words finds them in every kind of identifier, and the project has none."""
+"""The vocabulary check finds retired words in all kinds of identifiers; the project has none."""
 
 from __future__ import annotations
 

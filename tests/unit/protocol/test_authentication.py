@@ -1,4 +1,4 @@
-"""Authenticated frames: tags by an independent computation, and the reasons of rejections."""
+"""Authenticated frames: tags against an independent computation, and reasons of rejections."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ if TYPE_CHECKING:
 KEY = bytes(range(1, 17))
 OTHER = bytes(16)[:-1] + b"\x01"
 BOOT, SESSION, CHALLENGE = 0x1111_2222, 0x3333_4444, 0xFFFF_FFFE
-"""Boot id, session id and challenge; the challenge is two before the counter's wrap."""
+"""Boot id, session id and challenge; the counter wraps two steps after this challenge."""
 
 
 def hmac_sha256(key: bytes, message: bytes) -> bytes:
-    """Return RFC 2104 from its text: block of 64 bytes, inner 0x36, outer 0x5c."""
+    """Return an HMAC as RFC 2104 defines it: block of 64 bytes, inner 0x36, outer 0x5c."""
     key = key.ljust(64, b"\0")
     inner = hashlib.sha256(bytes(k ^ 0x36 for k in key) + message).digest()
     return hashlib.sha256(bytes(k ^ 0x5C for k in key) + inner).digest()
@@ -124,7 +124,7 @@ def test_there_and_back_over_the_wrap_of_the_counter(kind: type[LinkBase]) -> No
 
 
 def synchronise(host: LinkBase, device: LinkBase) -> None:
-    """Send a full stamp, after which short stamps on a bus can be extended."""
+    """Send a full time stamp, which the device needs to extend the short stamps on a bus."""
     host.send(TimeRequest(1), 0, node=1)
     events = device.receive(host.data_to_send(), 0)
     assert all(isinstance(event, Received) for event in events)
@@ -200,7 +200,7 @@ def test_every_flipped_bit_is_rejected() -> None:
 
 
 def test_the_flag_alone_is_worth_nothing() -> None:
-    """The frame has the flag of a signed one and the length of a plain one."""
+    """The frame has the flag of a signed frame, but no counter and no tag."""
     host = Link(Direction.HOST)
     host.send(SetMode(1, 1), 0, node=1, flags=1)
     assert rejected(keyed(Link(Direction.DEVICE)), host.data_to_send())

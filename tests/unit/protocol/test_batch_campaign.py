@@ -1,4 +1,4 @@
-"""A fixed part of the corruption campaign; the whole is ``make campaign``."""
+"""A fixed part of the corruption campaign; ``make campaign`` runs all of it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ def test_damage_lets_nothing_wrong_in_and_costs_hardly_a_neighbour() -> None:
     assert tally.damaged >= 100_000
     assert min(tally.by_hit) > 100_000 // len(Hit) // 2
     assert tally.wrong == 0
-    assert 0 < tally.lost <= 0.03 * tally.damaged  # zero would mean that nothing was damaged
+    assert 0 < tally.lost <= 0.03 * tally.damaged  # 0 would mean that no frame was damaged
     assert tally.streamed > 0
     assert tally.differences == 0

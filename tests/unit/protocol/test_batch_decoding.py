@@ -1,4 +1,4 @@
-"""Captures to arrays: columns, physical values, sources and memory."""
+"""Conversion of captures to arrays: columns, physical values, sources and memory use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two senders of one stop on one CAN bus, bit by bit: arbitration, stuff bits, CRC, acknowledge."""
+"""Two senders of the same stop on a CAN bus, in a bit-level model of the bus."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from protocol.schema.message import Direction, Message
 from support.can_bus import frame_bits
 
 ARBITRATION_BITS = 12
-"""Number of arbitration bits: identifier and RTR, ISO 11898-1: 10.9.2. A sender that sends 1 and
-reads 0 here has lost."""
+"""Number of arbitration bits, identifier and RTR (ISO 11898-1: 10.9.2). A sender that sends 1 and
+reads 0 in one of these bits has lost the arbitration."""
 CRC_POLYNOMIAL = 0x4599
 STUFF_AFTER = 5
 TAIL = (1, 1, 1, *(1,) * 7, *(1,) * 3)
-"""Unstuffed bits at the end: CRC delimiter, ACK slot, ACK delimiter, end of frame, and between
-frames."""
+"""Bits at the end without stuffing: CRC delimiter, ACK slot, ACK delimiter, end of frame and
+intermission."""
 ACK = 1
-"""Place of the ACK slot in the tail, in which a receiver sends 0."""
+"""Index of the ACK slot in the tail. A receiver sends 0 in this slot."""
 
 
 class Bit(NamedTuple):
-    """One bit as it is sent."""
+    """One bit of a frame on the bus."""
 
     value: int
     in_arbitration: bool
@@ -35,7 +35,7 @@ class Bit(NamedTuple):
 
 
 def coded(frame: CanFrame) -> list[Bit]:
-    """Return a data frame with an 11-bit identifier, from its start bit to the pause behind it."""
+    """Return the bits of a data frame with an 11-bit identifier, from start bit to intermission."""
     length = len(frame.data)
     head = [0, *(frame.can_id >> i & 1 for i in range(10, -1, -1)), 0, 0, 0]
     head += [length >> i & 1 for i in range(3, -1, -1)]
@@ -57,17 +57,17 @@ def coded(frame: CanFrame) -> list[Bit]:
 
 
 class Outcome(NamedTuple):
-    """Outcome of senders that begin in the same bit."""
+    """Outcome of a transmission of several senders that begin in the same bit."""
 
     done: list[int]
     lost: list[int]
     errors: list[int]
-    """Senders that read another bit than they sent, and began an error frame."""
+    """Senders that read a bit different from the bit that they sent, and began an error frame."""
     bits: int
 
 
 def on_the_bus(*frames: CanFrame) -> Outcome:
-    """Let all begin at once; one more node receives and acknowledges. An error frame ends it."""
+    """Send all frames at once to a receiver that acknowledges. An error frame ends the run."""
     streams = [coded(frame) for frame in frames]
     sending = set(range(len(frames)))
     lost: list[int] = []
@@ -90,7 +90,7 @@ def on_the_bus(*frames: CanFrame) -> Outcome:
 
 
 def sent(message: Message, t_us: int, node: int, sends: int = 1) -> CanFrame:
-    """Return the only frame of a message, after a number of others of its kind."""
+    """Return the single frame of a message that was sent ``sends`` times."""
     link = CanLink(Direction.HOST)
     for _ in range(sends):
         link.send(message, t_us, node=node)
@@ -114,7 +114,7 @@ def test_frame_lengths_match_the_bus_load_table(frame: CanFrame) -> None:
 
 @pytest.mark.parametrize("others", [2, 3])
 def test_stops_of_every_device_from_several_senders_are_one_frame(others: int) -> None:
-    """Whatever their clocks and counts, both send it successfully, without an error frame."""
+    """Both senders succeed without an error frame, whatever their clocks and frame counts are."""
     for how in product(SENDERS, repeat=2):
         frames = [sent(StopAll(), t_us, 0, sends) for t_us, sends in how]
         frames += [CanFrame(0, b"")] * (others - 2)
@@ -123,7 +123,7 @@ def test_stops_of_every_device_from_several_senders_are_one_frame(others: int) -
 
 
 def test_the_stop_of_version_1_from_two_senders_collides() -> None:
-    """It contained id, stamp and transfer number, behind the identifier that both share."""
+    """After the common identifier, this stop had a command id, time stamp and transfer number."""
 
     def version_1(command_id: int, t_us: int) -> CanFrame:
         payload = command_id.to_bytes(2, "little") + b"\x04"
@@ -133,7 +133,7 @@ def test_the_stop_of_version_1_from_two_senders_collides() -> None:
     for t_us in range(16, 16 * 200, 16):
         outcome = on_the_bus(version_1(7, 0), version_1(7, t_us))
         collided += bool(outcome.errors)
-    assert collided == 199, "the stamps alone are enough"
+    assert collided == 199, "different time stamps are enough"
     assert on_the_bus(version_1(7, 0), version_1(8, 0)).errors
     assert on_the_bus(version_1(7, 0), version_1(7, 0)).done == [0, 1]
 

@@ -1,4 +1,4 @@
-"""CAN frames byte by byte: identifiers, payloads, stamps, segments, and lengths in bits."""
+"""CAN frames byte by byte: identifiers, payloads, time stamps, segments, and lengths in bits."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def frames_of(sends: Direction, *messages: Message, node: int = 1, flags: int = 
 
 
 def test_stops_are_one_frame_and_the_first_of_all() -> None:
-    assert frames_of(HOST, StopAll(), node=0) == ["000#"], "nothing in it differs between senders"
+    assert frames_of(HOST, StopAll(), node=0) == ["000#"], "the frame is the same from each sender"
     assert frames_of(HOST, Stop(0x0102, 3), node=5) == [f"015#20{T16}020103e0"]
     assert frames_of(HOST, Stop(0x0102, 3), node=5, flags=2) == [f"015#22{T16}020103e0"]
     busy = [VelocitySetpoint(1, 2, 200, 4), TimeRequest(1), Stop(9, 1), StopAll()]
@@ -68,7 +68,7 @@ def test_the_queue_leaves_by_rank_and_of_one_rank_in_its_order() -> None:
     link = CanLink(DEVICE)
     imu = Imu(1, 2, 3, 4, 5, 6, 7)
     link.send(LogText(0, "x" * 20), 0, node=1)
-    link.send(Ack(1, 2), 0, node=1, rank=0x79)  # leaves after the line, which it must not overtake
+    link.send(Ack(1, 2), 0, node=1, rank=0x79)  # must not overtake the log line
     for t_us in (0, 160):
         link.send(imu, t_us, node=1)
     link.send(Ack(3, 4), 0, node=1)
@@ -90,7 +90,7 @@ def test_the_queue_leaves_by_rank_and_of_one_rank_in_its_order() -> None:
             PlannerState(1, 2, 3, -1, 5, 6, 7, 3),
             [f"2c1#{T16}01020300ffff", f"2d1#{T16}050006000703"],
         ),
-        # the full stamp, and the number of frames sent by now
+        # the full time stamp, and the number of frames sent so far
         (Sync(99), ["101#5634120001000000"]),
         (Ack(7, 2), [f"191#20{T16}070002e0"]),
     ],
@@ -171,7 +171,8 @@ def test_the_crc_is_that_of_can() -> None:
 
 
 def test_bits_of_known_frames() -> None:
-    # The CRC of nothing but zeros is 0: 34 zeros from the start bit on, one stuffed after five.
+    # The CRC of zeros is 0. The frame has 34 zeros from the start bit on, and a stuff bit after
+    # each five of them.
     assert frame_bits(CanFrame(0, b"")) == 47 + 6
     for length in range(9):
         assert nominal_bits(length) == 47 + 8 * length
@@ -182,11 +183,11 @@ def test_bits_of_known_frames() -> None:
 
 
 def test_bus_load_at_default_rates_is_below_thirty_percent() -> None:
-    """The load includes streams both ways, fast pings and ten log lines a second, on 500 kbit/s."""
+    """The load has streams in both directions, fast pings and ten log lines/s, at 500 kbit/s."""
     rows = loads()
     nominal = sum(row.bits_per_s for row in rows) / BITRATE
     worst = sum(row.worst_bits_per_s for row in rows) / BITRATE
-    print("\n".join(report()))  # noqa: T201 - the figure itself, with pytest -rP
+    print("\n".join(report()))  # noqa: T201 - shown by pytest -rP
     imu = next(row for row in rows if row.name == "imu")
     assert imu.bits_per_s == 200 * 111 + 79
     assert imu.worst_bits_per_s == 200 * 135 + 79 + 16
@@ -204,4 +205,6 @@ def test_long_text_is_cut_and_joined() -> None:
     sender.send(TimeReply(1, 0xFFFF_FFFF), T_US + 7, node=3)
     (event,) = receiver.receive(sender.data_to_send(), 0)
     assert isinstance(event, Received)
-    assert event.frame.t_us == T_US + 7, "not rounded: clocks are compared by it"
+    assert event.frame.t_us == T_US + 7, (
+        "the stamp is not rounded, because it synchronises the clocks"
+    )

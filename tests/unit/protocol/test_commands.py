@@ -1,4 +1,4 @@
-"""Both ends of a command: retried by the measured round trip, executed once."""
+"""Commands: the sender retries after the measured round trip, and the device executes once."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def stop(command_id: int) -> Stop:
 
 
 def run_until_silent(sender: CommandSender, now_us: int) -> tuple[list[tuple[int, bool]], Outcome]:
-    """Return the times of all tries, each with whether it was marked as a retry, and the result."""
+    """Return the time of each try, whether it was marked as a retry, and the outcome."""
     sent: list[tuple[int, bool]] = []
     for _ in range(100):
         messages, outcomes = sender.due(now_us)
@@ -65,7 +65,7 @@ def test_later_measurements_are_smoothed_by_an_eighth_and_a_quarter() -> None:
     round_trip = RoundTripEstimate()
     round_trip.add(40_000)
     round_trip.add(48_000)
-    # variation: 3/4 * 20000 + 1/4 * |40000 - 48000|, with the mean of before
+    # variation: 3/4 * 20000 + 1/4 * |40000 - 48000|, where 40000 is the mean before the update
     assert round_trip.variation_us == 17_000
     assert round_trip.smoothed_us == 41_000
     assert round_trip.timeout_us == 41_000 + 4 * 17_000
@@ -112,7 +112,7 @@ def test_a_rejection_gives_its_reason() -> None:
 
 def test_the_first_reason_is_not_reported_as_silence() -> None:
     outcome = Outcome(SetMode(1, 1), accepted=False, reason=NackReason.UNKNOWN_COMMAND)
-    assert not outcome.timed_out  # its value is 0
+    assert not outcome.timed_out  # although the value of this reason is 0
 
 
 def test_without_an_answer_the_wait_doubles_and_then_it_ends() -> None:
@@ -232,7 +232,7 @@ def test_several_commands_keep_their_own_time_and_order() -> None:
 
 
 class Acts:
-    """Counts how often a command was executed."""
+    """An action that counts how often it is executed."""
 
     def __init__(self, answer: int | None = None) -> None:
         self.count = 0
@@ -281,7 +281,7 @@ def test_the_last_sixteen_are_kept_and_older_ones_are_not_executed_again() -> No
 
 @pytest.mark.parametrize("first_id", [0, 0xFFF8])
 def test_a_late_command_is_executed_once_after_any_other_commands(first_id: int) -> None:
-    """Later replies with older ids do not displace its own."""
+    """The device keeps the outcome of a late command, whatever ids come after it."""
     log, act = CommandLog(), Acts()
     newest, late = 17, [*range(1, 8)]
 

@@ -1,4 +1,4 @@
-"""An older and a newer device than the host: two real ends, every byte on the wire."""
+"""A real host with a virtual device that is older or newer, connected by a simulated wire."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Fan(Message):
 
 
 class Pair:
-    """A host and a device of these versions, agreed."""
+    """A host and a device of given versions, after schema negotiation."""
 
     def __init__(self, device: Catalogue = CATALOGUE, host: Catalogue = CATALOGUE) -> None:
         self.host: SessionEnd = session_end(catalogue=host)
@@ -69,7 +69,7 @@ class Pair:
         session.commands.issue(make, type_id, self.ends.host_ns // 1000)
         assert self.ends.run(2.0, lambda: len(self.host.of(CommandEnded)) > before)
         outcome = self.host.of(CommandEnded)[-1].outcome
-        assert outcome.accepted or outcome.reason is not None, "nobody answered"
+        assert outcome.accepted or outcome.reason is not None, "the device did not answer"
         return None if outcome.reason is None else NackReason(outcome.reason)
 
 
@@ -84,7 +84,9 @@ def test_a_newer_device_is_read_as_far_as_the_host_has_its_schema() -> None:
     assert list(power) == ["battery", "logic", "motor_left", "motor_right"]
     assert 15_000 < int(str(power["battery"])) <= 17_000
     assert pair.host.session.link.codec.extra_bytes == 2 * pair.count("power") > 0
-    assert {e.reason for e in pair.host.of(Rejected)} == {"type"}, "the fan is only counted"
+    assert {e.reason for e in pair.host.of(Rejected)} == {"type"}, (
+        "frames of the fan are only counted"
+    )
 
 
 def test_a_newer_device_obeys_commands_that_lack_its_last_field() -> None:
@@ -96,7 +98,7 @@ def test_a_newer_device_obeys_commands_that_lack_its_last_field() -> None:
 
 
 def test_the_next_host_may_send_fields_that_the_last_left_out() -> None:
-    """The known part of a command is valid until the end of the host's session."""
+    """A device keeps a host's version of a command only until the host's session ends."""
     device = catalogue(more=[LongerMode])
     pair = Pair(device=device)
     second = session_end(catalogue=device)
@@ -149,7 +151,7 @@ def test_messages_that_an_older_device_does_not_have_are_named_and_never_sent() 
     assert pair.count("encoders") > 80
 
 
-# ---- a device with another meaning ---------------------------------------------------------
+# ---- a device that declares other fields ---------------------------------------------------
 
 
 def test_a_changed_field_disables_its_message_and_nothing_else() -> None:
@@ -159,7 +161,7 @@ def test_a_changed_field_disables_its_message_and_nothing_else() -> None:
         "set_parameter: the device declares other fields; disabled",
     ]
     pair.ends.run(1.0)
-    assert pair.count("range") == 0, "100 of them would be read as metres that they are not"
+    assert pair.count("range") == 0, "the host would scale these values wrongly"
     assert {e.reason for e in pair.host.of(Rejected)} == {"disabled"}
     assert not pair.host.session.link.send(SetParameter(1, 4, ParameterKind.F32, 0), 0, node=1)
     assert pair.ask(SaveParameters) is None

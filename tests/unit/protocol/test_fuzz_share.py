@@ -1,4 +1,4 @@
-"""A fixed part of the fuzzing; ``make campaign`` runs more of it."""
+"""A fixed part of the fuzzing campaign; ``make campaign`` runs more inputs."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ pytestmark = pytest.mark.slow
 
 RUNS = {"parser": 15_000, "link": 2_500, "codec": 25_000, "batch": 1_500, "can": 6_000}
 SHARE = 5
-"""One input in this number is used in `make test`."""
+"""``make test`` divides the number of inputs by this number."""
 
 
 @pytest.mark.parametrize("share", [SHARE, pytest.param(1, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("decoder", list(TARGETS))
 def test_no_input_that_the_fuzzer_finds_breaks_it(decoder: str, share: int, tmp_path: Path) -> None:
     runs = RUNS[decoder] // share
-    # Without reload: reading the corpus every second would run more inputs, and others on each
-    # machine.
+    # -reload=0: libFuzzer would otherwise reread the corpus each second, and the inputs would
+    # depend on the machine.
     options = [f"-runs={runs}", "-seed=1", "-reload=0", f"-artifact_prefix={tmp_path}/"]
     done = fuzz(decoder, tmp_path / "found", *options)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -68,7 +68,7 @@ def test_a_search_starts_from_the_corpus_and_adds_its_findings(tmp_path: Path) -
 
 
 def test_the_kept_corpus_reaches_as_much_with_fewer_inputs(tmp_path: Path) -> None:
-    """A hundred inputs that reach nothing new, and long ones, are not kept."""
+    """Inputs that reach no new code, and long inputs, are not kept."""
     for number in range(100):
         (tmp_path / f"same-{number}").write_bytes(b"\x1f" + bytes(number))
     (tmp_path / "long").write_bytes(bytes(100_000))

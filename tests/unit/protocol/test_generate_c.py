@@ -1,4 +1,4 @@
-"""The generated C as text, under every compiler, and compiled for the chip."""
+"""The generated C code: its text, compilation with each compiler, and its size on the chip."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ pytestmark = pytest.mark.slow
 
 CROSS = "arm-none-eabi-gcc"
 MINIMAL_TEXT_BYTES = 3_300
-"""Maximum size of the minimal code, bytes. The chains of the enumerations take 250 B of it, the
-questions about them 200 B."""
+"""Maximum size of the minimal code, bytes. The hash chains of the enumerations take 250 B of it,
+and the code that answers requests for them 200 B."""
 STACK_BYTES = 200
-"""Maximum stack of the deepest chain of calls, without its caller, bytes."""
+"""Maximum stack of the deepest call chain, without the caller's own stack, bytes."""
 PARSER_RAM_BYTES = 280
 BUILDS = {
     "minimal": ("-DSP_MINIMAL",),
@@ -116,7 +116,7 @@ def test_a_cpp_compiler_takes_the_header(generated: Generated, name: str) -> Non
     user = generated.directory / "user.cpp"
     user.write_text(f'#include "{HEADER}"\nint main() {{ return sp_direction(0); }}\n')
     command = [*ZIG.command[:-1], "c++"] if name == "zig" else [tool(name)]
-    out = generated.directory / "user.o"  # not /dev/null: zig then writes it here
+    out = generated.directory / "user.o"  # with /dev/null, zig would write to the current folder
     run([*command, "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", user, "-o", out])
 
 
@@ -129,7 +129,7 @@ class Size(NamedTuple):
     text: int
     """Code and constant tables."""
     ram: int
-    """Initialised and zeroed data of its own."""
+    """Initialised and zeroed data of the object."""
 
 
 def on_chip(generated: Generated, flags: tuple[str, ...], name: str = "chip.o") -> Path:
@@ -194,7 +194,7 @@ def test_the_stack_is_bounded_and_nothing_recurs(
     own = {name: int(size) for name, size, _ in nodes}
     calls: dict[str, set[str]] = {name: set() for name in own}
     for caller, called in re.findall(r'sourcename: "([^"]+)" targetname: "([^"]+)"', text):
-        assert called in own, called  # no call through a pointer, none to a library
+        assert called in own, called  # neither a function pointer nor a library function
         calls[caller].add(called)
     assert {kind for _, _, kind in nodes} == {"static"}  # no array of variable length
 

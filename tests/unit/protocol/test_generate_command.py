@@ -1,4 +1,4 @@
-"""``sweepctl generate``: files, rejections, and one clear error line."""
+"""``sweepctl generate``: written files, rejected options, and errors of one line."""
 
 from __future__ import annotations
 

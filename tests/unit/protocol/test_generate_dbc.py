@@ -1,4 +1,4 @@
-"""The CAN database, as cantools reads it."""
+"""The generated CAN database (DBC), read with cantools."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_it_loads_without_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFix
     path.write_text(text, encoding="utf-8")
     with caplog.at_level(logging.DEBUG), warnings.catch_warnings():
         warnings.simplefilter("error")
-        for encoding in ("cp1252", "utf-8"):  # the first is cantools' default
+        for encoding in ("cp1252", "utf-8"):  # cp1252 is the default of cantools
             cantools.database.load_file(path, encoding=encoding, strict=True)
         cantools.database.load_file(path)
     assert caplog.records == []
@@ -149,7 +149,7 @@ def test_a_signed_setpoint_s_tag_is_read(db: Database) -> None:
     link.key = Authenticator(bytes(range(16)))
     link.key.begin(1, 2, 0x0001_FFFE)
     wanted = []
-    for counter in (0xFFFF, 0x0000):  # the low half of the session's
+    for counter in (0xFFFF, 0x0000):  # the low 16 bits of the counter
         link.send(VelocitySetpoint(2000, 0, 200, 1), 0, node=1)
         data = link.data_to_send()
         setpoint, tag = (from_record(data[at : at + 16]) for at in (0, 16))
@@ -172,7 +172,7 @@ def test_values_have_their_names_and_nothing_there_has_one(db: Database) -> None
     assert names(0x2C1, "phase")[8] == "finished"
     assert names(0x201, "ultrasonic") == {65535: "none"}
     assert names(0x201, "infrared_right") == {255: "none"}
-    assert names(0x111, "faults") == {}  # bits, which are combined: named in the comment
+    assert names(0x111, "faults") == {}  # a bit field: the comment names its bits
     assert "5 motor_stall" in str(described(db, 0x111).get_signal_by_name("faults").comment)
 
 

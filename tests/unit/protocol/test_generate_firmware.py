@@ -1,4 +1,4 @@
-"""Generated files in the firmware's folder, for builds without Python."""
+"""The generated files in the firmware's folder, committed for builds without Python, are fresh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PROTOCOL.md, read as a reader would, and compared with the wire and the code."""
+"""Comparison of PROTOCOL.md with the wire format and with the code."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ARROW = re.compile(r"^    (\w+) --> (\w+): (.+)$", re.MULTILINE)
 
 
 def rows(text: str, first: str) -> list[list[str]]:
-    """Return the cells of the first table whose head begins with this cell."""
+    """Return the cells of the first table whose header row begins with this cell."""
     lines = iter(text.splitlines())
     for line in lines:
         if line.startswith(f"| {first} |"):
@@ -63,13 +63,13 @@ def test_it_follows_the_catalogue() -> None:
     other = render("md", catalogue(less=[Range], more=[longer(Imu, "pressure")]))["PROTOCOL.md"]
     assert "### range" not in other
     assert "`pressure`" in section("imu", other)
-    assert "## States" not in other, "what only programs know was not given"
+    assert "## States" not in other, "the call gives no behaviour, so the page has none"
 
 
 def test_every_link_leads_somewhere() -> None:
     titles = re.findall(r"^##+ (.+)$", TEXT, flags=re.MULTILINE)
     anchors = {re.sub(r"[^\w -]", "", t.lower()).replace(" ", "-") for t in titles}
-    assert len(anchors) == len(titles), "two headings of one name"
+    assert len(anchors) == len(titles), "headings are unique"
     assert set(re.findall(r"\]\(#([^)]+)\)", TEXT)) <= anchors
 
 
@@ -84,7 +84,7 @@ def vectors() -> list[dict[str, Any]]:
 
 
 def read_by_table(name: str, payload: bytes) -> tuple[dict[str, object], dict[str, float]]:
-    """Return raw and physical values, by the document's table of the message alone."""
+    """Return raw and physical values, decoded only with the table of the message in the page."""
     raw: dict[str, object] = {}
     physical: dict[str, float] = {}
     text = section(name)
@@ -113,7 +113,9 @@ def test_the_tables_alone_decode_the_vectors(vector: dict[str, Any]) -> None:
     assert raw == vector["raw"]
     for name, value in vector["si"].items():
         field = max((f for f in physical if name.startswith(f + "_")), key=len)
-        if value is not None and not name.startswith("gyro"):  # it is in degrees on the wire
+        if value is not None and not name.startswith(
+            "gyro"
+        ):  # the wire has degrees, the vector radians
             assert physical[field] == pytest.approx(value, rel=1e-9), name
 
 

@@ -1,4 +1,4 @@
-"""The protobuf text, read by protobuf's own compiler, against what logs are written with."""
+"""The generated protobuf file: protoc reads the same descriptors from it as logs contain."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PROTOC = (sys.executable, "-m", "grpc_tools.protoc")
 
 
 def compiled(folder: Path, messages: Catalogue = CATALOGUE) -> FileDescriptorProto:
-    """Return protoc's result for the text."""
+    """Return the descriptor that protoc makes from the generated file."""
     for name, text in render("proto", messages).items():
         (folder / name).write_text(text, encoding="utf-8")
     out = folder / "descriptors.bin"
@@ -58,7 +58,7 @@ def test_protoc_reads_the_descriptors_that_logs_are_written_with(
     for encoder in device_encoders(messages).values():
         (one,) = FileDescriptorSet.FromString(encoder.layout.descriptor_set()).file
         assert one.package == file.package
-        # proto2 is the meaning of a descriptor without a syntax
+        # a descriptor without a syntax means proto2
         assert one.syntax == "proto2"
         assert file.syntax in {"", "proto2"}
         logged.update(bare(one))
@@ -87,7 +87,7 @@ def test_a_logged_message_reads_back_by_the_compiled_text(tmp_path: Path) -> Non
         "node": 3,
         "ultrasonic": 1234,
         "ultrasonic_m": pytest.approx(1.234),
-        "infrared_left": 255,  # out of range: no distance beside it
+        "infrared_left": 255,  # out of range, so there is no infrared_left_m
         "infrared_right": 40,
         "infrared_right_m": pytest.approx(0.05),
         "contacts": 2,

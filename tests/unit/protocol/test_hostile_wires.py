@@ -1,7 +1,4 @@
-"""The hostile wires work as documented.
-
-Otherwise every test that uses them would prove too much.
-"""
+"""The simulated wires with faults work as documented, so that other tests can rely on them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One end of a link: what it passes on, rejects, counts and holds."""
+"""One side of a link: received messages, rejections, statistics and the send queue."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def messages(events: list[LinkEvent]) -> list[Message]:
 
 
 def frames(link: Link, *sent: Message, node: int = 1) -> list[bytes]:
-    """Return each message as it leaves, one by one."""
+    """Return the bytes of each message, sent one by one."""
     out: list[bytes] = []
     for message in sent:
         assert link.send(message, 0, node=node)
@@ -85,7 +85,7 @@ def test_latest_replaces_a_waiting_message_and_keeps_the_rest() -> None:
     link.send(VelocitySetpoint(2, 0, 200, 1), 0, node=1, latest=True)
     link.send(VelocitySetpoint(3, 0, 200, 2), 0, node=1, latest=True)
     data = link.data_to_send()
-    assert data[0] == 0  # also if its frame was replaced
+    assert data[0] == 0  # even if the first frame was replaced
     assert messages(peer.receive(data)) == [SetMode(1, 1), VelocitySetpoint(3, 0, 200, 2)]
     assert (link.statistics.superseded, link.statistics.frames_out) == (2, 2)
 
@@ -226,7 +226,7 @@ def test_damage_is_counted_and_passed_on() -> None:
     ("order", "lost", "reordered"),
     [
         ([0, 1, 2, 3], 0, 0),
-        ([7, 8, 9], 0, 0),  # joined in the middle: no known loss
+        ([7, 8, 9], 0, 0),  # reception may begin at any number without a loss
         ([0, 3, 4], 2, 0),
         ([0, 1, 1, 2], 0, 1),
         ([0, 2, 1, 3], 1, 1),
@@ -315,8 +315,8 @@ def test_frames_lost_before_a_hello_of_the_same_boot_are_counted() -> None:
         (0x1_0000_0010, 0xFFFFFFF0, 0xFFFFFFF0),  # a stamp from before the wrap
         (5 << 32, 0xFFFFFFFF, (5 << 32) - 1),
         ((5 << 32) + 7, 7, (5 << 32) + 7),
-        (0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFE),  # just below half a turn ahead
-        (0x80000000, 5, 5),  # just below half a turn back
+        (0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFE),  # just below half of the 32-bit range ahead
+        (0x80000000, 5, 5),  # just below half of the 32-bit range back
     ],
 )
 def test_extend_us_gives_the_nearest_moment(reference: int, low32: int, expected: int) -> None:

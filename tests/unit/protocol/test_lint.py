@@ -113,7 +113,7 @@ def test_type_and_name_declared_twice() -> None:
             with_field(Status, "load", unit="V"),
             "status.load: lacks its SI property load_v",
         ),
-        (  # a sentinel declared like a distance
+        (  # a field with a sentinel needs si_or_none
             with_field(Power, "logic", none=255, high=254),
             "power.logic: lacks its SI property logic_v",
         ),
@@ -236,13 +236,13 @@ def test_an_appended_field_may_be_absent_and_its_property_too() -> None:
 def test_messages_of_two_types_are_never_equal() -> None:
     @message(0x70, Direction.HOST, RateClass.RARE)
     class One(Message):
-        """One of two with the same fields."""
+        """A message with the same fields as the next."""
 
         value: Annotated[int, RAW]
 
     @message(0x71, Direction.HOST, RateClass.RARE)
     class Two(Message):
-        """The other."""
+        """A message with the same fields as the one before."""
 
         value: Annotated[int, RAW]
 

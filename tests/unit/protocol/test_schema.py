@@ -1,4 +1,4 @@
-"""Hashes of the declarations, and the conclusions of two ends."""
+"""Hash chains of the message declarations, and their comparison between host and device."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ def variant(cls: type[Message], fields: list[Field], name: str | None = None) ->
 
 
 def chain_of(spec: MessageSpec) -> tuple[int, ...]:
-    """Return the chain by the rule of the specification."""
+    """Return the hash chain that the specification defines."""
     lines = [f"{line}\n" for line in spec.canonical()]
     return tuple(zlib.crc32("".join(lines[: i + 1]).encode()) for i in range(len(lines)))
 
 
 def peer_with(cls: type[Message], fields: list[Field] | None) -> Catalogue:
-    """Return our catalogue with one message declared differently, or left out."""
+    """Return the project's catalogue with one message declared differently, or left out."""
     rest = [m for m in ALL_MESSAGES if m is not cls]
     return Catalogue(rest if fields is None else [*rest, variant(cls, fields)])
 
 
 def compare(host: Catalogue, device: Catalogue, rng: Random | None = None) -> Comparison:
-    """Ask and answer everything; with ``rng`` out of order, some twice, some lost."""
+    """Compare two catalogues; with ``rng``, replies are reordered, and some lost or duplicated."""
     comparison = Comparison(host)
     for _ in range(200):
         if comparison.complete:
@@ -117,7 +117,9 @@ def test_whole_hash_is_that_of_all_last_chain_values() -> None:
     small = Catalogue([Encoders, Power])
     lines = f"16:{small.chains[0x16][-1]:08x}\n24:{small.chains[POWER][-1]:08x}\n"
     assert small.hash == zlib.crc32(lines.encode())
-    assert Catalogue([Power, Encoders]).hash == small.hash  # in any order of declaration
+    assert (
+        Catalogue([Power, Encoders]).hash == small.hash
+    )  # the order of declaration does not matter
 
 
 @pytest.mark.parametrize(
@@ -256,7 +258,7 @@ def test_any_reply_is_survived() -> None:
 
 def test_an_appended_optional_field_in_the_declaration_itself() -> None:
     @message(POWER, Direction.DEVICE, RateClass.STREAM, default_hz=5)
-    class Power(Message):  # our message's name, as a later version would declare it
+    class Power(Message):  # the message as a later version would declare it
         """Supply rails and motor currents."""
 
         battery: Annotated[int, number(U16, "V", "16 V rail", scale="0.001")]
@@ -276,8 +278,8 @@ def test_an_appended_optional_field_in_the_declaration_itself() -> None:
 
 
 def with_causes(*members: tuple[str, int]) -> Catalogue:
-    """Return our catalogue with other members of the causes of a stop."""
-    other: type[IntEnum] = IntEnum("StopCause", members)  # type: ignore[misc]  # members are drawn
+    """Return the project's catalogue with other members of the enumeration StopCause."""
+    other: type[IntEnum] = IntEnum("StopCause", members)  # type: ignore[misc]  # members at run time
 
     def renumbered(cls: type[Message]) -> type[Message]:
         fields = CATALOGUE.spec(cls).fields
@@ -325,7 +327,7 @@ def test_an_appended_member_stays_compatible(
 
 
 def test_an_enumeration_of_a_field_that_is_not_shared_disables_nothing() -> None:
-    """The peer has other causes, but its status ends before the field that would use them."""
+    """The device has other causes, but its status lacks the field that uses them."""
     swapped = with_causes(*OWN_CAUSES[:4], ("OPERATOR", 5), ("HARDWARE", 4))
     short = variant(Status, list(CATALOGUE.spec(Status).fields[:1]))
     device = Catalogue([*(s.cls for s in swapped if s.name != "status"), short])

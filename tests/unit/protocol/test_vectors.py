@@ -1,4 +1,4 @@
-"""The shared vectors, against the codec and against the reference codec."""
+"""The shared test vectors, checked with the codec and with the independent reference codec."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damaged and rejected frames in the log: grouped, counted completely, their bytes exact."""
+"""Damaged and rejected frames in the log: grouped events, complete counts and exact bytes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def ready() -> tuple[Host, Collector, int]:
 
 
 def flood(host: Host, piece: bytes, begin_ns: int, seconds: float) -> tuple[int, bytes]:
-    """Fill the line with a piece repeatedly; return the end time, and the sent bytes."""
+    """Send repetitions of a piece at the full rate of the link; return end time and sent bytes."""
     count = LINE_BYTES_S * READ_NS // 1_000_000_000 // len(piece)
     sent, now_ns = b"", begin_ns
     while now_ns < begin_ns + seconds * 1e9:
@@ -65,7 +65,7 @@ def flood(host: Host, piece: bytes, begin_ns: int, seconds: float) -> tuple[int,
 @pytest.mark.parametrize("kind", ["damaged", "rejected"])
 def test_a_full_line_of_them_makes_five_records_in_a_second_and_loses_none(kind: str) -> None:
     host, sink, now_ns = ready()
-    # A type outside every catalogue, from the device's node.
+    # A frame from the device's node whose type is in no catalogue.
     strange = b"\0" + encode_frame(1, 0x7D, 0, 0, b"abc")
     now_ns, sent = flood(host, NOISE if kind == "damaged" else strange, now_ns, 1.0)
     host.end(Ending("stopped", "the test is over", 0), HostNs(now_ns))
@@ -111,7 +111,7 @@ def test_the_record_names_the_errors_and_shows_the_first_bytes() -> None:
         "crc": 1,
     }
     records.flush(10**12, at_once=True)
-    assert len(sink.records) == 2, "nothing is left"
+    assert len(sink.records) == 2, "all damage has been reported"
 
 
 def test_rare_ones_are_recorded_at_once() -> None:

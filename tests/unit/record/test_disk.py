@@ -1,4 +1,4 @@
-"""Logs on disks that are full or lose power, and logs in several files."""
+"""Logs on a full disk, logs after a loss of power, and logs in several files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ IDENTITY = IdentityRecord(EPOCH_NS, 1, b"\1" * 12, 7, 8, "power", "test 1.0", 9)
 
 
 class Disk:
-    """A disk of limited size, for a log and for the data kept for its end."""
+    """A disk of limited size for a log and its reserve file."""
 
     def __init__(self, size: int) -> None:
         self.size, self.used = size, 0
@@ -105,7 +105,7 @@ def test_a_full_disk_is_reported_and_the_log_is_closed_whole(tmp_path: Path, siz
         written += 1
     assert failed == f"cannot write {path}: No space left on device"
     writer.close(summary())
-    assert disk.used <= size, "the end found room that was held for it"
+    assert disk.used <= size, "the end of the log used the reserve"
     reader = LogReader(path)
     messages = list(reader.messages())
     assert (reader.truncated, reader.problems) == (False, [])
@@ -115,7 +115,7 @@ def test_a_full_disk_is_reported_and_the_log_is_closed_whole(tmp_path: Path, siz
     last_ns = max(message.log_ns for message in messages)
     assert last_ns > EPOCH_NS
     at = next(r for i, r in enumerate(synthetic_run()) if i == written)
-    assert at.log_ns - last_ns <= 2 * CHUNK_NS, "what did not reach the file is one chunk"
+    assert at.log_ns - last_ns <= 2 * CHUNK_NS, "at most one chunk is lost"
 
 
 @pytest.mark.parametrize("size", [RESERVE_BYTES // 2, RESERVE_BYTES + 500, RESERVE_BYTES + 66_000])
@@ -123,7 +123,7 @@ def test_no_room_for_so_much_as_the_end_or_the_head(tmp_path: Path, size: int) -
     disk = Disk(size)
     with pytest.raises((OSError, LogWriteError), match="No space"):
         RunWriter(tmp_path / "run.mcap", run_info(), opener=disk.open)
-    assert list(tmp_path.iterdir()) == [], "no file is left that says nothing"
+    assert list(tmp_path.iterdir()) == [], "no empty file is left"
 
 
 def test_a_disk_that_is_full_in_truth() -> None:
@@ -164,7 +164,7 @@ def test_stop_or_continue_when_the_log_fails(tmp_path: Path) -> None:
             assert "No space left" in ending.reason
         else:
             assert ending is None
-            assert rule() is None, "told once"
+            assert rule() is None, "the failure is reported once"
         assert LogReader(tmp_path / f"{stop}.mcap").truncated is False
     ((severity, source, kind, text),) = reported
     assert (severity, source, kind) == (Severity.ERROR, "recorder", "failed")
@@ -172,7 +172,7 @@ def test_stop_or_continue_when_the_log_fails(tmp_path: Path) -> None:
 
 
 class Volatile:
-    """Content of a disk after a loss of power: everything up to the last sync, no more."""
+    """A disk that keeps only the data up to the last sync, as after a loss of power."""
 
     def __init__(self) -> None:
         self.durable: list[bytes] = []
@@ -255,11 +255,15 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
         for m in LogReader(p, alone=True).messages(topics)
     ]
     whole = [(m.topic, m.log_ns, m.data) for m in LogReader(single).messages(topics)]
-    assert sorted(joined) == sorted(whole), "no record lost or doubled"
+    assert sorted(joined) == sorted(whole), "no record is lost or duplicated"
     begun = [min(m.log_ns for m in LogReader(p, alone=True).messages()) for p in parts]
     ended = [max(m.log_ns for m in LogReader(p, alone=True).messages()) for p in parts]
-    assert all(after >= before for before, after in pairwise(ended)), "in turn"
-    assert all(b >= e for e, b in zip(ended, begun[1:], strict=False)), "none reaches back"
+    assert all(after >= before for before, after in pairwise(ended)), (
+        "the files end in the order of their numbers"
+    )
+    assert all(b >= e for e, b in zip(ended, begun[1:], strict=False)), (
+        "no file begins before the previous file ends"
+    )
     run_of_all = LogReader(path)  # the first file represents all
     assert run_of_all.parts == parts
     again = [(m.topic, m.log_ns, m.data) for m in run_of_all.messages(topics)]
@@ -296,10 +300,10 @@ def test_a_later_file_that_exists_is_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError, match=r"run-0002\.mcap"):
         open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
     assert not (tmp_path / "run.mcap").exists()
-    (tmp_path / "run-0002.mcap").rename(tmp_path / "run-0007.mcap")  # much later, the same
+    (tmp_path / "run-0002.mcap").rename(tmp_path / "run-0007.mcap")  # a much higher number
     with pytest.raises(OutputExistsError, match=r"run-0007\.mcap"):
         open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
-    (tmp_path / "run-0007.mcap").rename(tmp_path / "run-7.mcap")  # not a name that it needs
+    (tmp_path / "run-0007.mcap").rename(tmp_path / "run-7.mcap")  # not a name of a part
     open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0)).close()
     writer = open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0), force=True)
     assert isinstance(writer, RotatingWriter)
@@ -307,7 +311,7 @@ def test_a_later_file_that_exists_is_reported_at_once(tmp_path: Path) -> None:
 
 
 def test_files_of_other_runs_beside_the_first_file(tmp_path: Path) -> None:
-    """An earlier longer run was replaced by a shorter one; one file has only a beginning."""
+    """Later parts of an earlier, longer run are ignored, and so is an empty part."""
     path = tmp_path / "run.mcap"
     for seconds, opened_ns in ((40, EPOCH_NS), (20, EPOCH_NS + 1)):
         info = replace(run_info(), opened_unix_ns=opened_ns)
@@ -380,7 +384,7 @@ def test_a_log_that_lost_its_name_is_reported_at_the_next_chunk(tmp_path: Path, 
     if kind == "replaced":
         assert path.read_text() == "another's"
     else:
-        assert not path.exists(), "nothing is made anew"
+        assert not path.exists(), "the file is not created again"
 
 
 def test_a_log_that_lost_its_name_is_reported_when_it_is_closed(tmp_path: Path) -> None:

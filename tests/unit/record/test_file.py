@@ -1,4 +1,4 @@
-"""The log as a file: its name, its chunks, its index, the order of its content."""
+"""The log as a file: name, chunks, index and order of the records."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, name: str, reaso
 def test_a_chunk_closes_by_log_time_and_by_size(tmp_path: Path) -> None:
     file = ChunkedFile(tmp_path / "x.mcap")
     channel = file.add_channel("/a", "", ("", "", b""))
-    for i in range(100):  # 10 ms apart: every 0.25 s
+    for i in range(100):  # 10 ms apart: a chunk closes every 0.25 s
         file.add_message(channel, NOW + i * 10_000_000, NOW, i, b"x")
-    for i in range(10):  # all at once: closed by size
+    for i in range(10):  # at one time: a chunk closes by its size
         file.add_message(channel, NOW + 10**9, NOW, i, bytes(CHUNK_BYTES // 4))
     file.add_message(channel, NOW, NOW, 0, b"the clock was set back")
     file.finish()
@@ -107,7 +107,7 @@ def test_rows_and_messages_keep_their_order_over_many_chunks(
     tmp_path: Path,
 ) -> None:
     records: list[Record] = []
-    for i in range(60):  # 1.2 s: five chunks; each kind is the first of a chunk once
+    for i in range(60):  # 1.2 s, so five chunks; each of them begins with another kind
         at = NOW + 20_000_000 * i
         covariance = (0.0,) * 9
         some: list[Record] = [

@@ -1,4 +1,4 @@
-"""Our encoding of Foxglove's messages, compared with Google's library."""
+"""The log writer's encoding of Foxglove messages, compared with Google's protobuf library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No record, message text or option text contains a motion key."""
+"""No record, message text or option text contains the key that signs commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KEYS = [bytes(range(1, 17)), b"a pass\0phrase!\0\x0f", bytes(15) + b"\x01"]
 
 
 def frames(key: bytes) -> bytes:
-    """Return a host's bytes: a stop, the key, a stop."""
+    """Return the bytes of a host that sends a stop, a key and another stop."""
     link = Link(Direction.HOST)
     link.send(Stop(1, 1), 0, node=1)
     link.send(SetKey(2, *key_words(key)), 0x00FF_0000, node=1)
@@ -49,10 +49,12 @@ def test_sent_bytes_are_recorded_without_the_key(key: bytes) -> None:
     assert kept.startswith(before)
     assert kept.endswith(after)
     assert key not in kept
-    assert last - first <= 22, "the payload and the checksum, and COBS's own byte"
+    assert last - first <= 22, "only payload, checksum and one COBS byte change"
     device = Link(Direction.DEVICE)
     received = [e.message for e in device.receive(kept, 0) if isinstance(e, Received)]
-    assert received == [Stop(1, 1), Stop(3, 1)], "no other key is made up, and the rest is exact"
+    assert received == [Stop(1, 1), Stop(3, 1)], (
+        "the masked frame is invalid, and the others are exact"
+    )
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -76,7 +78,7 @@ def longest_piece(secret: bytes, text: bytes) -> int:
 def test_a_damaged_echo_is_recorded_without_the_key(damage: str, size: int) -> None:
     key = KEYS[0]
     data = frames(key)
-    at = data.index(key[:8])  # from here on COBS leaves the key unchanged
+    at = data.index(key[:8])  # COBS leaves the key unchanged from here on
     damaged = {
         "a bit at each place": [
             data[:i] + bytes([data[i] ^ 0x80]) + data[i + 1 :] for i in range(at - 9, at + 16)

@@ -1,4 +1,4 @@
-"""Reading of logs, complete or not."""
+"""Reading of complete, truncated, damaged and foreign logs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a complete run."""
+    """Return the path of a complete log."""
     return write_synthetic_log(tmp_path_factory.mktemp("log") / "run.mcap")
 
 

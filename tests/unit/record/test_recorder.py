@@ -1,4 +1,4 @@
-"""The thread that writes the file: order, overflow, failures."""
+"""The thread that writes the log: order of records, queue overflow and write errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def line(i: int) -> LogRecord:
 
 
 class HeldWriter(RunWriter):
-    """A disk that blocks until it is released."""
+    """A writer that blocks until ``go`` is set, as on a slow disk."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, run_info())
@@ -80,7 +80,7 @@ def test_a_quiet_line_is_flushed_without_a_next_record(tmp_path: Path) -> None:
     flushed = threading.Event()
 
     class NoticedWriter(RunWriter):
-        """Shows when the thread flushes."""
+        """A writer that sets an event when a flush has put the record into the file."""
 
         def flush(self) -> None:
             super().flush()
@@ -102,7 +102,7 @@ def test_a_full_disk_is_reported_and_never_raised(tmp_path: Path) -> None:
 
 
 class FailingWriter(RunWriter):
-    """A disk that becomes full after some records."""
+    """A writer that fails after five records, as on a full disk."""
 
     left = 5
 

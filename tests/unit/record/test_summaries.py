@@ -1,4 +1,4 @@
-"""A log's data about its run: ours completely, of others only what fits."""
+"""The summary in a log: read completely if sweepctl wrote it, else only the valid values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The messages that each record becomes in the log, read with the mcap library."""
+"""The log messages of each kind of record, read back with the mcap library."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ def test_wheel_angles_unwrap_and_speeds_follow_the_device_clock(tmp_path: Path) 
     assert all(math.isnan(v) for v in states[0].velocity)
     assert list(states[1].position) == pytest.approx([12 * rad, -10 * rad])
     assert list(states[1].velocity) == pytest.approx([12 * rad / 0.02, -10 * rad / 0.02])
-    assert all(math.isnan(v) for v in states[2].velocity), "another robot's wheels"
+    assert all(math.isnan(v) for v in states[2].velocity), "the wheels of another robot"
     assert all(math.isnan(v) for v in states[3].velocity), "a gap too long to unwrap"
 
 

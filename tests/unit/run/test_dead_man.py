@@ -1,4 +1,4 @@
-"""Manual driving: a held key drives; a released, late or unknown one does not."""
+"""Manual driving: the robot moves while a key is held, and stops on a release or a timeout."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_press_drives_for_seven_tenths_at_a_tenth() -> None:
     assert drive_mode.wanted(10.0) == VelocityCommand(0.1, 0.0)
     assert drive_mode.wanted(10.7) == VelocityCommand(0.1, 0.0)
     assert drive_mode.wanted(10.71) == HALT
-    assert drive_mode.wanted(10.2) == HALT, "once let go it stays so"
+    assert drive_mode.wanted(10.2) == HALT, "a key that timed out stays released"
 
 
 def test_any_other_key_stops() -> None:
@@ -123,7 +123,7 @@ EVENTS = st.lists(
 def test_with_any_keys_it_never_drives_long_without_an_event(
     events: list[tuple[str, str, float, float, bool]], *, releases: bool
 ) -> None:
-    """Without a further event everything comes to rest, and the limits are always kept."""
+    """The command stays within the limits, and becomes a halt if no further event follows."""
     drive_mode, now_s = dead_man(releases=releases), 0.0
     for what, key, wait_s, share, held in events:
         now_s += wait_s
@@ -147,7 +147,7 @@ def test_with_any_keys_it_never_drives_long_without_an_event(
 
 
 def event(kind: int, number: int, value: int) -> bytes:
-    """Return an event in the layout of the kernel's joystick-api.rst, typed in by hand."""
+    """Return an event as the kernel's joystick-api.rst describes it."""
     return struct.pack("<I", 123) + struct.pack("<h", value) + bytes([kind, number])
 
 
@@ -159,12 +159,12 @@ def test_sticks_and_buttons_of_the_kernels_events() -> None:
     pad.feed(event(1, 4, 1))
     assert pad.sticks == Sticks(1.0, 0.0, held=True)
     pad.feed(event(2, 0, 32767)[:3])
-    pad.feed(event(2, 0, 32767)[3:])  # to the right, in two pieces
+    pad.feed(event(2, 0, 32767)[3:])  # stick to the right; the event arrives in two pieces
     assert pad.sticks.turn == -1.0
     pad.feed(event(2, 0, 3000))
-    assert pad.sticks.turn == 0.0, "a stick at rest is not quite in the middle"
+    assert pad.sticks.turn == 0.0, "a small deflection counts as the centre"
     assert pad.feed(event(1, 1, 1)) is True
-    assert pad.feed(event(0x81, 1, 1)) is False, "its state at opening is no press"
+    assert pad.feed(event(0x81, 1, 1)) is False, "a button state at opening is not a press"
 
 
 def test_a_gamepad_drives_and_its_loss_releases_all(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_a_gamepad_drives_and_its_loss_releases_all(tmp_path: Path) -> None:
         assert news.wait(20.0)
         assert seen[-1] == Sticks(1.0, 0.0, held=True)
         news.clear()
-        assert news.wait(20.0), "what is held is told again"
+        assert news.wait(20.0), "a held stick is reported repeatedly"
         os.write(keeper, event(1, 1, 1))
         assert stopped.wait(20.0)
         os.close(keeper)  # unplugged
@@ -193,7 +193,7 @@ def test_a_gamepad_drives_and_its_loss_releases_all(tmp_path: Path) -> None:
             news.clear()
             assert news.wait(20.0)
     assert seen[-1] == Sticks(0.0, 0.0, held=False)
-    assert gone == [Sticks(0.0, 0.0, held=False)], "told once, after it was let go"
+    assert gone == [Sticks(0.0, 0.0, held=False)], "the loss is reported once, after the release"
 
 
 def test_no_such_gamepad() -> None:
@@ -247,7 +247,7 @@ def test_by_hand_from_the_beginning_nothing_moves_alone() -> None:
     assert not person.finished
     person.dead_man.press("up", 2.0)
     first = person.step(observed(2.0))
-    assert 0.0 < first.v_m_s <= MODEL.max_accel_m_s2 * 0.02 + 1e-9, "it starts gently"
+    assert 0.0 < first.v_m_s <= MODEL.max_accel_m_s2 * 0.02 + 1e-9, "acceleration is limited"
 
 
 def test_no_motion_ahead_into_a_contact() -> None:
@@ -256,5 +256,5 @@ def test_no_motion_ahead_into_a_contact() -> None:
     assert person.step(observed(0.0, bumped=True)).v_m_s == 0.0
     person.dead_man.press("down", 0.1)
     backwards = [person.step(observed(0.1 + 0.02 * i, bumped=True)).v_m_s for i in range(10)]
-    assert backwards[-1] < 0.0, "back is the way out"
+    assert backwards[-1] < 0.0, "the robot may reverse out of a contact"
     assert not math.isnan(sum(backwards))

@@ -1,4 +1,4 @@
-"""Velocity of each key and stick, its duration, and combinations."""
+"""Velocity that each key and stick commands, how long it lasts, and combinations of keys."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_key_without_another_event_ends(holds_s: float, *, releases: bool) -> 
     one.press("up", 0.0)
     assert one.wanted(holds_s) != HALT
     assert one.wanted(holds_s + 1e-6) == HALT
-    assert one.wanted(holds_s) == HALT, "and stays ended"
+    assert one.wanted(holds_s) == HALT, "a key that timed out stays released"
 
 
 # ---- sticks -----------------------------------------------------------------------------------
@@ -85,7 +85,7 @@ def test_a_stick_drives_for_half_a_second_while_its_button_is_held() -> None:
     assert pad.wanted(8.0) == VelocityCommand(0.1, -0.25)
     assert pad.wanted(8.5) == VelocityCommand(0.1, -0.25)
     assert pad.wanted(8.5 + 1e-6) == HALT
-    assert pad.wanted(8.5) == HALT, "and stays ended"
+    assert pad.wanted(8.5) == HALT, "a stick that timed out stays released"
 
 
 def test_a_stick_stops_when_its_button_or_everything_is_released() -> None:
@@ -103,7 +103,7 @@ def test_after_a_stick_fell_silent_keys_drive_again() -> None:
     both = hand(releases=True)
     both.stick(0.5, 0.0, 8.0, held=True)
     both.press("down", 9.0)
-    assert both.wanted(9.0) == HALT, "its silence is a halt first"
+    assert both.wanted(9.0) == HALT, "a timeout of the stick first gives a halt"
     assert both.wanted(9.1) == VelocityCommand(-0.2, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The walls that a robot measures, against those of the room file."""
+"""Comparison of the walls that the robot measures with the walls of the room file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bumps, stalls and slips that the estimator detects are logged, each once."""
+"""Each bump, stall and slip that the estimator detects is logged once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AGAIN = Disturbance(DisturbanceKind.BUMP, 1.0, 0.0312)
 
 
 def kinds_after(*found: tuple[Disturbance, ...]) -> list[list[str]]:
-    """Return the reported kinds at each of some calls."""
+    """Return the kinds that each call with these disturbances reports."""
     sink = Events()
     records = HostRecords(sink, 10, "recovery")
     reported = []
@@ -41,7 +41,7 @@ def test_a_new_estimator_works_too() -> None:
 
 
 def test_a_host_reports_its_robots_bumps() -> None:
-    """The robot hits a chair's leg 52° off its heading at 0.2 m/s, 2 s after the start."""
+    """At 0.2 m/s, 2 s after the start, the robot hits a chair leg 52° off its heading."""
     sink = Events()
     room = generate_room(105, np.random.default_rng([0x5EED, 105]), "legs")
     run_virtual(room, RobotModel(), "recovery", sink, seed=5, noise="typical", max_time_s=4.0)

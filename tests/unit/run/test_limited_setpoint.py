@@ -1,4 +1,4 @@
-"""The setpoint that supervision judges by is the one that the device's reflexes leave."""
+"""Supervision compares the motion with the setpoint after the limits of the device's reflexes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEFT = int(Contact.BUMPER_LEFT)
 @pytest.mark.parametrize(
     ("command", "faults", "contacts", "obeyed_m_s"),
     [
-        (AHEAD, 0, CLIFF, 0.2),  # its reflex is off
+        (AHEAD, 0, CLIFF, 0.2),  # the cliff reflex is off
         (AHEAD, LIMITED, CLIFF, 0.0),
         (AHEAD, LIMITED, CLIFF | LEFT, 0.0),
         (AHEAD, LIMITED, LEFT, 0.05),
@@ -58,7 +58,7 @@ class Pushing(PlanRunner):
 
 
 class Spy(Supervisor):
-    """Stores the inputs of the rules."""
+    """A supervisor that stores the inputs of its rules."""
 
     def __init__(self, model: RobotModel) -> None:
         super().__init__(model, SuperviseSettings())
@@ -70,7 +70,7 @@ class Spy(Supervisor):
 
 
 def test_rules_see_the_limited_setpoint_and_none_takes_the_limit_for_a_fault() -> None:
-    """A bumper is pressed for 3 s by nothing that stops the robot: it creeps at 0.05 m/s."""
+    """A bumper switch that is stuck for 3 s limits a robot without an obstacle to 0.05 m/s."""
     model = RobotModel()
     sink = Collector()
     mission = Mission(Pushing(Spinning(model), model))

@@ -1,4 +1,4 @@
-"""The phases of a run: motion is enabled step by step, and every phase ends."""
+"""The phases of a run: the steps that enable motion, and the time limit of each phase."""
 
 from __future__ import annotations
 
@@ -72,13 +72,13 @@ def test_each_step_waits_for_the_one_before() -> None:
     mission = planned()
     assert mission.step(None, None, 0.0) is None
     mission.on_status(status(StopCause.SESSION_END), 0.0)
-    assert mission.requests() == [], "not before both ends agree"
+    assert mission.requests() == [], "no request before the handshake"
     mission.on_ready(0.1)
     mission.on_status(status(StopCause.SESSION_END), 0.2)
     assert mission.requests() == [Request("clear", StopCause.SESSION_END)]
     mission.on_status(status(StopCause.SESSION_END), 0.3)
     assert mission.requests() == []
-    assert mission.step(seen(0.3), None, 0.3) is None, "no velocity before leave is given"
+    assert mission.step(seen(0.3), None, 0.3) is None, "no velocity before the stop is cleared"
     mission.on_command(CLEARED, 0.4)
     assert mission.requests() == [Request("mode", Mode.VELOCITY)]
     mission.on_command(ENABLED, 0.5)
@@ -121,9 +121,9 @@ def test_a_stop_latched_meanwhile_ends_the_run() -> None:
 @pytest.mark.parametrize(
     ("outcome", "ended", "exit_status", "word"),
     [
-        (Outcome(ClearStop(1, 1), False, NackReason.OTHER_CAUSE), "stopped", 5, "other_cause"),  # noqa: FBT003 - refused
-        (Outcome(ClearStop(1, 1), False, NackReason.FAULT), "fault", 4, "rejected"),  # noqa: FBT003 - refused
-        (Outcome(ClearStop(1, 1), False, None), "fault", 4, "did not answer"),  # noqa: FBT003 - refused
+        (Outcome(ClearStop(1, 1), False, NackReason.OTHER_CAUSE), "stopped", 5, "other_cause"),  # noqa: FBT003 - rejected
+        (Outcome(ClearStop(1, 1), False, NackReason.FAULT), "fault", 4, "rejected"),  # noqa: FBT003 - rejected
+        (Outcome(ClearStop(1, 1), False, None), "fault", 4, "did not answer"),  # noqa: FBT003 - no answer
     ],
 )
 def test_a_rejected_clear_ends_the_run(
@@ -156,7 +156,7 @@ def test_a_host_that_signs_is_asked_about_the_key(signed: bool, text: str) -> No
 def test_no_status_is_no_reason_to_wait_for_ever() -> None:
     mission = planned()
     mission.step(None, "imu", 100.0)
-    assert phase(mission) is Phase.WAITING, "before the handshake the session keeps the time"
+    assert phase(mission) is Phase.WAITING, "the session times the handshake"
     mission.on_ready(100.0)
     mission.step(None, "imu", 100.0)
     mission.step(None, "imu", 100.0 + DATA_TIMEOUT_S)
@@ -305,11 +305,11 @@ def test_a_graver_stop_has_its_own_confirmation_awaited() -> None:
     mission.on_command(acknowledged(StopCause.SESSION_END), 4.6)
     assert (phase(mission), mission.stop_confirmed) == (Phase.ENDING, False)
     mission.step(None, None, 4.4 + END_TIMEOUT_S)
-    assert phase(mission) is Phase.ENDING, "its time counts from when it was asked for"
+    assert phase(mission) is Phase.ENDING, "the timeout starts at the second request"
     mission.on_command(acknowledged(StopCause.OPERATOR), 5.45)
     assert (phase(mission), mission.stop_confirmed) == (Phase.DONE, True)
     assert (mission.ending, mission.confirmed) == (STOP, StopCause.OPERATOR)
-    assert mission.drive_ended_s == 4.0, "the drive ended with the first"
+    assert mission.drive_ended_s == 4.0, "the first request ended the drive"
 
 
 def test_a_lesser_stop_changes_nothing() -> None:
@@ -339,7 +339,7 @@ def test_an_operators_stop_is_sent_despite_the_devices_own_latch() -> None:
     mission.request_end(STOP, 4.1)
     assert [r.value for r in mission.requests()] == [StopCause.SESSION_END, StopCause.OPERATOR]
     mission.on_command(acknowledged(StopCause.OPERATOR), 4.2)
-    assert "hardware" in ending(mission).reason, "which is graver"
+    assert "hardware" in ending(mission).reason, "the hardware stop outranks the operator's stop"
     assert mission.confirmed is StopCause.OPERATOR
 
 

@@ -1,4 +1,4 @@
-"""A run that loses its device, with and without continuing, and every limit of its waits."""
+"""A run that loses its device, with and without continuing, and the timeout of each wait."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def accepted(message: ClearStop | SetMode | Stop, reason: NackReason | None = No
 
 
 def made(plan: Plan | None = None, **options: object) -> Mission:
-    given: Runner = plan or Plan()  # type: ignore[assignment]  # what a mission asks of one
+    given: Runner = plan or Plan()  # type: ignore[assignment]  # as a Runner
     return Mission(given, **options)  # type: ignore[arg-type]  # by name
 
 
@@ -116,7 +116,7 @@ def test_it_does_not_set_out_without_its_data(obs: Observation | None, stale: st
         assert mission.drive_started_s is None
     assert mission.step(obs, stale, 6.01) == HALT
     assert ending(mission) == Ending("stopped", f"no {stale or 'range'} data from the device", 5)
-    assert mission.drive_ended_s is None, "it never set out"
+    assert mission.drive_ended_s is None, "the robot never moved"
 
 
 def test_without_an_observation_it_stands() -> None:
@@ -124,7 +124,7 @@ def test_without_an_observation_it_stands() -> None:
     assert mission.step(None, None, 17.0) == HALT
     assert ending(mission) is None
     assert mission.step(None, "imu", 17.0) == HALT
-    assert ending(mission) is None, "nothing to judge by"
+    assert ending(mission) is None, "stale data without an observation do not end the run"
     assert mission.step(AT_REST, "imu", 17.0) == HALT
     assert ending(mission) == Ending(
         "stopped", "no imu data from the device", 5, StopCause.SUPERVISE
@@ -138,7 +138,9 @@ def test_without_an_observation_it_stands() -> None:
 def test_a_plan_that_ends_completes_the_run(reason: str | None, reported: str) -> None:
     mission = driving(plan := Plan())
     plan.finished, plan.finish_reason = True, reason
-    assert mission.step(AT_REST, None, 20.0) == AHEAD, "its last command; the stop follows"
+    assert mission.step(AT_REST, None, 20.0) == AHEAD, (
+        "the last command of the plan is sent before the stop"
+    )
     assert ending(mission) == Ending("complete", reported, 0)
     assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
     assert (mission.drive_started_s, mission.drive_ended_s) == (16.0, 20.0)
@@ -206,13 +208,13 @@ def test_rejected_and_unanswered_commands_are_named(
 def test_a_plan_is_given_once_and_only_to_a_run_that_waits() -> None:
     first, second = Plan(), Plan()
     mission = Mission(None)
-    mission.start(first)  # type: ignore[arg-type]  # what a mission asks of one
-    mission.start(second)  # type: ignore[arg-type]  # what a mission asks of one
+    mission.start(first)  # type: ignore[arg-type]  # as a Runner
+    mission.start(second)  # type: ignore[arg-type]  # as a Runner
     assert runner(mission) is first
     gone = Mission(None)
     gone.on_ready(0.0)
     gone.on_lost(1.0)
-    gone.start(first)  # type: ignore[arg-type]  # what a mission asks of one
+    gone.start(first)  # type: ignore[arg-type]  # as a Runner
     assert runner(gone) is None, "the device is away"
 
 
@@ -221,7 +223,7 @@ def test_a_status_is_waited_for_from_when_there_is_a_plan_and_a_device() -> None
     mission.step(None, None, 0.0)
     mission.on_ready(1.0)
     mission.step(None, None, 2.0)
-    mission.start(Plan())  # type: ignore[arg-type]  # what a mission asks of one
+    mission.start(Plan())  # type: ignore[arg-type]  # as a Runner
     for at_s in (100.0, 103.0):
         mission.step(None, None, at_s)
         assert ending(mission) is None
@@ -262,7 +264,7 @@ def test_a_plan_that_did_not_drive_is_not_held() -> None:
     plan = Plan()
     mission = made(plan)
     mission.on_lost(1.0)
-    assert phase(mission) is Phase.WAITING, "it never was there"
+    assert phase(mission) is Phase.WAITING, "no device was ready before"
     mission.on_ready(2.0)
     mission.on_lost(3.0)
     assert (mission.phase, plan.printed) == (Phase.HOLDING, [])
@@ -288,21 +290,21 @@ def test_an_end_without_a_device_waits_for_nothing() -> None:
 
 def test_after_the_answer_the_plan_continues() -> None:
     mission = driving(plan := Plan(), resume=Resume.ASK)
-    assert mission.resume(17.0) is False, "nothing was asked"
+    assert mission.resume(17.0) is False, "no question is open"
     mission.on_lost(18.0)
     assert mission.resume(18.5) is False, "the device is away"
     mission.on_ready(20.0)
     assert (mission.phase, mission.asking) == (Phase.HOLDING, True)
     mission.on_status(status(StopCause.LINK), 21.0)
-    assert mission.requests() == [], "nobody has said so"
+    assert mission.requests() == [], "the operator has not answered yet"
     assert mission.resume(22.0) is True
     assert (mission.phase, mission.asking) == (Phase.WAITING, False)
-    assert mission.resume(22.0) is False, "once"
+    assert mission.resume(22.0) is False, "an answer counts once"
     resume_run(mission, 23.0)
     assert mission.requests() == [Request("clear", StopCause.LINK), Request("mode", Mode.VELOCITY)]
     assert phase(mission) is Phase.DRIVING
     assert plan.printed == ["held", "released"]
-    assert mission.drive_started_s == 16.0, "one drive"
+    assert mission.drive_started_s == 16.0, "the drive is not restarted"
 
 
 def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
@@ -311,16 +313,18 @@ def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
     mission.on_ready(20.0)
     mission.resume(22.0)
     mission.on_status(status(StopCause.OPERATOR), 23.0)
-    assert mission.ending is not None, "somebody stopped it meanwhile"
+    assert mission.ending is not None, "an operator stopped the robot during the loss"
     mission = driving(plan := Plan(), resume=Resume.ASK)
     mission.on_lost(18.0)
     mission.on_ready(20.0)
     mission.resume(22.0)
     resume_run(mission, 23.0)
-    mission.phase = Phase.WAITING  # as if it waited for motion to be enabled again
+    mission.phase = Phase.WAITING  # as if motion had to be enabled again
     mission.requests()
     mission.on_status(status(StopCause.LINK), 26.0)
-    assert mission.requests() == [Request("stop", StopCause.SESSION_END)], "leave was used up"
+    assert mission.requests() == [Request("stop", StopCause.SESSION_END)], (
+        "the permission covers one loss"
+    )
     assert plan.printed == ["held", "released"]
 
 
@@ -422,7 +426,7 @@ def test_a_drive_whose_session_fails_reports_that_no_stop_is_confirmed() -> None
 
 @pytest.mark.parametrize("enabled", [False, True], ids=["asked to", "settling"])
 def test_a_device_that_dies_before_the_first_move_gives_status_3(*, enabled: bool) -> None:
-    """It may have been enabled; a clean end must not look confirmed."""
+    """Motion may have been enabled, so the run must not end as if the stop were confirmed."""
     mission = made(at_rest_s=2.0)
     mission.on_ready(10.0)
     mission.on_status(status(), 12.0)

@@ -1,4 +1,4 @@
-"""Notices: the records of a run that give an event for other programs."""
+"""Notices: events for other programs, derived from the records of a run."""
 
 from __future__ import annotations
 

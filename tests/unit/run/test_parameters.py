@@ -1,4 +1,4 @@
-"""Parameters by name and in their unit, as the host shows and checks them."""
+"""Parameters with name, unit and range, as the host shows and checks them."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_name_that_there_is_not() -> None:
 @pytest.mark.parametrize("kind", [0, 1, 2])
 @pytest.mark.parametrize("value", [True, False])
 def test_a_truth_value_is_no_number(kind: int, value: bool) -> None:  # noqa: FBT001 - the value
-    """Otherwise JSON's true would set a top speed of 1 m/s."""
+    """The value ``true`` of JSON must not set a top speed of 1 m/s."""
     number = reported(kind, 0, *(HALF, HALF, 0, TWO))
     with pytest.raises(ParameterError, match=rf"{value} is not a number"):
         number.raw(value)

@@ -1,4 +1,4 @@
-"""The host's core against the virtual sweeper: begin, pauses and end of a run."""
+"""Runs of the host with the virtual sweeper: start, interruptions and end."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_ctrl_c_stops_the_robot_and_waits_for_its_word() -> None:
 
 def test_the_stop_goes_out_before_any_listener_runs() -> None:
     class TransmitOnly(Collector):
-        """A closed terminal."""
+        """A sink that fails at the event of a stop, as a closed terminal does."""
 
         def write(self, record: Record) -> None:
             if isinstance(record, EventRecord) and record.kind == "stop":
@@ -130,7 +130,9 @@ def test_a_lost_link_stops_the_robot_and_the_run_asks(both: bool) -> None:  # no
     assert ends.run(5.0, lambda: host.mission.done)
     assert ending(host).exit_status == 5
     ends.run(2.0)
-    assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US, "it never drives on by itself"
+    assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US, (
+        "the robot does not continue by itself"
+    )
 
 
 def test_lost_for_good_ends_after_30_s() -> None:
@@ -168,7 +170,7 @@ def test_a_reboot_during_monitoring_keeps_the_pose_and_continues() -> None:
     assert supervisor.estimator.pose.distance_m(before) < 0.01
     fit = supervisor.sync.fit
     assert fit is not None
-    assert fit.device_us < 7_000_000, "the clock of the new boot"
+    assert fit.device_us < 7_000_000, "the fit is of the new boot's clock"
     assert supervisor.sync.steps == 0
 
 
@@ -178,7 +180,7 @@ def test_a_stalled_wire_and_its_burst_move_nothing() -> None:
     ends.to_device.held = True
     ends.run(3.0)
     assert not ends.moving
-    ends.to_device.held = False  # three seconds of setpoints at once
+    ends.to_device.held = False  # the setpoints of 3 s arrive at once
     ends.run(3.0)
     assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US
     assert host.mission.phase is Phase.DONE
@@ -196,7 +198,7 @@ def test_a_frozen_host_does_not_jump() -> None:
     ends.run(0.0005)
     assert ("session", "late") in events(host)
     assert not [s for s in ends.sent[sent:] if isinstance(s.message, VelocitySetpoint)]
-    # No latch for less than a second: the run continues with fresh setpoints.
+    # A pause under 1 s latches no stop, so the run continues with fresh setpoints.
     ends.run(2.0)
     assert host.mission.phase is Phase.DRIVING
 
@@ -230,7 +232,7 @@ def test_a_killed_host_and_its_successor() -> None:
 
 @pytest.mark.parametrize("host_first_us", [200_000, 3_600_000_000])
 def test_a_successor_on_another_clock(host_first_us: int) -> None:
-    """A delay by the old host's clock does not apply to the new host's frames."""
+    """The age of the new host's frames is not judged by the old host's clock."""
     ends, _ = started()
     ends.host_first_us = host_first_us
     second = spinning_host(clear_stop=True)
@@ -255,7 +257,9 @@ def test_an_operators_stop_from_elsewhere_ends_the_run() -> None:
     assert ends.run(1.0, lambda: host.mission.done)
     assert ending(host).exit_status == 5
     assert "operator" in ending(host).reason
-    assert ends.device.firmware.latch.cause is StopCause.OPERATOR, "the graver cause stays"
+    assert ends.device.firmware.latch.cause is StopCause.OPERATOR, (
+        "the cause with the higher rank stays"
+    )
 
 
 @pytest.mark.python_only("silences a stream from inside")
@@ -312,7 +316,7 @@ def test_it_runs_across_the_wrap_of_both_clocks() -> None:
 
 
 def test_another_device_that_answers_a_drive_stops_the_robot() -> None:
-    """The session fails at once; the stop does not wait for the watchdog of the device."""
+    """The session fails at once and sends a stop, before the device's watchdog expires."""
     ends, host = started()
     known = host.hello
     assert known is not None

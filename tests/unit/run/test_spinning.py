@@ -1,4 +1,4 @@
-"""Wheels that turn while the robot stays: by the gyro, and by the range ahead."""
+"""Detection of wheels that spin while the robot stands, from the gyro and the range ahead."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STEP_S = 0.06
 
 
 class Drive:
-    """Steps of 60 ms with given wheel and yaw speeds."""
+    """A drive in steps of 60 ms, with given wheel speeds and yaw rate."""
 
     def __init__(self) -> None:
         self.check = SpinCheck(MODEL)
@@ -35,7 +35,7 @@ class Drive:
         contacts: int = 0,
         stands: bool = False,
     ) -> tuple[float, str] | None:
-        """Time (s) and text of the check's first report; None: it does not."""
+        """Return time (s) and text of the check's first report; None without a report."""
         begun_s = self.time_s
         while self.time_s < begun_s + for_s:
             self.time_s += STEP_S
@@ -109,6 +109,8 @@ def test_a_standstill_by_the_accelerometer_while_the_wheels_turn() -> None:
     assert found is not None
     assert 1.0 < found[0] < 1.3
     assert "the robot stands" in found[1]
-    assert Drive().run(4.0, 0.05, 0.05, stands=True) is None, "too slow to be certain"
+    assert Drive().run(4.0, 0.05, 0.05, stands=True) is None, "too slow for a reliable result"
     contacts = int(Contact.BUMPER_RIGHT)
-    assert Drive().run(4.0, 0.2, 0.2, stands=True, contacts=contacts) is None, "something holds it"
+    assert Drive().run(4.0, 0.2, 0.2, stands=True, contacts=contacts) is None, (
+        "the contact explains it"
+    )

@@ -1,4 +1,4 @@
-"""Range readings at rest against a room's walls."""
+"""Comparison of range readings at rest with the ranges that the room file predicts."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_start_marked_by_hand_is_near_enough(room: str) -> None:
 def test_a_robot_elsewhere_is_noticed(pose: Pose2, sensors: set[str]) -> None:
     found = contradictions(BOX, MODEL, BOX.start, readings(BOX, pose))
     assert {text.split()[0] for text in found} >= sensors
-    assert bool(found) == bool(sensors)  # corners of equal shape cannot be distinguished
+    assert bool(found) == bool(sensors)  # corners of equal shape look the same
 
 
 def test_both_distances_are_named() -> None:

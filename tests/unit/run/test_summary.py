@@ -1,4 +1,4 @@
-"""The summary object of a run: the known values, and null for the rest."""
+"""The summary object of a run: values that are not known are null."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def summed(host: Host, **known: Any) -> dict[str, Any]:  # noqa: ANN401 - parts 
 
 
 def shown(summary: dict[str, Any]) -> str:
-    """Return the table's cells."""
+    """Return the text of all cells of the summary table."""
     return " ".join(str(cell) for column in summary_table(summary).columns for cell in column.cells)
 
 
@@ -95,7 +95,8 @@ def test_coverage_is_the_reports() -> None:
     assert set(summary["coverage"]) == {
         *("mouth_sweepable", "mouth_passing", "mouth_free", "body_reachable", "body_free", "eq8")
     }
-    # mouth: 1.196 m by 0.16 m; footprint: that by 0.32 m and a disc; of 4 m²
+    # The floor has 4 m². The mouth sweeps 1.196 m by 0.16 m. The footprint covers
+    # 1.196 m by 0.32 m, plus a disc.
     assert abs(summary["coverage"]["mouth_free"] - 1.196 * 0.16 / 4) < 0.003
     assert abs(summary["coverage"]["body_free"] - (1.196 * 0.32 + 0.0804) / 4) < 0.003
     assert summary["coverage"]["eq8"] == round(1.196 * 0.16 / 4, 4)

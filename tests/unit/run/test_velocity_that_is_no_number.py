@@ -1,4 +1,4 @@
-"""A velocity or duty that is no number ends the run with a stop, because no limit catches it."""
+"""A NaN velocity or duty raises an error, because no comparison with a limit rejects it."""
 
 from __future__ import annotations
 

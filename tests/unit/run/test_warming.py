@@ -1,4 +1,4 @@
-"""The chip's temperature reaches the host's estimate."""
+"""The host passes changes of the IMU's temperature to the filter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tools.virtual.run import VirtualRun, run_virtual
 
 
 class WarmedEkf(Ekf):
-    """A filter that adds up by how much the chip has warmed."""
+    """A filter that sums the temperature changes that it receives."""
 
     warmed_c = 0.0
 
@@ -22,7 +22,7 @@ class WarmedEkf(Ekf):
 
 
 def test_the_host_follows_the_chip_as_it_warms_up() -> None:
-    """6 °C with a time constant of 300 s give 0.39 °C in 20 s, less half a second of filter."""
+    """A rise of 6 °C with a time constant of 300 s gives 0.39 °C in 20 s, less 0.5 s of lag."""
     room = load_room("empty")
     ekf = WarmedEkf(room.start)
 

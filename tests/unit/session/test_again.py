@@ -1,4 +1,4 @@
-"""A session that loses its device and finds it again: unchanged, rebooted, or different."""
+"""A session that loses its device and finds the same device, a rebooted one or another one."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def ready() -> tuple[Ends, SessionEnd]:
 
 
 def unplug(ends: Ends) -> None:
-    """Cut both directions, and inform the session as the pump does."""
+    """Cut both directions, and report the loss to the session as the I/O loop does."""
     ends.to_host.cut = ends.to_device.cut = True
     ends.host.session.unplugged(ends.host_ns)
 
@@ -65,7 +65,7 @@ def test_a_port_that_vanishes_is_a_loss_at_once() -> None:
 
 
 def test_a_port_that_is_back_is_asked_at_once() -> None:
-    """The session does not wait the two seconds for which a silent line is left alone by then."""
+    """The session sends its hello at once, without the 2 s pause that follows a long silence."""
     ends, host = ready()
     unplug(ends)
     ends.run(20.0)
@@ -100,7 +100,7 @@ def test_another_schema_is_distinguished() -> None:
     ends, host = ready()
     unplug(ends)
     ends.run(1.5)
-    other = sweeper(catalogue=catalogue(more=[RicherPower]))  # equal seed, equal uid: reflashed
+    other = sweeper(catalogue=catalogue(more=[RicherPower]))  # reflashed: same seed, same uid
     replug(ends, other)
     assert ends.run(4.0, lambda: host.session.state is State.READY)
     last = host.of(SessionReady)[-1]
@@ -155,7 +155,7 @@ def test_nothing_moves_before_a_person_confirms(gone_s: float) -> None:
     ends.run(1.0)
     at_us = ends.now_us
     ends.run(20.0)
-    assert ends.moving_us < at_us, "it stands"
+    assert ends.moving_us < at_us, "the robot stands still"
     assert host.mission.resume(ends.host_ns / 1e9)
     assert ends.run(6.0, lambda: ends.moving)
     assert host.mission.phase is Phase.DRIVING
@@ -191,7 +191,7 @@ def test_saying_so_unasked_changes_nothing() -> None:
     assert not host.mission.resume(ends.host_ns / 1e9)
     unplug(ends)
     ends.run(0.5)
-    assert not host.mission.resume(ends.host_ns / 1e9), "it is not back"
+    assert not host.mission.resume(ends.host_ns / 1e9), "the device is not back"
     assert host.mission.phase is Phase.HOLDING
 
 
@@ -235,7 +235,7 @@ def test_a_run_without_motion_continues() -> None:
 
 
 def test_the_opening_is_on_record_at_its_own_moment() -> None:
-    """A session's waits count from it: logging it with the first bytes would be too late."""
+    """The log has the time of the opening, because the session's timeouts start at that time."""
     sink = Collector()
     host = Host(RobotModel(), sink, HostOptions(0), Mission(None), lambda: 1)
     host.open(HostNs(7_000_000))

@@ -1,4 +1,4 @@
-"""Both ends with a key, without one, and while a key is set."""
+"""Sessions in which host and device have a key or none, and the setting of a key."""
 
 from __future__ import annotations
 
@@ -83,12 +83,12 @@ def test_with_the_key_everything_works(link: type[LinkBase]) -> None:
 def test_a_command_without_a_tag_is_rejected_before_anything_else_comes(
     link: type[LinkBase],
 ) -> None:
-    """On CAN the device waits 10 ms for the tag, not until the host's next frame."""
+    """On CAN, the device waits at most 10 ms for the tag, even if no other frame follows."""
     ends, end = both(None, KEY, link)
     for _ in range(5):
         before = len(outcomes(end))
         end.session.command(GetParameter, (0,), ends.host_ns)
-        ends.run(0.035)  # 10 ms, and the rest of two control periods
+        ends.run(0.035)  # 10 ms, plus up to two control periods
         assert outcomes(end)[before:] == [(False, NackReason.NOT_AUTHENTICATED)]
 
 
@@ -133,7 +133,7 @@ def test_a_restarted_host_and_a_rebooted_device_restart_signing() -> None:
 
 @pytest.mark.parametrize("boot_id", [None, 992], ids=["same boot", "fresh boot"])
 def test_recorded_motion_of_one_session_moves_nothing_in_another(boot_id: int | None) -> None:
-    """An attacker records the line, and replays it when the host has gone."""
+    """An attacker records the host's frames, and replays them after the host has gone."""
     ends, end = both(KEY, KEY)
     taped: list[bytes] = []
     turn = end.turn
@@ -144,7 +144,7 @@ def test_recorded_motion_of_one_session_moves_nothing_in_another(boot_id: int | 
             taped.append(out)
         return out
 
-    end.turn = tapped  # type: ignore[assignment,method-assign]  # a tap on the line
+    end.turn = tapped  # type: ignore[assignment,method-assign]  # records what the host sends
     end.session.clear_stop(StopCause.SESSION_END, ends.host_ns)
     end.session.set_mode(Mode.VELOCITY, ends.host_ns)
     ends.run(0.2)
@@ -174,7 +174,7 @@ def test_recorded_motion_of_one_session_moves_nothing_in_another(boot_id: int | 
     assert ends.device.firmware.mode is Mode.IDLE
 
 
-# ---- setting it -------------------------------------------------------------------------
+# ---- setting the key --------------------------------------------------------------------
 
 
 def set_key(ends: Ends, end: SessionEnd, key: bytes | None) -> tuple[bool, int | None]:

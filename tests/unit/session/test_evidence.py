@@ -1,4 +1,4 @@
-"""Bytes of another device: a line of text is reported, and nothing else."""
+"""Bytes that are not frames: a complete line of printable text is reported, other bytes are not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A slow link moves nothing, whatever drives, and whenever the delay begins."""
+"""No planner or operator can move the robot over a slow link, whenever the delay begins."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _ids = itertools.count(77)
 
 
 class NoReplies(Wire):
-    """Loses the replies to pings, except each ``every``-th."""
+    """A wire that loses the replies to pings, except each ``every``-th."""
 
     def __init__(self, inner: Wire, every: int = 0) -> None:
         super().__init__(inner)
@@ -67,7 +67,7 @@ def _frames(data: bytes) -> list[bytes]:
 
 
 class Line:
-    """Both directions, with a delay that can change."""
+    """Both directions of a serial link, with a delay that can change."""
 
     def __init__(self, latency_ms: float) -> None:
         self.down, self.up = Pipe(), Pipe()
@@ -82,7 +82,7 @@ def host_with(mission: Mission, sink: Collector | None = None) -> Host:
 
 
 def by_hand() -> Host:
-    """Return a manual drive with the key held permanently."""
+    """Return the host of a manual drive whose operator holds the forward key permanently."""
     hand = DeadMan(0.3, 0.15, releases=True)
     operator = Operator(MODEL, hand, manual=True)
     host = host_with(Mission(operator))
@@ -147,7 +147,7 @@ def test_a_delay_that_begins_in_a_run_stops_it(driver: str, each_way_ms: int) ->
     assert ends.run(2.0, lambda: ends.device.firmware.latch.latched)
     assert ends.device.firmware.latch.cause is StopCause.LINK
     ends.run(3.0)
-    assert ends.now_us - ends.moving_us > 1_000_000, "it stands"
+    assert ends.now_us - ends.moving_us > 1_000_000, "the robot stands still"
 
 
 @pytest.mark.parametrize("each_way_ms", [1, 16, 45])
@@ -280,7 +280,7 @@ def test_bring_up_stops_motion_when_the_link_becomes_slow() -> None:
 
 
 def judged(*round_trips_ms: float, turnaround_ms: float = 0.0) -> LinkTrouble | None:
-    """Return the finding after a second of pings at 5 Hz and then these, one each 200 ms."""
+    """Return the verdict on the link after pings with these round trips, one each 200 ms."""
     trip = RoundTrip()
     trip.begin(0)
     now_ns = 0
@@ -305,9 +305,11 @@ def test_the_turnaround_of_the_device_does_not_count() -> None:
 
 
 def test_a_claimed_turnaround_hides_no_slow_link() -> None:
-    """The device reports the turnaround itself, so an implausibly long one is not accepted."""
+    """The device reports the turnaround itself, so only a plausible part of it is subtracted."""
     assert judged(10, 10, 10, 10, turnaround_ms=200) is not None
-    assert judged(10, 10, 10, 10, turnaround_ms=120) is None, "40 ms of it are"
+    assert judged(10, 10, 10, 10, turnaround_ms=120) is None, (
+        "40 ms of the turnaround are subtracted"
+    )
     assert judged(10, 10, 10, 10, turnaround_ms=131) is not None
 
 

@@ -1,4 +1,4 @@
-"""The monitor's output, against a description of the wire format typed in by hand."""
+"""The monitor's output for frames that the tests encode by hand from PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MS = 1_000_000
 
 
 def framed(node: int, type_id: int, seq: int, t_us: int, payload: bytes) -> bytes:
-    """Return a frame as PROTOCOL.md describes it, made without ``protocol``."""
+    """Return a frame as PROTOCOL.md describes it, encoded without the package ``protocol``."""
     body = struct.pack("<BBBBI", 2 << 4, node, type_id, seq, t_us) + payload
     return b"\0" + cobs_encode(body + struct.pack("<I", crc32(body))) + b"\0"
 

@@ -1,4 +1,4 @@
-"""The monitor's table in windows of every size: content may be cut, names never."""
+"""The monitor's table in windows of several sizes: it may truncate values, but never names."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_every_type_is_there_with_its_rate(width: int, height: int) -> None:
     for name in NAMES:
         (row,) = [line for line in lines if f"{name} " in line]
         assert row.replace("│", " ").split()[:2] == [name, "device"]
-        assert row.replace("│", " ").split()[3] == "4", "how many came"
+        assert row.replace("│", " ").split()[3] == "4", "number of messages"
     text = "\n".join(lines)
     assert "/dev/ttyUSB0[x]" in text
     assert "newest damaged" in text

@@ -1,4 +1,4 @@
-"""Negotiation of older, newer, missing and different declarations by two real ends."""
+"""Schema negotiation between a host and a device whose declarations of a message differ."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ OtherSetpoint = variant(
 
 @message(0x60, Direction.DEVICE, RateClass.RARE)
 class Fan(Message):
-    """A message that only one end has."""
+    """A message that only one peer has."""
 
     speed: EXTRA
 
 
 class Declaring(Wire):
-    """A device with another catalogue, which has fewer fields of one message."""
+    """A device with another catalogue, in which one message has fewer fields."""
 
     def __init__(self, type_id: int, fields: int) -> None:
         super().__init__(Pipe(1_000))
@@ -158,7 +158,7 @@ def test_a_device_that_cannot_be_asked_is_given_up() -> None:
 def test_a_different_bootstrap_message_fails_with_a_name() -> None:
     changed = variant(
         SetMode, {"command_id": Annotated[int, number(U8, "id", "shorter")]}
-    )  # no bootstrap message: only this one is disabled
+    )  # not a bootstrap message: only this message is disabled
     host = session_end()
     ends = Ends(host, sweeper(catalogue=catalogue(more=[changed])))
     assert [d.report() for d in negotiated(host, ends).differences] == [
@@ -176,7 +176,7 @@ def test_a_different_bootstrap_message_fails_with_a_name() -> None:
 
 @pytest.mark.parametrize(("of", "fields"), [(Stop, 0), (Stop, 1), (Ack, 1), (Hello, 4)])
 def test_a_bootstrap_message_that_lacks_fields_fails_too(of: type[Message], fields: int) -> None:
-    """A version without the cause of a stop or the type of an answer is not compatible."""
+    """A device whose stop lacks its cause, or whose ack lacks its type, is not compatible."""
     host = session_end()
     ends = Ends(host, sweeper())
     ends.to_host = Valve(Declaring(specify(of).type_id, fields))
@@ -188,7 +188,7 @@ def test_a_bootstrap_message_that_lacks_fields_fails_too(of: type[Message], fiel
 
 @pytest.mark.parametrize("p", [0.0, 0.3])
 def test_negotiation_costs_a_question_a_message(p: float) -> None:
-    """In the past, each answer caused four questions, which caused four answers each."""
+    """In an earlier version, each reply caused four requests, which caused four more replies."""
 
     def lossy() -> Wire:
         return Lossy(Pipe(3_000), p, random.Random(5))
@@ -238,7 +238,7 @@ def test_requirements_of_driving() -> None:
 
 def test_a_message_is_looked_into_only_where_it_is_whole() -> None:
     assert understood(Encoders(1, 2))
-    assert not understood(Encoders(1, None))  # type: ignore[arg-type]  # as from an older peer
-    assert understood(Status(0, 0, 0, None, None))  # type: ignore[arg-type]  # not looked into
-    assert not understood(Status(0, 0, None, None, None))  # type: ignore[arg-type]  # needed
-    assert understood(LinkCounters(*[None] * 8))  # type: ignore[arg-type]  # only recorded
+    assert not understood(Encoders(1, None))  # type: ignore[arg-type]  # as an older peer sends it
+    assert understood(Status(0, 0, 0, None, None))  # type: ignore[arg-type]  # unused
+    assert not understood(Status(0, 0, None, None, None))  # type: ignore[arg-type]  # one is used
+    assert understood(LinkCounters(*[None] * 8))  # type: ignore[arg-type]  # recorded, not used

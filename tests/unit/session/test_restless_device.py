@@ -1,4 +1,4 @@
-"""A device that reboots with every hello is answered at a bounded rate, and reported once."""
+"""The host answers a device that reboots at every hello at a bounded rate, and reports it once."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 STEP_NS = 100_000
-"""Duration of a turn, ns: ten thousand turns a second, on a link that answers at once."""
+"""Duration of a turn, ns: ten thousand turns a second, on a link without delay."""
 SECOND_NS = 1_000_000_000
 
 
@@ -36,16 +36,16 @@ def hello(session_id: int, *, boot: int = 7, schema: int = CATALOGUE.hash) -> He
 
 
 class Fickle:
-    """Answers each hello of the host with one whose session id ``change`` has modified."""
+    """A device that answers each hello of the host with the hello that ``change`` returns."""
 
     def __init__(self, change: Callable[[int, int], Hello]) -> None:
         self.hellos = 0
         self.received = 0
-        """Number of frames of the host."""
+        """Number of frames from the host."""
         self.calm = False
-        """True: it behaves like any device from now on."""
+        """True: the device behaves normally from now on."""
         self.joins = False
-        """True: it joins the host's session each time before it changes."""
+        """True: the device joins the host's session before it sends each changed hello."""
         self._change = change
         self._link = Link(Direction.DEVICE)
 
@@ -105,7 +105,7 @@ def test_it_is_answered_three_times_and_then_once_a_second(
     seconds = 0.9 * HANDSHAKE_TIMEOUT_NS / SECOND_NS
     events = run(session, device, SECOND_NS, seconds)
     handshakes = HANDSHAKES_AT_ONCE + seconds * SECOND_NS / HANDSHAKE_PERIOD_NS
-    # Each handshake is a hello and the questions at once; a question is repeated at 10 Hz.
+    # A handshake is a hello and its first requests. An unanswered request is repeated at 10 Hz.
     assert device.received <= 10 * handshakes + 10 * seconds
     assert device.hellos <= 10 * handshakes
     if what != "session" or joins:
@@ -131,7 +131,7 @@ def test_one_that_calms_down_completes_the_handshake() -> None:
 
 
 def test_a_session_never_continues_with_an_ungreeted_boot() -> None:
-    """Neither its answers nor its data count before the host has greeted this boot."""
+    """Answers and data of a boot are ignored until the host has sent a hello to that boot."""
     session, device = opened(), Fickle(CHANGES["boot"])
     run(session, device, SECOND_NS, 0.5)
     link, now_ns = Link(Direction.DEVICE), SECOND_NS + SECOND_NS // 2

@@ -1,4 +1,4 @@
-"""Samples that arrive on time but are old: a stamp that stands still, goes back, or runs ahead."""
+"""Samples that arrive on time with a wrong time stamp: constant, too early or too late."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ _ids = itertools.count(991)
 
 
 class Restamped(Wire):
-    """A device that stamps some of its streams differently; everything else is unchanged."""
+    """A wire that changes the time stamps of some streams, and no other bytes."""
 
     def __init__(self, *streams: type[Message]) -> None:
         super().__init__(Pipe(1_000))
         self.stamp: Callable[[int], int] | None = None
-        """Returns the stamp in place of the true one; None: the true one."""
+        """Function from the true stamp to the changed one; None: stamps stay unchanged."""
         self.drop = False
-        """True: lose the streams completely."""
+        """True: these streams are lost completely."""
         self._streams = streams
         self._rest = b""
 
@@ -69,7 +69,7 @@ class Restamped(Wire):
 
 
 def frozen() -> Callable[[int], int]:
-    """Return the stamp of the first sample forever."""
+    """Return a clock that stands still at the stamp of the first sample."""
     first: list[int] = []
 
     def stamp(t_us: int) -> int:
@@ -91,7 +91,7 @@ def crawling() -> Callable[[int], int]:
 
 
 def cycling() -> Callable[[int], int]:
-    """Return the same three stamps again and again."""
+    """Return a clock that repeats the same three stamps."""
     first: list[int] = []
 
     def stamp(t_us: int) -> int:
@@ -168,7 +168,7 @@ def test_a_clock_that_stands_still_for_all_streams_stops_the_run(kind: str) -> N
 
 
 def test_streams_that_all_lag_behind_the_replies_to_pings_stop_the_run() -> None:
-    """No stream shows the age of the others; the round trip stays short."""
+    """No stream is older than another, and the round trip stays short: only pings show the age."""
     wire = Restamped(Encoders, Imu, Range, Status, Power, PlannerState)
     ends, host = driving(wire)
     wire.stamp = lagging()
@@ -244,7 +244,7 @@ def test_one_stray_stamp_stops_nothing() -> None:
     assert host.mission.phase is Phase.DRIVING
     fit = host.sync.fit
     assert fit is not None
-    assert fit.bound_ns < 5e6, "the map of the clock is not bent by it"
+    assert fit.bound_ns < 5e6, "the stray stamp does not change the clock fit"
 
 
 @pytest.mark.parametrize("seconds", [-20.0, 20.0])
@@ -268,10 +268,10 @@ def test_bring_up_stops_motion_on_frozen_counts() -> None:
     frames.stamp = frozen()
 
     def turn(data: bytes, until_ns: object) -> bytes:
-        came = plain(data, until_ns)  # type: ignore[arg-type]  # a time
+        came = plain(data, until_ns)  # type: ignore[arg-type]  # host time
         return b"".join(p.data for p in frames.misbehave(Piece(0, came)))
 
-    wire.turn = turn  # type: ignore[method-assign]  # the wire of this test
+    wire.turn = turn  # type: ignore[method-assign]  # changes the stamps
     began_s = session.now_s
     with pytest.raises(StoppedForSafetyError, match="no fresh encoder readings"):
         session.run(3.0)
@@ -285,7 +285,7 @@ def test_samples_in_a_burst_after_a_stall_are_all_taken() -> None:
     times = SampleTimes()
     for ms in range(0, 1000, 10):
         assert times.take(Imu, 1000 * ms, ms / 1000)
-    for ms in range(1000, 1700, 10):  # delayed for 0.7 s, then all at once
+    for ms in range(1000, 1700, 10):  # these samples arrive together after a stall of 0.7 s
         assert times.take(Imu, 1000 * ms, 1.7)
     assert times.taken_s[Imu] == pytest.approx(1.69, abs=0.02)
 

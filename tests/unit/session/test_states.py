@@ -1,4 +1,4 @@
-"""The session's table of state changes, and each way in which a session fails."""
+"""The session's transition table, and each way in which a session can fail."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def alone(feed: bytes = b"", *, echo: bool = False) -> Failed:
         failures += [e for e in events if isinstance(e, Failed)]
         now = HostNs(now + 10_000_000)
     assert session.state is State.FAILED
-    assert len(failures) == 1, "a failure is told once"
+    assert len(failures) == 1, "a failure is reported once"
     return failures[0]
 
 
@@ -121,7 +121,7 @@ def _recoded(body: bytes) -> bytes:
 def test_a_device_that_sends_but_never_answers_is_lost() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
-    ends.to_device.cut = True  # our TX wire is broken; it sends hellos at 1 Hz forever
+    ends.to_device.cut = True  # the host's TX wire is broken; the device sends hellos at 1 Hz
     assert ends.run(12.0, lambda: host.session.state is State.FAILED)
     assert [e.kind for e in host.of(Failed)] == ["transmit_only"]
     assert ends.now_us * 1000 < HANDSHAKE_TIMEOUT_NS + SECOND
@@ -173,7 +173,7 @@ def test_lost_and_back_is_a_new_session_with_the_same_boot() -> None:
 
 @pytest.mark.parametrize("latency_us", [1_000, 40_000, 150_000])
 def test_ready_means_that_the_device_is_in_our_session(latency_us: int) -> None:
-    """Only device → host was cut, so the device streams on in the old session meanwhile."""
+    """Only the direction to the host was cut, so the device still streams in the old session."""
     host = session_end()
     ends = Ends(host, sweeper(), to_device=Pipe(latency_us), to_host=Pipe(latency_us))
     ready(ends, host)
@@ -184,7 +184,7 @@ def test_ready_means_that_the_device_is_in_our_session(latency_us: int) -> None:
     assert ends.device.firmware.session_id == host.session.session_id
     before = len(host.of(StateChanged))
     ends.run(3.0)
-    assert host.of(StateChanged)[before:] == [], "it must stay ready"
+    assert host.of(StateChanged)[before:] == [], "the session must stay ready"
 
 
 def test_a_reboot_is_seen_and_reported() -> None:
@@ -215,7 +215,7 @@ def test_a_device_that_lost_the_session_repeats_the_handshake() -> None:
     ends = Ends(host, sweeper())
     ready(ends, host)
     ends.to_device.cut = True
-    # It receives nothing for a second, and sends a hello again.
+    # The device receives nothing for a second, and then sends a hello again.
     assert ends.run(2.5, lambda: host.session.state is not State.READY)
     assert host.of(StateChanged)[-1].why == "the device ended the session"
     ends.to_device.cut = False
@@ -257,7 +257,7 @@ def test_heartbeats_keep_the_link_for_as_long_as_the_host_lives() -> None:
     fast = [s for s in pings if s.at_us < 4_000_000]
     assert 30 <= len(fast) <= 45
     late = [s for s in pings if s.at_us > 10_000_000]
-    assert 50 <= len(late) <= 56, "five a second: four of them judge the link within one"
+    assert 50 <= len(late) <= 56, "5 Hz, so that four pings take less than a second"
 
 
 def test_pings_do_not_queue_up_on_a_port_that_takes_nothing() -> None:
@@ -273,7 +273,7 @@ def test_pings_do_not_queue_up_on_a_port_that_takes_nothing() -> None:
     for ms in range(300, 60_300, 10):
         now = HostNs(ms * 1_000_000)
         session.poll(now)
-        # The device is still received; its own view of the session does not matter here.
+        # Frames from the device still arrive. The device's state of the session is irrelevant.
         session.receive(_status(ms), now)
     assert session.state is State.READY
     assert len(session.data_to_send()) < 60
@@ -320,7 +320,7 @@ def test_a_stop_whose_ack_is_lost_is_repeated_until_one_comes() -> None:
     ends.run(0.7)
     stops = [s for s in ends.sent if isinstance(s.message, Stop)]
     assert len(stops) >= 3
-    assert len({s.message for s in stops}) == 1, "one command, one id"
+    assert len({s.message for s in stops}) == 1, "each repetition has the same command id"
     ends.to_host.cut = False
     ends.run(0.6)
     assert ended(host) == [("Stop", True, None)]
@@ -354,7 +354,7 @@ def test_a_stop_is_obeyed_without_a_session() -> None:
 
 
 def test_commands_of_a_restarted_host_are_no_repeats() -> None:
-    """It counts its command ids from 1 again, like its predecessor."""
+    """A restarted host counts its command ids from 1 again, as the host before it did."""
     ends = Ends(first := session_end(), sweeper())
     ready(ends, first)
     first.session.clear_stop(StopCause.SESSION_END, ends.host_ns)
@@ -364,7 +364,9 @@ def test_commands_of_a_restarted_host_are_no_repeats() -> None:
     second = session_end()
     ends.restart_host(second)
     ready(ends, second)
-    assert ends.device.firmware.latch.cause is StopCause.LINK, "a new host finds it standing"
+    assert ends.device.firmware.latch.cause is StopCause.LINK, (
+        "the device stops before a new host joins"
+    )
     second.session.clear_stop(StopCause.LINK, ends.host_ns)
     second.session.set_mode(Mode.VELOCITY, ends.host_ns)
     ends.run(0.1)

@@ -1,4 +1,4 @@
-"""Stops without a session: repeated until the devices confirm them, or for three seconds."""
+"""A stop without a session is repeated until the devices confirm it, for at most 3 s."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BEGAN_NS = 5_000 * MS
 
 
 class Line:
-    """A port in virtual time with a device behind it, which answers ``latency_ms`` later."""
+    """A port in virtual time, with a device that answers after ``latency_ms``."""
 
     name = "line"
 
@@ -45,7 +45,7 @@ class Line:
         self.now_ns = BEGAN_NS
         self.received: list[Received] = []
         self.heard_ms: list[float] = []
-        """Arrival times since the beginning, ms."""
+        """Arrival times of the frames at the device, ms since the beginning."""
         self.written = b""
         self.waits_s: list[float] = []
         self.closed = False
@@ -115,7 +115,7 @@ def test_the_node_that_confirms_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_bytes_are_the_same_from_every_sender(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two senders on one bus then never disturb each other."""
+    """Equal bytes prevent two senders on one CAN bus from corrupting each other's frames."""
     line = Line(lambda _: None)
     line.now_ns += 123_456_789
     with pytest.raises(NoDeviceError):
@@ -192,8 +192,10 @@ def test_on_a_bus_every_detected_device_must_confirm() -> None:
 
     request.data_to_send(HostNs(1000 * MS))
     report(3, StopCause.OPERATOR, 1005)
-    report(3, StopCause.NONE, 1100)  # it was latched, and cleared again by then
-    assert (request.confirmed_by, request.confirmed) == (None, [3]), "others may still be silent"
+    report(3, StopCause.NONE, 1100)  # the stop of node 3 has been cleared since
+    assert (request.confirmed_by, request.confirmed) == (None, [3]), (
+        "other nodes may still be silent"
+    )
     report(2, StopCause.LINK, 1190)
     request.receive(b"", HostNs(1300 * MS))
     assert (request.confirmed_by, request.missing) == (None, [2])
@@ -244,7 +246,7 @@ def test_the_unsent_rest_of_a_stop_is_replaced_by_the_next(
 def test_unsent_bytes_follow_within_the_turn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A byte that arrives meanwhile ends the wait, and the rest is sent before the next stop."""
+    """A received byte ends the wait, so the rest of a stop is sent before the next stop is due."""
     line = Line(acknowledges, takes=12)
     monkeypatch.setattr(clock, "now", lambda: HostNs(line.now_ns))
     noise = iter([b"\1", b"\2", b"\3"])
@@ -285,7 +287,7 @@ def test_nothing_goes_out_before_the_next_stop_is_due() -> None:
     assert request.data_to_send(HostNs(BEGAN_NS + REPEAT_NS)) != b""
     (event,) = Link(Direction.DEVICE).receive(first)
     assert isinstance(event, Received)
-    assert event.message == Stop(0xFEDC, StopCause.OPERATOR), "its low 16 bits"
+    assert event.message == Stop(0xFEDC, StopCause.OPERATOR), "the low 16 bits of the id"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Device time to host time: wraps, steps and resets, by hand."""
+"""Conversion of device time to host time, with wraps, steps and resets of the device clock."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_symmetric_link_is_synchronised_to_the_microsecond() -> None:
 
 @pytest.mark.parametrize("drift_ppm", [-97.3, -13.7, 0.0, 13.7, 97.3])
 def test_stamps_cut_to_microseconds_are_within_the_bound(drift_ppm: float) -> None:
-    """On a wire without delay there is no other error."""
+    """On a wire without delay, truncation to microseconds is the only error."""
     world = World(drift_ppm=drift_ppm, delay_us=0)
     for _ in range(300):
         world.ping()
@@ -91,7 +91,7 @@ def test_a_step_is_found_and_samples_are_unbounded_meanwhile(step_us: int) -> No
     for _ in range(STEP_SAMPLES):
         reported.append(world.ping())
         mapped = world.sync.map(world.sync.extend(world.device_us(world.now_us) % WRAP))
-        assert mapped is None, "a wrong time is worse than none"
+        assert mapped is None, "no time is better than a wrong time"
     assert reported == [True] * (STEP_SAMPLES - 1) + [False]
     assert world.sync.steps == 1
     for _ in range(30):

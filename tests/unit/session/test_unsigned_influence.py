@@ -1,4 +1,4 @@
-"""Attacks on a device by writing to its line, without its key or without a session."""
+"""Attacks on a device through its serial link, without its key or without a session."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LATE_US = 9_900_000
 
 
 class Line:
-    """A device on a line, a host whose stamps are chosen, and an attacker without the key."""
+    """A device, a host whose time stamps the test chooses, and an attacker without the key."""
 
     def __init__(self, key: bytes | None) -> None:
         self.device = sweeper()
@@ -81,7 +81,7 @@ class Line:
 
 
 def test_stamps_of_unsigned_frames_make_no_old_setpoint_fresh() -> None:
-    """Three pings move the device's estimate of the host's clock once around its 32 bits."""
+    """Three unsigned pings try to advance the device's copy of the host clock by almost 2³² µs."""
     line = Line(KEY)
     line.begin()
     for ahead_us in (0x5555_0000, 0xAAAA_0000, SPAN_US - LATE_US - 100_000):
@@ -91,7 +91,7 @@ def test_stamps_of_unsigned_frames_make_no_old_setpoint_fresh() -> None:
         assert not line.moving
     for counter in range(50, 100):
         line.inform(line.host, VelocitySetpoint(2000, 0, 200, counter))
-    assert line.moving  # nor do they make a fresh one old
+    assert line.moving  # unsigned frames do not make a fresh setpoint old either
 
 
 def test_a_rejected_frame_keeps_no_session_alive() -> None:
@@ -128,7 +128,7 @@ def test_a_stop_with_a_wrong_tag_is_a_stop(key: bytes | None) -> None:
 
 
 def test_a_stop_is_no_proof_of_the_key() -> None:
-    """Anyone can set its flag: a stop must not count as a signed frame where its stamp would."""
+    """A device accepts a stop with a wrong tag, but does not count the stop as a signed frame."""
     line = Line(KEY)
     line.begin()
     stop = Stop(901, StopCause.SESSION_END)

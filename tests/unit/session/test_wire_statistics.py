@@ -1,4 +1,4 @@
-"""Rate, loss, order and age of each message, against handmade series."""
+"""Rate, loss, order and age of each message, from series of time stamps with known results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from protocol.schema.catalogue import CATALOGUE
 
 IMU = CATALOGUE.by_class[Imu]
 FIT = Fit(0, 5e9, 0.0, 0.0, 0.0)
-"""A fit in which device time 0 is host time 5 s, and both clocks run alike."""
+"""A fit in which device time 0 is host time 5 s, and both clocks have the same rate."""
 
 
 def series(*stamps_us: int, delay_us: int = 1_500) -> dict[str, object]:
