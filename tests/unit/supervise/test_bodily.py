@@ -101,7 +101,9 @@ def test_a_jolt_and_no_floor_is_a_lift(up: int, *, found: bool) -> None:
     assert walk.step(1, imu=imu(), range=reading(contacts=CLIFF)) is found
     if found:
         assert rule.evidence()[1] == {"by": "host"}
-        assert walk.step(200, imu=imu(), range=reading(contacts=CLIFF)), "lasts while there is no floor"
+        assert walk.step(200, imu=imu(), range=reading(contacts=CLIFF)), (
+            "lasts while there is no floor"
+        )
         assert not walk.step(1, imu=imu(), range=reading(contacts=LEFT))
 
 

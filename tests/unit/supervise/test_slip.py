@@ -36,7 +36,7 @@ def run_towards(  # noqa: PLR0913 - one parameter per option of a run
     turn_rad: float = 0.0,
     bend: float = 0.0,
 ) -> bool:
-    """Drive ahead; the range decreases by the share ``closing`` of the path. It has 25 Hz."""
+    """Drive ahead. The range, measured at 25 Hz, decreases by ``closing`` times the path."""
     ever = False
     made_m = 0.0
     step_m = speed_m_s * STEP_S
