@@ -110,7 +110,7 @@ def test_the_runs_are_worth_comparing() -> None:
     """The robot drives and sends all kinds of messages, and the faults have an effect."""
     received = here(11, faults=False)
     assert len(received) > 10_000
-    kinds = {event.spec.name for event in Link(Direction.HOST).receive(received, 0)}  # type: ignore[union-attr]  # all of them intact
+    kinds = {event.spec.name for event in Link(Direction.HOST).receive(received, 0)}  # type: ignore[union-attr]  # all frames are intact
     assert {"imu", "encoders", "range", "power", "status", "time_reply", "ack"} <= kinds
     assert here(11, faults=True) != received
 

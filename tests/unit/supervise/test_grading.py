@@ -44,7 +44,7 @@ class Run:
                 "last_frame_s": self.time_s,
                 "status": status(STALL if stalls else 0),
             }
-            inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # by name
+            inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # any field
             for reaction in self.supervisor.step(inputs):
                 self.printed.append((round(self.time_s - 50.0, 3), reaction))
         return [reaction.level for _, reaction in self.printed[begun:]]

@@ -81,7 +81,7 @@ def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
         snapshot = found.snapshot()
 
     operator = Operator(MODEL, DeadMan(0.3, 0.15))
-    operating = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # all of a pump that it asks
+    operating = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # has all that is used
     operating.message = "mark 1 recorded"
     lines = drawn(
         Dashboard(found.snapshot, EventLines(NullSink(), plain=False), operating), width, height
@@ -189,7 +189,7 @@ def test_keys_fit_their_line() -> None:
         host = None
 
     operator = Operator(MODEL, DeadMan(0.3, 0.15))
-    keys = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # asked for help alone
+    keys = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # only help is used
     for width in (58, 60, 80, 120):
         assert len(keys.help(width)) <= width
         assert "STOP" in keys.help(width)

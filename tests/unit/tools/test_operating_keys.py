@@ -66,7 +66,7 @@ class KeysAtRest:
             MODEL, DeadMan(0.3, 0.2), make_plan=lambda: PlanRunner(Straight(), MODEL)
         )
         self.gone_on = 0
-        self.keys = Operating(self.loop, operator, on_resume=self._on_resume)  # type: ignore[arg-type]  # as much of a pump as is used
+        self.keys = Operating(self.loop, operator, on_resume=self._on_resume)  # type: ignore[arg-type]  # has all that is used
 
     def _on_resume(self) -> None:
         self.gone_on += 1

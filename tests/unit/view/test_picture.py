@@ -182,7 +182,7 @@ def test_the_track(tmp_path: Path) -> None:
     assert track.plan is not None
     assert track.plan.obstacles == PLAN.obstacles
     assert len(track.truth) == len(track.estimate) == 300
-    assert track.truth[0] == (0.0, Pose2(0.3, 0.3, pytest.approx(0.1)))  # type: ignore[arg-type]  # nearly
+    assert track.truth[0] == (0.0, Pose2(0.3, 0.3, pytest.approx(0.1)))  # type: ignore[arg-type]  # approximate
     assert track.truth[-1][0] == pytest.approx(299 * 0.02)
     assert track.summary["outcome"] == "stopped"
     assert track.best == track.truth

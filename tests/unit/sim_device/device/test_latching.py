@@ -126,7 +126,7 @@ def test_a_3_s_stall_and_its_burst_move_nothing() -> None:
 
 
 def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
-    """In a stall of 0.9 s the session and the mode continue; setpoints are rejected by age alone."""
+    """A stall of 0.9 s ends neither session nor mode. Only their age rejects the setpoints."""
     bench = LoneDevice()
     bench.free()
     bench.run(1.0, bench.drive)

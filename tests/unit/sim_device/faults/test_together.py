@@ -82,7 +82,7 @@ def test_without_faults_a_straight_line_adds_no_delay() -> None:
         sent.append((now_us, data))
         return step(data, now_us)
 
-    with_rig.step = taped  # type: ignore[method-assign]  # a tap on the wire
+    with_rig.step = taped  # type: ignore[method-assign]  # records the input
     drive.run(3.0)
     out = [(at_us, bare.step(data, at_us)) for at_us, data in sent]
     assert [(at, data) for at, data in out if data] == drive.bytes

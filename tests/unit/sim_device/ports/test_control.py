@@ -1,4 +1,4 @@
-"""The emulator's control socket: idle clients do not keep others out."""
+"""The emulator's control socket: idle clients do not block other clients."""
 
 from __future__ import annotations
 
