@@ -1,4 +1,4 @@
-"""The same seed gives the same bytes: in another process, with another hash, with any steps."""
+"""Equal seeds give equal bytes, for any process, hash seed or step length."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MIXED_US = (1, 999, 20_000, 7, 13_337)
 
 
 def host_words(boot_id: int) -> list[tuple[int, bytes]]:
-    """Return a host's messages and times: handshake, enabling, three seconds of setpoints."""
+    """Return times and bytes of a host: handshake, enabling, and setpoints until 3 s."""
     link = Link(Direction.HOST)
     printed: list[tuple[int, bytes]] = []
 
@@ -50,7 +50,7 @@ def host_words(boot_id: int) -> list[tuple[int, bytes]]:
 
 
 def device_bytes(seed: int, *, faults: bool, steps_us: tuple[int, ...] = ()) -> bytes:
-    """Return all bytes of the device; also stepped at times without work."""
+    """Return all bytes of the device; ``steps_us`` adds steps without work."""
     device = VirtualSweeper(load_room("case-1"), seed=seed, noise="harsh")
     specs = [parse_fault(text) for text in FAULTS] if faults else []
     rig = Rig(device, LineSettings(), specs, seed=seed)
@@ -79,7 +79,7 @@ def here(seed: int, *, faults: bool) -> bytes:
 
 @cache
 def elsewhere(hash_seed: str) -> tuple[str, str]:
-    """Return digests of seed 11 with and without faults, made by another process."""
+    """Return the digests of seed 11 without and with faults, from another process."""
     program = (
         "import hashlib, runpy\n"
         f"found = runpy.run_path({str(Path(__file__))!r})['device_bytes']\n"
@@ -107,10 +107,10 @@ def test_another_process_gives_the_same(hash_seed: str) -> None:
 
 
 def test_the_runs_are_worth_comparing() -> None:
-    """The robot drives, with noise, and the faults have an effect."""
+    """The robot drives and sends all kinds of messages, and the faults have an effect."""
     received = here(11, faults=False)
     assert len(received) > 10_000
-    kinds = {event.spec.name for event in Link(Direction.HOST).receive(received, 0)}  # type: ignore[union-attr]  # all of them intact
+    kinds = {event.spec.name for event in Link(Direction.HOST).receive(received, 0)}  # type: ignore[union-attr]  # all frames are intact
     assert {"imu", "encoders", "range", "power", "status", "time_reply", "ack"} <= kinds
     assert here(11, faults=True) != received
 
@@ -121,5 +121,5 @@ def test_another_seed_gives_another_result(*, faults: bool) -> None:
 
 
 def test_the_step_length_changes_nothing() -> None:
-    """A real-time loop steps when it has time, a simulation when something is due."""
+    """Steps at arbitrary times, as in real time, give the same bytes as steps at deadlines."""
     assert device_bytes(11, faults=True, steps_us=MIXED_US) == here(11, faults=True)

@@ -1,4 +1,4 @@
-"""The truth is the emulator's own: its modules never load the host's estimation."""
+"""The emulator computes the true motion itself: it never loads the host's estimation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RECKONING = {
 
 
 def compiled_kernels() -> set[str]:
-    """Return every kernel of the device; ordinary modules may be compiled without being one."""
+    """Return every kernel of the device; other compiled modules are not kernels."""
     made = (source for source in kernels.sources() if not kernels.types(source).exists())
     names = {kernels.module_name(source) for source in made}
     return {name for name in names if name.startswith("sim_device.")}
@@ -41,7 +41,7 @@ def file_of(module: str) -> Path | None:
 
 
 def imports_of(source: str) -> set[str]:
-    """Return the modules and names that a source imports at run time, without those for types."""
+    """Return the modules and names that a source imports at run time, without typing imports."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
@@ -56,7 +56,7 @@ def imports_of(source: str) -> set[str]:
 
 
 def everything_behind(roots: set[str]) -> set[str]:
-    """Return all modules of this project that these load, directly or not."""
+    """Return all modules of this project that the roots load, directly or indirectly."""
     seen: set[str] = set()
     waiting = list(roots)
     while waiting:
@@ -85,7 +85,7 @@ def test_the_expected_figures_do_not_use_the_hosts_code(root: str) -> None:
 
 
 def test_the_expected_modules_exist() -> None:
-    """Without this test a renamed module would pass forever."""
+    """Otherwise, the test above would miss a renamed module."""
     for module in RECKONING:
         assert file_of(module) is not None, module
     assert everything_behind({"bridge.motion.estimation.estimator"}) & RECKONING

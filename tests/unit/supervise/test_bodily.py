@@ -1,4 +1,4 @@
-"""Tilt, contact and place of the robot: each condition at its limits."""
+"""The rules for tilt, contact and position of the robot, each at its limits."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_it_leans_beyond_its_limit(degrees: float, *, aside: bool, found: bool) 
 
 
 def test_a_shock_is_no_lean() -> None:
-    """The accelerometer is smoothed over 0.2 s; 20° for 40 ms becomes 3.8°."""
+    """The rule smooths the accelerometer over 0.2 s, so a tilt of 20° for 40 ms reads 3.8°."""
     walk = Walk(rule := Tilt(TiltRule(angle_deg=5.0)))
     walk.step(50, imu=imu())
     for _ in range(2):
@@ -81,11 +81,11 @@ def test_upside_down_is_a_lean() -> None:
 
 
 JOLT = round(G_LSB * (1.0 + 2.45 / 9.80665))
-"""Acceleration of a person's lift: 10 cm in 0.4 s, upwards for half of that time."""
+"""Acceleration, in LSB, for 0.2 s while a person lifts the robot by 10 cm in 0.4 s."""
 NO_JOLT = round(G_LSB * (1.0 + 1.45 / 9.80665))
 DROP = round(G_LSB * (1.0 - 2.45 / 9.80665))
 LIFT_STEPS = 10
-"""Number of steps of that acceleration: 0.2 s."""
+"""Number of control steps with the acceleration ``JOLT``: 0.2 s."""
 
 
 def jolt(walk: Walk, up: int, steps: int = LIFT_STEPS) -> None:
@@ -101,12 +101,14 @@ def test_a_jolt_and_no_floor_is_a_lift(up: int, *, found: bool) -> None:
     assert walk.step(1, imu=imu(), range=reading(contacts=CLIFF)) is found
     if found:
         assert rule.evidence()[1] == {"by": "host"}
-        assert walk.step(200, imu=imu(), range=reading(contacts=CLIFF)), "as long as it is up"
+        assert walk.step(200, imu=imu(), range=reading(contacts=CLIFF)), (
+            "lasts while there is no floor"
+        )
         assert not walk.step(1, imu=imu(), range=reading(contacts=LEFT))
 
 
 def test_a_jolt_of_long_ago_is_no_lift() -> None:
-    for steps, found in ((48, True), (55, False)):  # it fades for three steps
+    for steps, found in ((48, True), (55, False)):  # the smoothed jolt lasts for three more steps
         walk = Walk(Lifted())
         jolt(walk, JOLT)
         jolt(walk, G_LSB, steps)
@@ -114,7 +116,7 @@ def test_a_jolt_of_long_ago_is_no_lift() -> None:
 
 
 def test_vibration_and_a_bias_are_no_jolt() -> None:
-    """The vibration is 40 mg and the bias 100 mg, without floor under the sensor."""
+    """The bias is 100 mg, and the vibration is 120 mg or -60 mg. The floor is lost at step 151."""
     walk = Walk(Lifted())
     for number in range(200):
         up = round(G_LSB * (1.10 + (0.12 if number % 3 == 0 else -0.06)))
@@ -136,7 +138,7 @@ def test_the_device_reports_that_it_is_lifted() -> None:
     assert not walk.step(1, status=status(int(Fault.IMU)))
     jolt(walk, JOLT)
     rule.restart()
-    assert not walk.step(1, range=reading(contacts=CLIFF)), "the jolt is forgotten"
+    assert not walk.step(1, range=reading(contacts=CLIFF)), "a restart discards the jolt"
 
 
 # ---- bump --------------------------------------------------------------------------------
@@ -151,7 +153,7 @@ def test_count_of_bumps_in_the_window() -> None:
             assert not walk.step(4, range=reading())
     assert rule.evidence()[1] == {"count": 3, "window_s": 1.0, "held_s": 0.0}
     assert walk.step(39, range=reading())
-    assert not walk.step(2, range=reading()), "the first is a second ago"
+    assert not walk.step(2, range=reading()), "the first bump has left the window"
 
 
 def test_another_half_of_a_pressed_bumper_is_no_new_bump() -> None:
@@ -159,7 +161,7 @@ def test_another_half_of_a_pressed_bumper_is_no_new_bump() -> None:
     walk.step(1, range=reading(contacts=LEFT))
     assert not walk.step(1, range=reading(contacts=LEFT | RIGHT))
     assert not walk.step(1, range=reading(contacts=RIGHT))
-    assert not walk.step(1, range=reading(contacts=CLIFF)), "no floor is no bump"
+    assert not walk.step(1, range=reading(contacts=CLIFF)), "the cliff sensor is not a bumper"
     assert walk.step(1, range=reading(contacts=LEFT))
 
 
@@ -185,14 +187,14 @@ def test_the_same_reading_twice_is_one() -> None:
     rule.restart()
     walk.step(1, range=reading(contacts=LEFT))
     assert not walk.held
-    assert rule.evidence()[1]["count"] == 1, "the one before is forgotten"
+    assert rule.evidence()[1]["count"] == 1, "a restart discards the earlier contact"
     assert not walk.step(1, range=None)
 
 
 @pytest.mark.parametrize(
     ("made_m", "after_s", "counts"),
     [
-        # 6 cm/s for a quarter of a second are 15 mm, for a whole one 6 cm.
+        # At 6 cm/s the robot moves 15 mm in 0.25 s and 60 mm in 1 s.
         *((0.0039, 0.25, 2), (0.0041, 0.25, 1), (0.0149, 0.25, 1), (0.0151, 0.25, 2)),
         *((0.0299, 1.0, 1), (0.0301, 1.0, 2), (-0.01, 1.0, 2), (0.0, 1.0, 2)),
         *((0.004, 0.25, 2), (0.03, 1.0, 2)),
@@ -210,17 +212,17 @@ def test_a_touch_that_creeps_along_is_one(made_m: float, after_s: float, counts:
 
 
 def test_a_wall_that_is_followed_slowly_is_no_run_of_bumps() -> None:
-    """At 3 cm/s the switch closes every 0.3 s. Each contact is measured from the one before."""
+    """At 3 cm/s the switch closes every 0.3 s. Each contact continues the contact before it."""
     walk = Walk(rule := Bump(BumpRule()))
     for _ in range(100):
         walk.step(5, left_m=0.0006, right_m=0.0006, range=reading(contacts=LEFT))
         walk.step(10, left_m=0.0006, right_m=0.0006, range=reading())
     assert not walk.held
-    assert rule.evidence()[1]["count"] == 0, "the first was half a minute ago"
+    assert rule.evidence()[1]["count"] == 0, "the first bump was half a minute ago"
     walk.step(1, range=reading(contacts=LEFT))
     rule.restart()
     walk.step(1, left_m=0.01, right_m=0.01, range=reading(contacts=LEFT))
-    assert rule.evidence()[1]["count"] == 1, "nothing is known of a touch before"
+    assert rule.evidence()[1]["count"] == 1, "after a restart, a contact is a new bump"
 
 
 # ---- cliff -------------------------------------------------------------------------------
@@ -236,10 +238,10 @@ def test_no_floor_is_reported_and_driving_on_is_grave() -> None:
         grave.append(rule.grave)
         if steps == 12:
             assert rule.evidence()[1]["ahead_m"] == pytest.approx(0.048, abs=0.001)
-    assert grave == [False, False, True, True], "what was done is done"
+    assert grave == [False, False, True, True], "backing off does not undo the severity"
     held = [walk.step(1, range=reading()), walk.step(1, range=reading(contacts=CLIFF))]
     assert held == [False, True]
-    assert rule.evidence() == ("no floor ahead", {"ahead_m": 0.0}), "it begins anew"
+    assert rule.evidence() == ("no floor ahead", {"ahead_m": 0.0}), "the distance starts at 0 again"
 
 
 def test_backing_off_from_a_cliff_is_right() -> None:
@@ -270,14 +272,14 @@ def test_leaving_the_square_restarts_the_time(there: tuple[float, float]) -> Non
     walk.step(150)
     walk.step(1, pose=Pose2(*there, 0.0))
     assert not walk.step(199, pose=Pose2(*there, 0.0))
-    assert walk.step(3, pose=Pose2(*there, 0.0)), "from there on it stood"
+    assert walk.step(3, pose=Pose2(*there, 0.0)), "the robot stands still in the new place"
 
 
 def test_steps_back_and_forth_give_a_square_each() -> None:
     walk = Walk(rule := Progress(ProgressRule(window_s=1.0, min_side_m=0.1)))
     for x in (0.0, 0.06, -0.06):
         walk.step(10, pose=Pose2(x, 0.0, 0.0))
-    assert not walk.step(40, pose=Pose2(-0.06, 0.0, 0.0)), "0.12 m apart: it left the square"
+    assert not walk.step(40, pose=Pose2(-0.06, 0.0, 0.0)), "0.12 m is outside the square"
     rule.restart()
     assert not walk.step(49, pose=Pose2(-0.06, 0.0, 0.0))
     assert walk.step(3, pose=Pose2(-0.06, 0.0, 0.0))
@@ -291,7 +293,7 @@ def test_the_radius_is_around_the_first_place() -> None:
     assert rule.evidence()[1] == {"x_m": 5.8, "y_m": 5.8}
     assert "more than 1 m" in rule.evidence()[0]
     rule.restart()
-    assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0)), "the fence stands where it stood"
+    assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0)), "a restart does not move the fence"
 
 
 def test_without_a_fence_nothing_is_outside() -> None:
@@ -315,10 +317,7 @@ def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
 
 
 def test_an_oblique_fence() -> None:
-    """The fence is a triangle with its long side on y = 2 - x / 2.
-
-    The robot crosses it away from the corners.
-    """
+    """The long side of a triangular fence is on y = 2 - x / 2. The robot crosses this side."""
     corners = ((0.0, 0.0), (4.0, 0.0), (0.0, 2.0))
     for x, y, outside in ((2.0, 0.9, False), (2.0, 1.1, True), (3.0, 0.4, False), (3.0, 0.6, True)):
         assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside

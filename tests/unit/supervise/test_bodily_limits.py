@@ -1,4 +1,4 @@
-"""The conditions on the robot's body exactly at their limits."""
+"""The rules for tilt, contact and position of the robot, exactly at their limits."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ def test_no_single_finding_requires_the_second_reaction(rule: Condition, *, held
     assert rule.grave is False
     found = Walk(rule).step(1, range=reading(contacts=CLIFF), status=status(0xFFFF))
     assert found is held
-    assert rule.grave is False, "not at the first sight of it"
+    assert rule.grave is False, "the first finding is not severe"
 
 
 def test_a_tilt_equal_to_the_limit_is_allowed() -> None:
-    """Gravity is 4 of 5 upright and 3 across: the angle whose cosine is exactly 0.8."""
+    """Gravity has the components 4/5 (vertical) and 3/5 (forward), so the cosine is exactly 0.8."""
     rule = Tilt(TiltRule(angle_deg=math.degrees(math.acos(0.8))))
     walk = Walk(rule)
     sample = imu(3000, 0, 4000)
@@ -65,7 +65,7 @@ def test_a_tilt_equal_to_the_limit_is_allowed() -> None:
 
 
 def test_a_sample_counts_once_however_long_it_is_shown() -> None:
-    """Each sample of 20 ms moves the mean by a tenth of the way to 20°."""
+    """A sample after 20 ms moves the mean by a tenth of the difference to 20°."""
     walk = Walk(rule := Tilt(TiltRule(angle_deg=1.5)))
     walk.step(50, imu=imu())
     shock = leaning(20.0)
@@ -88,7 +88,7 @@ def test_an_accelerometer_gives_at_least_a_direction() -> None:
 def test_a_jolt_lasts_less_than_a_second() -> None:
     for gap_s, found in ((0.9999, True), (1.0, False)):
         walk = Walk(Lifted())
-        for step in range(-10, 1):  # for 0.2 s
+        for step in range(-10, 1):  # a jolt of 0.2 s
             walk.time_s = 0.02 * step
             walk.look(imu=imu(0, 0, JOLT), range=reading())
         walk.time_s = gap_s
@@ -140,7 +140,7 @@ def test_a_square_of_just_its_side_is_not_left() -> None:
     walk.time_s = 0.0
     for time_s, x, held in ((0.0, 0.0, False), (3.9, 0.75, False), (4.0, 0.75, False)):
         walk.time_s = time_s
-        assert walk.look(pose=Pose2(x, 0.0, 0.0)) is held, "a square of three quarters of a metre"
+        assert walk.look(pose=Pose2(x, 0.0, 0.0)) is held, "the side of the square is 0.75 m"
     walk.time_s = 4.0625
     assert walk.look(pose=Pose2(0.75, 0.0, 0.0))
     text, data = rule.evidence()
@@ -151,16 +151,16 @@ def test_a_square_of_just_its_side_is_not_left() -> None:
 def test_the_fence_acts_exactly_at_its_place() -> None:
     walk = Walk(rule := Fence(FenceRule(radius_m=1.0)))
     walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
-    assert not walk.step(1, pose=Pose2(6.0, 5.0, 0.0)), "a metre is not further than a metre"
+    assert not walk.step(1, pose=Pose2(6.0, 5.0, 0.0)), "a distance equal to the radius is inside"
     assert walk.step(1, pose=Pose2(6.1234, 5.5678, 0.0))
     assert rule.evidence()[1] == {"x_m": 6.123, "y_m": 5.568}
     walk = Walk(Fence(FenceRule()))
     walk.step(1, pose=Pose2(0.0, 0.0, 0.0))
-    assert not walk.step(1, pose=Pose2(9.0, 0.0, 0.0)), "no fence, and it has moved"
+    assert not walk.step(1, pose=Pose2(9.0, 0.0, 0.0)), "the robot moves, but there is no fence"
 
 
 def test_the_left_and_lower_side_of_a_fence_belong_to_it() -> None:
-    """Fences side by side then leave no gap, and a corner's height is no special place."""
+    """Adjacent fences therefore leave no gap. Points level with a corner need no special rule."""
     corners = ((0.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (1.0, 3.0), (0.0, 3.0))
     for x, y, outside in (
         *((0.0, 1.5, False), (2.0, 1.5, True), (1.5, 1.0, False), (0.5, 3.0, True)),

@@ -1,4 +1,4 @@
-"""The device's claims about its motion, compared with measurements."""
+"""The phase that the device reports, compared with its measured motion."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_straight_run_does_not_bend(phase: PlannerPhase, rate: float, *, found
     device = started("recovery")
     device.emit_state(planner(phase))
     device.go(110, CRUISE_M, rate=rate)
-    assert device.found == [], "an outline is a lane too, to the wire"
+    assert device.found == [], "the protocol reports a perimeter pass as a lane too"
 
 
 def test_recovery_phases_may_do_anything() -> None:

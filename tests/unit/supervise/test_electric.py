@@ -1,4 +1,4 @@
-"""The device's reports about itself: each condition at its limits, and its end."""
+"""The rules for stall, battery, silence, sensors and reset, each at its limits."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def test_a_wheel_that_stands_under_current_stalls() -> None:
     walk.step(10, right_m=0.002, power=first)
     assert walk.step(1, power=second)
     assert rule.evidence()[1] == {"by": "host", "side": "left", "current_a": 0.5}
-    assert walk.step(9, power=second), "until the next reading"
+    assert walk.step(9, power=second), "the finding lasts until the next reading"
     assert not walk.step(1, power=power(left_a=0.48))
 
 
 @pytest.mark.parametrize(("path_m", "stands"), [(0.00385, True), (0.0043, False)])
 def test_a_wheel_stands_below_2_cm_s(path_m: float, *, stands: bool) -> None:
-    """The limit is 4 mm between two readings at 5 Hz, in either direction, on either side."""
+    """The limit is 4 mm between two readings at 5 Hz. It applies to both wheels and directions."""
     for side, sign in (("left_m", 1), ("left_m", -1), ("right_m", 1), ("right_m", -1)):
         walk = Walk(rule := stall())
         first = power()
@@ -57,7 +57,7 @@ def test_ways_are_counted_from_one_reading_to_the_next() -> None:
     walk.step(10, left_m=0.002, right_m=0.002, power=first)
     assert not walk.step(1, power=second)
     walk.step(9, power=second)
-    assert walk.step(1, power=power(left_a=1.0)), "it stood since the second reading"
+    assert walk.step(1, power=power(left_a=1.0)), "the wheel has not moved since the second reading"
 
 
 def test_the_first_reading_has_no_effect() -> None:
@@ -83,7 +83,7 @@ def battery() -> Battery:
 
 
 def drain(walk: Walk, volts: float, seconds: float) -> bool:
-    """Give readings at 5 Hz."""
+    """Send readings of this voltage at 5 Hz."""
     for _ in range(round(5 * seconds)):
         walk.step(10, power=power(volts))
     return walk.held
@@ -126,8 +126,8 @@ def test_the_device_reports_that_it_is_low() -> None:
     drain(walk, 11.0, 1.0)
     rule.restart()
     assert not rule.grave
-    assert not walk.step(1), "nothing is known of it again"
-    assert drain(walk, 11.0, 0.2), "the first reading is taken as it is"
+    assert not walk.step(1), "a restart discards the voltage"
+    assert drain(walk, 11.0, 0.2), "the first reading after a restart is not smoothed"
 
 
 # ---- silence -----------------------------------------------------------------------------
@@ -153,7 +153,7 @@ def test_a_stream_that_ends(kind: type[Encoders | Imu | Range | Status | Power])
     assert walk.look(arrived_s={**others, kind: walk.time_s - 1.02})
     assert rule.evidence()[1] == {"stream": kind.__name__.lower(), "for_s": 1.02}
     del others[kind]
-    assert not walk.look(arrived_s=others), "a stream that never was has not ended"
+    assert not walk.look(arrived_s=others), "a stream that never started is not silent"
     rule.restart()
     assert not walk.look(arrived_s=others)
 
@@ -174,7 +174,7 @@ def test_sensor_reports_of_the_device(fault: Fault) -> None:
 
 
 def test_registers_that_do_not_change_while_the_wheels_turn() -> None:
-    """The robot turns on the spot for a second at 0.25 rad/s."""
+    """The robot turns in place for a second at 0.25 rad/s."""
     walk = Walk(rule := Sensor())
     path_m = 0.5 * 0.23 * 0.25 * STEP_S
     walk.step(1, imu=imu(mark=1))
@@ -202,7 +202,7 @@ def test_another_boot_is_a_reset() -> None:
     assert walk.step(1, boot_id=8)
     assert rule.evidence()[1] == {"boot_id": "8", "was": "7"}
     rule.restart()
-    assert walk.step(1, boot_id=8), "the boot that was watched is another"
+    assert walk.step(1, boot_id=8), "the supervised boot was 7"
     assert not walk.step(1, boot_id=7)
 
 
@@ -217,10 +217,7 @@ def test_no_single_finding_requires_the_second_reaction(rule: Condition) -> None
 
 
 def test_a_wheel_that_makes_4_mm_does_not_stand() -> None:
-    """The distance is made in one step, so that the sum is exact.
-
-    The test sets the measured values.
-    """
+    """The test sets the whole distance in one step, so that it is exact."""
     for path_m, stands in ((0.004, False), (0.00399, True)):
         rule, measured = stall(), Measured(MODEL)
         inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, power=power())
@@ -236,7 +233,7 @@ def test_of_two_stalled_wheels_the_greater_current_is_reported() -> None:
     text, data = rule.evidence()
     assert text == "the left and right wheel stands still while its motor draws 0.9 A"
     assert data == {"by": "host", "side": "left and right", "current_a": 0.86}
-    assert walk.step(1, power=None), "no newer reading"
+    assert walk.step(1, power=None), "there is no newer reading"
 
 
 def test_at_its_limits_the_battery_is_neither_low_nor_empty() -> None:
@@ -274,7 +271,7 @@ def test_a_device_is_silent_only_after_its_time() -> None:
 
 
 def test_registers_stand_still_for_a_second_of_turning() -> None:
-    """The steps of an eighth of a second add up exactly; the rate is above 0.2 rad/s."""
+    """Steps of 0.125 s add up exactly. A turn of 0.025 rad in one step is 0.2 rad/s, the limit."""
     sample, measured = imu(), Measured(MODEL)
     inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, imu=sample)
     measured.step_s = 0.125

@@ -1,4 +1,4 @@
-"""From conditions over time to reactions: their delay, severity and end."""
+"""The reactions to conditions over time: delay, severity and end."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STALL = int(Fault.MOTOR_STALL)
 
 
 class Run:
-    """A supervised robot whose status reports a stall: the simplest condition."""
+    """A supervised robot whose status can report a stall, the simplest condition."""
 
     def __init__(self, **rules: object) -> None:
         quiet = {name: {"reaction": "off"} for name in SuperviseSettings().rules}
@@ -33,7 +33,7 @@ class Run:
         self.printed: list[tuple[float, Reaction]] = []
 
     def go(self, seconds: float, *, stalls: bool = False, **values: object) -> list[Level]:
-        """Run steps of 20 ms; return the levels of the alarms."""
+        """Run steps of 20 ms; return the levels of the reactions."""
         begun = len(self.printed)
         for _ in range(round(seconds / STEP_S)):
             self.time_s += STEP_S
@@ -44,7 +44,7 @@ class Run:
                 "last_frame_s": self.time_s,
                 "status": status(STALL if stalls else 0),
             }
-            inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # by name
+            inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # any field
             for reaction in self.supervisor.step(inputs):
                 self.printed.append((round(self.time_s - 50.0, 3), reaction))
         return [reaction.level for _, reaction in self.printed[begun:]]
@@ -63,7 +63,7 @@ def test_the_condition_must_hold_for_its_time() -> None:
     assert run.go(0.5, stalls=True) == []
     assert run.go(0.04, stalls=True) == [Level.PAUSE]
     assert run.times == [pytest.approx(0.52, abs=0.021)]
-    assert run.go(5.0, stalls=True) == [], "once for an occasion"
+    assert run.go(5.0, stalls=True) == [], "there is one reaction to one occurrence"
 
 
 def test_an_interruption_restarts_the_time() -> None:
@@ -87,8 +87,8 @@ def test_a_short_pause_of_the_condition_is_the_same_occasion() -> None:
     run = Run(stall=stall("report", 0.0, "stop", 2.0))
     run.go(0.5, stalls=True)
     run.go(0.96)
-    assert run.go(0.5, stalls=True) == [], "still the first occasion"
-    assert run.go(0.3, stalls=True) == [Level.STOP], "2 s after the command"
+    assert run.go(0.5, stalls=True) == [], "the first occurrence continues"
+    assert run.go(0.3, stalls=True) == [Level.STOP], "2 s after the first reaction"
 
 
 def test_after_a_calm_second_it_is_a_new_occasion() -> None:
@@ -116,7 +116,7 @@ def test_a_grave_condition_is_answered_at_once() -> None:
     run = Run(cliff=cliff)
     on_edge = reading(contacts=int(Contact.CLIFF))
     assert run.go(0.4, range=on_edge) == []
-    # It drives on: grave.
+    # The robot drives on, which makes the condition severe.
     run.go(0.02, range=on_edge)
     printed: list[Level] = []
     for count in range(10):
@@ -159,10 +159,10 @@ def test_a_pause_holds_until_a_person_ends_it() -> None:
     for seconds, stalls in ((0.1, True), (30.0, False)):
         run.go(seconds, stalls=stalls)
         holding.append(run.supervisor.holding)
-    assert holding == [False, True, True], "never by itself"
+    assert holding == [False, True, True], "a pause does not end by itself"
     run.supervisor.resume(run.time_s)
     assert not run.supervisor.holding
-    assert run.go(0.1, stalls=True) == [Level.PAUSE], "judged anew"
+    assert run.go(0.1, stalls=True) == [Level.PAUSE], "after a resume, the rule reacts again"
 
 
 def test_a_pause_without_an_answer_becomes_a_stop() -> None:
@@ -175,14 +175,14 @@ def test_a_pause_without_an_answer_becomes_a_stop() -> None:
     assert reaction.kind == "pause"
     assert at_s - paused_s == pytest.approx(60.0, abs=0.05)
     assert not run.supervisor.holding
-    assert run.go(100.0) == [], "once"
+    assert run.go(100.0) == [], "there is one stop"
 
 
 def test_a_second_pause_does_not_restart_the_time() -> None:
     run = Run(stall=stall("pause", 0.0, "pause", 1.0))
     run.go(0.1, stalls=True)
     run.go(40.0)
-    assert run.go(0.1, stalls=True) == [Level.PAUSE], "another occasion"
+    assert run.go(0.1, stalls=True) == [Level.PAUSE], "this is a new occurrence"
     assert run.go(19.5) == []
     assert run.go(0.6) == [Level.STOP]
 
@@ -211,7 +211,7 @@ def test_restart_resets_occasions_and_references() -> None:
     run.supervisor.restart()
     assert run.go(0.48, stalls=True) == []
     run.go(0.02, range=reading(contacts=1))
-    assert run.printed == [], "the bump before is forgotten, and so was half a second of stalling"
+    assert run.printed == [], "a restart discards the earlier bump and the earlier stall"
 
 
 def test_a_gap_between_steps_resets_the_odometry() -> None:
@@ -219,10 +219,10 @@ def test_a_gap_between_steps_resets_the_odometry() -> None:
     run.go(0.02, encoders=Encoders(0, 0))
     run.time_s += 0.29
     run.go(0.02, encoders=Encoders(0, 1000))
-    assert run.printed == [], "0.31 s"
+    assert run.printed == [], "the step took 0.31 s, so the motion is unknown"
     run.time_s += 0.2
     run.go(0.02, encoders=Encoders(0, 3000))
-    assert len(run.printed) == 1, "0.22 s: a rim that leads by 26 cm"
+    assert len(run.printed) == 1, "in a step of 0.22 s, one wheel leads by 26 cm"
 
 
 def test_a_gap_resets_the_slip() -> None:
@@ -236,7 +236,7 @@ def test_a_gap_resets_the_slip() -> None:
 
 
 def test_every_rule_is_evaluated() -> None:
-    """Each rule raises an alarm for its own cause alone."""
+    """Each rule reacts to its own cause."""
     causes: dict[str, dict[str, object]] = {
         "stall": {"status": status(STALL)},
         "lifted": {"status": status(int(Fault.LIFTED))},
@@ -297,11 +297,11 @@ def test_a_robot_at_rest_is_left_in_peace() -> None:
     assert (supervisor.factor, supervisor.holding) == (1.0, False)
 
 
-# ---- exactly at the limit: steps of a quarter of a second, which add up exactly ----------------
+# ---- exactly at the limit: steps of 0.25 s add up exactly --------------------------------------
 
 
 def quarters(run: Run, levels: str) -> list[str]:
-    """Run one step for each character, with a stall at ``x``; return the alarms by step."""
+    """Run one step for each character; ``x`` is a stall. Return the reactions of each step."""
     printed = []
     for stalls in levels:
         run.time_s += 0.25 - STEP_S
@@ -313,9 +313,9 @@ def test_a_calm_second_is_a_whole_one() -> None:
     run = Run(stall=stall("report", 0.0, "report", 1.0))
     run.time_s = 0.0
     assert quarters(run, "x...x") == ["R", "", "", "", ""], (
-        "held again after 1 s, seen calm for 0.75"
+        "1 s after the stall, but calm for only 0.75 s"
     )
-    assert quarters(run, "....x") == ["", "", "", "", "R"], "seen calm for 1 s"
+    assert quarters(run, "....x") == ["", "", "", "", "R"], "calm for 1 s"
 
 
 def test_a_lasting_condition_is_answered_after_its_time() -> None:
@@ -331,10 +331,7 @@ def test_a_pause_may_last_its_whole_limit() -> None:
 
 
 def test_a_step_of_0_3_s_is_no_gap() -> None:
-    """The right rim leads by 26 cm.
-
-    The motion is known for a step of 0.3 s, and unknown for a longer one.
-    """
+    """The right wheel leads by 26 cm. In a step longer than 0.3 s the motion is unknown."""
     for gap_s, printed in ((0.3, 1), (0.3001, 0)):
         supervisor = Supervisor(
             MODEL, settings_from({"slip": {"reaction": "report", "after_s": 0.0}})
@@ -388,7 +385,7 @@ def test_a_robot_that_was_moved_by_hand_has_not_slipped() -> None:
 
 
 def test_a_gap_ends_a_run_towards_an_echo() -> None:
-    """Half a metre in one run is evidence; two runs of 0.25 m are not."""
+    """A run of 0.5 m shows the slip; two runs of 0.25 m are too short."""
     for gap_s, printed in ((0.0, 1), (1.0, 0)):
         run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
         count = 0

@@ -1,4 +1,4 @@
-"""Values computed from counts and gyro for all rules at once, compared with eq. 3."""
+"""The values that all rules share: motion from encoder counts and gyro, by eq. 3."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_counts_wrap_at_16_bits_in_both_directions() -> None:
 def test_the_turn_is_the_gyros() -> None:
     walk = Walk()
     walk.step(1, yaw_rate_rad_s=0.5)
-    assert walk.measured.turn_rad == 0.0, "what was before the first step is not known"
+    assert walk.measured.turn_rad == 0.0, "the motion before the first step is unknown"
     assert walk.measured.step_s == 0.0
     walk.step(50, yaw_rate_rad_s=0.5)
     assert walk.measured.turn_rad == pytest.approx(0.5)
@@ -65,7 +65,7 @@ def test_a_gap_is_not_known() -> None:
     assert walk.measured.distance_m == walk.measured.turn_rad == walk.measured.slip_m_s == 0.0
     walk.time_s += 0.3 - STEP_S
     walk.step(1, left_m=100 * PER_COUNT_M, right_m=100 * PER_COUNT_M, yaw_rate_rad_s=1.0)
-    assert walk.measured.step_s == pytest.approx(0.3), "just short enough"
+    assert walk.measured.step_s == pytest.approx(0.3), "0.3 s is the longest valid step"
     assert walk.measured.distance_m == pytest.approx(100 * PER_COUNT_M)
     assert walk.measured.turn_rad == pytest.approx(0.3)
 
@@ -94,19 +94,19 @@ def test_slip_is_the_wheels_turn_minus_the_gyros_smoothed_over_0_3_s() -> None:
     walk.step(400, right_m=20 * PER_COUNT_M)
     assert walk.measured.slip_m_s == pytest.approx(rim_m_s, rel=1e-3)
     walk.step(400, right_m=20 * PER_COUNT_M, yaw_rate_rad_s=rim_m_s / 0.23)
-    assert walk.measured.slip_m_s == pytest.approx(0.0, abs=1e-5), "the gyro says so too"
+    assert walk.measured.slip_m_s == pytest.approx(0.0, abs=1e-5), "the gyro measures the same turn"
     walk.step(400, left_m=20 * PER_COUNT_M)
     assert walk.measured.slip_m_s == pytest.approx(-rim_m_s, rel=1e-3)
 
 
 @pytest.mark.parametrize("late_s", [-0.020, -0.010, 0.0, 0.010, 0.020])
 def test_samples_that_come_late_are_no_slip(late_s: float) -> None:
-    """A turn of 1.8 rad/s reverses at 5.5 rad/s². The counts are this old."""
+    """A turn of 1.8 rad/s reverses at 5.5 rad/s². The counts lag the gyro by ``late_s``."""
     measured, slips = Measured(MODEL), []
     for seen in swing(late_s, slip_m_s=0.0):
         measured.step(seen)
         slips.append(measured.slip_m_s)
-    assert max(map(abs, slips)) < 0.004, "a quarter of the rule's limit; a count is 0.13 mm"
+    assert max(map(abs, slips)) < 0.004, "a quarter of the rule's limit of 15 mm/s"
 
 
 @pytest.mark.parametrize("slip_m_s", [0.03, -0.03])
@@ -118,7 +118,7 @@ def test_slip_is_detected_despite_late_samples(slip_m_s: float) -> None:
 
 
 def swing(late_s: float, slip_m_s: float) -> Iterator[RuleInputs]:
-    """Yield two turns, one after the other, and half a second of steady yaw rate."""
+    """Yield a turn of 1.8 rad/s and then a reversed turn, which ends at a constant yaw rate."""
     fine_s, yaw_rate = 0.001, 0.0
     rates = [0.0] * 100
     for wanted, seconds in ((1.8, 0.9), (-0.6, 0.5), (-0.6, 1.5)):
@@ -155,15 +155,12 @@ def test_restart_resets_the_state() -> None:
     assert (m.distance_m, m.travel_m, m.turn_rad, m.slip_m_s, m.step_s) == (0.0,) * 5
     assert (m.left_m, m.right_m, m.wheel_turn_rad, m.new_range) == (0.0, 0.0, 0.0, False)
     walk.step(1, left_m=0.1)
-    assert walk.measured.distance_m == 0.0, "the reference is forgotten too"
+    assert walk.measured.distance_m == 0.0, "a restart discards the reference counts"
     assert walk.measured.step_s == 0.0
 
 
 def test_the_longest_step_that_counts_is_0_3_s() -> None:
-    """Step and counts are exactly at the limit.
-
-    Times begin at 0, so that the difference is exact.
-    """
+    """The times begin at 0, so that the time differences are exact."""
     for limit_s, way in ((0.3, 40.0), (0.3000001, 0.0)):
         measured = Measured(MODEL)
         for time_s, counts in ((0.0, 0), (limit_s, 40)):
@@ -173,7 +170,7 @@ def test_the_longest_step_that_counts_is_0_3_s() -> None:
 
 
 def test_counts_may_be_old_though_steps_are_not() -> None:
-    """The age of the last counts starts at their arrival, however often they are repeated."""
+    """Repeated counts keep the time of their first arrival."""
     for steps, way in ((15, 30.0), (16, 0.0)):
         measured = Measured(MODEL)
         first = Encoders(0, 0)
@@ -211,7 +208,7 @@ def test_a_gap_ends_the_slip_that_was() -> None:
 
 
 def test_a_step_of_0_3_s_is_not_smoothed() -> None:
-    """The step equals the time constant of the slip's smoothing."""
+    """A step of 0.3 s equals the time constant of the smoothed slip."""
     measured = Measured(MODEL)
     measured.step(_step(0.0, encoders=Encoders(0, 0)))
     measured.step(_step(0.3, encoders=Encoders(0, 300)))

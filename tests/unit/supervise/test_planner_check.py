@@ -1,4 +1,4 @@
-"""The check of the device's planner: what it must and must not find at a decision."""
+"""The check of the device's planner: the decisions that it must and must not report."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_each_lane_counts_from_its_own_beginning() -> None:
 
 
 def test_the_estimate_may_be_right_where_the_wheels_are_not() -> None:
-    """After a bump the wheels turn on; the estimate ignores their path, and D agrees with it."""
+    """After a bump the wheels still turn. D agrees with the estimate, which ignores this motion."""
     device = started()
     device.emit_state(planner(LANE))
     device.go(200, CRUISE_M)
@@ -78,7 +78,7 @@ def test_the_estimate_may_be_right_where_the_wheels_are_not() -> None:
     device.go(100, CRUISE_M)
     device.emit_state(planner(TURN, distance=500, previous=500, case=0))
     device.go(10)
-    assert len(device.found) == 1, "now both say 0.4 m"
+    assert len(device.found) == 1, "wheels and estimate both give 0.4 m"
 
 
 def test_the_estimated_path_is_along_the_lane() -> None:
@@ -103,7 +103,7 @@ def test_a_lane_that_slipped_or_pushed_is_uncertain() -> None:
     device.go(30)
     device.emit_state(planner(TURN, distance=900, previous=900, case=1))
     device.go(20)
-    assert device.found == [], "a wheel slipped by 6 cm/s for 5 s"
+    assert device.found == [], "a wheel slips by 6 cm/s for 5 s"
     device = started()
     device.emit_state(planner(LANE))
     device.go(225, CRUISE_M)
@@ -113,14 +113,14 @@ def test_a_lane_that_slipped_or_pushed_is_uncertain() -> None:
     device.follow_pose = False
     device.emit_state(planner(TURN, distance=900, previous=900, case=1))
     device.go(10)
-    assert device.found == [], "the last 10 cm it pushed against something"
+    assert device.found == [], "the robot pushes an obstacle over the last 10 cm"
     device = started()
     device.emit_state(planner(LANE))
     device.contacts = int(Contact.CLIFF)
     device.go(250, CRUISE_M, lead_m=0.0001)
     device.emit_state(planner(TURN, distance=900, previous=900, case=1))
     device.go(10)
-    assert len(device.found) == 1, "a cliff is no push, and 5 mm/s between the rims no slip"
+    assert len(device.found) == 1, "a cliff is not a push; 5 mm/s is not slip"
 
 
 def test_uncertainty_belongs_to_one_lane() -> None:
@@ -159,7 +159,7 @@ def test_after_a_gap_the_devices_figures_are_taken_over() -> None:
     device.go(425, CRUISE_M)
     device.emit_state(planner(TURN, turns=5, distance=1700, previous=1700, case=1))
     device.go(20, rate=0.8)
-    assert device.found == [], "and the lane after it is judged as ever"
+    assert device.found == [], "the next lane is valid"
 
 
 def test_a_gap_within_a_lane_leaves_its_beginning_unknown() -> None:
@@ -245,7 +245,7 @@ def test_the_case_follows_from_d_prev_d_and_phi(distance: int, case: int) -> Non
 
 @pytest.mark.parametrize("distance", [1020, 980, 1021, 979])
 def test_at_a_limit_either_case_may_be_right(distance: int) -> None:
-    """Both figures are rounded to a millimetre."""
+    """Both distances are rounded to a millimetre, so the limit is uncertain."""
     for reported in (0, 1):
         device = swept(1.0)
         device.lane(
@@ -261,7 +261,7 @@ def test_the_first_lane_is_case_1() -> None:
     assert device.data["expected"] == 1
     device = swept(0.0)
     device.lane(1.0, planner(TURN, turns=1, distance=1000, previous=1000, case=3, length=8))
-    assert device.found == [], "a D of 0 is a lane too"
+    assert device.found == [], "a lane with D = 0 counts as the previous lane"
 
 
 @pytest.mark.parametrize(
@@ -269,7 +269,7 @@ def test_the_first_lane_is_case_1() -> None:
     [(3, 24, False), (3, 25, True), (3, 23, True), (0, 0, False), (0, 1, True), (40, 255, False)],
 )
 def test_length_is_w_times_t(turns: int, length: int, *, found: bool) -> None:
-    """W is 0.16 m, the wire's step 0.02 m; 255 says 5.1 m or more."""
+    """W is 0.16 m. The message has steps of 0.02 m, and 255 means 5.1 m or more."""
     device = swept(1.0, turns=turns and 1)
     for now in range(2, turns + 1):
         device.emit_state(planner(TURN, turns=now, distance=1000, previous=1000, case=1))

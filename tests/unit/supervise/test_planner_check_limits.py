@@ -29,7 +29,7 @@ START = Pose2(0.0, 0.0, 0.0)
 
 
 class Hand:
-    """A check whose odometry is set by the test."""
+    """A planner check with odometry that the test sets."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Hand:
         return self.planner_check.holds(inputs, self.measured)
 
     def lane(self, path_m: float, after: PlannerState, before: PlannerState | None = None) -> bool:
-        """Drive a lane from 0 on, by the odometry; the estimate does not move."""
+        """Drive a lane that starts at an odometry of 0; the estimated pose does not move."""
         turn, lane = (
             PlannerState(phase, *tuple(before or planner(LANE))[1:]) for phase in (TURN, LANE)
         )
@@ -82,7 +82,7 @@ def test_nothing_is_grave_and_nothing_held_without_a_planner() -> None:
 
 @pytest.mark.parametrize(("path_m", "found"), [(1.0, False), (1.0001, True)])
 def test_d_may_be_off_by_its_limit(path_m: float, *, found: bool) -> None:
-    """The limit is an eighth of a metre, and 0.875 m is reported."""
+    """The limit is 0.125 m, and the device reports 0.875 m."""
     hand = Hand(distance_m=0.125)
     after = planner(TURN, distance=875, previous=875, case=1)
     assert hand.lane(path_m, after) is found
@@ -118,7 +118,7 @@ def test_a_lane_begins_where_the_odometry_was() -> None:
 
 
 def test_the_estimated_path_is_along_any_heading() -> None:
-    """By 3-4-5 the robot moves half a metre along the lane, whatever the lateral distance."""
+    """The robot moves 0.5 m along the lane (0.3 m in x, 0.4 m in y). Lateral motion is ignored."""
     hand = Hand()
     start = Pose2(2.0, 3.0, 0.9272952180016122)  # atan2(4, 3)
     hand.at(0.0, planner(TURN), start)
@@ -142,10 +142,7 @@ def test_the_estimated_path_is_along_any_heading() -> None:
 def test_slip_and_push_make_part_of_the_path_uncertain(
     slip_m_s: float, contacts: int | None, *, found: bool
 ) -> None:
-    """D is 9 cm off.
-
-    3 cm are allowed, and 6.25 cm are uncertain by slip for 0.25 s or by a push.
-    """
+    """D is wrong by 9 cm, and 3 cm are allowed. Slip for 0.25 s or a push adds up to 6.25 cm."""
     hand = Hand()
     hand.at(0.0, planner(TURN))
     hand.at(0.25, planner(LANE))
@@ -158,7 +155,7 @@ def test_slip_and_push_make_part_of_the_path_uncertain(
 
 
 def test_a_slip_inflates_from_its_limit_on() -> None:
-    """The slip is 2 s of 12 mm/s (2.4 cm), and slightly more."""
+    """Slip of 12 mm/s for 2 s (2.4 cm) is ignored; slightly more slip makes D uncertain."""
     for slip_m_s, found in ((0.012, True), (0.01201, False)):
         hand = Hand()
         hand.at(0.0, planner(TURN))
@@ -227,7 +224,7 @@ def test_a_lane_after_one_of_no_length_is_not_the_first(before: PlannerState) ->
 @pytest.mark.parametrize(
     ("distance", "cases"),
     [
-        # Φ is 0.32 m: reported to a millimetre, 0.321 m less may be slightly more, or less.
+        # Φ is 0.32 m. D is rounded to a millimetre, so both cases are valid up to 0.321 m.
         *((680, {0, 2}), (679, {0, 2}), (678, {2}), (682, {0})),
         *((1320, {0, 3}), (1321, {0, 3}), (1322, {3}), (1318, {0})),
         *((1020, {0, 1}), (1021, {0, 1}), (1022, {0}), (1018, {1})),
@@ -245,7 +242,7 @@ def test_every_limit_of_a_case(distance: int, cases: set[int]) -> None:
 
 @pytest.mark.parametrize(("equal_m", "cases"), [(0.25, {0, 1}), (0.2489, {0})])
 def test_equal_may_differ_by_its_limit(equal_m: float, cases: set[int]) -> None:
-    """The values are exactly a quarter of a metre apart, minus the millimetre of rounding."""
+    """The distances differ by 0.25 m. Rounding may account for 1 mm of the difference."""
     before = planner(LANE, turns=1, distance=1000, previous=1000, case=1)
     for case in (0, 1):
         hand = Hand(equal_m=equal_m)
@@ -256,8 +253,8 @@ def test_equal_may_differ_by_its_limit(equal_m: float, cases: set[int]) -> None:
 @pytest.mark.parametrize(
     ("width_m", "length", "found"),
     [
-        # Three times 0.15 m is 0.45 m, between two steps of the wire; 0.3702 m is reported in steps
-        # of 2 cm.
+        # Length is reported in steps of 2 cm. 3 · 0.15 m = 0.45 m is between two steps, and
+        # 3 · 0.1234 m = 0.3702 m is near a step.
         *((0.15, 22, False), (0.15, 23, False), (0.15, 24, True), (0.15, 21, True)),
         *((0.1234, 19, False), (0.1234, 18, False), (0.1234, 20, True)),
     ],
@@ -282,7 +279,7 @@ def test_planners_without_lanes_may_bend() -> None:
 @pytest.mark.parametrize(
     ("phase", "path_m", "turn_rad", "wrong"),
     [
-        # Claims are tested over 2 s: 6 cm and 0.3 rad at rest, 12 cm in a turn, 1.2 rad in a lane.
+        # Limits in 2 s: 6 cm and 0.3 rad at rest, 12 cm in a turn, 1.2 rad in a lane.
         *((PAUSED, 0.06, 0.3, ""), (PAUSED, 0.0601, 0.0, "moves"), (PAUSED, 0.0, 0.301, "moves")),
         *((PAUSED, 0.0, -0.301, "moves"), (TURN, 0.12, 3.0, ""), (TURN, 0.1201, 3.0, "drives")),
         *((LANE, 0.4, 1.2, ""), (LANE, 0.4, -1.201, "turns"), (STEP, 0.1, 1.201, "turns")),
@@ -301,7 +298,7 @@ def test_tolerance_of_a_claim(phase: int, path_m: float, turn_rad: float, wrong:
 
 
 def test_a_longer_time_between_tests_allows_more() -> None:
-    """4 s at rest allow 12 cm. An interval that was tested is not counted again."""
+    """12 cm are allowed in 4 s at rest. A tested interval does not count again."""
     hand = Hand(motion_s=2.0)
     hand.at(0.0, reported := planner(PAUSED))
     hand.measured.travel_m = 0.12
@@ -322,5 +319,5 @@ def test_a_new_claim_is_tested_from_its_beginning() -> None:
     hand.measured.travel_m, hand.measured.turn_rad = 0.5, 1.0
     assert hand.at(1.5, reported := planner(PAUSED)) is False
     assert hand.at(3.4, reported) is False
-    assert hand.at(3.5, reported) is False, "it stands since it says so"
+    assert hand.at(3.5, reported) is False, "the robot stands still since it reports a pause"
     assert hand.at(5.5, planner(PAUSED)) is False

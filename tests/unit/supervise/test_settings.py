@@ -1,4 +1,4 @@
-"""Supervision rules in a robot file, and in one option."""
+"""Supervision rules in a robot file and as a command-line option."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_an_option_is_checked_like_the_file() -> None:
 
 
 def test_the_defaults_as_the_page_has_them() -> None:
-    """The figures of docs/supervise.md are repeated here on purpose."""
+    """The defaults equal the table in docs/supervise.md."""
     rules = SuperviseSettings()
     graded = {
         name: (rule.reaction.name, rule.after_s, rule.then.name, rule.then_s)

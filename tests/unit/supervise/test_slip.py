@@ -1,4 +1,4 @@
-"""Slip: the wheels against the gyro, and against the range ahead, at their limits."""
+"""The slip rule at its limits: wheels compared with the gyro and with the range ahead."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def run_towards(  # noqa: PLR0913 - one parameter per option of a run
     turn_rad: float = 0.0,
     bend: float = 0.0,
 ) -> bool:
-    """Drive ahead; the range decreases by a share of the path, measured at 25 Hz."""
+    """Drive ahead. The range, measured at 25 Hz, decreases by ``closing`` times the path."""
     ever = False
     made_m = 0.0
     step_m = speed_m_s * STEP_S
@@ -48,7 +48,7 @@ def run_towards(  # noqa: PLR0913 - one parameter per option of a run
             share = closing + bend * (made_m / path_m - 0.5)
             now = reading(from_m - share * made_m)
         rate = turn_rad / (count * STEP_S)
-        # The wheels turn with the robot; otherwise a turn would be slip.
+        # The wheels turn as the gyro does; otherwise the turn would count as slip.
         lead_m = 0.5 * 0.23 * rate * STEP_S
         walk.step(
             1, left_m=step_m - lead_m, right_m=step_m + lead_m, range=now, yaw_rate_rad_s=rate
@@ -76,7 +76,7 @@ def test_a_run_that_is_too_short_reports_nothing() -> None:
 
 def test_a_run_needs_a_dozen_readings() -> None:
     walk = Walk(slip())
-    for index in range(12):  # 5 cm from one to the next
+    for index in range(12):  # 5 cm between two readings
         assert not walk.held
         walk.step(1, left_m=0.05, right_m=0.05, range=reading(2.0 - 0.025 * index))
     assert walk.held
@@ -150,7 +150,7 @@ def test_slip_restarts() -> None:
 
 
 def test_no_rule_holds_exactly_at_its_limit() -> None:
-    """A rule's condition is "by more than"; the test sets the measured values."""
+    """A value equal to the limit is allowed. The test sets the measured values."""
     rule = slip()
     inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0)
     for slip_m_s, found in ((0.015, False), (-0.015, False), (0.01501, True), (-0.01501, True)):
@@ -163,7 +163,7 @@ def test_no_rule_holds_exactly_at_its_limit() -> None:
 def test_how_much_a_run_may_bend(turn_rad: float, *, straight: bool) -> None:
     for sign in (1.0, -1.0):
         walk = Walk(slip())
-        walk.step(40, left_m=-0.002, right_m=0.002, yaw_rate_rad_s=0.87)  # turned before
+        walk.step(40, left_m=-0.002, right_m=0.002, yaw_rate_rad_s=0.87)  # a turn before the run
         assert run_towards(walk, 0.5, path_m=0.36, turn_rad=sign * turn_rad) is straight
 
 

@@ -13,7 +13,7 @@ from support.watching import MODEL, reading
 
 
 class Hand:
-    """A slip rule whose odometry is set by the test."""
+    """A slip rule with odometry that the test sets."""
 
     def __init__(self, share: float = 0.25) -> None:
         self.rule = Slip(SlipRule(difference_m_s=0.015, share=share))
@@ -28,7 +28,7 @@ class Hand:
         )
 
     def run(self, closing: float = 0.0, *, from_m: float = 2.0, turn_rad: float = 0.0) -> bool:
-        """Give twelve readings over 0.3 m."""
+        """Send twelve readings over 0.3 m."""
         for number in range(12):
             path_m = 0.3 if number == 11 else 0.025 * number
             held = self.at(path_m, from_m - closing * path_m, turn_rad=turn_rad)
@@ -43,7 +43,7 @@ def test_no_single_finding_requires_the_second_reaction() -> None:
 
 
 def test_a_range_that_does_not_close_at_all_lost_all_of_the_way() -> None:
-    assert Hand(share=1.0).run(from_m=0.0) is False, "by no more than all of it"
+    assert Hand(share=1.0).run(from_m=0.0) is False, "a lost share equal to the limit is allowed"
     hand = Hand(share=0.999)
     assert hand.run() is True
     text, data = hand.rule.evidence()
@@ -53,7 +53,7 @@ def test_a_range_that_does_not_close_at_all_lost_all_of_the_way() -> None:
     assert data == {"by": "ultrasonic", "lost_share": 1.0}
     hand = Hand()
     hand.run(closing=1 / 3)
-    assert hand.rule.evidence()[1]["lost_share"] in {0.666, 0.667, 0.668}, "to a thousandth"
+    assert hand.rule.evidence()[1]["lost_share"] in {0.666, 0.667, 0.668}, "rounded to 0.001"
 
 
 def test_a_range_counts_up_to_3_5_m() -> None:
@@ -71,7 +71,7 @@ def test_a_run_may_bend_by_its_limit() -> None:
 
 
 def test_a_range_may_jump_by_3_cm_beyond_the_driven_path() -> None:
-    """The range increases as fast as the robot drives, then by 0.53 m over half a metre."""
+    """The range increases by the driven distance, and then by 0.53 m over 0.5 m."""
     for range_m, held in ((0.63, True), (0.631, False)):
         hand = Hand()
         for number in range(11):
@@ -80,7 +80,7 @@ def test_a_range_may_jump_by_3_cm_beyond_the_driven_path() -> None:
 
 
 def test_readings_at_rest_do_not_count_again() -> None:
-    """Seven places with forty readings are too few for a result."""
+    """42 readings at seven places are too few for a result."""
     hand = Hand()
     for number in range(7):
         for _ in range(6):
@@ -88,7 +88,7 @@ def test_readings_at_rest_do_not_count_again() -> None:
 
 
 def test_a_run_is_of_the_last_0_3_m() -> None:
-    """The range closes correctly for a metre, then by at most half for 0.34 m."""
+    """The range decreases correctly for 1 m, and then by half of the distance for 0.36 m."""
     hand = Hand()
     range_m, path_m, held = 2.5, 0.0, False
     for number in range(136):
@@ -119,11 +119,12 @@ def test_the_wheel_that_is_ahead_is_named(slip_m_s: float, side: str) -> None:
 @pytest.mark.parametrize(
     ("half", "rest", "lost"),
     [
-        # In 32nds of a metre. The range neither closes nor widens in all: its whole path is lost.
-        # Its halves close and widen by 0.4 of theirs, just too different; by 0.486; by less.
+        # Values are in 1/32 m. In the first three cases the range at the end equals the range at
+        # the start, so the whole distance is lost. In the halves, the range changes by 0.4 (the
+        # limit), 0.486 and slightly less than 0.4 of the distance.
         *(([1, 1, 0, -1, 0, -1], None, 0.0), ([1, 1, 0, -1, -1, -1], None, 0.0)),
         ([1, 1, 0, -1, 0, -0.99], None, 1.0),
-        # The first third closes by 0.7, and the first half by nothing.
+        # The range decreases by 0.7 of the distance in the first third, and not in the first half.
         ([1, 1, 0, -1, 1, 1.2], [0.0] * 6, 0.933),
     ],
 )

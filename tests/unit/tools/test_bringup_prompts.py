@@ -1,4 +1,4 @@
-"""The session of the bring-up commands: the port in errors, and problems of the robot."""
+"""The session of the bring-up commands: errors name the port, and bad values are reported."""
 
 from __future__ import annotations
 

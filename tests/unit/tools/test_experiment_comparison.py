@@ -1,4 +1,4 @@
-"""Comparison of planners, with results by hand, and exactly the measured runs."""
+"""Comparisons of planners, with results that are calculated by hand."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LAST = len(MULTIPLES) - 1
 
 
 def share(**at: float | None) -> list[float | None]:
-    """Return a curve: ``rest`` except at the given multiples, ``x1_5`` for 1.5."""
+    """Return a curve with the value ``rest``, except at given multiples (``x1_5`` for 1.5)."""
     rest = at.pop("rest")
     curve = dict.fromkeys(MULTIPLES, rest)
     curve |= {float(name[1:].replace("_", ".")): value for name, value in at.items()}
@@ -72,14 +72,14 @@ def test_energy_to_a_share_is_over_all_runs_and_not_over_those_that_reached_it()
             "curve": {"coverage": shares, "energy_wh": drawn},
         }
 
-    # two of three end below 80 %: the third, cheap one gives no median
+    # two of three runs end below 80 %, so there is no median
     poor = [run("u-shape", seed, end, 0.04) for seed, end in enumerate((0.8, 0.6, 0.6))]
     good = [run("recovery", seed, 1.0, 0.1 * (seed + 1)) for seed in range(3)]
     table = energy_table([*poor, *good], (0.5, 0.8))
     assert table.rows == [
-        # 50 % of 60 % is two thirds of the second half, 20 mWh + 2/3 · 20 mWh over 2 m²
+        # a run that ends at 60 % has 50 % at 20 mWh + 2/3 · 20 mWh, over 2 m²
         ("u-shape", "typical", "3", "16.7 (100 %)", "- (33 %)"),
-        # the middle run: 50 % at 100 mWh, 80 % at 100 + 0.6 · 100 mWh, over 2 m²
+        # the median run has 50 % at 100 mWh and 80 % at 100 + 0.6 · 100 mWh, over 2 m²
         ("recovery", "typical", "3", "50.0 (100 %)", "80.0 (100 %)"),
     ]
 
@@ -93,7 +93,7 @@ def test_run_by_run_by_hand() -> None:
         row("recovery", share(rest=0.98, x1=0.4, x1_5=0.85), seed=1),
         row("paper", share(rest=0.90, x1=0.6, x1_5=0.75)),
         row("paper", share(rest=0.98, x1=0.6, x1_5=0.60), seed=1),
-        row("paper", share(rest=1.00), seed=2),  # recovery has none of these
+        row("paper", share(rest=1.00), seed=2),  # recovery has no run with this seed or room
         row("paper", share(rest=1.00), room="case-2"),
         row("random", share(rest=0.50, x8=0.995)),
         row("random", share(rest=0.30, x8=None), seed=1),
@@ -103,7 +103,7 @@ def test_run_by_run_by_hand() -> None:
         *("recovery against", "noise", "pairs"),
         *("1.5x", "2x", "2.5x", "3x", "3.5x", "4x", "5x", "6x", "8x"),
     )
-    # before 1.5x there is no value; equal is not behind; unknown in one pair is a dash
+    # no values before 1.5x; equal runs are not behind; a dash if a pair has an unknown value
     assert table.rows == [
         ("paper", "typical", "2", "1 (-5.0)", *["0 (+0.0)"] * 8),
         ("random", "typical", "2", "0 (+20.0)", *["0 (+49.0)"] * 7, "-"),

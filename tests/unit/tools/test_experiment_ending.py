@@ -1,4 +1,4 @@
-"""A worker that gets a signal aborts its trial, and nothing else."""
+"""A worker process that receives a signal aborts only its trial."""
 
 from __future__ import annotations
 
@@ -68,7 +68,9 @@ def test_between_trials_nothing_is_broken_off_and_no_other_begins() -> None:
     assert (done.returncode, done.stdout.splitlines()) == (0, ["ran", "{}", "not begun"])
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="Windows ends a process at once")
+@pytest.mark.skipif(
+    not hasattr(signal, "SIGALRM"), reason="on Windows, a signal ends a process at once"
+)
 def test_one_that_waits_for_ever_is_ended_all_the_same() -> None:
     done = worker("""
         reported()
@@ -77,9 +79,9 @@ def test_one_that_waits_for_ever_is_ended_all_the_same() -> None:
     assert done.returncode == -signal.SIGALRM
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals cannot be held back there")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot block signals")
 def test_signals_wait_until_a_worker_is_prepared() -> None:
-    """They arrive while its parent starts it; without preparation each would end it."""
+    """Signals that arrive while the parent starts a worker do not end the worker."""
     begin = """
         import signal, subprocess, sys
         from multiprocessing import resource_tracker

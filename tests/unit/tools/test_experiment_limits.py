@@ -1,4 +1,4 @@
-"""Every unswept cell gets one cause, correct in cases with results by hand."""
+"""Every unswept cell gets one cause; the expected causes are found by hand."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_nothing_is_lost_where_all_is_swept() -> None:
 
 
 def test_a_strip_along_the_wall_is_a_wall_gap() -> None:
-    # the mouth reaches to 8 cm from the wall; its outermost 1.5 cm sweeps only in contact
+    # the mouth sweeps up to 8 cm from the wall, and its outermost 1.5 cm only in contact
     found = losses(ALL & ~strip(0.08, 0.095))
     height_m = SIDE_M - 2 * 0.08
     assert found["wall gap"] == pytest.approx(share(0.015 * height_m), rel=0.1)
@@ -74,7 +74,7 @@ def test_a_strip_along_the_wall_is_a_wall_gap() -> None:
 def test_a_sliver_inside_is_a_lane_gap_and_a_wide_piece_an_early_end() -> None:
     sliver, piece = strip(0.80, 0.83), strip(1.2, 1.5)
     found = losses(ALL & ~sliver & ~piece)
-    # at both ends the strips run into the two walls' bands of 2 cm
+    # both ends of the strips are in the bands of 2 cm along the walls
     inner_m = SIDE_M - 2 * 0.10
     assert found["lane gap"] == pytest.approx(share(0.03 * inner_m), rel=0.05)
     assert found["early end"] == pytest.approx(share(0.30 * inner_m), rel=0.05)
@@ -88,7 +88,7 @@ def test_floor_swept_only_by_the_estimate_is_lost_to_the_pose() -> None:
 
 
 def test_a_false_wall_costs_all_floor_behind_it() -> None:
-    # a false wall across the room: forbidden to the axle from x = 1.2 to 1.5
+    # a false wall across the room: the axle must not enter x = 1.2 to 1.5
     forbidden = (RASTER.x >= 1.2) & (RASTER.x < 1.5)
     behind = RASTER.x >= 1.2 + 0.08 + 0.025
     found = losses(ALL & (RASTER.x < 1.28), forbidden=forbidden)
@@ -98,7 +98,7 @@ def test_a_false_wall_costs_all_floor_behind_it() -> None:
 
 
 def test_a_true_map_is_no_false_evidence() -> None:
-    # the map blocks up to 2 cm more than the walls do, because its cells have 2 cm
+    # the map blocks up to 2 cm more than the walls, because its cells have a side of 2 cm
     margin = MODEL.radius_m + 0.02
     inside = (
         (margin <= RASTER.x)
@@ -114,7 +114,8 @@ def test_a_true_map_is_no_false_evidence() -> None:
 
 def test_a_planners_map_is_read_in_its_own_frame() -> None:
     blocked = np.zeros((100, 100), dtype=np.uint8)
-    blocked[25, 10] = 1  # cells of 2 cm from (-0.1, 0.2): x from 0.10, y from 0.70
+    # the map of 2 cm cells starts at (-0.1, 0.2), so this cell starts at (0.10, 0.70)
+    blocked[25, 10] = 1
     memory = SimpleNamespace(
         near=blocked,
         lens=np.zeros_like(blocked),

@@ -1,4 +1,4 @@
-"""Short trials of each kind, with the properties of every trial."""
+"""Short trials of each kind, and properties that every trial has."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
     row = run_trial(Trial(OPEN_FLOOR, "u-cycles", "paper", 0, 33.0, TrialKind.CYCLES))
     (first,) = row["offsets"]
     assert first["cycle"] == 1
-    # two lanes of 1.77 m and two steps of 0.16 m at no more than cruise speed, and four turns
+    # at most at cruise speed: two lanes of 1.77 m, two steps of 0.16 m; and four turns
     assert 2 * (1.77 + 0.16) / MODEL.cruise_speed_m_s < first["time_s"] < 33.0
     assert first["offset_mm"] ** 2 == pytest.approx(
         first["along_mm"] ** 2 + first["across_mm"] ** 2, abs=0.05
@@ -50,7 +50,7 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
     assert max(ys) - min(ys) == pytest.approx(2 * 0.16, abs=0.01)
     sent = [after for _, _, after in row["smoothing"]]
     wanted = [before for _, before, _ in row["smoothing"]]
-    # every 20 ms, rounded to 0.1 mm/s; only unsmoothed starts would jump
+    # speeds are sent every 20 ms and rounded to 0.1 mm/s; without smoothing, starts are steps
     maximum = MODEL.max_accel_m_s2 * 0.02 + 2e-4
     assert max(b - a for a, b in pairwise(sent)) <= maximum
     assert max(b - a for a, b in pairwise(wanted)) > 5 * maximum
@@ -58,24 +58,24 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
 
 def test_ranges_with_noise_move_the_ends_of_lanes_by_the_seed() -> None:
     def ends(noise: str, seed: int) -> float:
-        """Return where the first lane ended."""
+        """Return the x coordinate of the end of the first lane."""
         trial = Trial("case-1", next(iter(TOLERANCES)), noise, seed, 16.0, TrialKind.RANGES)
         return float(max(x for x, _ in run_trial(trial)["path"]))
 
     assert ends("none", 0) == ends("none", 1)
     noisy = [ends(RANGE_LEVEL.name, seed) for seed in range(3)]
-    # an error of 1 cm stops the robot some centimetres early, or lets it touch
+    # with a range error of 1 cm, the robot stops a few centimetres early, or touches the wall
     assert len(set(noisy)) == 3
     assert noisy == pytest.approx([ends("none", 0)] * 3, abs=0.05)
 
 
 def test_a_perfect_pose_is_the_truth_and_the_loss_is_all_that_is_missing() -> None:
     row = run_trial(Trial("case-1", "u-shape", PERFECT, 3, 6.0, TrialKind.LIMITS))
-    # the remaining error is the 21 ms between an encoder sample and now
+    # the remaining error is the motion in the 21 ms since the encoder sample
     assert row["pose_error_max_m"] <= 0.021 * MODEL.max_speed_m_s
     assert list(row["loss"]) == list(CAUSES)
     assert row["loss"]["pose"] == pytest.approx(0.0, abs=1e-3)
-    assert row["loss"]["false evidence"] == 0.0  # it has no map
+    assert row["loss"]["false evidence"] == 0.0  # this planner has no map
     assert sum(row["loss"].values()) == pytest.approx(1.0 - row["mouth_sweepable"], abs=1e-3)
 
 
@@ -88,7 +88,7 @@ def test_a_zimablue_run_is_repeatable_and_within_its_heads_sweep() -> None:
     assert row["scale"] == pytest.approx(robot_radius_m / MODEL.radius_m, rel=1e-3)
     bound_s = row["sweepable_m2"] / (head_m * speed_m_s)
     assert row["reference_time_s"] == pytest.approx(bound_s, rel=1e-3)
-    # its head sweeps at most its width times its path, and the disc it turns about in
+    # the head sweeps at most its width times its path, and the disc of a turn in place
     max_m2 = head_m * row["path_m"] + 3.15 * (head_m / 2) ** 2
     assert 0.0 < row["mouth_sweepable"] * row["sweepable_m2"] <= max_m2
     start = room_of("empty").start
@@ -113,7 +113,7 @@ def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
             BlockingIOError(11, "Resource temporarily unavailable"),
             "cannot start a worker process: [Errno 11] Resource temporarily unavailable",
         ),
-        # errors of a pool's pipe after a worker died
+        # the pipe of the pool fails with this error after a worker died
         (
             OSError("handle is closed"),
             "a worker process was killed, or ran out of memory; run the command again",

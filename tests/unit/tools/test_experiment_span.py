@@ -1,4 +1,4 @@
-"""The extent of a run, and that nothing is reported beyond it."""
+"""The length of a run. A report has no values beyond the end of a run."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ pytestmark = pytest.mark.slow
 MODEL = RobotModel()
 
 
-# ---- how far a run goes -----------------------------------------------------------------------
+# ---- the length of a run ----------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def closet(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Return a room so small that eight times its reference time is soon over."""
+    """Return a room that is so small that eight times its reference time is short."""
     path = tmp_path_factory.mktemp("rooms") / "closet.json"
     corners = [[0.0, 0.0], [0.6, 0.0], [0.6, 0.6], [0.0, 0.6]]
     room = {"name": "closet", "walls": corners, "obstacles": [], "start": [0.3, 0.3, 0.0]}
@@ -44,12 +44,12 @@ def test_random_runs_for_the_compared_time(closet: str) -> None:
     run = run_trial(Trial(closet, "random", "typical", 0))
     assert run["duration_s"] > MULTIPLES[-1] * run["reference_time_s"]
     assert run["energy_wh"] > MULTIPLES[-1] * run["reference_energy_wh"]
-    # The run ends soon after that.
+    # The run ends soon afterwards.
     assert run["duration_s"] < 12 * run["reference_time_s"]
     assert run["outcome"] == "timeout"
     for curve in ("coverage", "by_energy"):
         assert None not in run["curve"][curve]
-    # its path is shorter than eight times the reference path: no value there, no last level
+    # the path is shorter than eight times the reference path, so the last value is unknown
     assert run["path_ratio"] < MULTIPLES[-1]
     assert run["curve"]["by_path"][-1] is None
 
@@ -69,7 +69,7 @@ def test_a_planners_own_time_limit_gives_no_comparison() -> None:
     planner = planner_of(Trial("case-1", "random", "none", 5), MODEL)
     assert isinstance(planner, RandomPlanner)
     assert planner.options.max_time_s == math.inf
-    # elsewhere it has a limit, because a person waits for it
+    # outside experiments the planner has a limit, because a person waits for the robot
     assert RandomOptions().max_time_s == 1800.0
     for name in ("paper", "u-shape", "recovery"):
         assert not isinstance(planner_of(Trial("case-1", name, "none", 0), MODEL), RandomPlanner)
@@ -113,7 +113,7 @@ def test_a_straight_lane_by_energy() -> None:
     measured = meter.measure(track)
     area = (side - 0.16) ** 2 - (4 - math.pi) * 0.08**2
     lane = MODEL.cleaning_width_m / area
-    # 0.2 Wh/s in the first half, 0.6 in the other; 4 Wh in all
+    # 0.2 Wh/s in the first half, and 0.6 Wh/s in the second half: 4 Wh in total
     drawn = [(0.0, 0.0), (5.0, 1.0), (10.0, 4.0)]
     found = curves.over_energy(meter, measured, drawn, 1.0)
     by_hand = {0.5: 0.25, 1.0: 0.5, 2.5: 0.75, 4.0: 1.0, 5.0: 1.0, 8.0: 1.0}

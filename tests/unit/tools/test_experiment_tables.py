@@ -1,4 +1,4 @@
-"""Tables, curves and the folder, with results by hand."""
+"""Tables and curves with results that are calculated by hand, and the results folder."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_section_5_3_compares_the_papers_algorithm_with_others_at_equal_noise() 
     ]
     assert beside_rows(rows[:3]) == []
     titles = [table.title for table in report.all_tables(rows[3:], "rooms")]
-    assert titles == [beside_table(rows).title], "in no table over all rooms"
+    assert titles == [beside_table(rows).title], "these rows are in no table over all rooms"
 
 
 def test_every_layout_is_a_room_of_plausible_size_in_which_the_robot_fits() -> None:
@@ -142,10 +142,10 @@ def test_a_straight_lane_by_time_and_by_path() -> None:
     share = way * model.cleaning_width_m / area
     by_path = curves.over_path(meter, measured, track)
     assert by_path[-1] == pytest.approx(share, rel=0.02)
-    # the lane is 0.047 of the reference; after that path nothing more comes
+    # the path is 0.047 of the reference path, and the curve is constant after its end
     assert by_path == [by_path[-1]] * len(by_path)
     assert curves.over_path(meter, measured, track, cut=True) == [None] * len(by_path)
-    # at cruise speed half the reference time is 53 s; the run took 10 s
+    # half of the reference time is 53 s at cruise speed, and the run takes 10 s
     assert curves.over_time(meter, measured)[0] == pytest.approx(share, rel=0.02)
     assert curves.over_time(meter, measured, cut=True) == [None] * len(by_path)
 

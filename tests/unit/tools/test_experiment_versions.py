@@ -1,4 +1,4 @@
-"""Two versions of the code run by run, and runs with other values of the tuned constants."""
+"""Comparison of two versions of the code run by run, and of other values of the constants."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_pairs_have_room_robot_planner_noise_and_seed_in_common() -> None:
     ]
     assert matched(BEFORE, others) == []
     old = {name: value for name, value in BEFORE[0].items() if name != "options"}
-    assert matched([old], AFTER)[0] == (old, AFTER[0]), "of a version without options"
+    assert matched([old], AFTER)[0] == (old, AFTER[0]), "rows of an old version have no options"
 
 
 def test_the_tables_of_two_versions() -> None:
@@ -114,7 +114,7 @@ def test_every_number_of_the_configs_is_a_constant() -> None:
     known = constants()
     assert known["planner.min_rate"] == RecoveryOptions().min_rate
     assert known["drift.wheel_scale"] == DriftModel().wheel_scale
-    assert known["follow.lookahead_m"] == 0.11, "as the executor uses it"
+    assert known["follow.lookahead_m"] == 0.11, "the value that the executor uses"
     assert "motion.follow" not in known
     assert "planner.looks_m" not in known
 

@@ -1,4 +1,4 @@
-"""The dashboard of a fleet in windows of several sizes; the page shows it."""
+"""The dashboard of a fleet in windows of several sizes; docs/fleet.md shows an example."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``sweepctl key --set``: a key that the robot may have is never deleted."""
+"""``sweepctl key --set`` never deletes a key that the robot may have stored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Robot:
-    """Takes a key, and then answers as given."""
+    """A robot that receives a key, and then raises the given error."""
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error

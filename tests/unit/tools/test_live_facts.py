@@ -1,4 +1,4 @@
-"""Additional facts on the dashboard, and a lost robot."""
+"""Port, time, coverage, log and viewer on the dashboard, and the display of a lost robot."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def drawn(picture: Dashboard, width: int, height: int, at_ns: int) -> str:
 
 @pytest.fixture(name="lost", scope="module")
 def _lost() -> SimulatedSweeper:
-    """Return a sweeper whose port vanished 5 s ago, in the middle of a lane at cruise speed."""
+    """Return a sweeper that lost its port 5 s ago, in a lane at cruise speed."""
     sweeper = SimulatedSweeper(SweeperSettings(noise="none"))
     planner = make_planner("paper", MODEL, random.Random(0))
     sweeper.host.mission.start(PlanRunner(planner, MODEL))
@@ -86,7 +86,7 @@ def test_live_coverage_is_the_runs_figure() -> None:
     for k in range(300):
         poses.extend((0.02 * k, 0.4 + 0.01 * k, 0.4, 0.0))
     shown = coverage.share(10.0)
-    # 3 m by 0.16 m of 12 m² minus unreachable floor and the obstacle's surroundings
+    # the lane is 3 m by 0.16 m; the sweepable area is between 9 m² and 12 m²
     assert 0.48 / 12.0 < shown < 0.48 / 9.0
 
 
@@ -97,8 +97,8 @@ def test_a_lost_robot_shows_a_countdown_and_no_speed(
     picture = Dashboard(lost.host.snapshot, EventLines(NullSink(), plain=False))
     text = drawn(picture, width, height, now_ns(lost))
     assert "lost, run ends in 26 s" in text
-    assert "m/s" not in text, "an estimate without encoders is no speed"
-    assert "velocity" not in text, "the mode is not known"
+    assert "m/s" not in text, "without encoder samples the speed is unknown"
+    assert "velocity" not in text, "the mode is unknown"
     later = drawn(picture, width, height, now_ns(lost) + 10 * 10**9)
     assert "run ends in 16 s" in later
 
@@ -111,7 +111,7 @@ def test_the_plain_line_of_a_lost_robot_has_no_speed_either(lost: SimulatedSweep
 
 def test_a_silent_encoder_leaves_no_frozen_speed() -> None:
     sweeper = SimulatedSweeper(SweeperSettings(noise="none"))
-    sweeper.run(0.05)  # the first encoder sample comes after the handshake
+    sweeper.run(0.05)  # until the first encoder sample, after the handshake
     assert "speed +0.00 m/s" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9)
     assert "speed -" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9 + 0.7)
 

@@ -1,4 +1,4 @@
-"""The dashboard, drawn off screen: its content at each size, and the map's geometry."""
+"""The dashboard, drawn off screen: content at each size, and geometry of the map."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_essential_content_is_shown_at_every_size(width: int, height: int) -> No
     assert max(map(len, lines)) <= width
     text = "\n".join(lines)
     assert "velocity" in text
-    assert "operator" in text, "why it stands"
+    assert "operator" in text, "the cause of the stop is shown"
     assert "battery_low" in text
     assert "+0.0" in text
     if height >= 24:
@@ -81,7 +81,7 @@ def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
         snapshot = found.snapshot()
 
     operator = Operator(MODEL, DeadMan(0.3, 0.15))
-    operating = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # all of a pump that it asks
+    operating = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # has all that is used
     operating.message = "mark 1 recorded"
     lines = drawn(
         Dashboard(found.snapshot, EventLines(NullSink(), plain=False), operating), width, height
@@ -89,7 +89,7 @@ def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
     assert len(lines) == height
     assert max(map(len, lines)) <= width
     assert "session  closed" in lines[1]
-    assert lines[-1].startswith("space STOP"), "always the last line"
+    assert lines[-1].startswith("space STOP"), "the keys are the last line"
 
 
 @pytest.mark.parametrize(
@@ -120,14 +120,14 @@ def test_the_map_shows_where_it_swept_and_where_it_looks() -> None:
     assert sum(row.count("↑") for row in rows) == 1
     assert sum(row.count("█") + row.count("▀") + row.count("▄") for row in rows) > 20
     row = next(r for r in rows if "↑" in r)
-    assert row.index("↑") < 8, "it stands at the left end of what is swept"
+    assert row.index("↑") < 8, "the robot is at the left end of the swept area"
     assert len(rows) <= 10 + 1
 
 
 def test_a_trail_is_drawn_where_nothing_is_swept() -> None:
     way = [(0.0, 0.05 * i) for i in range(40)]
     rows = swept_picture(host(pose=Pose2(0.0, 2.0, 0.0)).snapshot(), 30, 20, way).plain.splitlines()
-    assert "→" in rows[0] + rows[1], "north is up, and there it ended"
+    assert "→" in rows[0] + rows[1], "north is up, and the trail ends in the north"
     assert sum(any(c in r for c in "█▀▄") for r in rows) >= 8
 
 
@@ -138,7 +138,7 @@ def test_rates_are_differences_of_counts() -> None:
     statistics.by_type.update({0x13: 200, 0x20: 40})
     statistics.bytes_in = 5000
     rates.look(10_500_000_000)
-    assert rates.hz == {}, "a second must pass"
+    assert rates.hz == {}, "rates need at least a second"
     rates.look(12_000_000_000)
     assert rates.hz == {"imu": pytest.approx(100.0), "range": pytest.approx(20.0)}
     assert rates.bytes_s[0] == pytest.approx(2500.0)
@@ -189,17 +189,17 @@ def test_keys_fit_their_line() -> None:
         host = None
 
     operator = Operator(MODEL, DeadMan(0.3, 0.15))
-    keys = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # asked for help alone
+    keys = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # only help is used
     for width in (58, 60, 80, 120):
         assert len(keys.help(width)) <= width
         assert "STOP" in keys.help(width)
-    assert keys.help(30).startswith("space STOP"), "cut at its end, not at its beginning"
+    assert keys.help(30).startswith("space STOP"), "the text is cut at its end"
     operator.take_over()
     for width in (58, 60, 80, 120):
         assert len(keys.help(width)) <= width
         assert "STOP" in keys.help(width)
         assert "tap" in keys.help(width)
-        assert "0.10 m/s" in keys.help(width), "a press is slow, whatever a stick would be"
+        assert "0.10 m/s" in keys.help(width), "the speed of a key press is always low"
 
 
 @pytest.mark.parametrize(("columns", "lines"), [("65535", "65535"), ("9" * 30, "1")])

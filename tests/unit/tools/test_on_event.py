@@ -1,4 +1,4 @@
-"""Commands of ``--on``: their input, and their limits in number and time."""
+"""The commands of ``--on``: their input, and the limits of their number and run time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keys of a live run, with a host at rest: keys that cause motion need two presses."""
+"""The keys of a live run. Keys that cause motion need two presses."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Loop:
 
 
 class KeysAtRest:
-    """Host, loop and keys."""
+    """A host at rest, its loop and its keys."""
 
     def __init__(self, *, cause: StopCause = StopCause.SESSION_END) -> None:
         ids = itertools.count(1)
@@ -66,7 +66,7 @@ class KeysAtRest:
             MODEL, DeadMan(0.3, 0.2), make_plan=lambda: PlanRunner(Straight(), MODEL)
         )
         self.gone_on = 0
-        self.keys = Operating(self.loop, operator, on_resume=self._on_resume)  # type: ignore[arg-type]  # as much of a pump as is used
+        self.keys = Operating(self.loop, operator, on_resume=self._on_resume)  # type: ignore[arg-type]  # has all that is used
 
     def _on_resume(self) -> None:
         self.gone_on += 1
@@ -130,7 +130,7 @@ def test_a_plan_after_a_drive_by_hand_needs_two_presses_too() -> None:
     bench.press("p")
     assert bench.drive_mode() == DriveMode.HELD.value
     bench.press("d")
-    assert bench.drive_mode() == DriveMode.MANUAL.value, "taking over stops the plan, at once"
+    assert bench.drive_mode() == DriveMode.MANUAL.value, "manual control stops the plan at once"
 
 
 @pytest.mark.parametrize("key", ["space", "s"])

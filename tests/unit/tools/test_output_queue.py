@@ -1,4 +1,4 @@
-"""Output with a reader that stops, leaves or comes back: the writer never waits."""
+"""Queued output: the writer never waits, even if the reader stops, closes or resumes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Pipe:
         self._is_read = True
 
     def fill(self) -> None:
-        """Write to it as much as it takes."""
+        """Write until the pipe is full."""
         number = self.stream.fileno()
         os.set_blocking(number, False)
         with suppress(BlockingIOError):
@@ -75,9 +75,9 @@ def test_a_reader_that_stands_still_costs_the_writer_nothing_but_lines(pipe: Pip
     queued = QueuedStream(pipe.stream)
     line = "x" * 999 + "\n"
     written = 0
-    while written < 2 * LIMIT:  # had one of these waited, this test would never end
+    while written < 2 * LIMIT:  # the test would hang if a write waited
         written += queued.write(line)
-    queued.drain()  # it waits a limited time, in vain
+    queued.drain()  # drain() gives up after a limited time
     before = pipe.read(b"x\n").lstrip(b".")
     text = before + pipe.read(b"the reader is too slow\n")
     lines = text.decode().splitlines()
@@ -86,7 +86,7 @@ def test_a_reader_that_stands_still_costs_the_writer_nothing_but_lines(pipe: Pip
     assert len(lines) - 1 + dropped == written // 1000
     assert LIMIT // 1000 - 1 <= len(lines) - 1 <= LIMIT // 1000 + 1
     queued.write("more\n")
-    assert pipe.read(b"more\n") == b"more\n", "it goes on, and the count was given once"
+    assert pipe.read(b"more\n") == b"more\n", "output continues, and the loss is reported once"
 
 
 def test_lines_dropped_on_stdout_are_counted_on_stderr(pipe: Pipe) -> None:

@@ -1,4 +1,4 @@
-"""A simulated run at a limited speed: when it waits, and for how long."""
+"""The pauses of a simulated run that has a limited speed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tools.virtual.pace import PacedSink
 
 
 class SlowClock:
-    """A clock that only pauses and costs advance."""
+    """A clock that advances only by pauses and by the test."""
 
     def __init__(self) -> None:
         self.now_ns = 1_000

@@ -1,4 +1,4 @@
-"""The file that a log replaces: kept until there is a device, and no longer."""
+"""The file that a new log replaces is kept until a device is connected."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _log(tmp_path: Path) -> Path:
 
 def test_the_old_log_is_restored_if_there_is_no_new_one(log: Path) -> None:
     replaced = ReplacedLog(log, force=True)
-    assert not log.exists(), "there is room for the new one"
+    assert not log.exists(), "the path is free for the new log"
     replaced.put_back()
     assert log.read_text() == "old"
     assert list(log.parent.iterdir()) == [log]

@@ -1,4 +1,4 @@
-"""Random rooms are valid, repeatable, and have a place for the robot."""
+"""Random rooms are valid and repeatable, and the robot fits at the start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A compiled module that is missing or stale is noticed before any test runs."""
+"""Missing and stale compiled modules are detected before any test runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ sys.exit(pytest.main(["--collect-only", "-q", "tests/unit/tools/test_stale_kerne
 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a kernel in a separate tree, in the state after its build."""
+    """Return a kernel that is freshly built in a separate tree."""
     monkeypatch.setattr(kernels, "ROOT", tmp_path)
     (tmp_path / "setup.py").write_text("flags")
     (tmp_path / "bridge" / "motion").mkdir(parents=True)
@@ -94,7 +94,7 @@ def test_the_tests_do_not_begin_without_compiled_kernels() -> None:
     )
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     (line,) = (text for text in done.stderr.splitlines() if text)
-    more = len(kernels.sources(tests=True))  # and the core, less the first
+    more = len(kernels.sources(tests=True))  # plus the core, minus the first kernel
     assert f"and {more} more: not compiled, or of another source; run `make venv`" in line
 
 

@@ -1,4 +1,4 @@
-"""Bytes of terminals, as their manuals define them, and the keys that they mean."""
+"""The decoding of bytes that terminals send for keys, as their manuals define them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CASES = [
     (b"\x1b[99;5u", [Key("ctrl+c")]),
     (b"\x1b[1;1:3A", [Key("up", "release")]),
     (b"\x1b[1;1:2C", [Key("right", "repeat")]),
-    (b"\x1b[97:65;2u", [Key("a")]),  # shifted, with its alternate
+    (b"\x1b[97:65;2u", [Key("a")]),  # with shift, and with the shifted key code
     (b"\x1b[57441;2u", []),  # the shift key itself
     # answers, not keys
     (b"\x1b[?11u\x1b[?62;c", []),

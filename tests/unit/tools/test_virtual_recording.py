@@ -1,4 +1,4 @@
-"""A virtual sweeper records as a robot does, in virtual time."""
+"""Recordings of a virtual sweeper, in virtual time."""
 
 from __future__ import annotations
 

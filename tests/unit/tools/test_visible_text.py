@@ -1,4 +1,4 @@
-"""Text from outside in a form for a terminal: over every code point, and at every sink."""
+"""Untrusted text is escaped for a terminal: for every code point, and at every sink."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_every_sink_escapes(sink: Callable[[str], None]) -> None:
     text = printed.getvalue()
     assert "a name" in text
     assert [c for c in text if c not in "\n\t" and not is_visible(c)] == []
-    assert "[red]end" in text, "no markup"
+    assert "[red]end" in text, "markup is not interpreted"
 
 
 def drawn(picture: RenderableType, width: int) -> str:
@@ -135,7 +135,7 @@ def table(text: str) -> Table:
 
 
 class Raw:
-    """A renderable without a layout of its own."""
+    """A renderable that emits its text unchanged."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -172,7 +172,7 @@ STREAMS = {"stdout", "stderr", "__stdout__", "__stderr__"}
 
 
 def direct_writes(tree: ast.Module) -> list[int]:
-    """Return the lines that write to a person without a sink."""
+    """Return the numbers of lines that write to the terminal without a sink."""
     found = []
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):

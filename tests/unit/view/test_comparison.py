@@ -1,4 +1,4 @@
-"""Comparison of two runs."""
+"""The command ``sweepctl diff``, which compares two runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The layout for Foxglove matches a log: each path leads to an existing field."""
+"""The Foxglove layout matches a log: each path in the layout leads to an existing field."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def layout() -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def messages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Return the last message of each topic, by the library and the schemas in the file."""
+    """Return the last message of each topic, decoded with the schemas in the file."""
     log = short_runs(tmp_path_factory)[0].log
     with log.open("rb") as file:
         reader = make_reader(file, decoder_factories=[ProtobufFactory(), RosFactory()])
@@ -100,7 +100,7 @@ def test_the_room_shows_topics_that_foxglove_draws(
 
 
 def test_foxgloves_own_parsers_read_the_log(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Foxglove's compiled schemas are used, not those in the file."""
+    """The test uses Foxglove's compiled schemas, not the schemas in the file."""
     log = short_runs(tmp_path_factory)[0].log
     counts = dict.fromkeys(OWN_PARSERS, 0)
     with log.open("rb") as file:

@@ -1,4 +1,4 @@
-"""The live server for Foxglove: clients get every channel, and no client delays the run."""
+"""The live Foxglove server: clients get every channel, and no client delays the run."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def counted(client: FoxgloveClient) -> Counter[Received]:
 
 
 class InStep:
-    """A tap in front of a server that waits for a client after each chunk.
+    """A tap that passes each chunk to a server, and waits until a client has received it.
 
-    A client that is slower than the run would lose messages; here it is as fast.
+    Without the wait, a client that is slower than the run would lose messages.
     """
 
     def __init__(self, server: FoxglovePublisher, client: FoxgloveClient) -> None:
@@ -79,7 +79,7 @@ class InStep:
 
 
 LATER_NS = EPOCH_NS + 1_000_000_000_000
-"""Start of a run that is recorded after another one."""
+"""Start of a second run, which is recorded after the first run."""
 
 
 def record_later_run(path: Path, tap: ChunkTap | None) -> None:
@@ -90,7 +90,7 @@ def record_later_run(path: Path, tap: ChunkTap | None) -> None:
 
 
 def subscribe_to_all(client: FoxgloveClient, server: FoxglovePublisher, folder: Path) -> None:
-    """Publish a run, so that the client knows each channel and has subscribed to it."""
+    """Publish a run, so that the client subscribes to each channel."""
     record_run(folder / "before.mcap", server)
     last_ns = max(message.log_ns for message in LogReader(folder / "before.mcap").messages())
     client.receive(lambda c: bool(c.times_ns) and c.times_ns[-1] >= last_ns)
@@ -121,7 +121,7 @@ def test_a_client_gets_every_message_of_the_log_and_its_schemas_decode_them(
         assert channel["encoding"] == message.channel.message_encoding
         assert channel["schemaName"] == message.channel.schema_name
         seen[message.topic] += 1
-        if seen[message.topic] <= 5:  # decoding takes long
+        if seen[message.topic] <= 5:  # decoding is slow
             assert (message.topic, message.log_ns, message.data) in received
             assert str(decoders[message.topic](message.data)) == str(message.decoded)
     assert set(seen) == set(channels)
@@ -195,7 +195,7 @@ def test_messages_and_services_of_a_client_are_rejected(server: FoxglovePublishe
 
 
 def truths(count: int) -> Iterator[Record]:
-    """Records a quarter of a second apart: each closes a chunk."""
+    """Yield records that are 0.26 s apart, so that each record closes a chunk."""
     pose = next(r.pose for r in synthetic_run() if isinstance(r, TruthRecord))
     for number in range(count):
         yield TruthRecord(EPOCH_NS + 260_000_000 * number, pose)
@@ -207,7 +207,7 @@ def test_a_frozen_server_loses_chunks_and_holds_up_nothing(tmp_path: Path) -> No
     os.kill(server.pid, signal.SIGSTOP)
     try:
         with closing(RunWriter(path, run_info(), tap=server)) as writer:
-            # Of random-looking content the pipe takes little, and of small chunks a few hundred.
+            # The pipe to the server holds only a few hundred small chunks.
             for record in truths(3000):
                 writer.write(record)
         assert server.dropped > 3000 - MAX_QUEUED - 1500
@@ -240,7 +240,7 @@ def test_a_client_that_does_not_read_takes_nothing_from_another(
     path = tmp_path / "run.mcap"
     with FoxgloveClient(server.address) as frozen, FoxgloveClient(server.address) as reading:
         record_run(tmp_path / "before.mcap", server)
-        frozen.receive(lambda c: len(c.channels) > 10)  # subscribed; from now on it reads nothing
+        frozen.receive(lambda c: len(c.channels) > 10)  # from now on, it reads nothing
         reading.receive(lambda c: len(c.channels) > 10 and bool(c.messages))
         record_run(path, server)
         last_ns = max(message.log_ns for message in LogReader(path).messages())

@@ -1,4 +1,4 @@
-"""Ranges that the sensors measure for an object that touches the hull."""
+"""The parts of the hull where a range sensor measures an object in contact with the hull."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_the_default_robot_measures_ahead_and_at_both_sides() -> None:
         math.degrees(math.remainder(0.5 * (arc.begin_rad + arc.end_rad), 2.0 * math.pi))
         for arc in view.measured
     )
-    # asin(0.05 / 0.16): the infrared beams leave the hull 5 cm ahead of the axle
+    # the infrared beams leave the hull 5 cm ahead of the axle; the hull's radius is 16 cm
     side = math.degrees(math.acos(0.05 / 0.16))
     assert middles == pytest.approx([-side, 0.0, side], abs=0.5)
     assert view.too_near == []

@@ -1,4 +1,4 @@
-"""Carpets, thresholds and cliffs in pictures, with a legend; the planner's state in words."""
+"""Carpets, thresholds and cliffs in pictures and legends, and the text of a planner state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture of a run: its content, and the logs that it needs."""
+"""The picture of a run, for complete and incomplete logs."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def write_log(
     poses: int = 300,
     robot_toml: str = "",
 ) -> Path:
-    """Drive along the lower wall, with an estimate 5 cm further left."""
+    """Write a log of a drive along the lower wall, with an estimate 5 cm too far left."""
     info = RunInfo(
         "virtual",
         "paper",
@@ -88,14 +88,14 @@ def write_log(
 
 
 def pixels(png: Path) -> NDArray[np.int_]:
-    """Return (rows, columns, 3), 0 to 255."""
+    """Return the pixels as an array (rows, columns, 3) with values from 0 to 255."""
     values: NDArray[np.int_] = np.rint(image.imread(png)[..., :3] * 255).astype(np.int_)
     assert values.shape == (1032, 960, 3)
     return values
 
 
 def classes(png: Path) -> dict[str, int]:
-    """Return the pixels of each colour, with a tolerance for thin lines."""
+    """Return the number of pixels of each colour, with a tolerance for thin lines."""
     values = pixels(png)
     return {
         name: int(np.count_nonzero((abs(values - colour) <= (3, 40)[name in LINES]).all(axis=2)))
@@ -111,7 +111,7 @@ def test_every_class_is_drawn(tmp_path: Path) -> None:
     found = classes(png)
     for name, count in found.items():
         assert count > 100, name
-    # 0.22 m² swept of 3.1 m² sweepable; the lines lie on the swept floor
+    # 0.22 m² of 3.1 m² sweepable floor are swept; the lines cover a part of the swept floor
     assert 11 < found["missed"] / found["mouth"] < 16
     assert found["obstacle"] > 3000
 
@@ -173,7 +173,7 @@ def test_errors(tmp_path: Path) -> None:
         draw_run(log, tmp_path)
 
 
-# ---- what is read from the log ---------------------------------------------------------
+# ---- data from the log -----------------------------------------------------------------
 
 
 def test_the_track(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_the_track(tmp_path: Path) -> None:
     assert track.plan is not None
     assert track.plan.obstacles == PLAN.obstacles
     assert len(track.truth) == len(track.estimate) == 300
-    assert track.truth[0] == (0.0, Pose2(0.3, 0.3, pytest.approx(0.1)))  # type: ignore[arg-type]  # nearly
+    assert track.truth[0] == (0.0, Pose2(0.3, 0.3, pytest.approx(0.1)))  # type: ignore[arg-type]  # approximate
     assert track.truth[-1][0] == pytest.approx(299 * 0.02)
     assert track.summary["outcome"] == "stopped"
     assert track.best == track.truth
@@ -219,4 +219,4 @@ def test_a_straight_path_without_a_room_has_floor_on_both_sides(tmp_path: Path) 
     assert (bottom + top) / 2 == pytest.approx(0.35, abs=0.01)
     assert top - bottom == pytest.approx(1.0, abs=0.01)
     left, right = axes.get_xlim()
-    assert right - left == pytest.approx(1.4, rel=0.15), "as long as the path, with its margins"
+    assert right - left == pytest.approx(1.4, rel=0.15), "the width is the path with margins"

@@ -1,4 +1,4 @@
-"""Lanes, occluded regions and covariance in the viewer, with handmade runs."""
+"""Lanes, occluded regions and covariances in the viewer, for hand-written runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Sheet(RerunRecording):
-    """A recording that keeps what it receives."""
+    """A recording that keeps the strips that it receives."""
 
     def __init__(self) -> None:
         self.strips: dict[str, list[Any]] = {}
@@ -39,7 +39,7 @@ def drawn(part: Any, entity: str) -> list[np.ndarray[Any, Any]]:  # noqa: ANN401
     part.send(sheet)
     again = Sheet()
     part.send(again)
-    assert again.strips == {}, "what was sent is forgotten"
+    assert again.strips == {}, "the data is sent only once"
     return [np.array(strip) for strip in sheet.strips.get(entity, [])]
 
 
@@ -64,7 +64,7 @@ def test_a_lane_cut_short_occludes_the_floor_to_where_the_others_ended() -> None
     occlusions.lane(0, lane(1.7), (1.9, 0.2, 0.0))
     occlusions.lane(1, lane(1.7), (0.2, 0.36, math.pi))
     occlusions.lane(2, lane(0.4), (0.6, 0.52, 0.0))
-    occlusions.lane(3, lane(0.4), (0.2, 0.68, math.pi))  # back to the wall: nothing hidden
+    occlusions.lane(3, lane(0.4), (0.2, 0.68, math.pi))  # back to the wall, so no floor is occluded
     (occluded,) = drawn(occlusions, paths.OCCLUDED)
     radius, half = model.radius_m, model.cleaning_width_m / 2
     assert occluded[:, 0].min() == pytest.approx(0.6 + radius)
@@ -88,7 +88,7 @@ def test_the_ellipse_is_that_of_two_standard_deviations() -> None:
         x_m=1.0, y_m=2.0, covariance_xx=0.04, covariance_xy=0.0, covariance_yy=0.01
     )
     covariance.add(0, estimate)
-    covariance.add(1, estimate)  # too soon after the first
+    covariance.add(1, estimate)  # ignored, because it follows the first too soon
     (ellipse,) = drawn(covariance, paths.COVARIANCE)
     assert np.ptp(ellipse[:, 0]) == pytest.approx(4 * 0.2, rel=0.01)
     assert np.ptp(ellipse[:, 1]) == pytest.approx(4 * 0.1, rel=0.01)

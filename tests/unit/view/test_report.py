@@ -1,4 +1,4 @@
-"""A run's report contains what the log contains."""
+"""The report of a run agrees with its log and its summary."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 
 
 class Page(HTMLParser):
-    """Text of the page, and everything that it would load."""
+    """The text of a page, and the resources that the page would load."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -59,7 +59,7 @@ class Page(HTMLParser):
 
 
 class Reported(NamedTuple):
-    """The paper's case 1, reported once for all tests."""
+    """A run in the paper's case 1 and its report, shared by all tests."""
 
     summary_json: dict[str, Any]
     """Summary of the run."""
@@ -91,9 +91,9 @@ def test_a_whole_run(reported: Reported) -> None:
     assert done.json["report"] == str(html)
     assert data.whole
     page = Page(html.read_text())
-    assert page.fetched == [], "it needs nothing but itself"
+    assert page.fetched == [], "the page loads no other files"
     assert "@import" not in html.read_text()
-    assert "url(" not in re.sub(r"url\(#", "", html.read_text()), "nor do its styles"
+    assert "url(" not in re.sub(r"url\(#", "", html.read_text()), "the styles load no other files"
     assert page.svgs >= 5
     for words in (
         "Sweeping case-1, planner paper, seed 1",
@@ -114,7 +114,7 @@ def test_a_whole_run(reported: Reported) -> None:
         assert words in page.text, words
     picture = imread(png)
     assert picture.shape[0] > 900
-    assert picture[..., :3].std() > 0.05, "not an empty sheet"
+    assert picture[..., :3].std() > 0.05, "the picture is not empty"
 
 
 def test_a_bound_is_named_apart_from_a_reference(reported: Reported) -> None:
@@ -131,7 +131,7 @@ def test_a_bound_is_named_apart_from_a_reference(reported: Reported) -> None:
     assert f"reference {area_m2 / width_m:.1f} m" in text
     ratio = f"{report.time_ratio:.2f} times as long"
     sentence = f"without turns or overlap, is {reference_s:.0f} s. The run took {ratio}"
-    # The ratio of a run that left a tenth of the floor would be misleading.
+    # The ratio is misleading if more than a tenth of the floor is unswept.
     assert (sentence in text) == (report.coverage.mouth_sweepable >= 0.9)
 
 
@@ -175,9 +175,9 @@ def test_a_room_has_a_figure_of_its_own_shape(reported: Reported) -> None:
         data = replace(reported.data, track=replace(track, plan=plan))
         return room_height(data, 6.0)
 
-    assert height(3.0, 3.0) == pytest.approx(7.0)  # and an inch for legend and axis
+    assert height(3.0, 3.0) == pytest.approx(7.0)  # plus one inch for legend and axis
     assert height(6.0, 3.0) == pytest.approx(4.0)
-    assert height(30.0, 1.0) == 2.6, "a corridor is a band, and can be read"
+    assert height(30.0, 1.0) == 2.6, "the minimum height keeps a corridor readable"
     assert height(1.0, 30.0) == 9.0
 
 
@@ -217,12 +217,12 @@ def test_a_log_without_its_end(tmp_path: Path, tmp_path_factory: pytest.TempPath
     assert "--force" in again.line
     page, png = (tmp_path / "cut.html").read_bytes(), tmp_path / "cut.png"
     (tmp_path / "cut.html").write_bytes(page + b"mine")
-    pictured = sweepctl("report", log, "--png", png, "--json")  # the picture alone is new
+    pictured = sweepctl("report", log, "--png", png, "--json")  # only the picture is new
     assert pictured.status == 0
     assert (pictured.json["report"], pictured.json["png"]) == (None, str(png))
     assert png.read_bytes().startswith(b"\x89PNG")
-    assert (tmp_path / "cut.html").read_bytes() == page + b"mine", "what is there is left"
-    assert sweepctl("report", log, "--png", png).status == 1, "the picture is there too now"
+    assert (tmp_path / "cut.html").read_bytes() == page + b"mine", "the existing page is unchanged"
+    assert sweepctl("report", log, "--png", png).status == 1, "the picture exists too"
 
 
 def test_a_capture_without_room_or_summary(

@@ -1,4 +1,4 @@
-"""Begin and end of a drive by the codes of its events, not by their texts."""
+"""Event codes, not event texts, define the beginning and the end of a drive."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP_NS = 100_000_000
 
 
 def coverage_path_m(path: Path, events: dict[int, tuple[str, dict[str, Any]]]) -> float:
-    """Return the path whose coverage was measured: 0.02 m a step, fifty steps in all."""
+    """Return the length of the path in the report's coverage; there are 50 steps of 0.02 m."""
     writer = RunWriter(path, run_info())
     for step in range(50):
         at_ns = EPOCH_NS + step * STEP_NS

@@ -1,4 +1,4 @@
-"""Walls: stopping, slipping, sliding, counting."""
+"""Contact with walls: stopping, wheel slip, sliding and counting of collisions."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_it_slides_round_a_corner_that_juts_out() -> None:
 def test_in_a_wedge_both_sides_are_touched_for_any_step(
     start_y_m: float, heading_deg: float
 ) -> None:
-    """The disc moves along a wall, 29 cm away from a leg, and does not stop just before it."""
+    """The disc moves along a wall towards a leg that leaves too narrow a gap, and touches it."""
     leg = ((0.3, 2.4946), (0.342, 2.5076), (0.329, 2.5497), (0.287, 2.5366))
     start = (0.16, start_y_m, math.radians(heading_deg))
     body = plant(room(start, walls=box(0.0, 0.0, 4.0, 4.0), obstacles=(leg,)))

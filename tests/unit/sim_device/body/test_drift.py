@@ -1,4 +1,4 @@
-"""The `paper` level against the paper's drift: 7 U-shaped cycles end 5 to 9 mm off."""
+"""The noise level `paper` against the drift in the paper: 5 to 9 mm after 7 U-shaped cycles."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 LANE_M, STEP_M = 1.77, 0.16
-"""Lengths of a lane and of a side step, m: 14 lanes and their side steps are 27 m."""
+"""Lengths of a lane and of a side step, m. 14 lanes and their side steps are 27 m."""
 MODEL = RobotModel()
 REST_MS = 5000
 TURNING_MS, STRAIGHT_MS = 20, 60
-"""Time between samples of both streams, ms; a sample of the gyro is the mean over it."""
+"""Time between samples of both streams, ms. A gyro sample is the mean over this time."""
 
 
 class DeadReckoning:
-    """The simplest host: wheel counts for distance, the gyro for heading.
+    """The simplest host: encoder counts give the distance, and the gyro gives the heading.
 
-    The bias is the mean over the rest before the first motion, and never measured again.
+    The gyro bias is the mean over the standstill before the first motion, and stays constant.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class DeadReckoning:
 
 
 class Estimating:
-    """The host's own estimator with the samples of a wire; no wall ever corrects it."""
+    """The host's estimator with samples in the protocol's units and without wall measurements."""
 
     def __init__(self) -> None:
         self._estimator = PoseEstimator(MODEL, Pose2(0.0, 0.0, 0.0))
@@ -101,7 +101,7 @@ def advance(
 
 
 def run_cycles(seed: int, level: str) -> Ends:
-    """Drive 7 cycles steered by the truth, after 5 s of rest."""
+    """Rest for 5 s, and then drive 7 cycles that are controlled by the true pose."""
     body = plant(room((5.0, 5.0, 0.0)), level=level, seed=seed, battery=None)
     suite = sensors(body, level=level, seed=1000 + seed)
     hosts = DeadReckoning(), Estimating()

@@ -1,4 +1,4 @@
-"""The plant's truth against closed forms."""
+"""The plant's true motion and energy, compared with closed-form solutions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Balance of the battery's energy, and a robot with an empty battery."""
+"""The energy balance of the battery, and a robot with an empty battery."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _both(body: Plant) -> list[tuple[float, float]]:
 
 
 def test_the_batterys_energy_equals_the_sum_of_its_consumers() -> None:
-    """The trapezoidal rule on voltages and currents is used, not the plant's own sums."""
+    """The test integrates voltages and currents itself, by the trapezoidal rule."""
     body = plant(CENTRE, battery=BatteryParameters(), chassis=Chassis())
     battery = internal = electronics = bridge = winding = shaft = 0.0
     for drive in ((0.5, 0.8), (0.9, 0.3), (-0.7, 0.7), (0.0, 0.0), (0.6, 0.6)):
@@ -64,7 +64,7 @@ def test_the_batterys_energy_equals_the_sum_of_its_consumers() -> None:
 
 
 def _same_volt(before: list[tuple[float, float]], body: Plant) -> list[tuple[float, float]]:
-    """Return currents at a tick's end under the voltages of its start, before an update."""
+    """Return the currents at the end of a tick for the voltages at its start."""
     speeds = (body.truth.left_rad_s, body.truth.right_rad_s)
     return [
         (volt, (volt - MOTOR.back_emf_v_s * speed) / MOTOR.resistance_ohm)
@@ -149,7 +149,7 @@ def test_below_the_knee_the_voltage_falls_to_that_of_an_empty_pack() -> None:
 
 
 def test_a_nearly_empty_battery_browns_the_rail_out_under_load() -> None:
-    """Two stalled motors at the grown resistance brown the rail out; without load it recovers."""
+    """Two stalled motors and a high internal resistance pull the rail down; then it recovers."""
     parameters = BatteryParameters(resistance_ohm=0.6)
     body = plant(CENTRE, battery=parameters)
     body.set_charge(0.002)
@@ -187,7 +187,7 @@ def test_a_battery_driven_empty_ends_the_drive_and_stays_dead() -> None:
 
 
 def test_the_caster_drags_as_much_as_configured() -> None:
-    """Straight ahead, each motor carries half of its drag: F·r/2 newton metres more."""
+    """Straight ahead, each motor carries half of the caster's drag: a torque of F·r/2."""
     dragged = Chassis(caster_drag_n=2.0, mass_kg=0.0)
     free, held = plant(CENTRE, battery=IDEAL_BATTERY), plant(CENTRE, chassis=dragged)
     for body in (free, held):

@@ -1,4 +1,4 @@
-"""A broken drive, a lifted robot, moving obstacles and walking people."""
+"""Faults of the drive, a lifted robot, moving obstacles and walking people."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_a_lifted_robots_wheels_turn_and_it_stays_until_it_is_set_down() -> None
 
 
 def test_wheels_in_the_air_are_quicker() -> None:
-    """In the air the robot's mass is missing: each wheel has m·r²/2 less inertia."""
+    """In the air the wheels do not accelerate the robot: each has m·r²/2 less inertia."""
     body = plant(CENTRE, chassis=Chassis(mass_kg=3.0, caster_drag_n=0.0))
     body.faults.lifted = True
     body.set_duty(0.5, 0.5)
@@ -77,7 +77,7 @@ def test_wheels_in_the_air_are_quicker() -> None:
 
 
 def test_a_wheel_spins_beyond_its_traction() -> None:
-    """7 N at each wheel and 3 kg allow at most 4.67 m/s², whatever the motors' torque."""
+    """With 7 N at each wheel and 3 kg, traction limits the acceleration to 4.67 m/s²."""
     body = plant(CENTRE, chassis=Chassis(caster_drag_n=0.0, mass_kg=3.0))
     body.set_duty(1.0, 1.0)
     body.advance_ms(30)
@@ -91,7 +91,7 @@ def test_a_wheel_spins_beyond_its_traction() -> None:
     assert truth.path_m < 0.0325 * truth.left_rad - 1e-4
 
 
-# Obstacles that move.
+# Moving obstacles.
 
 
 def _world(*obstacles: tuple[tuple[float, float], ...]) -> World:
@@ -150,10 +150,7 @@ def test_an_enclosing_obstacle_holds_the_robot_until_it_is_removed() -> None:
 
 
 def test_it_is_never_pushed_through_a_wall_that_stood() -> None:
-    """A shelf beside the robot is 20 mm thick.
-
-    Only a box on the other side could push it through.
-    """
+    """A box pushes the robot towards a shelf that is 20 mm thick."""
     shelf = box(10.17, 9.0, 10.19, 11.0)
     body = plant(room((10.0, 10.0, 0.0), obstacles=(shelf,)))
     body.replace_world(_world(shelf, box(9.0, 9.0, 10.1, 11.0)))

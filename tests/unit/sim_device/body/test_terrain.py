@@ -1,4 +1,4 @@
-"""Carpets and thresholds: the room file, and the effect on the robot."""
+"""Carpets and thresholds in room files, and their effect on the robot."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_wrong_value_is_named_in_one_line(key: str, value: object, names: str)
 
 
 def test_a_carpet_drags_on_the_wheels_that_stand_on_it() -> None:
-    """Each wheel takes half of 4 N, which reduces its speed by F·r·R/K²."""
+    """Each wheel has half of the drag of 4 N, which reduces its speed by F·r·R/K²."""
     body = on(carpets=(Carpet(box(5.0, 5.0, 15.0, 15.0), 4.0, 0.0),))
     body.set_duty(CRUISE, CRUISE)
     body.advance_ms(2000)
@@ -136,7 +136,7 @@ def test_too_little_duty_stalls_on_a_thick_carpet() -> None:
 
 
 def test_a_threshold_takes_energy_and_gives_it_back() -> None:
-    """Weight is conservative: the motors' work over the bar differs only by friction."""
+    """Gravity is conservative, so crossing the bar needs the same motor work as a flat floor."""
     bodies = [on(), on(thresholds=bar(0.004))]
     slowest = []
     for body in bodies:
@@ -153,7 +153,7 @@ def test_a_threshold_takes_energy_and_gives_it_back() -> None:
 
 
 def test_on_top_the_motors_have_lifted_the_weight() -> None:
-    """They have lifted m·g·h of the share on the wheels, with the caster off the bar."""
+    """The wheels carry 80 % of the weight. The additional work is m·g·h of this share."""
     bodies = [on(), on(thresholds=bar(0.004))]
     for body in bodies:
         body.set_duty(CRUISE, CRUISE)
@@ -197,7 +197,7 @@ def test_beside_a_threshold_nothing_is_felt() -> None:
 
 
 def test_the_inertial_sensor_feels_the_tilt() -> None:
-    """With the caster on top of a bar, the nose is up: at rest it shows g·sin(pitch) ahead."""
+    """With the caster on a bar, the robot pitches up and measures g·sin(pitch) forwards."""
     body = on(thresholds=bar(0.003, 10.0 + Chassis().caster_x_m))
     body.advance_ms(100)
     before = body.inertial

@@ -28,7 +28,7 @@ CRASHING = (LIBRARY[0], ROOT / "tests" / "c" / "crashing_firmware.c")
 
 @pytest.fixture
 def made() -> Iterator[Callable[..., CoreSweeper]]:
-    """Makes devices, and ends their processes."""
+    """Return a function that creates devices; their processes end after the test."""
     devices = []
 
     def make(path: Path, kind: Callable[..., Chip] = CoreProcess) -> CoreSweeper:

@@ -58,7 +58,7 @@ def on_core(*faults: str, link: type[LinkBase] = Link) -> Rig:
     return Rig(device(link=link), faults=[parse_fault(text) for text in faults], seed=1)
 
 
-# ---- like the model in Python ------------------------------------------------------------
+# ---- the same behaviour as the Python model ----------------------------------------------
 
 
 @pytest.mark.parametrize("link", [Link, CanLink])
@@ -102,22 +102,22 @@ def test_the_robot_file_is_in_its_flash() -> None:
     assert from_raw(ParameterKind.F32, value.value) == pytest.approx(0.25)
 
 
-# ---- its line ------------------------------------------------------------------------------
+# ---- serial link and CAN bus ---------------------------------------------------------------
 
 
 def test_a_line_that_is_too_slow_loses_whole_frames_and_no_answer() -> None:
-    """The core sees the room in the transmit buffer, so the line never cuts a frame."""
+    """The core checks the free space of the transmit buffer, so frames are never cut."""
     rig = Rig(device(), LineSettings(baud=19_200), seed=1)
     drive = Drive(rig)
     drive.run(12.0)
     assert rig.counts().device_overrun == 0
     assert drive.session.link.statistics.damaged == 0
-    assert 500 < len(drive.received) < 1_500, "of 2 500"
-    assert drive.round_trips_us(6.0, 12.0), "answers have a share of the buffer of their own"
+    assert 500 < len(drive.received) < 1_500, "a fast link carries 2 500"
+    assert drive.round_trips_us(6.0, 12.0), "a part of the buffer is reserved for answers"
 
 
 def test_frames_that_wait_for_the_bus_leave_by_their_rank() -> None:
-    """A slow bus: parameters, which rank last, let the streams pass."""
+    """On a slow bus, streams overtake parameters, which have the lowest priority."""
     rig = Rig(device(link=CanLink), LineSettings(bitrate=125_000), seed=1)
     host: WireHost[Any] = WireHost(rig)
     host.link = CanLink(Direction.HOST)  # type: ignore[assignment]  # any link will do
@@ -132,7 +132,7 @@ def test_frames_that_wait_for_the_bus_leave_by_their_rank() -> None:
     kinds = [type(message) for _, message in after]
     values = [i for i, kind in enumerate(kinds) if kind is ParameterValue]
     assert len(values) == 6
-    assert Imu in kinds[values[0] : values[-1]], "a sample overtakes the values that wait"
+    assert Imu in kinds[values[0] : values[-1]], "a sample overtakes the queued values"
     assert max(late_us for late_us, message in after if isinstance(message, Imu)) < 15_000
 
 
@@ -152,7 +152,7 @@ def test_a_key_is_set_only_beside_the_robot(*, local: bool) -> None:
         assert not made.firmware.view.keyed
 
 
-# ---- what may happen to it ---------------------------------------------------------------
+# ---- resets and faults -------------------------------------------------------------------
 
 
 def test_parameters_outlive_a_reboot_and_a_lost_supply_keeps_the_old_ones() -> None:
@@ -163,7 +163,7 @@ def test_parameters_outlive_a_reboot_and_a_lost_supply_keeps_the_old_ones() -> N
     host.send(SaveParameters(77))
     host.run(0.5)
     host.send(SetParameter(78, CLIFF_REFLEX, ParameterKind.U32, 1), SaveParameters(79))
-    host.run(0.1)  # erasing takes longer
+    host.run(0.1)  # shorter than erasing a page
     host.device.reset(ResetCause.BROWN_OUT)
     host.run(1.5)
     host.join()
@@ -244,7 +244,7 @@ def test_a_dead_crystal_is_a_fault_bit() -> None:
 def test_a_miswired_encoder_ends_at_rest_with_the_drivers_off(
     firmware: str, fault: str, named: Fault
 ) -> None:
-    """A curve, in which the wheels differ: the sign of duty against counts shows what is wrong."""
+    """On a curve the wheels differ, so the signs of duties and counts identify the fault."""
     made = device() if firmware == "core" else VirtualSweeper(OPEN_FLOOR, noise="none", seed=1)
     rig = Rig(made, faults=[parse_fault(fault)], seed=1)
     drive = Drive(rig, V_M_S, 1.5)
@@ -254,7 +254,7 @@ def test_a_miswired_encoder_ends_at_rest_with_the_drivers_off(
     assert not made.drivers
     begun = rig.plant.pose
     drive.run(12.0)
-    assert rig.plant.pose.distance_m(begun) < 0.001, "and it stays there"
+    assert rig.plant.pose.distance_m(begun) < 0.001, "the robot stays at rest"
     statuses = [h.message for h in drive.received if isinstance(h.message, Status)]
     assert any(status.faults & named for status in statuses)
     assert statuses[-1].faults & Fault.DRIVERS_OFF

@@ -1,4 +1,4 @@
-"""The wheels' duties in bring-up, requested by a real session over bytes."""
+"""Wheel duties in bring-up mode, sent by a host session as bytes."""
 
 from __future__ import annotations
 

@@ -98,10 +98,10 @@ def test_frames_for_another_node_are_not_obeyed_nor_count_as_a_host() -> None:
     bench.run(1.5, lambda: _ping_node(bench, 2))
     assert bench.cause() is StopCause.LINK
     bench.send(Stop(9, StopCause.OPERATOR), node=0)
-    assert bench.cause() is StopCause.LINK, "it is for one device alone"
+    assert bench.cause() is StopCause.LINK, "a stop addresses a single device"
     assert bench.send(StopAll(), node=0) == []
     assert bench.cause() is StopCause.OPERATOR
-    assert kinds(bench.run(0.01)) == ["Status"], "its answer, even before a handshake"
+    assert kinds(bench.run(0.01)) == ["Status"], "the device answers even without a session"
 
 
 def _ping_node(bench: LoneDevice, node: int) -> None:

@@ -1,4 +1,4 @@
-"""Fault bits: each is set by a real fault, cleared after it, and otherwise silent."""
+"""Each fault bit is set by its fault, is cleared afterwards, and is otherwise not set."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ BOTH_ENCODERS = Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT
 
 
 class LoneDevice(WireHost[VirtualSweeper]):
-    """A device driven by setpoints, and its fault bits."""
+    """A device that is driven by setpoints."""
 
     def __init__(
         self, plan: FloorPlan = OPEN_FLOOR, noise: str = "typical", mode: Mode = Mode.VELOCITY
@@ -94,7 +94,7 @@ def test_a_sound_device_has_none(noise: str) -> None:
 
 
 def test_all_are_named_here() -> None:
-    """Every bit has its test below; that of ``setpoint_expired`` is beside its watchdog."""
+    """Every bit has a test below or in the named file; ``setpoint_expired``: test_latching.py."""
     assert [f.name for f in Fault] == [
         "IMU",
         "ENCODER_LEFT",
@@ -108,10 +108,10 @@ def test_all_are_named_here() -> None:
         "ENCODER_LEFT_REVERSED",  # this and the next two: test_protection.py
         "ENCODER_RIGHT_REVERSED",
         "ENCODERS_SWAPPED",
-        "CLOCK",  # with the crash record
+        "CLOCK",  # test_protection.py, at the crash record
         "BUMPER",
-        "LIMITED",  # with the reflexes
-        "DRIVERS_OFF",  # with the safe state
+        "LIMITED",  # test_protection.py, at the reflexes
+        "DRIVERS_OFF",  # test_protection.py, at the safe state
     ]
 
 
@@ -126,8 +126,8 @@ def test_a_frozen_imu(noise: str) -> None:
     bench.device.sensors.faults.imu_frozen = True
     bench.drive(1.5, 0.0, 1.0)
     assert bench.faults & Fault.IMU
-    assert bench.stopped_by(StopCause.NONE), "a host may drive it home without a gyro"
-    assert bench.choose(Mode.ONBOARD) is NackReason.FAULT, "by itself it cannot"
+    assert bench.stopped_by(StopCause.NONE), "a host may drive the robot without a gyro"
+    assert bench.choose(Mode.ONBOARD) is NackReason.FAULT, "the device's planner needs a gyro"
     bench.device.sensors.faults.imu_frozen = False
     bench.drive(0.5, 0.0, 1.0)
     assert not bench.faults & Fault.IMU
@@ -176,7 +176,7 @@ def test_planning_for_itself_it_stops_without_a_gyro() -> None:
     [("left", Fault.ENCODER_LEFT), ("right", Fault.ENCODER_RIGHT)],
 )
 def test_an_encoder_that_is_silent(knob: str, bit: Fault) -> None:
-    """A wheel without counts has no control, so it must not run."""
+    """A wheel without counts has no speed control, so it must not turn."""
     bench = LoneDevice()
     bench.drive(1.0)
     setattr(bench.device.sensors.faults, f"encoder_dropout_{knob}", 1.0)
@@ -185,9 +185,9 @@ def test_an_encoder_that_is_silent(knob: str, bit: Fault) -> None:
     assert not bench.faults & Fault.MOTOR_STALL
     assert bench.stopped_by(StopCause.HARDWARE)
     assert bench.standing()
-    assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT, "it still holds"
+    assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT, "the fault persists"
     setattr(bench.device.sensors.faults, f"encoder_dropout_{knob}", 0.0)
-    assert bench.faults & bit, "nothing shows yet that it counts again"
+    assert bench.faults & bit, "at rest, new counts are not observed yet"
 
 
 @pytest.mark.parametrize("knob", ["stuck_left", "stuck_right"])
@@ -200,10 +200,10 @@ def test_a_wheel_that_is_stuck(knob: str) -> None:
     assert not bench.faults & BOTH_ENCODERS
     assert bench.stopped_by(StopCause.NONE)
     bench.drive(0.8)
-    assert bench.stopped_by(StopCause.HARDWARE), "before the motor burns"
+    assert bench.stopped_by(StopCause.HARDWARE), "the stop protects the motor"
     bench.run(0.5)
     assert "stopped by itself: motor stalled" in bench.reported()
-    assert not bench.faults & Fault.MOTOR_STALL, "at rest nothing stalls"
+    assert not bench.faults & Fault.MOTOR_STALL, "at rest no motor stalls"
     setattr(bench.device.plant.faults, knob, False)
     assert bench.clear(StopCause.HARDWARE) is None
     assert bench.choose(Mode.VELOCITY) is None
@@ -241,10 +241,10 @@ def test_lifted_it_is_not_set_off_and_in_bringup_it_is() -> None:
     lift(bench, up=True)
     bench.run(1.0)
     assert bench.faults & Fault.LIFTED
-    assert bench.stopped_by(StopCause.NONE), "nothing moved: nothing to stop"
+    assert bench.stopped_by(StopCause.NONE), "a robot at rest need not stop"
     assert bench.choose(Mode.VELOCITY) is NackReason.FAULT
     assert bench.choose(Mode.ONBOARD) is NackReason.FAULT
-    assert bench.choose(Mode.BRINGUP) is None, "that is how wheels are tried"
+    assert bench.choose(Mode.BRINGUP) is None, "bring-up tests the wheels in the air"
     for k in range(50):
         bench.send(WheelDuty(4000, 4000, 200, k))
         bench.run(0.02)
@@ -284,7 +284,7 @@ def test_an_infrared_that_is_stuck() -> None:
     sensors = bench.device.sensors
     whole, sensors.ranges = sensors.ranges, lambda: Ranges(None, 0.12, None, 0)  # type: ignore[method-assign]
     bench.rest(1.0)
-    assert not bench.faults & Fault.INFRARED, "a wall beside it would read so"
+    assert not bench.faults & Fault.INFRARED, "a wall beside the robot gives the same range"
     bench.drive(2.0, 0.0, 1.0)
     assert bench.faults & Fault.INFRARED
     sensors.ranges = whole  # type: ignore[method-assign]
@@ -309,7 +309,7 @@ def test_a_battery_that_is_low_is_reported_and_one_that_is_empty_ends_the_drive(
     assert bench.stopped_by(StopCause.NONE)
     set_volts(bench, "battery_empty", 20.0)
     bench.drive(0.7)
-    assert bench.stopped_by(StopCause.NONE), "a sag of less than a second is none"
+    assert bench.stopped_by(StopCause.NONE), "a voltage drop of less than a second is ignored"
     bench.drive(1.0)
     assert bench.stopped_by(StopCause.HARDWARE)
     assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT

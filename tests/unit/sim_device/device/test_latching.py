@@ -1,4 +1,4 @@
-"""The emulated firmware's links of the safety chain: setpoints, silence, sessions, stalls."""
+"""The firmware stops the robot if setpoints expire, the host is silent or a session ends."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_it_drives_on_fresh_setpoints_and_stops_when_they_end() -> None:
     moving = [0]
 
     def look() -> None:
-        bench.ping()  # heartbeats continue, and must not feed the setpoint
+        bench.ping()  # heartbeats continue, but must not extend the setpoint
         if bench.speed > REST_M_S:
             moving[0] = bench.now_us
 
@@ -33,7 +33,7 @@ def test_it_drives_on_fresh_setpoints_and_stops_when_they_end() -> None:
     status = [m for _, m in bench.received if isinstance(m, Status)][-1]
     assert status.faults & Fault.SETPOINT_EXPIRED
     bench.run(0.5, bench.drive)
-    assert bench.speed > 0.15, "fresh ones of the same session go on"
+    assert bench.speed > 0.15, "fresh setpoints of the same session are accepted"
     status = [m for _, m in bench.received if isinstance(m, Status)][-1]
     assert not status.faults & Fault.SETPOINT_EXPIRED
 
@@ -48,7 +48,7 @@ def test_a_silent_host_latches_link() -> None:
     assert bench.firmware.latch.cause is StopCause.LINK
     assert not bench.firmware.negotiated
     assert bench.firmware.mode is Mode.IDLE
-    assert kinds(bench.run(1.0)) == ["Hello"], "nobody is there: it says hello"
+    assert kinds(bench.run(1.0)) == ["Hello"], "without a host, the device sends hello"
 
 
 def test_an_orderly_end_stays_one() -> None:
@@ -84,16 +84,16 @@ def test_setpoints_while_latched_or_idle_are_nothing() -> None:
     bench.join()
     bench.run(0.5, bench.drive)
     bench.send(ClearStop(1, StopCause.SESSION_END))
-    bench.run(0.5, bench.drive)  # free, but idle
+    bench.run(0.5, bench.drive)  # the latch is cleared, but the mode is idle
     bench.send(SetMode(2, Mode.VELOCITY))
-    bench.run(0.5, bench.ping)  # in velocity mode, but none since
+    bench.run(0.5, bench.ping)  # velocity mode, but no new setpoint
     assert bench.speed < REST_M_S
     assert bench.device.truth.path_m < 0.001
 
 
 @pytest.mark.python_only("sets the mode from inside")
 def test_the_latch_alone_holds_the_wheels() -> None:
-    """The latch must be enough even if a fault handler does nothing else."""
+    """The latch alone must stop the wheels, even if a fault handler does nothing else."""
     bench = LoneDevice()
     bench.free()
     bench.run(0.5, bench.drive)
@@ -126,14 +126,14 @@ def test_a_3_s_stall_and_its_burst_move_nothing() -> None:
 
 
 def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
-    """For 0.9 s the session and the velocity mode continue: only freshness rejects setpoints."""
+    """A stall of 0.9 s ends neither session nor mode. Only their age rejects the setpoints."""
     bench = LoneDevice()
     bench.free()
     bench.run(1.0, bench.drive)
     first = bench.now_us
     bench.run(0.9)
     path = bench.device.truth.path_m
-    for k in range(30):  # of the first 0.6 s
+    for k in range(30):  # setpoints from the first 0.6 s of the stall
         bench.counter += 1
         bench.send(
             VelocitySetpoint(3000, 0, 250, bench.counter & 0xFF), stamp_us=first + k * 20_000
@@ -147,13 +147,13 @@ def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
 
 @pytest.mark.python_only("sets the clock of the chip")
 def test_clocks_that_wrap_stop_nothing() -> None:
-    """Both 32-bit microsecond clocks wrap after 71.6 minutes; here both within a second."""
+    """32-bit microsecond clocks wrap after 71.6 minutes. Here both clocks wrap during the drive."""
     device = sweeper()
     device.skip_to((1 << 32) - 1_500_000)
     bench = LoneDevice(device)
     bench.now_us = (1 << 32) - 1_500_000
     bench.free()
-    bench.run(3.0, bench.drive)  # the host's stamps are the bench's, and wrap with it
+    bench.run(3.0, bench.drive)  # the host's stamps wrap too
     assert bench.speed == pytest.approx(0.2, abs=0.02)
     assert not bench.firmware.latch.latched
     counters = [m for _, m in bench.received if isinstance(m, LinkCounters)][-1]

@@ -1,4 +1,4 @@
-"""The whole mode table alone; test_modes.py checks that the device obeys it."""
+"""The mode table by itself; test_modes.py checks that the device follows the table."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_every_state_has_an_answer_to_every_event() -> None:
     for branches in TABLE.values():
         assert branches[-1].guard is None
         assert all(b.guard is not None for b in branches[:-1])
-        assert all(isinstance(b.outcome, NackReason) for b in branches[:-1]), "guards refuse"
+        assert all(isinstance(b.outcome, NackReason) for b in branches[:-1]), "a guard only rejects"
 
 
 @pytest.mark.parametrize("state", [state for state in DeviceState if state in FREE])

@@ -1,4 +1,4 @@
-"""The device obeys the mode table over bytes; test_mode_table checks the table itself."""
+"""The device follows the mode table; test_mode_table.py checks the table itself."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def outcome(state: DeviceState, event: Event, *holding: Guard) -> object:
 
 
 class Trial:
-    """A device that a test can bring into every state and confront with every event."""
+    """A device that a test can bring into every state and expose to every event."""
 
     def __init__(self) -> None:
         self.host = WireHost(sweeper())
@@ -110,7 +110,7 @@ def test_without_supply_or_before_the_boot_nothing_is_received(state: DeviceStat
 
 
 class ModesMachine(RuleBasedStateMachine):
-    """Any order of events: the device agrees with the table, and is safe."""
+    """Check that the device follows the table and latches its stops, for any order of events."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Parameters, requested by a real session over bytes; and their store alone."""
+"""Parameters, read and written by a host session as bytes; and the parameter store alone."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_flags_show_the_state_of_a_value() -> None:
     assert ready.save() is None
     assert ready.get("max_speed").flags == ParameterFlag.STORED
     ready.set("max_speed", 0.3)
-    assert ready.get("max_speed").flags == ParameterFlag.CHANGED, "the stored one is another"
+    assert ready.get("max_speed").flags == ParameterFlag.CHANGED, "the stored value differs"
 
 
 def test_parameters_need_a_session() -> None:
@@ -200,7 +200,7 @@ def test_saving_waits_until_it_cannot_drive() -> None:
     assert ready.save() is None
 
 
-# ---- the store by itself ------------------------------------------------------------------
+# ---- the parameter store alone ------------------------------------------------------------
 
 SOME = (
     TableParameter("signed", "count", F32, -5, -10, 10),

@@ -1,4 +1,4 @@
-"""The device protects itself: safe state, signs of the encoders, reflexes, crash record, saves."""
+"""Self-protection of the device: safe state, encoder signs, reflexes, crash record, saving."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ RAMP_S = 0.1
 
 
 class LoneDevice(WireHost[VirtualSweeper]):
-    """A device driven by setpoints; its duties in each period."""
+    """A device that is driven by setpoints. It records the duties in each control period."""
 
     def __init__(
         self, plan: FloorPlan = OPEN_FLOOR, noise: str = "typical", mode: Mode = Mode.VELOCITY
@@ -109,7 +109,7 @@ class LoneDevice(WireHost[VirtualSweeper]):
 def test_duties_only_fall_once_no_speed_is_requested(
     ending: str, v_m_s: float, yaw_rad_s: float, fault: str
 ) -> None:
-    """The encoders are reversed at the beginning: duties must fall whatever they report."""
+    """Encoders fail as braking begins. The duties must fall whatever the encoders report."""
     bench = LoneDevice(noise="none")
     bench.drive(1.0, v_m_s, yaw_rad_s)
     if ending == "stop":
@@ -126,7 +126,9 @@ def test_duties_only_fall_once_no_speed_is_requested(
         sizes = [abs(d[wheel]) for d in bench.duties]
         assert all(after <= before for before, after in pairwise(sizes)), "a duty rose"
         zero_s = 0.01 * next(i for i, size in enumerate(sizes) if size == 0.0)
-        assert zero_s <= fastest_m_s + RAMP_S + 0.02, "v/a and 0.1 s, from the period it began in"
+        assert zero_s <= fastest_m_s + RAMP_S + 0.02, (
+            "the limit is v/a + 0.1 s after braking begins"
+        )
     assert bench.standing()
 
 
@@ -137,7 +139,7 @@ def test_an_expiry_brakes_and_does_not_latch() -> None:
     assert bench.standing()
     assert bench.faults & Fault.SETPOINT_EXPIRED
     assert bench.cause() is StopCause.NONE
-    assert bench.drivers(), "it brakes: a setpoint may come at any time"
+    assert bench.drivers(), "the drivers brake, and a setpoint may arrive"
     bench.drive(0.5)
     assert not bench.standing()
 
@@ -145,7 +147,7 @@ def test_an_expiry_brakes_and_does_not_latch() -> None:
 @pytest.mark.python_only("reads the integrators")
 def test_a_fresh_setpoint_starts_from_zero_integrators() -> None:
     bench = LoneDevice(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)))
-    bench.drive(6.0, 0.1)  # at the wall: the integral is saturated
+    bench.drive(6.0, 0.1)  # the robot pushes the wall, so the integrators saturate
     wheels = bench.device.firmware.control.wheels
     assert wheels.left.integral != 0.0
     bench.run(0.3)
@@ -157,7 +159,7 @@ def test_drivers_are_off_at_rest_in_idle_and_after_a_stop() -> None:
     host = WireHost(device)
     host.join()
     host.run(0.5)
-    assert not device.drivers, "as it boots"
+    assert not device.drivers, "the drivers are off after a boot"
     assert host.status.faults & Fault.DRIVERS_OFF
     assert fault_labels(host.status.faults) == []
     bench = LoneDevice()
@@ -166,18 +168,18 @@ def test_drivers_are_off_at_rest_in_idle_and_after_a_stop() -> None:
     bench.stop()
     assert bench.run(1.0, bench.standing)
     bench.run(0.4)
-    assert bench.drivers(), "half a second of braking"
+    assert bench.drivers(), "the drivers brake for 0.5 s"
     bench.run(0.5)
     assert not bench.drivers()
     assert bench.clear(StopCause.OPERATOR) is None
-    assert not bench.drivers(), "free to move, and idle"
+    assert not bench.drivers(), "the latch is cleared, but the mode is idle"
     assert bench.choose(Mode.VELOCITY) is None
     bench.run(0.02)
     assert bench.drivers()
     bench.drive(0.5)
     assert bench.choose(Mode.IDLE) is None
     bench.run(0.02)
-    assert bench.drivers(), "it moves: it brakes first"
+    assert bench.drivers(), "a moving robot brakes first"
     bench.run(1.0)
     assert not bench.drivers()
 
@@ -205,7 +207,7 @@ def test_a_miswired_encoder_ends_at_rest_with_its_name(
     start = bench.device.truth.pose
     bench.drive(6.0, v_m_s, yaw_rad_s)
     if bit is Fault.ENCODERS_SWAPPED and yaw_rad_s == 0.0 and bench.cause() is StopCause.NONE:
-        return  # straight ahead nothing shows, and nothing runs away
+        return  # straight ahead, swapped encoders show no difference and do no harm
     assert bench.cause() is StopCause.HARDWARE
     assert bench.faults & SIGNS == bit
     assert bench.standing()
@@ -214,9 +216,10 @@ def test_a_miswired_encoder_ends_at_rest_with_its_name(
     assert f"fault: {label}" in ", ".join(bench.lines())
     assert "stopped by itself: encoder" in bench.lines()
     moved_m = start.distance_m(bench.device.truth.pose)
-    straight = bit is Fault.ENCODERS_SWAPPED and yaw_rad_s == 0.0  # it follows until it diverges
-    assert moved_m < (0.6 if straight else 0.35), "it does not drive away"
-    assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT, "it still holds"
+    # With swapped encoders, the robot drives straight ahead until the wheels differ.
+    straight = bit is Fault.ENCODERS_SWAPPED and yaw_rad_s == 0.0
+    assert moved_m < (0.6 if straight else 0.35), "the robot stops soon"
+    assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT, "the fault persists"
 
 
 def test_both_reversed_are_both_named() -> None:
@@ -236,7 +239,7 @@ def test_both_reversed_are_both_named() -> None:
     ],
 )
 def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) -> None:
-    """One wheel turns at a time, without a stop, because a person stands beside it."""
+    """In bring-up mode the device does not stop, because a person stands beside the robot."""
     bench = LoneDevice(mode=Mode.BRINGUP)
     setattr(bench.device.sensors.faults, fault, True)
     bench.duty(1.0, 0.35, 0.0)
@@ -249,7 +252,7 @@ def test_bring_up_shows_the_fault_and_that_it_is_mended(fault: str, bit: Fault) 
 
 @pytest.mark.parametrize("noise", ["none", "harsh"])
 def test_a_sound_robot_is_never_reported_as_miswired(noise: str) -> None:
-    """The robot makes the hardest reversals, meets a wall, and is dragged back by a person."""
+    """The robot reverses and turns at its acceleration limits, and pushes a wall."""
     bench = LoneDevice(room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)), noise)
     for _ in range(6):
         bench.drive(0.5, 0.3, 0.0)
@@ -287,22 +290,22 @@ WALL = room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 1.5, 2.0))
 
 
 def over(bench: LoneDevice) -> float:
-    """Return how far the foremost barrier is beyond the edge, m."""
+    """Return the distance of the foremost cliff sensor beyond the edge of the floor, m."""
     return bench.device.truth.pose.x_m + 0.15 - 1.6
 
 
 def test_at_a_cliff_the_robot_only_reverses_and_turns() -> None:
     bench = LoneDevice(EDGE, "none")
     bench.drive(4.0)
-    # The host insists, and the device stops by itself after a second.
+    # The host keeps sending setpoints ahead, so the device stops by itself after a second.
     assert over(bench) < 0.05
     assert bench.cause() is StopCause.HARDWARE
     assert "stopped by itself: no floor ahead" in bench.lines()
-    assert bench.clear(StopCause.HARDWARE) is None, "it may reverse"
+    assert bench.clear(StopCause.HARDWARE) is None, "the robot may reverse"
     assert bench.choose(Mode.VELOCITY) is None
     heading = bench.device.truth.heading_rad
     bench.drive(0.5, 0.0, 1.0)
-    assert bench.device.truth.heading_rad - heading > 0.2, "it may turn"
+    assert bench.device.truth.heading_rad - heading > 0.2, "the robot may turn"
     bench.drive(0.5, 0.0, -1.0)
     bench.drive(2.0, -0.1)
     assert over(bench) < -0.1
@@ -314,7 +317,7 @@ def test_the_limit_is_seen_at_once(mode: Mode) -> None:
     bench = LoneDevice(EDGE, "none", mode)
     if mode is Mode.BRINGUP:
         bench.duty(3.0, 0.4, 0.4)
-        assert not bench.faults & Fault.LIMITED, "not in bring-up"
+        assert not bench.faults & Fault.LIMITED, "bring-up mode has no reflexes"
         return
     bench.setpoint(0.2)
     seen: list[bool] = []
@@ -326,8 +329,8 @@ def test_the_limit_is_seen_at_once(mode: Mode) -> None:
         return len(seen) > 3
 
     assert bench.run(6.0, look)
-    assert seen[1:] == [True] * len(seen[1:]), "from the next control period on"
-    assert bench.cause() is StopCause.NONE, "no latch"
+    assert seen[1:] == [True] * len(seen[1:]), "set from the next control period on"
+    assert bench.cause() is StopCause.NONE, "a reflex does not latch"
 
 
 def test_a_cliff_is_no_reason_to_latch_for_a_host_that_reverses() -> None:
@@ -336,7 +339,7 @@ def test_a_cliff_is_no_reason_to_latch_for_a_host_that_reverses() -> None:
         assert bench.run(0.0) is False
         while not bench.device.sensors.cliff():
             bench.drive(0.02, 0.28)
-        bench.drive(0.08, 0.28)  # its latency
+        bench.drive(0.08, 0.28)  # the host's latency
         bench.drive(1.6, -0.1)
         assert over(bench) < 0.0
     assert bench.cause() is StopCause.NONE
@@ -368,7 +371,7 @@ def test_with_a_bumper_pressed_it_creeps_and_turns() -> None:
     assert not bench.faults & Fault.LIMITED, "reversing is not limited"
     assert not bench.faults & Fault.BUMPER
     bench.drive(10.0, 0.02, 0.3)
-    assert bench.faults & Fault.BUMPER, "10 s, and nothing is there"
+    assert bench.faults & Fault.BUMPER, "the switch is closed for 10 s without an obstacle"
     bench.device.sensors.faults.bumper_stuck_left = False
     bench.drive(0.2, 0.0)
     assert not bench.faults & Fault.BUMPER
@@ -384,7 +387,7 @@ def test_a_wall_that_presses_a_bumper_is_no_fault() -> None:
 @pytest.mark.parametrize("noise", ["typical", "harsh"])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_cliff_is_not_reported_as_lifted(noise: str, seed: int) -> None:
-    """Vibration and bias of the accelerometer are no jolt."""
+    """Vibration and accelerometer bias do not count as a jolt."""
     bench = LoneDevice(EDGE, noise)
     del seed
     for _ in range(5):
@@ -454,7 +457,7 @@ def test_a_save_is_acknowledged_if_it_reads_back(worn: bool) -> None:  # noqa: F
         bench.send(SaveParameters(0x500))
         bench.run(0.5)
         (reply,) = [m for m in bench.of(Ack) + bench.of(Nack) if m.command_id == 0x500]
-        assert isinstance(reply, Nack) is worn, "and so to a repeated command"
+        assert isinstance(reply, Nack) is worn, "a repeated command gets the same answer"
         if isinstance(reply, Nack):
             assert reply.reason == NackReason.NOT_SAVED
         lines += bench.lines()
@@ -476,10 +479,7 @@ def test_a_stuck_bus_gives_no_samples_and_is_a_fault() -> None:
 
 @pytest.mark.parametrize("share", [-0.01, 0.0, 0.01])
 def test_an_imu_with_its_own_clock(share: float) -> None:
-    """If slower, it sometimes has no new sample.
-
-    If faster, the next sample sometimes replaces one.
-    """
+    """A slower IMU sometimes has no new sample; a faster IMU sometimes overwrites a sample."""
     bench = LoneDevice()
     bench.device.sensors.faults.imu_clock = share
     bench.run(1.0)

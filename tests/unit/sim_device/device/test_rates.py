@@ -1,4 +1,4 @@
-"""Stream rates, requested by a real session over bytes."""
+"""Stream rates, set by a host session as bytes."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_an_unknown_type_has_no_rate() -> None:
 
 
 def stamped(bench: LoneDevice, kind: type[Message], duration_s: float) -> list[tuple[int, Message]]:
-    """Stamp (µs) and message of a stream."""
+    """Return time stamps (µs) and messages of a stream."""
     found: list[tuple[int, Message]] = []
     for _ in range(round(duration_s * 100)):
         bench.now_us += 10_000
@@ -109,13 +109,13 @@ def test_a_range_message_has_the_age_of_its_ultrasonic_range() -> None:
     assert len(found) == 20
     ages_ms = [message.ultrasonic_age for _, message in found if isinstance(message, Range)]
     for (stamp_us, _), age_ms in zip(found, ages_ms, strict=True):
-        assert (stamp_us // 1000 - age_ms) % 60 == 0, "it pings every 60 ms"
+        assert (stamp_us // 1000 - age_ms) % 60 == 0, "the sensor measures every 60 ms"
         assert age_ms <= 100
     assert len(set(ages_ms)) > 4
 
 
 def test_an_imu_sample_keeps_its_time_when_it_is_sent_later() -> None:
-    """The chip's clock is 1 % slow: now and then its newest sample is a period old."""
+    """The IMU's clock is 1 % slow, so its newest sample is sometimes a period old."""
     bench = LoneDevice()
     bench.device.sensors.faults.imu_clock = -0.01
     bench.join()

@@ -1,4 +1,4 @@
-"""Reboots, and the data that outlives them, requested by a real session over bytes."""
+"""Reboots that a host session requests, and the data that persists across a reboot."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_reboot_is_rejected_while_it_drives_or_rolls() -> None:
     assert ready.ask(lambda i: Reboot(i, RebootKind.NORMAL)) is NackReason.OTHER_MODE
     first, second = ready.spare_id(), ready.spare_id()
     ready.send(SetMode(first, Mode.IDLE))
-    ready.send(Reboot(second, RebootKind.NORMAL))  # at the same time: it still rolls
+    ready.send(Reboot(second, RebootKind.NORMAL))  # at the same time, while the robot still moves
     ready.ends.run(0.1)
     nacks = [d.received.message for d in ready.host.of(Data) if d.received.spec.name == "nack"]
     assert [(m.command_id, m.reason) for m in nacks[-1:]] == [(second, NackReason.FAULT)]  # type: ignore[attr-defined]

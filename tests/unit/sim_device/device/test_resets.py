@@ -1,4 +1,4 @@
-"""Resets of every cause, the watchdog, brown-out, the flash and the device's clock."""
+"""Resets of every cause, watchdog, brown-out, flash memory and the device's clock."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_reset_of_any_cause(cause: ResetCause, off_s: float) -> None:
     host.received.clear()
     silent_s = off_s + BOOT_US / 1e6 - 0.02
     host.run(silent_s)
-    assert not host.received, "it neither receives nor sends while it boots"
+    assert not host.received, "a booting device sends nothing"
     host.run(0.1)
     hello = host.hello
     assert hello.reset_cause == cause
@@ -74,12 +74,12 @@ def test_a_reset_of_any_cause(cause: ResetCause, off_s: float) -> None:
     assert hello.session_id == 0
     (at_us, stamp_us, _), *_ = host.received
     assert at_us == pytest.approx(reset_us + off_s * 1e6 + BOOT_US, abs=10_000)
-    assert stamp_us < 10_000, "its clock begins anew"
+    assert stamp_us < 10_000, "the device's clock restarts at 0"
     host.join()
     host.run(0.5)
     assert (host.status.mode, host.status.stop_cause) == (Mode.IDLE, StopCause.SESSION_END)
-    assert speed(host) < REST_M_S, "the outputs were off"
-    assert host.last(Encoders).left < 1000, "the counters' timers began at 0 too"
+    assert speed(host) < REST_M_S, "the outputs are off during the boot"
+    assert host.last(Encoders).left < 1000, "the encoder counters restart at 0"
 
 
 def test_outputs_are_off_at_once() -> None:
@@ -88,7 +88,7 @@ def test_outputs_are_off_at_once() -> None:
     path_m = host.device.truth.path_m
     host.device.reset(ResetCause.PIN)
     host.run(0.29)
-    # Coasting down from 0.2 m/s with the motors' 0.05 s and the floor's drag.
+    # The robot coasts from 0.2 m/s, with the motors' time constant of 0.05 s and drag.
     assert host.device.truth.path_m - path_m < 0.2 * 0.12
 
 
@@ -116,7 +116,7 @@ def test_a_firmware_that_hangs_is_reset_by_the_watchdog() -> None:
     host.received.clear()
     assert host.run(1.0, lambda: host.device.state is DeviceState.BOOT)
     assert host.now_us - hung_us <= WATCHDOG_US + 20_000
-    # Until then the bridges held their duty: it drove on, without control, for exactly that time.
+    # Until the reset, the motor drivers keep their duty, so the robot drives on without control.
     driven_m = host.device.truth.path_m - path_m
     assert 0.2 * 0.08 < driven_m < 0.2 * 0.13
     assert not host.received
@@ -136,7 +136,7 @@ def test_a_firmware_that_lives_is_never_reset() -> None:
 
 
 class _Rail:
-    """A 5 V rail at a voltage set by the test, in place of the plant's own."""
+    """A 5 V rail with a voltage that the test sets."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, host: WireHost[VirtualSweeper]) -> None:
         self.volts = 5.0
@@ -160,7 +160,7 @@ def test_a_rail_that_falls_switches_it_off_until_it_is_back(
     host.received.clear()
     rail.volts = SUPPLY_GOOD_V - 0.05
     host.run(2.0)
-    assert host.device.state is DeviceState.OFF, "between the thresholds it stays off"
+    assert host.device.state is DeviceState.OFF, "the device stays off between the thresholds"
     assert speed(host) < REST_M_S
     rail.volts = 5.0
     back_us = host.now_us
@@ -187,7 +187,7 @@ def test_a_rail_that_falls_again_while_it_boots(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_flat_battery_switches_it_off_and_a_full_one_on() -> None:
-    """The plant's own battery and rail decide, whichever of them fails first."""
+    """The plant's battery model determines the voltage of the rail."""
     host = free()
     drive(host, 1.0)
     host.device.plant.set_charge(0.0)
@@ -218,11 +218,13 @@ def test_a_save_is_answered_when_it_is_done_and_not_before() -> None:
     asked_us = host.now_us
     assert not [m for m in host.send(SaveParameters(7)) if isinstance(m, Ack)]
     host.received.clear()
-    assert not host.send(SaveParameters(7)), "asked again: still at it"
+    assert not host.send(SaveParameters(7)), "a repeated command is not answered during the save"
     assert host.run(1.0, lambda: bool(host.of(Ack)))
     assert ERASE_MS <= (host.now_us - asked_us) / 1000 <= ERASE_MS + 30
     assert host.of(Ack) == [Ack(7, 0x72)]
-    assert [m for m in host.send(SaveParameters(7)) if isinstance(m, Ack)], "and repeated"
+    assert [m for m in host.send(SaveParameters(7)) if isinstance(m, Ack)], (
+        "a repeated command is answered after the save"
+    )
     host.device.reset(ResetCause.PIN)
     assert host.device.firmware.parameters.value("max_speed") == pytest.approx(0.25)
 
@@ -309,7 +311,7 @@ def test_uptime_runs_at_its_own_rate(ppm: float) -> None:
     clock = DeviceClock()
     clock.boot(1_000_000)
     clock.drift_ppm = ppm
-    # 100 s of true time.
+    # After 100 s of true time.
     assert clock.uptime_us(101_000_000) == pytest.approx(100e6 * (1 + ppm * 1e-6), abs=1.5)
     for uptime_us in (1, 9_999, 10_000, 123_456_789):
         true_us = clock.true_us(uptime_us)
@@ -338,7 +340,7 @@ def test_a_drifting_device_keeps_its_periods_by_its_own_clock(ppm: float) -> Non
     (first, t_first), (last, t_last) = samples[0], samples[-1]
     assert (t_last - t_first) / (last - first) == pytest.approx(1 + ppm * 1e-6, abs=2e-6)
     assert {b - a for (_, a), (_, b) in pairwise(samples)} <= set(range(19_998, 20_003))
-    # The plant lives in true time.
+    # The plant runs in true time.
     assert host.device.plant.tick_ms == pytest.approx(host.now_us / 1000, abs=11)
 
 
@@ -351,7 +353,7 @@ def test_a_setpoint_expires_after_its_time_to_live_of_the_devices_clock(ppm: flo
     host.run(0.5)
     ends = next(at for at, _, m in host.received if isinstance(m, Status) and m.faults)
     last_us = host.now_us - 500_000 - 20_000
-    # 200 ms minus the delay by drift, at most 250 ppm of it aged, and a status period.
+    # The limits allow for the time to live of 200 ms, clock drift and a status period.
     assert 150_000 < ends - last_us < 200_000 * (1 - ppm * 1e-6) + 120_000
     assert host.run(1.0, lambda: speed(host) < REST_M_S)
     assert host.now_us - last_us < 200_000 + RAMP_US + 520_000
@@ -363,7 +365,7 @@ def test_stamps_jump_and_deadlines_do_not() -> None:
     drive(host, 1.0)
     host.send(VelocitySetpoint(2000, 0, 200, 200))
     last_us = host.now_us
-    host.device.clock.jump_us(-10_000_000)  # further back than its uptime
+    host.device.clock.jump_us(-10_000_000)  # a longer jump than the uptime
     moving_us = 0
 
     def look() -> None:
@@ -374,7 +376,9 @@ def test_stamps_jump_and_deadlines_do_not() -> None:
     host.each_step = look
     host.received.clear()
     host.run(2.0)
-    assert last_us < moving_us <= last_us + 200_000 + RAMP_US, "not ten seconds later"
+    assert last_us < moving_us <= last_us + 200_000 + RAMP_US, (
+        "the jump of 10 s does not delay the expiry"
+    )
     stamps = [t for _, t, m in host.received if isinstance(m, Imu)]
     assert stamps
     assert all((t + 10_000_000) % 2**32 <= host.now_us for t in stamps)

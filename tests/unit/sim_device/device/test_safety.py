@@ -1,4 +1,4 @@
-"""The rules that keep the robot from moving: latch, freshness, watchdog."""
+"""Stop latch, freshness of frames and setpoint watchdog."""
 
 from __future__ import annotations
 
@@ -56,9 +56,7 @@ def test_the_first_frame_is_the_measure() -> None:
     assert fresh.extra_delay_us(5_000_000, 100) == 0.0
     assert fresh.extra_delay_us(5_020_000, 20_100) == pytest.approx(0.0, abs=10.0)
     assert fresh.extra_delay_us(5_040_000, 340_100) == pytest.approx(300_000, abs=100)
-    assert fresh.extra_delay_us(5_360_000, 355_100) == 0.0, (
-        "quicker than the first: the new measure"
-    )
+    assert fresh.extra_delay_us(5_360_000, 355_100) == 0.0, "a faster frame is the new reference"
     assert fresh.extra_delay_us(5_380_000, 380_100) == pytest.approx(5_000, abs=10)
 
 
@@ -72,7 +70,7 @@ def test_a_new_session_restarts_the_measurement() -> None:
 
 @pytest.mark.parametrize("drift_ppm", [-200, -100, 0, 100, 200])
 def test_two_crystals_never_make_a_fresh_setpoint_stale(drift_ppm: int) -> None:
-    """Five simulated hours have four wraps of both clocks, and the jitter of a 1 ms adapter."""
+    """In five simulated hours both clocks wrap four times. An adapter adds 1 ms of jitter."""
     rng = random.Random(drift_ppm)
     fresh = Freshness()
     worst = 0.0
@@ -81,7 +79,7 @@ def test_two_crystals_never_make_a_fresh_setpoint_stale(drift_ppm: int) -> None:
         sent = k * 250_000
         arrival = device_first + round(sent * (1 + drift_ppm * 1e-6)) + rng.randint(300, 1500)
         worst = max(worst, fresh.extra_delay_us((host_first + sent) % WRAP, arrival))
-    assert worst < 2_500, "the jitter, and at most a little of the allowance for drift"
+    assert worst < 2_500, "only the jitter and a part of the drift allowance remain"
 
 
 @pytest.mark.parametrize("drift_ppm", [-200, 200])
@@ -114,7 +112,7 @@ def test_a_setpoint_lives_for_its_time_to_live_less_its_delay() -> None:
     assert not dog.expired(1_149_999)
     assert dog.expired(1_150_000)
     assert dog.v_m_s == 0.0
-    assert not dog.expired(1_160_000), "told once"
+    assert not dog.expired(1_160_000), "an expiry is reported once"
     assert dog.left_us(1_160_000) == 0
 
 
@@ -130,7 +128,7 @@ def test_expired_values_are_rejected(extra_us: int) -> None:
     dog = SetpointWatchdog()
     dog.offer(setpoint(1), 0, 0)
     assert not dog.offer(setpoint(2, v=3000), extra_us, 100_000)
-    assert dog.v_m_s == pytest.approx(0.2), "the one that holds goes on"
+    assert dog.v_m_s == pytest.approx(0.2), "the current setpoint remains valid"
     assert dog.expired(200_000)
 
 
@@ -169,8 +167,8 @@ def test_halt_discards_values_but_keeps_the_counter() -> None:
     dog.halt()
     assert dog.v_m_s == 0.0
     assert dog.left_us(1) == 0
-    assert not dog.expired(10_000_000), "a halt is no expiry"
+    assert not dog.expired(10_000_000), "a halt is not reported as an expiry"
     assert not dog.offer(setpoint(9), 0, 1)
     assert dog.offer(setpoint(10), 0, 1)
     dog.reset()
-    assert dog.offer(setpoint(9), 0, 2), "a new session counts as it likes"
+    assert dog.offer(setpoint(9), 0, 2), "a new session may start with any counter"

@@ -1,6 +1,6 @@
-"""The limits of latch, freshness and watchdogs in the design, as figures.
+"""The limits of latch, freshness and watchdogs in the design.
 
-They are repeated here, not taken from the code: a change of either must be on purpose.
+The values are repeated here, so that a change in the code must be intended.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def test_a_reset_leaves_no_state(end: str) -> None:
     assert dog.wanted == (0.0, 0.0)
     assert dog.until_us == 0
     assert dog.left_us(1000) == 0
-    assert not dog.expired(10**9), "told once, or not at all"
+    assert not dog.expired(10**9), "no second expiry is reported"
     assert dog.offer(VelocitySetpoint(1, 0, 100, 1), 0.0, 2000) is (end == "reset")
 
 
@@ -86,7 +86,7 @@ def test_counters_wrap_at_8_bits_and_advance_by_less_than_half() -> None:
 def test_the_first_frame_is_the_reference_with_any_clocks() -> None:
     fresh = Freshness()
     assert fresh.extra_delay_us(4_000_000_000, 1_000_000) == 0.0
-    # 250 ppm of 40 ms is 10 us of allowance.
+    # The allowance for drift is 250 ppm of 40 ms: 10 us.
     assert fresh.extra_delay_us(4_000_040_000, 1_042_000) == pytest.approx(2_000 - 0.25e-3 * 42_000)
     assert fresh.extra_delay_us(4_000_060_000, 1_060_000) == pytest.approx(0.0, abs=16.0)
 
@@ -94,7 +94,7 @@ def test_the_first_frame_is_the_reference_with_any_clocks() -> None:
 def test_the_allowance_grows_with_time_and_only_with_it() -> None:
     fresh = Freshness()
     fresh.extra_delay_us(0, 5_000)
-    # 100 s later, the same delay: the minimum has aged by 25 ms, and the frame resets it.
+    # After 100 s the minimum has grown by 25 ms; a frame with the same delay resets the minimum.
     assert fresh.extra_delay_us(100_000_000, 100_005_000) == 0.0
     assert fresh.extra_delay_us(100_000_000, 100_005_000) == 0.0, "no time has passed"
     assert fresh.extra_delay_us(200_000_000, 200_105_000) == pytest.approx(100_000 - 25_025)
@@ -131,7 +131,7 @@ def test_a_latch_begins_with_an_orderly_end_and_none_is_free() -> None:
 
 
 def test_a_host_clock_that_wraps_is_followed_for_hours() -> None:
-    """Stamps have 32 bits of microseconds: half is 36 minutes; each frame extends the next."""
+    """A 32-bit stamp in µs is unambiguous for 36 minutes, counted from the last frame."""
     fresh = Freshness()
     for minute in range(180):
         now_us = 60_000_000 * minute

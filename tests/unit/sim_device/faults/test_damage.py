@@ -1,4 +1,4 @@
-"""Damage by a bad line: effect and rate of each knob, however the bytes are split."""
+"""Damage by a bad line: effect and rate of each setting, however the bytes are split."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_loss_takes_the_share_of_bytes_and_keeps_the_order() -> None:
     assert abs(lost - 1000) < 160
     assert lost == line.harmed
     rest = iter(DATA)
-    assert all(byte in rest for byte in out), "a subsequence"
+    assert all(byte in rest for byte in out), "the remaining bytes keep their order"
 
 
 def test_duplicates_repeat_the_stretch_before() -> None:
@@ -66,8 +66,8 @@ def test_bursts_are_noise_for_their_length_and_nothing_else() -> None:
     out = line.stretch(DATA)
     assert len(out) == len(DATA)
     wrong = [i for i, (x, y) in enumerate(zip(DATA, out, strict=True)) if x != y]
-    # About 50 bursts of 16 bytes; one byte in 256 is correct by chance. Bursts that overlap count
-    # as one.
+    # About 50 bursts of 16 bytes are expected. One byte in 256 is correct by chance. Bursts that
+    # overlap count as one burst.
     assert 400 < len(wrong) < 1200
     groups, last = 0, -100
     for i in wrong:
@@ -102,7 +102,7 @@ def test_the_result_is_independent_of_the_split(knobs: WireKnobs) -> None:
 
 
 def frames(line: LineDamage) -> tuple[list[bytes], int]:
-    """Return what arrives of 2000 frames, and how many were destroyed."""
+    """Send 2000 frames; return the frames that arrive, and the number of destroyed frames."""
     out: list[bytes] = []
     destroyed = 0
     for i in range(0, len(FRAMES), 16):
@@ -115,10 +115,10 @@ def frames(line: LineDamage) -> tuple[list[bytes], int]:
 def test_frames_are_destroyed_lost_or_duplicated_whole() -> None:
     whole = [FRAMES[i : i + 16] for i in range(0, len(FRAMES), 16)]
     out, destroyed = frames(damage(WireKnobs(flips=0.01)))
-    # 1 - 0.99^16 = 14.9 % of 2000 = 297, sigma 16.
+    # Expected: 1 - 0.99^16 = 14.9 % of 2000 = 297, with σ = 16.
     assert abs(destroyed - 297) < 80
     assert len(out) == 2000 - destroyed
-    assert set(out) <= set(whole), "none arrives changed"
+    assert set(out) <= set(whole), "no frame arrives changed"
     out, destroyed = frames(damage(WireKnobs(loss=0.01)))
     assert destroyed == 0
     assert abs(2000 - len(out) - 297) < 80
@@ -135,7 +135,7 @@ def test_a_delay_keeps_order_and_bounds() -> None:
     line.turn(WireKnobs(latency_us=5_000, jitter_us=20_000))
     waits: list[int] = []
     for i in range(500):
-        sent_us = i * 50_000  # far apart: each is late independently
+        sent_us = i * 50_000  # far apart, so that the delays are independent
         line.push(bytes([i % 256]), sent_us)
         at_us = line.next_us()
         assert at_us is not None
@@ -145,7 +145,7 @@ def test_a_delay_keeps_order_and_bounds() -> None:
     assert min(waits) >= 5_000
     assert max(waits) <= 25_000
     assert 14_000 < sum(waits) / 500 < 16_000
-    for i in range(100):  # close together: still in order
+    for i in range(100):  # close together, so that the delays overlap
         line.push(bytes([i]), i * 10)
     arrived = b""
     while (at := line.next_us()) is not None:

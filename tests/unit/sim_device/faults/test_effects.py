@@ -1,4 +1,4 @@
-"""Faults of sensors, wheels and surroundings, by readings and the true robot; and their end."""
+"""Effect and end of faults of sensors, wheels and surroundings, by readings and true motion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from support.sim_body import box, room
 pytestmark = pytest.mark.usefixtures("target")
 
 AHEAD = room((5.0, 5.0, 0.0), walls=box(4.0, 4.0, 8.0, 6.0), obstacles=(box(7.0, 4.5, 7.2, 5.5),))
-"""A room with an obstacle 2 m before the robot: 1.88 m before its ultrasonic sensor."""
+"""A room with an obstacle 2 m ahead of the robot's centre: 1.88 m from the ultrasonic sensor."""
 
 # ---- sensors ------------------------------------------------------------------------------
 
@@ -38,7 +38,7 @@ def test_a_biased_imu_is_off_by_that_much() -> None:
 
     assert rate_deg_s(1.0) == pytest.approx(0.0, abs=0.05)
     assert rate_deg_s(2.0) == pytest.approx(5.0, abs=0.05)
-    assert rate_deg_s(3.0) == pytest.approx(3.0, abs=0.05), "two together"
+    assert rate_deg_s(3.0) == pytest.approx(3.0, abs=0.05), "two biases add up"
     assert rate_deg_s(4.5) == pytest.approx(0.0, abs=0.05)
 
 
@@ -150,7 +150,7 @@ def test_a_person_walks_past_and_leaves() -> None:
     # The surface of the leg crosses 0.84 m ahead of the centre, 0.72 m from the sensor.
     assert nearest(drive, 2.0, 5.0) == pytest.approx(0.72, abs=0.03)
     far = [m.ultrasonic_m for m in drive.of(Range, 2.0, 5.0) if (m.ultrasonic_m or 0) > 1.5]
-    assert len(far) > 10, "to and fro, not standing there"
+    assert len(far) > 10, "the leg moves to and fro"
     assert nearest(drive, 5.2, 7.0) == pytest.approx(1.88, abs=0.01)
 
 

@@ -1,4 +1,4 @@
-"""Faults of the line, the processor and its clock, by their effect on bytes and stamps."""
+"""Effect of faults of the link, the processor and its clock on bytes and time stamps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim_device.line.line import LineSettings
 from sim_device.sweeper import VirtualSweeper
 from support.rigs import Drive, lost_frames, rig
 
-# ---- the line -----------------------------------------------------------------------------
+# ---- the link -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,9 @@ def test_damage_costs_frames_while_it_lasts_and_no_others(fault: str) -> None:
     # 86 %).
     assert 0.02 < lost_frames(drive, 2.0, 3.0) < 0.6
     drive.run(4.0)
-    assert drive.session.link.statistics.damaged <= damaged + 1, "one that it had begun to spoil"
+    assert drive.session.link.statistics.damaged <= damaged + 1, (
+        "one frame may be hit as the fault ends"
+    )
     assert lost_frames(drive, 3.1, 4.0) < 0.01
     assert drive.rig.counts().harmed > 5
     assert drive.session.state is State.READY
@@ -72,7 +74,7 @@ def test_no_frame_is_intact_during_the_fault(fault: str) -> None:
     drive.run(4.0)
     assert drive.of(Imu, 1.5, 2.0)
     assert not drive.of(Imu, 2.01, 2.5)
-    assert drive.of(Imu, 2.6, 3.0), "shorter than what loses a session"
+    assert drive.of(Imu, 2.6, 3.0), "the fault is too short to lose the session"
     assert drive.session.state is State.READY
     silent = not any(2.01e6 <= at_us < 2.5e6 for at_us, _ in drive.bytes)
     assert silent == (fault != "wrong-baud@2:0.5")
@@ -111,7 +113,7 @@ def test_frames_on_a_bus_come_later_lost_or_twice_but_never_changed() -> None:
     drive.run(4.5)
     assert drive.rig.counts().harmed > 30
     assert drive.session.link.statistics.damaged == 0
-    assert lost_frames(drive, 2.0, 4.0) < 0.02, "sent again by its controller"
+    assert lost_frames(drive, 2.0, 4.0) < 0.02, "the CAN controller sends destroyed frames again"
     drive.run(7.0)
     assert lost_frames(drive, 5.0, 7.0) > 0.1
     assert drive.session.link.statistics.damaged == 0
@@ -129,7 +131,7 @@ def test_a_reset(cause: str, found: ResetCause) -> None:
     first, second = (event.hello for event in drive.negotiated())
     assert first.boot_id != second.boot_id
     assert second.reset_cause == found
-    assert drive.rig.plant.tick_ms >= 5_990, "the body lives on"
+    assert drive.rig.plant.tick_ms >= 5_990, "the plant does not restart"
 
 
 def test_firmware_that_hangs_drives_on_until_its_watchdog_bites() -> None:
@@ -137,7 +139,7 @@ def test_firmware_that_hangs_drives_on_until_its_watchdog_bites() -> None:
     drive.run(3.09)
     assert drive.rig.truth.v_m_s > 0.15
     assert not [at for at, _ in drive.bytes if at >= 3.01e6]
-    drive.velocity = (0.0, 0.0)  # the driver checks the robot first
+    drive.velocity = (0.0, 0.0)  # no setpoints after the reset
     drive.run(3.6)
     assert abs(drive.rig.truth.v_m_s) < 0.001
     drive.run(8.0)
@@ -153,7 +155,7 @@ def test_a_brown_out_is_silent_for_its_time() -> None:
 
 
 def stamps(drive: Drive) -> list[tuple[int, int]]:
-    """Return arrival time and stamp of each sample."""
+    """Return the arrival time and the time stamp of each IMU sample, µs."""
     return [(h.at_us, h.t_us) for h in drive.received if isinstance(h.message, Imu)]
 
 
@@ -161,9 +163,9 @@ def test_a_clock_that_drifts() -> None:
     drive = Drive(rig("clock-drift@2:10:ppm=1000"))
     drive.run(15.0)
     ahead = {at // 1_000_000: t - at for at, t in stamps(drive)}
-    # 1000 ppm for 10 s are 10 ms; a sample is up to one tick old.
+    # 1000 ppm for 10 s is 10 ms. A sample is up to one tick old.
     assert abs(ahead[12] - ahead[1] - 10_000) <= 200
-    assert abs(ahead[14] - ahead[12]) <= 200, "no faster than any other afterwards"
+    assert abs(ahead[14] - ahead[12]) <= 200, "the drift ends with the fault"
 
 
 def test_a_clock_that_jumps() -> None:

@@ -1,4 +1,4 @@
-"""Several faults at once, their reports, equal seeds, and the line without any."""
+"""Simultaneous faults, their events, equal seeds, and the link without faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from support.rigs import Drive, lost_frames, rig
 
 pytestmark = pytest.mark.usefixtures("target")
 
-# ---- together -----------------------------------------------------------------------------
+# ---- simultaneous faults ------------------------------------------------------------------
 
 
 def test_the_end_of_one_does_not_end_another() -> None:
@@ -82,7 +82,7 @@ def test_without_faults_a_straight_line_adds_no_delay() -> None:
         sent.append((now_us, data))
         return step(data, now_us)
 
-    with_rig.step = taped  # type: ignore[method-assign]  # a tap on the wire
+    with_rig.step = taped  # type: ignore[method-assign]  # records the input
     drive.run(3.0)
     out = [(at_us, bare.step(data, at_us)) for at_us, data in sent]
     assert [(at, data) for at, data in out if data] == drive.bytes
@@ -122,4 +122,4 @@ def test_bytes_that_the_host_does_not_read_overflow_the_adapter() -> None:
         assert now_us < 6_000_000
     assert held <= 4096 + 62
     out = made.step(b"", now_us + 1_000)
-    assert 4000 < len(out) <= 4096 + 200, "what was kept comes when the host reads again"
+    assert 4000 < len(out) <= 4096 + 200, "buffered bytes arrive once the host reads again"

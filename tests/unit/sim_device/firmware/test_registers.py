@@ -1,8 +1,9 @@
-"""The boards' register definitions, against ST's and ARM's publications.
+"""The register definitions of the boards, compared with publications of ST and ARM.
 
 Addresses and bits of the STM32F4 come from ST's own description of the chip
-(``tests/vectors/stm32f429.json``, made by ``support.svd``). Its gaps, and the processor's own
-registers, come from the manuals: RM0090 and PM0214. The compiler evaluates our definitions.
+(``tests/vectors/stm32f429.json``, made by ``support.svd``). Values that are missing there, and
+the processor's own registers, come from the manuals RM0090 and PM0214. The compiler evaluates
+our definitions.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ ADDRESSES = {
     "CAN1->fa1r": "CAN1.FA1R", "CAN1->filter[0].fr2": "CAN1.F0R2",
     "DBGMCU_APB1_FZ": "DBG.DBGMCU_APB1_FZ",
 }  # fmt: skip
-"""Register of each address that our definitions give."""
+"""The register of the chip for each address expression of our header."""
 BITS: dict[str, tuple[str, dict[str, int]]] = {
     "RCC_PLLCFGR_SRC_HSE": ("RCC.PLLCFGR", {"PLLSRC": 1}),
     "RCC_CFGR_SW_PLL": ("RCC.CFGR", {"SW1": 1}),
@@ -129,7 +130,7 @@ BITS: dict[str, tuple[str, dict[str, int]]] = {
     "(1u << CAN_IR_STID_SHIFT)": ("CAN1.TI0R", {"STID": 1}),
     "DBGMCU_APB1_FZ_IWDG": ("DBG.DBGMCU_APB1_FZ", {"DBG_IWDEG_STOP": 1}),
 }
-"""Definitions whose name is not PERIPHERAL_REGISTER_FIELD, or with more than one bit."""
+"""Definitions that have more than one bit, or no name like PERIPHERAL_REGISTER_FIELD."""
 BY_THE_MANUAL = {
     "FLASH_KEY_1": 0x4567_0123,  # 3.6.1
     "FLASH_KEY_2": 0xCDEF_89AB,
@@ -173,10 +174,7 @@ def value(name: str, fields: dict[str, int]) -> int:
 
 
 def single_bit(macro: str) -> int | None:
-    """Return the bit of a macro named PERIPHERAL_REGISTER_FIELD.
-
-    None if the chip has no such field.
-    """
+    """Return the bit of a macro named PERIPHERAL_REGISTER_FIELD; None if there is no such field."""
     peripheral, register, field = macro.split("_", 2)
     peripheral = _PERIPHERALS.get(peripheral, peripheral)
     register = _REGISTERS.get(f"{peripheral}.{register}", register)
@@ -208,7 +206,7 @@ def test_addresses_of_the_processor(tmp_path: Path) -> None:
 
 
 def test_every_bit_that_is_defined(tmp_path: Path) -> None:
-    """No definition of the header is left out."""
+    """The test covers every definition of the header."""
     lines = [equal(name, value(*where)) for name, where in BITS.items()]
     lines += [equal(name, number) for name, number in BY_THE_MANUAL.items()]
     named = set(re.findall(r"[A-Z]\w+", " ".join((*BITS, *BY_THE_MANUAL, *ADDRESSES))))
@@ -216,7 +214,7 @@ def test_every_bit_that_is_defined(tmp_path: Path) -> None:
         if macro in named or macro in CHIP["peripherals"]:
             continue
         bit = single_bit(macro)
-        assert bit is not None, f"{macro}: nothing to hold it against"
+        assert bit is not None, f"{macro}: no reference value"
         lines.append(equal(macro, bit))
     assert len(lines) > 120
     static_assertions(tmp_path, "stm32f4.h", lines)

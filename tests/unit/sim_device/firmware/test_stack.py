@@ -1,4 +1,4 @@
-"""The bound on the stack: small graphs and listings with results by hand."""
+"""The maximum stack size of small call graphs and listings, calculated by hand."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_each_interrupt_level_adds_to_the_stack() -> None:
     text = GRAPH.replace(edge("long", "copy"), "") + node("other", "40 bytes (static)")
     made = calls(text)
     assert made.deepest("main") == (216, ["main", "short"])
-    # One interrupt of a level at a time, the larger; each with the processor's frame of 27 words.
+    # Each level adds its largest interrupt and the processor's frame of 27 words.
     assert bound(made, "main", {4: ("tick", "other"), 8: ("leaf",)}) == 216 + 108 + 40 + 108 + 100
 
 

@@ -1,4 +1,4 @@
-"""The device counts the events at its end of the line, and its link counters report them."""
+"""The device counts errors of its link, and reports them in its link counters."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ BUS = LineSettings(bitrate=500_000)
 
 
 def counters(made: Rig, seconds: float) -> list[LinkCounters]:
-    """Run a session; the link counters that the host received."""
+    """Run a session; return the link counters that the host receives."""
     drive = Drive(made)
     drive.run(seconds)
     return [h.message for h in drive.received if isinstance(h.message, LinkCounters)]
 
 
 def of_the_line(message: LinkCounters) -> tuple[int, ...]:
-    """Without the counters of received frames."""
+    """Return all counters except those of received frames."""
     return tuple(message)[3:]
 
 
@@ -50,11 +50,11 @@ def test_frames_that_find_no_room_in_the_transmit_buffer_are_counted() -> None:
     up = UartUp(SERIAL.baud, SERIAL.latency_us, lambda data: data)
     end = DeviceEnd(up, None)
     frame = b"\0" + bytes(range(1, 31)) + b"\0"
-    up.push(frame * 128, 0)  # 4096 bytes: it is full
+    up.push(frame * 128, 0)  # 4096 bytes fill the buffer
     assert end.health() == LineHealth()
     up.push(frame * 3, 0)
     assert end.health() == LineHealth(send_dropped=3)
-    up.push(frame * 2, 200)  # 18 bytes have left: one frame is cut, and one is lost
+    up.push(frame * 2, 200)  # 18 bytes are sent, so one frame is cut and one is lost
     assert end.health() == LineHealth(send_dropped=5)
     end.boot()
     assert end.health() == LineHealth()

@@ -1,4 +1,4 @@
-"""The emulated serial CAN adapter: every command, every rejection, and frames both ways."""
+"""The emulated serial CAN adapter: commands, rejections, and frames in both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulator's control socket: idle clients do not keep others out."""
+"""The emulator's control socket: idle clients do not block other clients."""
 
 from __future__ import annotations
 
@@ -38,4 +38,4 @@ def test_idle_clients_take_nobodys_place(tmp_path: Path) -> None:
             turn()
             client.settimeout(PATIENCE_S)
             assert json.loads(client.recv(65_536))["ok"]
-        assert clients[0].recv(1) == b"", "the one that was idle the longest"
+        assert clients[0].recv(1) == b"", "the server closes the longest-idle client"

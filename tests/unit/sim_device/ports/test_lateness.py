@@ -1,4 +1,4 @@
-"""Lateness of periods in constant memory: percentiles against sorted values."""
+"""Percentiles of the lateness of periods, compared with percentiles of the sorted values."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def test_a_pty_link_has_one_owner_and_ends_with_it(tmp_path: Path) -> None:
         with pytest.raises(PortUnavailableError, match="another emulator that still runs"):
             PtyPort(link)
         assert link.readlink() == target
-        # Also by another path to the same folder.
+        # The same applies to another path to the same folder.
         (tmp_path / "other").symlink_to(tmp_path)
         with pytest.raises(PortUnavailableError, match="another emulator that still runs"):
             PtyPort(tmp_path / "other" / "sweeper")

@@ -1,4 +1,4 @@
-"""The link to the plant: handmade frames, damage, valid and invalid messages of the chip."""
+"""The link between chip and plant: valid, invalid and damaged frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sim_device.sensors.rangers import Ranges
 
 
 def framed(kind: int, payload: bytes) -> bytes:
-    """Return a frame, made without the module under test."""
+    """Return a frame that is built without the module under test."""
     body = bytes([kind, len(payload)]) + payload
     return b"\xa5" + body + binascii.crc32(body).to_bytes(4, "little")
 
@@ -71,7 +71,7 @@ def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
     broken[bit // 8] ^= 1 << bit % 8
     parser = link.Parser()
     found = list(parser.feed(noise + bytes(broken) + b"".join(frames) * 14))
-    # A wrong length takes in at most 255 bytes behind it, which are then parsed again.
+    # A wrong length covers at most 255 later bytes, which the parser then parses again.
     assert found == list(SENT) * 14
 
 

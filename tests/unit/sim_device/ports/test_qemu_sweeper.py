@@ -1,4 +1,4 @@
-"""The plant around an emulated chip, with a scripted chip instead of QEMU."""
+"""The plant of an emulated chip; a scripted chip replaces QEMU."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FakeLane:
 
 
 class FakeQemu:
-    """A chip whose messages come from the test."""
+    """A chip that sends the messages of the test."""
 
     def __init__(self, firmware: Path) -> None:
         del firmware
@@ -46,7 +46,7 @@ class FakeQemu:
     version = link.VERSION
 
     def check(self) -> None:
-        """Do nothing: it never ends by itself."""
+        """Do nothing: this process never ends by itself."""
 
     def reset(self) -> None:
         self.orders.append("reset")
@@ -62,7 +62,7 @@ class FakeQemu:
 
 
 class Chip:
-    """A sweeper and the chip's side of its link."""
+    """A sweeper and the chip's end of its link."""
 
     def __init__(self) -> None:
         self.sweeper = qemu_sweeper.QemuSweeper(
@@ -124,7 +124,7 @@ def test_readings_are_of_the_moment_that_was_asked_for(chip: Chip) -> None:
     chip.boot()
     chip.step(5_000, chip.request(302_000, 310_000))
     assert stamps(chip.received()) == [310_000]
-    assert chip.sweeper.plant.tick_ms == 13, "8 ms beyond the 5 ms at which the chip asked"
+    assert chip.sweeper.plant.tick_ms == 13, "8 ms after the request, which was sent at 5 ms"
     chip.newest_us = 310_000
     chip.step(15_000, chip.request(312_000, 320_000, 5000, 5000))
     assert stamps(chip.received()) == [320_000]
@@ -135,17 +135,17 @@ def test_readings_are_of_the_moment_that_was_asked_for(chip: Chip) -> None:
 
 
 def test_late_requests_do_not_queue_up(chip: Chip) -> None:
-    """Readings are sent only after the last ones have arrived, and for the newest request."""
+    """The plant answers the newest request, once the chip has received the last readings."""
     chip.boot()
     chip.step(2_000, chip.request(2_000, 10_000))
     assert stamps(chip.received()) == [10_000]
     chip.step(12_000, chip.request(12_000, 20_000))
-    assert stamps(chip.received()) == [], "those of 10 ms are under way"
+    assert stamps(chip.received()) == [], "the chip has not confirmed the readings of 10 ms"
     chip.newest_us = 10_000
     chip.step(42_000, *(chip.request(at, at + 8_000) for at in (22_000, 32_000, 42_000)))
     assert stamps(chip.received()) == [50_000]
     chip.step(280_000, chip.request(280_000, 288_000))
-    assert stamps(chip.received()) == [288_000], "lost, as by a reset: sent anew"
+    assert stamps(chip.received()) == [288_000], "unconfirmed readings count as lost after a while"
 
 
 def test_the_plant_continues_over_a_wrap_of_the_chips_clock(chip: Chip) -> None:
@@ -169,8 +169,8 @@ def test_the_body_rolls_on_while_the_chip_is_silent(chip: Chip) -> None:
     assert chip.sweeper.plant.tick_ms == 500
     rolled_m = chip.sweeper.truth.path_m
     assert rolled_m > 0.03
-    chip.step(510_000, chip.request(100_000, 108_000))  # its clock stood still meanwhile
-    assert chip.sweeper.plant.tick_ms >= 500, "never back"
+    chip.step(510_000, chip.request(100_000, 108_000))  # the chip's clock stood still meanwhile
+    assert chip.sweeper.plant.tick_ms >= 500, "the plant's time never goes back"
     chip.step(520_000, chip.request(110_000, 118_000))
     assert chip.sweeper.plant.tick_ms == pytest.approx(518, abs=12)
 
@@ -185,7 +185,9 @@ def test_duties_hold_from_the_moment_they_are_set(chip: Chip) -> None:
     assert truth.left_rad > 0.0 > truth.right_rad
     turned = truth.left_rad
     chip.step(310_000, chip.request(302_000, 310_000, 10_000, -10_000))
-    assert chip.sweeper.truth.left_rad - turned > turned, "100 ms at speed, against 100 from rest"
+    assert chip.sweeper.truth.left_rad - turned > turned, (
+        "100 ms at speed is further than 100 ms from rest"
+    )
 
 
 def test_flash_outlives_a_reset_and_the_link_sends_its_last_bytes(chip: Chip) -> None:

@@ -1,4 +1,4 @@
-"""The emulator's TCP port: one host, and a stop from any other client."""
+"""The emulator's TCP port accepts one host, and a stop from any other client."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HELLO = HostHello(CATALOGUE.hash, 9, 0, 0, "test")
 
 
 class Served:
-    """The port, and its received bytes."""
+    """The port, and the messages that it receives."""
 
     def __init__(self, port: TcpServerPort) -> None:
         self.port = port
@@ -36,9 +36,9 @@ class Served:
         self.received: list[Message] = []
 
     def turn(self, limit: int = 4096) -> None:
-        """Wait for a client's bytes, and take them."""
+        """Wait for bytes of a client, and read them."""
         ready, _, _ = select.select(self.port.filenos(), [], [], PATIENCE_S)
-        assert ready, "nothing came"
+        assert ready, "no bytes arrived"
         data = self.port.read(limit)
         assert len(data) <= limit
         self.received += [e.message for e in self.link.receive(data) if isinstance(e, Received)]
@@ -67,7 +67,7 @@ def _stack() -> Iterator[ExitStack]:
 
 
 def wire(*messages: Message) -> bytes:
-    """Return messages as a separate host writes them."""
+    """Return the bytes that a host sends for these messages."""
     link = Link(Direction.HOST)
     for message in messages:
         link.send(message, 5_000_000, node=1)
@@ -75,7 +75,7 @@ def wire(*messages: Message) -> bytes:
 
 
 def rest(client: socket.socket) -> bytes:
-    """Return all bytes until the other side closed."""
+    """Return all bytes until the peer closes the connection."""
     data = b""
     while more := client.recv(4096):
         data += more
@@ -94,7 +94,7 @@ def test_a_second_client_may_stop_the_robot_and_receives_the_answer(
     assert other.recv(100) == b"the answer"
     assert host.recv(100) == b"the answer"
     host.sendall(wire(TimeRequest(3)))
-    served.until(TimeRequest(3))  # the host is still the host
+    served.until(TimeRequest(3))  # the first client is still the host
 
 
 def test_only_a_stop_is_accepted_from_a_second_client(served: Served, stack: ExitStack) -> None:
@@ -127,7 +127,7 @@ def test_a_host_that_reads_nothing_does_not_hold_up_the_answer_to_a_stop(
     served.connect(stack)
     other = served.connect(stack)
     while served.port.write(bytes(65_536)):
-        pass  # until its socket is full
+        pass  # until the host's socket is full
     other.sendall(wire(STOP))
     served.until(STOP)
     assert served.port.write(b"the answer") == len(b"the answer")
@@ -136,7 +136,7 @@ def test_a_host_that_reads_nothing_does_not_hold_up_the_answer_to_a_stop(
 
 def test_a_stop_uses_the_remaining_room_of_the_line(served: Served, stack: ExitStack) -> None:
     host, other = served.connect(stack), served.connect(stack)
-    host.sendall(bytes(20_000))  # the line is full of the host's own bytes
+    host.sendall(bytes(20_000))  # the host's own bytes fill the link
     other.sendall(wire(STOP))
     while STOP not in served.received:
         served.turn(limit=3)

@@ -1,4 +1,4 @@
-"""Bumper, cliff sensor, encoder faults, with handmade places and counts."""
+"""Bumper, cliff sensor and encoder faults, with poses and counts that the test sets."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_switch_closes_on_touch_and_opens_a_travel_later() -> None:
         assert device.read() == BOTH
     body.put(TOUCHING_X_M - 1.1 * RELEASE_M, 1.0)
     assert device.read() == FREE
-    # After opening, it closes only at the contact, however near the obstacle comes.
+    # An open switch closes only at contact, however close the obstacle is.
     body.put(TOUCHING_X_M - 1e-4, 1.0)
     assert device.read() == FREE
 
@@ -87,7 +87,7 @@ def test_backing_off_a_wall_frees_the_switch_after_its_travel() -> None:
     while suite.bumpers() == BOTH:
         body.advance_ms(1)
     gap_m = TOUCHING_X_M - body.pose.x_m
-    # One millisecond at less than 0.1 m/s beyond the travel.
+    # In one millisecond the robot moves by less than 0.1 mm.
     assert RELEASE_M < gap_m < RELEASE_M + 1.1e-4
 
 
@@ -116,7 +116,7 @@ def test_the_floor_is_missed_as_soon_as_a_cliff_sensor_is_over_the_cliff() -> No
     device = CliffSensor(RADIUS_M)
     assert device.sees_none(Pose2(1.5 - 0.149, 1.0, 0.0), plan.cliffs)
     assert not device.sees_none(Pose2(1.5 - 0.151, 1.0, 0.0), plan.cliffs)
-    # Turned by 55°, the outer barrier points straight at the edge; from behind it detects nothing.
+    # Turned by 55°, an outer sensor points straight at the edge. None of the sensors points back.
     assert device.sees_none(Pose2(1.5 - 0.149, 1.0, math.radians(55.0)), plan.cliffs)
     assert device.sees_none(Pose2(1.5 - 0.149, 1.0, math.radians(-55.0)), plan.cliffs)
     assert not device.sees_none(Pose2(1.5 - 0.149, 1.0, math.radians(45.0)), plan.cliffs)
@@ -126,7 +126,7 @@ def test_the_floor_is_missed_as_soon_as_a_cliff_sensor_is_over_the_cliff() -> No
 @pytest.mark.parametrize("aside_mm", range(0, 130, 3))
 @pytest.mark.parametrize("side", [-1, 1])
 def test_no_wheel_drives_straight_over_a_cliff_that_no_sensor_saw(aside_mm: int, side: int) -> None:
-    """The pit is 40 cm long, and its side is this far beside the path."""
+    """A pit of 40 cm length begins ``aside_mm`` beside the path of the robot's centre."""
     low, high = sorted((1.0 + side * 0.001 * aside_mm, 1.0 + side * 0.5))
     pit = ((0.8, low), (1.2, low), (1.2, high), (0.8, high))
     device = CliffSensor(RADIUS_M)
@@ -152,7 +152,7 @@ def test_a_robot_that_drives_on_lies_at_the_cliff_with_its_wheels_free() -> None
     body.set_duty(duty(0.2), duty(0.2))
     while not suite.cliff():
         body.advance_ms(10)
-    # The barrier is 0.15 m ahead: it warns that far before the wheels are there.
+    # The sensor is 0.15 m ahead of the wheels.
     assert 1.5 - 0.15 <= body.pose.x_m < 1.5 - 0.15 + 0.003
     body.advance_ms(2000)
     fallen = body.truth

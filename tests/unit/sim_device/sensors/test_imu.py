@@ -1,4 +1,4 @@
-"""The MPU6050 against its datasheet's numbers and closed forms, with motions by formula."""
+"""The MPU6050 model against its datasheet and closed forms, for motions given by formulas."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_gyro_ranges_have_the_datasheets_counts(full_scale: int, lsb: float) -> 
     body = turning(100.0)
     device = chip(body, config=ImuConfig(gyro_range_deg_s=full_scale))
     assert read(body, device, 1)[0].gyro_z == round(100.0 * lsb)
-    # A register is full at 32 768 counts, which is the full scale to 0.1 %.
+    # A register saturates at 32 767 counts, which is about the full scale.
     assert 32767.0 / lsb == pytest.approx(full_scale, rel=2e-3)
     for rate, counts in ((1.1 * full_scale, 32767), (-1.1 * full_scale, -32768)):
         fast = turning(rate)
@@ -84,7 +84,7 @@ def test_a_setting_that_the_chip_has_not_is_named(settings: dict[str, int], text
 
 
 def test_tilting_and_climbing_have_right_handed_signs() -> None:
-    """Nose up is a negative turn about y, left side up a positive one about x."""
+    """A raised nose is a negative rotation about y; a raised left side is positive about x."""
     body = Scripted(
         pitch_rad=lambda t: math.radians(10.0 * t),
         roll_rad=lambda t: math.radians(20.0 * t),
@@ -119,7 +119,7 @@ def test_registers_change_at_the_output_rate(config: ImuConfig, period_ms: float
 
 @pytest.mark.parametrize(("dlpf", "delay_ms"), [(3, 4.8), (4, 8.3), (5, 13.4), (6, 18.6)])
 def test_the_filter_has_the_register_maps_group_delay(dlpf: int, delay_ms: float) -> None:
-    """If the rate rises linearly, each filter shows the rate from the time of its delay before."""
+    """If the rate rises linearly, a filter outputs the earlier rate, by its group delay."""
     growth = 100.0  # °/s per s
     body = Scripted(heading_deg=lambda t: 0.5 * growth * t * t)
     device = chip(body, config=ImuConfig(dlpf=dlpf))
@@ -128,7 +128,7 @@ def test_the_filter_has_the_register_maps_group_delay(dlpf: int, delay_ms: float
 
 
 def test_a_narrow_filter_lets_less_noise_through() -> None:
-    """White noise of density n through a mean over T has sigma n/√(2T)."""
+    """White noise of density n, averaged over T, has σ = n/√(2T)."""
     level = replace(NONE, gyro_density_deg_s_sqrt_hz=0.5)
     for dlpf, window_s in ((3, 0.0096), (6, 0.0372)):
         body = Scripted()
@@ -141,7 +141,7 @@ def test_a_narrow_filter_lets_less_noise_through() -> None:
 
 
 def test_gyro_noise_falls_with_the_root_of_time_as_white_noise_does() -> None:
-    """Allan deviation n/√(2τ) at 0.1 s and 1 s; the chip's filter adds 2 % by aliasing."""
+    """The Allan deviation at 0.1 s and 1 s is n/√(2τ). Aliasing in the chip's filter adds 2 %."""
     body = Scripted()
     n = 0.05
     reported = read(body, chip(body, replace(NONE, gyro_density_deg_s_sqrt_hz=n)), 20_000)
@@ -150,7 +150,7 @@ def test_gyro_noise_falls_with_the_root_of_time_as_white_noise_does() -> None:
         means = rates.reshape(-1, length).mean(axis=1)
         allan = math.sqrt(0.5 * float(np.mean(np.diff(means) ** 2)))
         expected = n / math.sqrt(2.0 * 0.01 * length) * math.sqrt(10.0 / 9.6)
-        # 200 means: the deviation of a deviation is about 6 % of it.
+        # With 200 means, the relative standard error of the deviation is about 6 %.
         assert allan == pytest.approx(expected, rel=0.2)
 
 
@@ -173,7 +173,7 @@ def test_the_bias_walks_with_the_root_of_time() -> None:
         body = Scripted()
         reported = read(body, chip(body, level, seed=seed), 400)
         ends.append(reported[-1].gyro_z / 131.0)
-    # Four seconds: 1 · √4; the sigma of 60 is known to 9 %.
+    # After 4 s, σ = 1 · √4. From 60 seeds its relative standard error is 9 %.
     assert np.std(ends) == pytest.approx(2.0, rel=0.3)
 
 
@@ -208,10 +208,7 @@ def test_the_bias_follows_the_temperature_in_a_straight_line() -> None:
 
 
 def test_warming_changes_the_typical_bias_less_in_a_lane_than_motion() -> None:
-    """After a calibration the main error is motion's 0.01 °/s.
-
-    The lane is 20 s of the first minute.
-    """
+    """After a calibration, the main error is the motion bias of 0.01 °/s. A lane takes 20 s."""
     typical = NOISE_LEVELS["typical"]
     fastest_c_s = 6.0 / 300.0
     assert typical.gyro_tempco_deg_s_c * fastest_c_s * 20.0 < 0.2 * typical.gyro_motion_bias_deg_s
@@ -235,7 +232,7 @@ def test_one_axis_shows_in_the_others_within_the_datasheets_two_per_cent() -> No
         assert reported[200.0].accel_z == 16384
     for values in (shares, gravity):
         assert max(map(abs, values)) <= 0.0201
-        # Uniform in ±2 %: its sigma is 2 %/√3, known from 80 to about 5 %.
+        # A uniform distribution in ±2 % has σ = 2 %/√3. From 80 values its error is about 5 %.
         assert np.std(values) == pytest.approx(0.02 / math.sqrt(3.0), rel=0.2)
 
 
@@ -260,7 +257,7 @@ def test_frozen_registers_repeat_and_then_continue() -> None:
     faults.imu_frozen = True
     assert read(body, device, 50) == [held] * 50
     faults.imu_frozen = False
-    # The mean rate between 0.55 s and 0.56 s.
+    # The expected value is the mean rate between 0.55 s and 0.56 s.
     assert read(body, device, 1)[0].gyro_z == round(40.0 * 0.555 * 131.0)
 
 
@@ -300,7 +297,7 @@ def test_a_lift_is_ten_centimetres_up_and_eight_degrees_and_comes_down_again() -
     speed = np.cumsum(pull_g) * 9.80665 * 0.01
     assert pitch_deg[-1] == pytest.approx(-8.0, abs=0.02)
     assert speed[-1] == pytest.approx(0.0, abs=2e-3)
-    # 0.1 m in two equal halves of 0.2 s: half way it moves at 0.5 m/s.
+    # The lift of 0.1 m takes two equal halves of 0.2 s, so the speed in the middle is 0.5 m/s.
     assert max(speed) == pytest.approx(0.5, abs=0.01)
     assert float(np.sum(speed)) * 0.01 == pytest.approx(0.1, abs=2e-3)
     assert up[-1].accel_x == round(16384.0 * math.sin(math.radians(8.0)))

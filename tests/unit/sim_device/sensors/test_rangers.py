@@ -1,4 +1,4 @@
-"""Ultrasonic and infrared rangers against closed forms and their datasheets."""
+"""Ultrasonic and infrared rangers, compared with closed forms and their datasheets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MODEL = RobotModel()
 CENTRE = world(room((10.0, 10.0, 0.0)))
 """A world with walls at 0 and 20 m."""
 FACE_M = 0.12
-"""Distance of the ultrasonic's face ahead of the axle, m."""
+"""Distance of the ultrasonic sensor's face ahead of the axle, m."""
 MS_PER_M = 2000.0 / 343.0
 
 
@@ -40,17 +40,17 @@ def pings(device: Ultrasonic, count: int, distance_m: float) -> list[float | Non
 
 
 def within(count: int, of: int, p: float, sigmas: float = 4.0) -> bool:
-    """Return whether a binomial count lies within some sigmas of its mean."""
+    """Return whether a binomial count is within a number of standard deviations of its mean."""
     return abs(count - of * p) <= sigmas * math.sqrt(of * p * (1.0 - p))
 
 
-# When it measures.
+# The time of a measurement.
 
 
 def test_a_reading_is_that_of_the_last_ping_whose_echo_is_back() -> None:
-    """The robot drives towards a wall at 0.2 m/s and is read at 20 Hz.
+    """The robot drives towards a wall at 0.2 m/s, and the test reads the sensor at 20 Hz.
 
-    Readings are compared with the range at the ping's own time.
+    The test compares each reading with the range at the time of its ping.
     """
     device, start_m, v = sonar(), 2.0, 0.2
     readings = []
@@ -63,7 +63,7 @@ def test_a_reading_is_that_of_the_last_ping_whose_echo_is_back() -> None:
             if 60 * ping + MS_PER_M * (start_m - v * 0.06 * ping) <= t_ms
         ]
         assert readings[-1] == (pytest.approx(known[-1], abs=1e-9) if known else None)
-    # Two seconds have 33 pings; the other readings repeat one to the bit.
+    # There are 33 pings in 2 s. The other readings repeat a range exactly.
     assert readings[0] is None
     assert len(set(readings[1:])) in {32, 33}
 
@@ -80,7 +80,7 @@ def test_a_reading_is_never_older_than_a_cycle_and_its_flight() -> None:
 
 
 def test_a_range_has_the_age_of_its_pulse() -> None:
-    """At 1 m an echo is back after 5.8 ms; a reading before that is of the ping before."""
+    """At 1 m the echo arrives after 5.8 ms. An earlier reading belongs to the previous ping."""
     device, start_m, v_m_s = Rangers(MODEL, NONE, np.random.default_rng(1)), 1.0, 0.2
     device.read(0, before_wall(start_m), CENTRE)
     for t_ms in range(61, 2000, 7):
@@ -93,7 +93,7 @@ def test_a_range_has_the_age_of_its_pulse() -> None:
 
 def test_the_last_echo_is_kept_between_pings() -> None:
     device = sonar()
-    assert device.read(5, before_wall(1.0), CENTRE) is None  # 5.8 ms for a metre
+    assert device.read(5, before_wall(1.0), CENTRE) is None  # the echo from 1 m takes 5.8 ms
     assert device.read(6, before_wall(1.0), CENTRE) == pytest.approx(1.0)
     assert device.read(59, before_wall(0.5), CENTRE) == pytest.approx(1.0)
     assert device.read(60, before_wall(0.5), CENTRE) == pytest.approx(1.0)
@@ -138,7 +138,7 @@ def test_a_walkers_leg_is_seen_where_it_is_nearest() -> None:
 
 
 def test_the_blind_angle_of_a_wall_is_its_mirrors_and_half_the_cone() -> None:
-    """27° and 7.5° are found by turning in front of a wall in steps of a tenth of a degree."""
+    """The robot turns in front of a wall in steps of 0.1°. The limit is 27° + 7.5°."""
     device = sonar()
     seen = [
         angle
@@ -162,7 +162,7 @@ def test_spurious_echoes_come_as_often_as_the_level_sets_and_from_anywhere() -> 
     assert len(reported) == 4000
     strange = [t for t in reported if abs(t - 1.0) > 1e-9]
     assert within(len(strange), 4000, 0.1)
-    # Uniform from 2 cm to 4 m: a quarter is too short, and the mean is the middle.
+    # The false ranges are uniform from 2 cm to 4 m: a quarter is below 1 m, the mean is 2.01 m.
     assert within(sum(t < 1.0 for t in strange), len(strange), 0.98 / 3.98)
     assert fmean(strange) == pytest.approx(2.01, abs=4.0 * 3.98 / math.sqrt(12.0 * len(strange)))
 
@@ -177,7 +177,7 @@ def test_crosstalk_occurs_in_an_empty_room_too() -> None:
 
 
 class Painted(Reflectances):
-    """Walls of one reflectance."""
+    """Walls that all have the same reflectance."""
 
     def __init__(self, reflectance: float) -> None:
         super().__init__(NONE, Draws(np.random.default_rng(0)))
@@ -196,7 +196,7 @@ def infrared(reflectance: float = 0.9, level: NoiseLevel = NONE) -> Infrared:
 def test_the_voltage_is_the_datasheets() -> None:
     assert volts(0.30, 0.032) == pytest.approx(0.40)
     assert volts(0.04, 0.032) - volts(0.30, 0.032) == pytest.approx(2.25)
-    # Non-linear: half way in distance the voltage has fallen by far more than half.
+    # The curve is not linear: at half of the distance, the voltage is far below the middle.
     assert volts(0.17, 0.032) == pytest.approx(12.25 / (17.0 + 0.622), abs=1e-3)
 
 
@@ -209,11 +209,11 @@ def test_the_firmware_inverts_the_curve(distance: float) -> None:
 @pytest.mark.parametrize(
     ("true_cm", "read_cm"),
     [
-        (3.6, 4.0),  # between the minimum range and the peak: the minimum
+        (3.6, 4.0),  # between the peak and the minimum range, the minimum is reported
         (3.2, 4.0),
-        (2.0, 3.822 * 1.6 - 0.622),  # the voltage of the peak times 2.0/3.2
+        (2.0, 3.822 * 1.6 - 0.622),  # the voltage is the peak voltage times 2.0/3.2
         (1.0, 3.822 * 3.2 - 0.622),
-        (0.3, None),  # as dark as beyond the range
+        (0.3, None),  # the voltage is as low as beyond the range
     ],
 )
 def test_nearer_than_its_peak_the_reading_folds_back(true_cm: float, read_cm: float | None) -> None:
@@ -237,7 +237,7 @@ def test_a_grey_card_reads_two_per_cent_far_and_is_noisier() -> None:
         device = infrared(reflectance, level)
         reported = [device.reading(0.10, 0) for _ in range(4000)]
         spread[reflectance] = float(np.std([t for t in reported if t is not None]))
-    # √5, and 4 % for the square of the 2 % by which it seems farther.
+    # The factor is √5, and 1.02² because the grey card seems 2 % farther away.
     assert spread[0.18] / spread[0.9] == pytest.approx(math.sqrt(5.0) * 1.04, rel=0.05)
 
 
@@ -248,7 +248,7 @@ def test_each_wall_keeps_the_reflectance_that_was_drawn_for_it() -> None:
     assert [second.of(edge) for edge in reversed(range(200))] == forwards[::-1]
     assert min(forwards) >= 0.2
     assert max(forwards) <= 0.9
-    # Uniform over 0.7: its mean is known from 200 to 0.014.
+    # From 200 uniform values over 0.7, the mean has a standard error of 0.014.
     assert fmean(forwards) == pytest.approx(0.55, abs=0.06)
     assert first.of(-1) == pytest.approx(0.2)
 

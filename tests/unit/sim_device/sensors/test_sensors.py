@@ -1,4 +1,4 @@
-"""Sensors against the plant's truth and closed forms."""
+"""The sensors, compared with the plant's true motion and with closed forms."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def rangers(level: NoiseLevel = NOISE_LEVELS["none"], seed: int = 1) -> Rangers:
 
 
 def waiting(device: Rangers, ping: int, pose: Pose2, made: World) -> Ranges:
-    """Return the reading of a resting robot when its ping must be back."""
+    """Return the reading of a robot at rest when the echo of this ping has arrived."""
     return device.read(60 * ping + 59, pose, made)
 
 
@@ -127,7 +127,7 @@ def test_the_gyros_sum_is_the_turn() -> None:
         body.set_duty(0.5 * math.sin(0.1 * i), 0.6 * math.cos(0.07 * i))
         body.advance_ms(10)
         total += 0.01 * suite.imu().gyro_z / 131.0
-    # Rounding adds at most half a count per sample; as a random walk far less.
+    # Rounding adds at most half a count per sample; as a random walk, far less in total.
     assert total == pytest.approx(math.degrees(body.truth.heading_rad), abs=0.005)
 
 
@@ -282,7 +282,7 @@ def test_infrared_ends_at_its_range_and_reads_about_five_centimetres_in_contact(
 
 def test_range_noise_and_dropouts_are_those_of_the_level() -> None:
     made = world(room((1.0, 0.2, math.pi)))
-    # White walls and no crosstalk: those have separate tests.
+    # The walls are white, and there is no crosstalk: both have separate tests.
     level = replace(
         noise_level("typical"), ultrasonic_crosstalk=0.0, infrared_reflectance_spread=0.0
     )
@@ -312,7 +312,7 @@ def test_power_reads_the_rails_and_both_motors() -> None:
     reading = suite.power()
     assert 15.9 < reading.battery_v < 16.0
     assert reading.rail_v == 5.0
-    # A freely rolling wheel takes only the friction's current.
+    # The current of a freely rolling wheel only overcomes friction.
     assert (reading.left_a, reading.right_a) == pytest.approx((0.0625, -0.0625), rel=0.02)
     body.set_duty(-CRUISE, CRUISE)
     assert sensors(body).power().left_a < -1.0

@@ -1,4 +1,4 @@
-"""The room's geometry: rays, distances, corners, the start."""
+"""The geometry of a room: rays, distances, corners and the start."""
 
 from __future__ import annotations
 
