@@ -203,7 +203,7 @@ def report(done: Run) -> None:
 
 
 def main() -> None:
-    """Run it once for each seed and print the tables."""
+    """Run the planner once for each seed and print the tables."""
     options = argparse.ArgumentParser(
         description=(__doc__ or "").partition("\n")[0],
         epilog="In the quick toy world, the pose with a drawn error; not the virtual sweeper.",

@@ -110,7 +110,7 @@ def test_nothing_is_streamed_before_the_handshake(device: Probe) -> None:
 
 
 def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
-    """An example is a recorded hello. The device answers with its present boot id."""
+    """Such a hello may be a recording. The device answers with its present boot id."""
     hello = device.handshake()
     for boot_id in (0, hello.boot_id ^ 1):
         mark = len(device.received)

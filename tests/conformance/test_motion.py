@@ -73,7 +73,7 @@ def rested_us(device: Probe) -> int:
 
 
 def host_us(device: Probe, stamp_us: int) -> int:
-    """Return the latest host time that a device stamp can mean."""
+    """Return the latest host time to which a device stamp can correspond."""
     pings = [p for p in (device.ping() for _ in range(5)) if p is not None]
     best = min(pings, key=lambda p: p.round_trip_us)
     return best.back_us + since(best.replied_us, stamp_us)
@@ -109,7 +109,7 @@ def test_an_expired_setpoint_ramps_to_rest_and_does_not_latch(device: Probe) -> 
     last_us = turning(device, 0.5)
     check_rested(device, last_us, EXPIRY_S + RAMP_S)
     status = device.status()
-    assert (status.mode, status.stop_cause) == (Mode.VELOCITY, StopCause.NONE), "latched"
+    assert (status.mode, status.stop_cause) == (Mode.VELOCITY, StopCause.NONE), "a stop is latched"
     assert status.faults & Fault.SETPOINT_EXPIRED, "the device does not report the expiry"
     mark = newest_us(device)
     turning(device, 0.4, -TURN_RAD_S)

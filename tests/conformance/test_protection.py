@@ -79,7 +79,7 @@ def parameter(device: Probe, name: str) -> ParameterValue:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_the_drivers_are_disabled_at_rest(device: Probe) -> None:
-    """The drivers are disabled in idle, and half a second after a stop ends in a standstill."""
+    """The drivers are disabled in idle, and 0.5 s after a stop has brought the robot to rest."""
     ready(device)
     assert not faults(device) & Fault.DRIVERS_OFF, "disabled in a driving mode"
     device.keep_saying(lambda: device.setpoint(0.0, 0.8), 0.4)

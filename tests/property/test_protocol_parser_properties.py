@@ -208,7 +208,7 @@ def campaign(
                 continue
             low, high = spoil(rng, stream, first, last)
             touched.add(index)
-            # A frame counts as damaged from its first coded byte on: its leading zero is the gap.
+            # Damage to a leading zero does not count, because that zero belongs to the gap.
             if high > low and index + 1 < 20 and high > starts[index + 1] + 1:
                 touched.add(index + 1)
         got = [f for f in UartParser().feed(bytes(stream)) if isinstance(f, Frame)]

@@ -154,7 +154,7 @@ def test_any_kinds_of_any_shape_come_back(rows: int, columns: int, data: st.Data
 
 
 def test_a_wall_that_the_robot_touched_is_in_the_box() -> None:
-    """At the outermost place of the axle, the obstacle is outside the footprint."""
+    """The box reaches beyond the footprint at the outermost position of the axle."""
     memory = EvidenceMap(MODEL, OPTIONS, Pose2(0.0, 0.0, 0.0))
     start, end = Pose2(0.0, 0.0, 0.0), Pose2(0.5, 0.0, 0.0)
     driven(memory, start, end, 0.067, seen=True)
