@@ -2,9 +2,9 @@
 
     PYTHONPATH=tests python -m bench.consistency
 
-The ideal value is 3 for x, y and yaw together, and 1 for the yaw alone. Below it the filter is
-conservative, above it over-confident. A run counts as one value; ± is the 95 % interval by the
-spread between runs. The same seeds give the same table.
+The ideal value is 3 for x, y and yaw together, and 1 for the yaw alone. Below the ideal value the
+filter is conservative, above it over-confident. Each run counts as one value; ± is the 95 %
+interval from the spread between runs. The same seeds give the same table.
 """
 
 from __future__ import annotations

@@ -2,21 +2,21 @@
 
     PYTHONPATH=tests python -m bench.decisions
 
-It runs in the simple world of ``support.fast_world``, where the planner gets the true pose plus a
-seeded error: there is no estimator, no wire and no device. The planner and its controllers are the
-real ones; the session's share of a control step is missing. Times are of this thread's CPU,
-including the reading of its clock (about half a microsecond).
+The planner runs in the simple world of ``support.fast_world``, where it gets the true pose plus a
+seeded error. That world has no estimator, no wire and no device. The planner and its controllers
+are the real ones; the session's share of a control step is missing. Times are CPU times of this
+thread. They include the reading of its clock (about half a microsecond).
 
 The table has four rows:
 
-- *whole step*: ``PlanRunner.step``, all work on one observation: the map, the controllers, and the
-  planner when a leg has ended. A real-time loop must have room for the longest one. Shown with and
-  without the steps that call the planner.
-- *watch*: the map's share of it, in steps without a call of the planner.
-- *call*: one ``start`` or ``next``: a leg returned, or one slice of a search.
-- *decision*: from the end of a leg to the next leg, the sum of its slices. During a search the
-  robot stands still: *stood* counts those control steps of 20 ms. Most decisions only return the
-  next leg of an earlier choice; the others *search*.
+- *whole step*: ``PlanRunner.step``, which is all work on one observation: the map, the controllers,
+  and the planner when a leg has ended. The longest step must fit into a control period. The table
+  shows it with and without the steps that call the planner.
+- *watch*: the map's share of a whole step, in steps that do not call the planner.
+- *call*: one ``start`` or ``next``, which returns a leg or does one slice of a search.
+- *decision*: all calls from the end of a leg to the next leg. During a search the robot stands
+  still, and *stood* counts those control steps of 20 ms. Most decisions only return the next leg of
+  an earlier choice; the others *search*.
 """
 
 from __future__ import annotations
@@ -142,13 +142,13 @@ class Run:
     """Times of whole steps in which the planner was called, ns."""
     unasked_ns: list[int]
     watch_ns: list[int]
-    """Times of the previous steps, ns."""
+    """Times of the map in the steps of ``unasked_ns``, ns."""
     duration_s: float
     finish_reason: str | None
 
 
 def run(plan: FloorPlan, planner: Timed, seed: int, noise: PoseNoise) -> Run:
-    """Run a planner to its end, with the clock read around each control step."""
+    """Run a planner to its end, and measure the time of each control step."""
     model = planner.model
     world = FastWorld(plan, model, seed, noise)
     runner = PlanRunner(planner, model)
@@ -203,7 +203,7 @@ def report(done: Run) -> None:
 
 
 def main() -> None:
-    """Run it once for each seed and print the tables."""
+    """Run the planner once for each seed and print the tables."""
     options = argparse.ArgumentParser(
         description=(__doc__ or "").partition("\n")[0],
         epilog="In the quick toy world, the pose with a drawn error; not the virtual sweeper.",

@@ -1,7 +1,7 @@
 """Messages per second that ``sweepctl export`` writes, compared with Rerun's own reader.
 
-``python -m bench.export [FILE]``: a log, or ten minutes of a made-up run. CPU time, so that a busy
-machine changes little.
+``python -m bench.export [FILE]`` exports a log, or ten minutes of a synthetic run. It measures CPU
+time, which a busy machine changes little.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from support.synthetic_run import EPOCH_NS, run_info, synthetic_run
 
 ROUNDS = 3
 TIMES = 10
-"""Number of repetitions of the made-up run, which takes a minute."""
+"""Number of repetitions of the synthetic run, which takes a minute."""
 
 
 def made(path: Path) -> Path:
-    """Write a longer log."""
+    """Write a log that repeats the synthetic run."""
     records = list(synthetic_run())
     span_ns = records[-1].log_ns - EPOCH_NS + 20_000_000
     writer = RunWriter(path, run_info())

@@ -71,7 +71,7 @@ def device() -> None:
 
 if __name__ == "__main__":
     kind, _, sizes = sys.argv[1].partition(":")
-    with suppress(OSError):  # the near end has closed
+    with suppress(OSError):  # the benchmark has closed its end
         if kind == "echo":
             echo(*map(int, sizes.split(":")))
         else:

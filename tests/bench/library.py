@@ -1,8 +1,9 @@
-"""Time in which ``sweepctl runs`` lists a library of 10 000 logs, and makes its index.
+"""Time that ``sweepctl runs`` needs to list a library of 10 000 logs and to make its index.
 
-``python -m bench.library [COUNT]``: small made-up logs in a temporary folder. The index is compared
-with reading the same bytes; the listing is the whole command, with the start of Python. CPU time is
-shown beside wall-clock time, because a busy machine changes it little.
+``python -m bench.library [COUNT]`` makes small synthetic logs in a temporary folder. It compares
+the time of the index with the time to read the same bytes. The listing is the whole command,
+including the start of Python. CPU time is shown beside wall-clock time, because a busy machine
+changes it little.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 COUNT, ROUNDS = 10_000, 5
 RECORDS = 40
-"""Number of records in a log: with the attachments 60 kB."""
+"""Number of records in a log. With its attachments, a log has 60 kB."""
 PLANNERS = ("recovery", "paper", "u-shape", "random")
 
 
@@ -57,7 +58,7 @@ class Took(NamedTuple):
     wall: float
 
     def text(self) -> str:
-        """Return both for a line of the table."""
+        """Return both times for a line of the table."""
         return f"{self.cpu:8.3f} s of CPU{self.wall:9.3f} s by the clock"
 
 

@@ -34,7 +34,7 @@ def resident_mb() -> float:
 
 
 def main() -> None:
-    """Drive at random for the time and print the memory after each ten minutes."""
+    """Drive at random for the given time, and print the memory every ten minutes."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("--seconds", type=float, default=3600.0, help="simulated")
     seconds = options.parse_args().seconds
@@ -52,7 +52,7 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         writer = RunWriter(Path(folder) / "run.mcap", info)
-        # By default it ends after half an hour.
+        # By default the random planner ends after half an hour.
         planner = RandomPlanner(model, random.Random(0), RandomOptions(max_time_s=seconds))
         runner, max_s = PlanRunner(planner, model), 2.0 * seconds
         run = run_virtual(

@@ -1,12 +1,12 @@
-"""Open-loop replay: the recorded inputs of a run through the C core and the model in Python.
+"""Open-loop replay of a run's recorded inputs through the C core and the model in Python.
 
     PYTHONPATH=tests python -m bench.open_loop
     PYTHONPATH=tests python -m bench.open_loop case-2 --link can --seconds 120 --fault reset@20
 
-A run with ``--target core`` is recorded at the border between firmware and board: received bytes
+A run with ``--target core`` is recorded at the interface between firmware and board: received bytes
 with their times, encoder counts, registers of the IMU, ranges, contacts, readings of the ADC. Then
-both firmwares get the recording. The command prints each field that differs, with its bound and the
-bound's cause; the status is 1 if a difference exceeds its bound.
+both firmwares get the recorded inputs. The command prints each field that differs, with its bound
+and the bound's cause. The status is 1 if a difference exceeds its bound.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cost of the packed map's two bits: the map is packed and unpacked during the run.
+"""Cost of a map of two bits a cell: the map is packed and unpacked during the run.
 
     PYTHONPATH=tests python -m bench.packed
 
@@ -9,10 +9,11 @@ map. In the second run the map is reduced to two bits per cell and restored at t
 is still counted in bytes, which a microcontroller would do only around the robot. The search still
 uses full arrays.
 
-The table also shows the value of a third bit of knowledge. KB are those of 60 m², without its rim:
+The table also shows the value of a third bit. KB are the size of a map of 60 m² without its rim.
 
-- *bumps*: a bit for the places that bumps forbid.
-- *bumps, 8 cm*: the same bit for each block of four by four cells, half of them or more.
+- *bumps*: a bit for the places that are blocked after bumps.
+- *bumps, 8 cm*: such a bit for each block of four by four cells; it is set if at least half of the
+  cells are blocked.
 - *tries*: a bit for places with one fruitless attempt.
 - *hints*: a bit for cells in which a single reading shows an obstacle.
 """
@@ -49,7 +50,7 @@ _CELLS = round(60.0 / 0.02**2)
 
 
 def two_bits(memory: EvidenceMap) -> None:
-    """Keep the packed map."""
+    """Keep only the packed map."""
     memory.unpack(memory.packed())
 
 
@@ -78,7 +79,7 @@ def and_hints(memory: EvidenceMap) -> None:
 
 
 def blocks(layer: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a layer in blocks of cells: a block is set if at least half of it is."""
+    """Return a layer in blocks of cells: a block is set if at least half of its cells are."""
     rows, columns = layer.shape
     pads = ((0, -rows % _BLOCK), (0, -columns % _BLOCK))
     padded = np.pad(layer, pads)
@@ -91,7 +92,7 @@ def blocks(layer: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """The knowledge that is kept of a map at the end of a leg."""
+    """The part of a map that is kept at the end of a leg."""
 
     name: str
     bits: float
@@ -110,14 +111,14 @@ KEEPINGS = (
 
 
 class Forgetful(RecoveryPlanner):
-    """Keeps the given knowledge of its map at the end of every Nth leg."""
+    """Keeps only the given part of its map at the end of every Nth leg."""
 
     def __init__(self, model: RobotModel, keeping: Keeping, every: int) -> None:
         super().__init__(model)
         self._keep, self._every, self._ended = keeping.keep, every, 0
 
     def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
-        # a search is one decision: not between two of its slices
+        # A search is one decision, so the map is not reduced between two of its slices.
         searching = isinstance(result.leg, Rest) and result.leg.purpose == "think"
         if self._keep is not None and not searching:
             self._ended += 1
@@ -141,7 +142,7 @@ class Outcome:
 def drive(
     plan: FloorPlan, meter: CoverageMeter, keeping: Keeping, given: argparse.Namespace, seed: int
 ) -> Outcome:
-    """Run a planner that keeps this knowledge."""
+    """Run a planner that keeps this part of its map."""
     planner = Forgetful(meter.model, keeping, given.every)
     done = run_fast(plan, planner, meter.model, seed=seed, noise=LEVELS[given.noise])
     report = meter.measure(done.poses)
@@ -156,7 +157,7 @@ def drive(
 
 
 def line(keeping: Keeping, runs: list[Outcome]) -> str:
-    """Return mean and worst over some runs."""
+    """Return a line of the table: means and worst values of some runs."""
     swept = [run.swept for run in runs]
     times = [run.time for run in runs]
     return (

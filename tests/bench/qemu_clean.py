@@ -3,8 +3,8 @@
 PYTHONPATH=tests python -m bench.qemu_clean [ROOM] [--planner recovery] [--seed 0]
 
 It starts two processes as a user does: ``emulate --target qemu`` and ``connect --plan``. Case 1
-takes about four minutes. The two need a core to themselves; on a busy computer the host rightly
-stops the robot for silence.
+takes about four minutes. The two processes need a free core. On a busy computer, the link may be
+silent for too long, and the host then stops the robot.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LIMIT_S = 2400.0
 
 
 def main() -> None:
-    """Clean, measure, print; status 1 unless the room was finished."""
+    """Clean, measure and print; exit with 1 unless the room was finished."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("room", nargs="?", default="case-1")
     options.add_argument("--planner", default="recovery")

@@ -1,7 +1,8 @@
-"""Cost of recording a full line: 10 000 messages a second, as a share of one core.
+"""Cost of recording a full line of 10 000 messages a second, as a share of one core.
 
-``python -m bench.record``: IMU frames, as on a 3 Mbaud line, go through the link, the clock and the
-recorder's thread into a file. The cost is CPU time of the whole process over the line's own time.
+``python -m bench.record`` sends IMU frames, as on a 3 Mbaud line, through the link, the clock and
+the recorder's thread into a file. The cost is the CPU time of the whole process, divided by the
+duration of the line's data.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def reads() -> list[bytes]:
 
 
 def record(path: Path, pieces: list[bytes], options: RecordOptions) -> tuple[float, int]:
-    """Return the share of a core, and the number of dropped records."""
+    """Record the data; return the share of a core, and the number of dropped records."""
     recorder = ThreadedRecorder(open_log(path, run_info(), options))
     records, link = HostRecords(recorder, 0, ""), Link(Direction.HOST)
     ingest = Ingest(TimeSync(), 0)

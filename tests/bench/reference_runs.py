@@ -1,10 +1,10 @@
-"""Fingerprints of whole runs in virtual time; a change of structure must not change them.
+"""Fingerprints of whole runs in virtual time; a refactoring must not change them.
 
     PYTHONPATH=tests python -m bench.reference_runs record before.json
     PYTHONPATH=tests python -m bench.reference_runs compare before.json
 
 ``record`` runs every case of the table below and writes a fingerprint of each. ``compare`` runs
-them again and names each run that differs, with the first simulated half minute in which it does.
+the cases again. It names each run that differs, and the first simulated half minute that differs.
 It exits with 1 if any run differs.
 
 A fingerprint covers the behaviour of a run, not its names: the velocity setpoints, the estimated
@@ -97,7 +97,7 @@ class Fingerprint:
     severities: Counter[str] = field(default_factory=Counter)
 
     def write(self, record: Record) -> None:
-        """Take one record."""
+        """Add one record to the fingerprint."""
         while record.log_ns - EPOCH_NS > WINDOW_NS * (len(self.checkpoints) + 1):
             self.checkpoints.append(self._all())
         if isinstance(record, CommandRecord):

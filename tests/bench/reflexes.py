@@ -3,10 +3,10 @@
     PYTHONPATH=tests nice python -m bench.reflexes --out build/reflexes.jsonl
     PYTHONPATH=tests python -m bench.reflexes --table build/reflexes.jsonl
 
-The device's parameters ``cliff_reflex`` and ``bumper_reflex`` switch them; nothing else differs.
-The first form runs all pairs, one line of JSON for each run, and goes on where a file of an
-earlier call ends. Both print the table of the pairs: the share of the sweepable floor that the
-mouth swept, by the plant's truth, and the mean difference with its 95 % interval.
+The device's parameters ``cliff_reflex`` and ``bumper_reflex`` switch the reflexes; nothing else
+differs. The first form runs all pairs and writes one line of JSON for each run. It continues the
+file of an earlier call. Both forms print the table of the pairs: the share of the sweepable floor
+that the mouth swept, by the plant's truth, and the mean difference with its 95 % interval.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ PITS = {
     "pit at a wall": [[1.2, 0.0], [1.7, 0.0], [1.7, 0.35], [1.2, 0.35]],
     "stairs down": [[2.0, 0.0], [2.4, 0.0], [2.4, 2.2], [2.0, 2.2]],
 }
-"""Missing floor in a room of 2.4 m by 2.2 m."""
+"""Areas without floor in a room of 2.4 m by 2.2 m."""
 PIT_WALLS = [[0.0, 0.0], [2.4, 0.0], [2.4, 2.2], [0.0, 2.2]]
 SEEDS = (1, 2, 3)
 NOISES = ("typical", "harsh")
 MAX_TIME_S = 900.0
-"""Simulated time limit of each run, s: three times what the largest of these rooms needs."""
+"""Simulated time limit of each run, s: three times the time for the largest of these rooms."""
 _COLUMNS = (
     *("room", "noise", "seed", "swept, off", "swept, on", "difference", "time, off", "time, on"),
     *("outcome, off", "outcome, on"),
 )
 DRAWS = 10_000
-"""Resamples of the pairs for the interval of their mean."""
+"""Number of resamples of the pairs for the interval of their mean."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """Return both runs of every pair, side by side."""
+    """Return both runs of every pair, one after the other."""
     return [
         Case(room, seed, noise, reflexes)
         for seed in SEEDS

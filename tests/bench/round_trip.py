@@ -2,12 +2,14 @@
 
     PYTHONPATH=tests python -m bench.round_trip
 
-Both cases use two Python processes with a pseudo-terminal between them. Bare: pyserial writes as
-many bytes as a command has and reads as many as its answer has, from a process that echoes. Ours:
-an acknowledged command, from the program's request to the program's callback with the result,
-through session, link, pump and recorder. The other end decodes, checks and acknowledges it with the
-same protocol library. Both send once in a control period of 20 ms. Rounds are interleaved,
-percentiles are of each round, and the ratio is the median of the rounds' own ratios.
+Both cases use two Python processes with a pseudo-terminal between them. In the bare case, pyserial
+writes as many bytes as a command has. It then reads as many bytes as an acknowledgement has from a
+process that echoes. In our case, the time of an acknowledged command is measured, from the
+program's request to the program's callback with the result. The command goes through session, link,
+pump and recorder. The other end decodes, checks and acknowledges it with the same protocol library.
+
+Both cases send once in a control period of 20 ms, and their rounds alternate. Percentiles are
+computed for each round, and the ratio is the median of the rounds' ratios.
 """
 
 from __future__ import annotations
@@ -50,7 +52,7 @@ WARM = 20
 PERIOD_S = 0.02
 """Period of the control loop, s; a program on a robot sends at most one command per period."""
 LINK = 0x28
-"""Stream whose rate the commands set; any stream serves."""
+"""Stream whose rate the commands set; any stream is suitable."""
 
 
 class FarEnd:

@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests python -m bench.signing
 
-It uses `velocity_setpoint`, which a driven robot gets 50 times a second, alternately with and
-without a key. CPU time, medians; a cost is the median of the rounds' own differences.
+It sends `velocity_setpoint`, which a driven robot gets 50 times a second, alternately with and
+without a key. Times are CPU times. Each cost is the median of the rounds' own differences.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SESSION = (1, 2, 3)
 
 
 def link(kind: type[LinkBase], end: Direction, *, key: bool) -> LinkBase:
-    """Return one end, with the key and the session, or without."""
+    """Return one end of a link, with or without the key and the session."""
     made = kind(end)
     if key:
         made.key = Authenticator(bytes(range(16)))
@@ -38,7 +38,7 @@ def link(kind: type[LinkBase], end: Direction, *, key: bool) -> LinkBase:
 def one_round(kind: type[LinkBase], *, key: bool) -> tuple[float, float, int]:
     """Return the CPU time to send and to receive one message, µs, and its length on the line."""
     host, device = (link(kind, end, key=key) for end in (Direction.HOST, Direction.DEVICE))
-    host.send(TimeRequest(1), 0, node=1)  # a bus's short stamps need a full one before them
+    host.send(TimeRequest(1), 0, node=1)  # short stamps on a bus need a full stamp before them
     device.receive(host.data_to_send(), 0)
     begun_ns = time.process_time_ns()
     parts = []

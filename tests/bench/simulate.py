@@ -6,8 +6,8 @@
 Several targets are measured in turn: the firmware's model in Python, the C core in the simulator's
 process, and the core as a library in a process of its own.
 
-The budget, 75 times real time, is for a machine that makes ten million additions in a Python loop
-in 0.7 s. Each round times that loop too; the last line has the speed on such a machine.
+The budget of 75 times real time is for a machine that makes ten million additions in a Python loop
+in 0.7 s. Each round also times that loop. The last line has the speed on such a machine.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ REFERENCE_S = 0.7
 
 
 def additions_s() -> float:
-    """Time of ten million additions in a loop of a module, s."""
+    """Return the time of ten million additions in a loop at module level, s."""
     begun_s = time.perf_counter()
     exec("total = 0\nfor each in range(10_000_000):\n    total += each", {})  # noqa: S102 - a module's names are slower than a function's
     return time.perf_counter() - begun_s
 
 
 def ratio_of(target: str, planner: str, log: Path) -> float:
-    """Simulated over real time of one run; ``library``: the core in a process of its own."""
+    """Return simulated over real time of one run; ``library`` is the core in its own process."""
     command = [sys.executable, "-m", "tools.sweepctl", "simulate", "case-1", "--force"]
     command += ["--planner", planner, "--json", "--out", str(log)]
     if target == "library":

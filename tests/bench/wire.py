@@ -1,11 +1,11 @@
 """Speed of the protocol compared with pymavlink: decoding, encoding, captures, bytes.
 
-Cost of a key.
+It also measures the cost of a key.
 
     PYTHONPATH=tests python -m bench.wire
 
-All in one process, rounds interleaved, CPU time, medians. A ratio is the median of the rounds' own
-ratios, because the clock of a shared machine changes between rounds.
+All jobs run in one process, and their rounds alternate. Times are medians of CPU time. A ratio is
+the median of the rounds' own ratios, because the clock of a shared machine changes between rounds.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 COUNT = 2000
 CAPTURE_COUNT = 100_000
 READS = (64, 92, 1024)
-"""Number of bytes of one read at a full line: a full-speed USB adapter's transfer (62-64); a
-millisecond at 921 600 baud; a late reader."""
+"""Numbers of bytes of one read from a full line: the transfer of a full-speed USB adapter (62-64),
+a millisecond at 921 600 baud, and a late reader."""
 
 
 class Sink:
-    """Receiver of encoded bytes: kept separate, as a port would take them."""
+    """Receiver of encoded bytes; it keeps them separate, as a port would take them."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -43,7 +43,7 @@ class Sink:
 
 
 def registers(rng: Random, count: int) -> list[tuple[int, ...]]:
-    """Return seven registers with the noise of a real sensor, all their bits in use."""
+    """Return rows of seven random registers; all their bits are in use, as with sensor noise."""
     return [tuple(rng.randint(-32768, 32767) for _ in range(7)) for _ in range(count)]
 
 

@@ -1,12 +1,12 @@
-/* Lines on stdin, lines on stdout: the generated C as the tests see it.
+/* The tests' adapter for the generated C. It reads lines on stdin and writes lines on stdout.
  *
  *   decode    "cut,cut,... hex"                     events of a stream, in blocks and bytewise
  *   encode    "type node flags seq t_us word..."    "hex" of a frame with its leading zero
  *   payload   "type hex"                            "ok hex" decoded and encoded again, or "no"
  *   si        "type hex"                            "name=value:raw ..."
- *   describe  "type n"                              "fields length chain", and the hash first
+ *   describe  "type n"                              first the hash, then "fields length chain"
  *   describe-enum "key n"                           "key members chain"
- *   crc       "hex"                                 by software, by the unit's model
+ *   crc       "hex"                                 the CRC by software and by the unit's model
  *   can-send  "type node flags t_us word..."        "id:hex ..."
  *   can-hear  "now_us id hex"                       "-", "damaged" or the message
  *   bench     count                                 messages a second
@@ -70,7 +70,7 @@ static void show_frame(const sp_frame_t *f)
     printf("%u %u %u %u %u %lu ", f->version, f->flags, f->node, f->type, f->seq,
         (unsigned long)f->t_us);
     adapter_hex(f->payload, f->length);
-    /* An exact copy on the heap: reading beyond it is found. */
+    /* A copy of exact size on the heap, so that a sanitizer reports a read beyond its end. */
     uint8_t *copy = malloc(f->length ? f->length : 1u);
     if (copy == NULL) {
         abort();
@@ -103,7 +103,7 @@ static void decode(char **words, size_t count)
     char *cuts = count > 1 ? words[0] : NULL;
     char *const data = words[count - 1];
     const size_t length = adapter_unhex(data);
-    static sp_parser_t blocks, bytes; /* no state of the previous line: see the end */
+    static sp_parser_t blocks, bytes; /* cleared at the end of each line */
     sp_frame_t frame;
     sp_event_t event;
     size_t at = 0, counted = 0;
@@ -278,7 +278,7 @@ static double seconds(clock_t from)
     return (double)(clock() - from) / CLOCKS_PER_SEC;
 }
 
-/* The frame's check as defined: the reference. */
+/* The frame's CRC by its definition, as a reference. */
 static uint32_t crc_bit_by_bit(const uint8_t *data, size_t length)
 {
     uint32_t crc = 0xFFFFFFFFu;
@@ -326,7 +326,7 @@ static void bench(long long count)
     from = clock();
     for (long long i = 0; i < count; i += 64) {
         for (size_t at = 0; at < length; at += length / 64) {
-            stream[at] ^= (uint8_t)i; /* otherwise the compiler would hoist it */
+            stream[at] ^= (uint8_t)i; /* otherwise the compiler would hoist the call */
             sum += crc_bit_by_bit(stream + at, length / 64);
         }
     }

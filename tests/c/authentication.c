@@ -1,4 +1,4 @@
-/* Lines in, lines out, for comparison with another implementation:
+/* Reads lines and prints lines, for comparison with another implementation:
  *   hash HEX                      -> SHA-256
  *   hmac KEY DATA                 -> HMAC-SHA-256
  *   key WORD WORD WORD WORD       -> ok

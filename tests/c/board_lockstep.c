@@ -1,6 +1,6 @@
-/* A board in a pipe, in the time of the process at its other end. At each wait it writes u16
- * length, bytes written, float v, float yaw rate and takes u32 time in microseconds, u16 length,
- * bytes to read both in the machine's own byte order. */
+/* A board on a pipe, which runs in the time of the process at the other end. At each wait it writes
+ * u16 length, the written bytes, float v and float yaw rate. It then reads u32 time in
+ * microseconds, u16 length and the bytes to read. Both are in the machine's own byte order. */
 #include "board.h"
 
 #include <stdio.h>

@@ -1,5 +1,5 @@
-/* The STM32F429's drivers on this computer: registers are plain memory at the chip's addresses, and
- * each check plays the hardware. No output if all checks pass. */
+/* The STM32F429's drivers on this computer. Registers are plain memory at the chip's addresses, and
+ * each check imitates the hardware. No output if all checks pass. */
 #define _GNU_SOURCE
 #include <stdio.h>
 #include <stdlib.h>
@@ -34,8 +34,8 @@ void systick_handler(void);
 
 static uint32_t clock_us;
 static unsigned masked;
-static void (*before_masking)(void); /* an interrupt just before masking */
-static void (*as_unmasked)(void);    /* an interrupt that was masked */
+static void (*before_masking)(void); /* an interrupt that comes just before masking */
+static void (*as_unmasked)(void);    /* a masked interrupt that runs after unmasking */
 static uint8_t received[64];
 static size_t received_length;
 static uint32_t received_us;
@@ -98,7 +98,7 @@ static void chip_begins(uint16_t flash_kib)
 
 /* ---- start ---------------------------------------------------------------------------------- */
 
-/* Without an external clock there is no CAN, whatever the pin reads, and the core is informed. */
+/* Without an external clock there is no CAN, whatever the pin reads. The identity reports it. */
 static void no_crystal_no_bus(void)
 {
     chip_begins(2048);
@@ -152,7 +152,7 @@ static void parameters_lie_in_the_second_bank(void)
     CHECK(!board_flash_busy(NULL) && memcmp((void *)0x08080008u, words, sizeof words) == 0);
 }
 
-/* With one bank, nothing is erased while the program runs from it, and the core is informed. */
+/* With one bank, nothing is erased while the program runs from it. The identity reports it. */
 static void one_bank_saves_nothing(void)
 {
     chip_begins(1024);
@@ -220,7 +220,7 @@ static void another_sensor_is_not_taken(void)
         answers(other, 2);
         for (unsigned passed = 0; passed < 98; passed++) {
             millisecond();
-            CHECK((I2C1->cr1 & I2C_CR1_START) == 0); /* nor are readings requested */
+            CHECK((I2C1->cr1 & I2C_CR1_START) == 0); /* no readings are requested */
         }
         for (unsigned passed = 0; passed < 5 && (I2C1->cr1 & I2C_CR1_START) == 0; passed++) {
             millisecond();
@@ -274,8 +274,8 @@ static void a_sample_is_stamped_by_its_pin(void)
     CHECK(imu.sampled_us == 500000 && imu.accel_z == 16384 && imu.gyro_z == 6);
 }
 
-/* The pin's interrupt comes between the tick and the part of the tick with interrupts off: its
- * transfer has just begun and is not late. */
+/* The pin's interrupt comes during the tick, before the part with interrupts off. Its transfer has
+ * just begun and is not late. */
 static void a_sample_that_begins_under_the_tick_goes_on(void)
 {
     board_imu_t imu;
@@ -301,7 +301,7 @@ static void a_stop_that_is_never_sent_is_found(void)
         clock_us += 1000;
         imu_millisecond();
     }
-    CHECK((I2C1->cr1 & I2C_CR1_STOP) == 0); /* by the reset of the peripheral */
+    CHECK((I2C1->cr1 & I2C_CR1_STOP) == 0); /* the peripheral was reset */
     for (unsigned passed = 0; passed < 105 && !started(); passed++) {
         millisecond();
     }
@@ -310,7 +310,7 @@ static void a_stop_that_is_never_sent_is_found(void)
     settings_are_written();
 }
 
-/* BTF stays set on a blocked bus. The interrupt ends itself, so that the others can run. */
+/* BTF stays set on a blocked bus. The handler masks its interrupt, so that others can run. */
 static void an_event_that_repeats_is_masked(void)
 {
     clock_us += 9000;
@@ -324,7 +324,7 @@ static void an_event_that_repeats_is_masked(void)
     event(I2C_SR1_BTF);
     CHECK((I2C1->cr2 & I2C_CR2_ITEVTEN) == 0);
     millisecond();
-    CHECK((I2C1->cr2 & I2C_CR2_ITEVTEN) != 0); /* set up again */
+    CHECK((I2C1->cr2 & I2C_CR2_ITEVTEN) != 0); /* the driver is set up again */
     for (unsigned passed = 0; passed < 105 && !started(); passed++) {
         millisecond();
     }
@@ -356,7 +356,7 @@ static void only_a_bus_error_is_spurious(void)
         millisecond();
     }
     I2C1->cr1 |= I2C_CR1_START;
-    CHECK(asked_for() == 0x75); /* it is set up again */
+    CHECK(asked_for() == 0x75); /* the sensor is set up again */
 }
 
 /* A bus that hangs is reset after two milliseconds. */
@@ -395,14 +395,14 @@ static void an_overrun_does_not_freeze_the_readings(void)
     stream->ndtr = whole - 7;
     analog_millisecond();
     const uint32_t stamp_us = analog_sampled_us();
-    clock_us += 50000; /* nothing comes: the stamp says so */
+    clock_us += 50000; /* without new readings, the stamp stays */
     analog_millisecond();
     CHECK(analog_sampled_us() == stamp_us);
 }
 
 /* ---- ultrasonic ------------------------------------------------------------------------------ */
 
-/* A millimetre is 5.83 us of echo there and back; the handler runs late. */
+/* A millimetre of range is 5.83 us of echo, there and back. The handler runs late. */
 static void an_echo_has_the_time_of_its_pulse(void)
 {
     board_ranges_t ranges;
@@ -490,14 +490,14 @@ static void bus_off_is_counted_and_drops_what_is_old(void)
     board_can_health(NULL, &health);
     CHECK(!health.off && health.offs == 1);
     sent(0);
-    CHECK((CAN1->tx[0].ir & CAN_IR_TXRQ) == 0); /* 10 and 11 are gone */
+    CHECK((CAN1->tx[0].ir & CAN_IR_TXRQ) == 0); /* frames 10 and 11 are dropped */
     CHECK((CAN1->mcr & CAN_MCR_ABOM) != 0);
 }
 
 /* ---- encoders, serial link, sleep ------------------------------------------------------------ */
 
-/* The filter is longer than the ringing of the bridges' edges, and at most a tenth of a level's
- * time at top speed. */
+/* The filter is longer than the ringing of the motor bridges' edges. It is at most a tenth of the
+ * time of an encoder level at top speed. */
 static void encoders_are_filtered(void)
 {
     chip_begins(2048);

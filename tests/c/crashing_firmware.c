@@ -1,4 +1,5 @@
-/* A firmware library that does what the environment variable BUG says after two seconds. */
+/* A firmware library with an error that the environment variable BUG selects. Most errors occur
+ * after two seconds. */
 #define sweepctl_firmware core_firmware
 #include "../../sim_device/firmware/board_library/library.c"
 #undef sweepctl_firmware

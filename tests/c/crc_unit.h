@@ -1,4 +1,4 @@
-/* The STM32F4's CRC unit as its manual describes it, in place of its registers. */
+/* A model of the STM32F4's CRC unit by its manual. It replaces the unit's registers. */
 #ifndef CRC_UNIT_H
 #define CRC_UNIT_H
 

@@ -1,8 +1,8 @@
 /* libFuzzer: no input causes a read or write out of bounds, and every accepted message is equal
  * after encoding and decoding it again.
  *
- *   first byte 0: a stream for the parser, cut in blocks whose sizes it names
- *              1: a frame's content, so that the check never hides the decoders
+ *   first byte 0: a stream for the parser; its first byte sets the size of the blocks
+ *              1: a frame's content; it gets a valid CRC, so it always reaches the decoders
  *              2: CAN frames
  */
 #include "adapter.h"
@@ -94,7 +94,7 @@ static void can(const uint8_t *data, size_t size)
     memset(&receiver, 0, sizeof receiver);
     uint32_t now_us = 0;
     for (size_t at = 0; at + 4 <= size;) {
-        /* The draw favours transfers that continue: same id, next toggle. */
+        /* There are few ids, so that transfers often continue: same id, next toggle. */
         sp_can_frame_t in = {
             (uint16_t)((data[at] & 0x1Fu) << 4 | (data[at] >> 5 & 1u)), data[at + 1] % 9u, {0}};
         const size_t left = size - at - 2;

@@ -1,5 +1,5 @@
 /* The inbox between two threads. Without barriers, compiler and processor may reorder its
- * accesses; ThreadSanitizer reports each unordered one. No output if all data arrives in order.
+ * accesses. ThreadSanitizer reports each unordered access. No output if all data arrives in order.
  */
 #include <pthread.h>
 #include <stdio.h>

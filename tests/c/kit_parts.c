@@ -1,5 +1,5 @@
-/* Parts in which the two firmwares cannot be compared: interrupt rings, the line's queue, the time
- * of sending. Each check sets up a board of its own. No output if all checks pass. */
+/* Checks of parts in which the two firmwares cannot be compared: interrupt rings, the line's queue,
+ * the time of sending. Each check sets up its own board. No output if all checks pass. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -68,7 +68,7 @@ void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8
 bool board_flash_busy(board_t *board) { return parts.flash_wait != 0; }
 void board_watchdog_feed(board_t *board) { parts.flash_wait--; }
 
-/* A factory reset waits for a save that still runs: the chip ignores an erase while it is busy. */
+/* A factory reset waits for a save that still runs: the chip ignores an erase during a save. */
 static void a_factory_reset_waits_for_the_flash(void)
 {
     parts.flash_wait = 5;
@@ -154,8 +154,8 @@ static int encode(line_t *line, uint16_t id)
     return sp_ack_encode(&ack, line_payload(line), SP_PAYLOAD_MAX);
 }
 
-/* The leading zero is for an idle line; a stream leaves room for replies; a gap in the numbers
- * shows dropped frames. */
+/* A frame on an idle line has a leading zero. A stream leaves room for replies. A gap in the
+ * sequence numbers shows dropped frames. */
 static void the_uart_is_shared_out(void)
 {
     static line_t line;
@@ -174,7 +174,7 @@ static void the_uart_is_shared_out(void)
     parts.room = 17;
     line_send(&line, SP_TYPE_ACK, 0, encode(&line, 4));
     CHECK(line.dropped == 2);
-    line_send(&line, SP_TYPE_ACK, 0, -1); /* did not fit a payload: nothing happens */
+    line_send(&line, SP_TYPE_ACK, 0, -1); /* it did not fit a payload: nothing is sent */
     CHECK(line_sent(&line) == 4);
 }
 
@@ -213,8 +213,8 @@ static void the_bus_is_shared_out(void)
     CHECK((parts.can_last.data[parts.can_last.length - 1u] & 0x40u) != 0); /* a transfer's end */
 }
 
-/* The lowest type leaves first; of equal types the first queued: parts of a message stay together.
- * A sync counts the frames that have left by then, or were dropped. */
+/* The lowest type is sent first. Equal types are sent in the order of the queue, so that the parts
+ * of a message stay together. A sync counts the frames that were sent or dropped before it. */
 static void the_bus_serves_the_most_urgent_first(void)
 {
     static line_t line;
@@ -228,7 +228,7 @@ static void the_bus_serves_the_most_urgent_first(void)
     memset(line_payload(&line), 'x', 120);
     line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120);
     memset(line_payload(&line), 'x', 120);
-    line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120); /* has no room: 19 frames are missing */
+    line_stream(&line, SP_TYPE_LOG_TEXT, 0, 120); /* no room: its 19 frames are dropped */
     line_send_after(&line, SP_TYPE_ACK, SP_TYPE_LOG_TEXT, 0, encode(&line, 1));
     for (uint32_t t_us = 0; t_us < 20000; t_us += 10000) {
         line_stream(&line, SP_TYPE_IMU, t_us,
@@ -240,10 +240,10 @@ static void the_bus_serves_the_most_urgent_first(void)
     parts.can_room = 1;
     line_pump(&line);
     CHECK(parts.can_last.id == (SP_TYPE_SYNC << 4 | 3) && parts.can_last.data[4] == 1u + 19u);
-    parts.can_room = 5; /* acceleration and rotation twice, the slow temperature once */
+    parts.can_room = 5; /* acceleration and rotation twice, temperature once */
     line_pump(&line);
     CHECK(sp_can_direction((uint8_t)(parts.can_last.id >> 4)) == SP_FROM_DEVICE);
-    CHECK(sp_direction((uint8_t)(parts.can_last.id >> 4)) == SP_UNKNOWN); /* a part of the IMU's */
+    CHECK(sp_direction((uint8_t)(parts.can_last.id >> 4)) == SP_UNKNOWN); /* part of the IMU's */
     parts.can_room = 1;
     line_pump(&line);
     CHECK(parts.can_last.id == (SP_TYPE_ACK << 4 | 3) && parts.can_last.data[3] == 2);
@@ -262,7 +262,7 @@ static void a_full_text_takes_nothing_more(void)
     char long_line[119];
     memset(long_line, 'x', sizeof long_line);
     text_add_foreign(&text, long_line, sizeof long_line);
-    text_add(&text, "\xC3\xA9"); /* two bytes, and one is left */
+    text_add(&text, "\xC3\xA9"); /* needs two bytes; one is left */
     text_add(&text, "y");
     CHECK(text.length == 119 && text.full);
 }

@@ -1,10 +1,10 @@
-r"""The world changes during a run: what the robot notices, reports and sweeps.
+r"""Measure what the robot detects, reports and sweeps if the world changes during a run.
 
     PYTHONPATH=tests python -m campaign.changes --out docs/changes-campaign.md
 
 Every run is the whole stack in virtual time with the planner ``recovery`` on the host, without
-supervision.
-With ``--keep FILE`` an interrupted campaign continues, as long as the checks are the same.
+supervision. With ``--keep FILE`` an interrupted campaign continues, as long as the checks are the
+same.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ ROOMS = (
 )
 FURNISHED = tuple(room for room in ROOMS if load_room(room).obstacles)
 NEAR_M = 0.06
-"""Distance to truly swept floor up to which floor counts as rightly claimed, m: the error of the
-estimate, and a cell of the map."""
+"""Maximum distance from truly swept floor at which claimed floor counts as swept, m. It covers the
+error of the estimate and a cell of the map."""
 MODEL = RobotModel()
 
 
@@ -111,11 +111,11 @@ class Result:
     ended_s: float = 0.0
     """End of the drive since the first move, s."""
     events: list[str] = field(default_factory=list)
-    """Kinds of the events of the checks."""
+    """Kinds of the events of the room checks."""
     claimed_wrongly_m2: float = 0.0
-    """Floor that the final map shows as swept and that was not, m²."""
+    """Area that the final map wrongly shows as swept, m²."""
     coverage: float = 0.0
-    """Swept share of what the mouth can reach before and after the change."""
+    """Swept share of the floor that the mouth can reach both before and after the change."""
     collisions_per_m2: float = 0.0
     start_error_m: float | None = None
     """Error of the reported distance to the room's start, m."""
@@ -131,14 +131,14 @@ class Observer:
         self.truth: list[tuple[int, Pose2]] = []
 
     def write(self, record: Record) -> None:
-        """Keep events of the checks, and the true path."""
+        """Store the events of the room checks, and the true path."""
         if isinstance(record, TruthRecord):
             self.truth.append((record.log_ns, record.pose))
         elif isinstance(record, EventRecord) and record.source == "room":
             self.events.append(record)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
 def pit(rng: random.Random) -> FloorPlan:
@@ -152,7 +152,7 @@ def pit(rng: random.Random) -> FloorPlan:
 
 
 def fault_of(job: Job, plan: FloorPlan, rng: random.Random) -> str:
-    """Draw the fault of a change; empty: none."""
+    """Draw the fault of a change; an empty text means no fault."""
     at_s = round(rng.uniform(15.0, 100.0), 1)
     dx, dy = _free_shift(plan, rng) if "started" in job.change.name else _shift(rng)
     to = f"dx={dx:.2f},dy={dy:.2f},turn={rng.choice((0.0, rng.uniform(-180.0, 180.0))):.0f}"
@@ -231,7 +231,7 @@ def run(job: Job) -> Result:
 
 
 def _coverage(done: VirtualRun, plan: FloorPlan, fault: str) -> tuple[float, float]:
-    """Swept share of what the mouth reaches before and after the change, and its area, m²."""
+    """Return the swept share of the floor that is reachable before and after, and its area, m²."""
     before = CoverageMeter(plan, MODEL)
     report = done.track.report(None)
     if not fault.startswith("obstacle"):
@@ -249,7 +249,7 @@ def _coverage(done: VirtualRun, plan: FloorPlan, fault: str) -> tuple[float, flo
 
 
 def _claimed_wrongly(claimed: SweptMap, truth: list[tuple[int, Pose2]]) -> float:
-    """Area that a map shows as swept, farther than ``NEAR_M`` from truly swept floor, m²."""
+    """Return the area shown as swept farther than ``NEAR_M`` from truly swept floor, m²."""
     true = SweptMap(MODEL)
     for _, pose in truth:
         true.update(pose)
@@ -266,12 +266,12 @@ def _claimed_wrongly(claimed: SweptMap, truth: list[tuple[int, Pose2]]) -> float
 
 
 def jobs_of(seeds: Iterable[int], changes: Iterable[Change] = CHANGES) -> list[Job]:
-    """Every change with every seed."""
+    """Return a job for every change with every seed."""
     return [Job(change, seed) for change in changes for seed in seeds]
 
 
 def kept_at(path: Path | None) -> Kept:
-    """Results kept for the present checks."""
+    """Return the stored results of the present version of the checks."""
     names = ("plausibility", "displaced_start", "spinning", "mission", "localisation")
     sources = [ROOT / "bridge" / "run" / f"{name}.py" for name in names]
     sources.append(ROOT / "bridge" / "motion" / "estimation" / "displacement.py")
@@ -279,7 +279,7 @@ def kept_at(path: Path | None) -> Kept:
 
 
 def results_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[tuple[Job, Result]]:
-    """Every job's result in order; kept ones are not run again."""
+    """Yield every job's result in order; jobs with a stored result are not run again."""
     waiting = [job for job in jobs if kept.of(job.name) is None]
     with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
         found = pool.map(run, waiting)

@@ -1,9 +1,9 @@
-"""A large experiment on a Dask cluster of two local workers, one of which is killed in the middle.
+"""Run a large experiment on a Dask cluster of two local workers, and kill one of them half-way.
 
     PYTHONPATH=tests python -m campaign.cluster [--seeds 100] [--max-time 30]
 
-Prints whether each run is there once, the time with one and with two workers, and the figures from
-which the cost of a larger campaign follows. Run it on an idle machine.
+It prints whether each run has exactly one result, the time with one and with two workers, and
+figures to estimate the cost of a larger campaign. Run it on an idle machine.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PLANNERS = ("paper", "u-shape")
 SCALING_SEEDS = 6
 """Seeds of the two campaigns with one and with two workers."""
 TINY_S = 1.0
-"""Simulated time of a run that is nearly all start and transfer, s."""
+"""Simulated time of a run whose cost is nearly only its start and its transfer, s."""
 
 
 class Campaign(NamedTuple):
@@ -39,9 +39,9 @@ class Campaign(NamedTuple):
 
     status: int
     rows: int
-    """Rows of the Parquet dataset."""
+    """Number of rows of the Parquet dataset."""
     keys: int
-    """Different runs among them."""
+    """Number of different runs in the rows."""
     first_s: float
     """Time from the start of the command to the first result, s."""
     rest_s: float
@@ -68,7 +68,7 @@ def lines_in(out: Path) -> int:
 def campaign(
     out: Path, workers: int, seeds: int, max_time_s: float, *, kill: bool = False
 ) -> Campaign:
-    """Run a campaign on a new cluster; ``kill`` a worker when half of the results are there."""
+    """Run a campaign on a new cluster; ``kill`` a worker when half of the results are written."""
     expected = len(ROOMS) * len(PLANNERS) * seeds
     with Cluster(workers) as cluster, out.with_suffix(".log").open("w") as log:
         begun_s = time.perf_counter()
@@ -114,7 +114,7 @@ def processor_s(pid: int) -> float:
 
 
 def wait_for(process: subprocess.Popen[bytes], out: Path, count: int) -> None:
-    """Wait for a number of results; the end of the process ends the wait as well."""
+    """Wait for a number of results or for the end of the process."""
     until(
         lambda: lines_in(out) >= count or process.poll() is not None,
         within_s=36_000.0,
@@ -123,7 +123,7 @@ def wait_for(process: subprocess.Popen[bytes], out: Path, count: int) -> None:
 
 
 def main() -> int:
-    """Print the figures; return 1 if a run is missing or there twice."""
+    """Print the figures; return 1 if a run has no result or two results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--max-time", type=float, default=30.0)

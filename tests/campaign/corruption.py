@@ -1,11 +1,11 @@
-"""Damage to frames on an idle line, by the million: undetected errors and lost neighbours.
+"""Damage millions of frames on an idle line; count undetected errors and lost neighbours.
 
     PYTHONPATH=tests python -m campaign.corruption --damaged 10000000
 
-Every second frame is hit once. A frame counts as damaged if one of its coded bytes, or the
-delimiter to the next frame, was changed; its leading zero belongs to the gap. Each other frame that
-is not found is a lost neighbour. A message is wrong if no such frame was sent, whatever its
-content; the stamp identifies each frame.
+Every second frame is damaged once. A frame counts as damaged if one of its coded bytes or the
+delimiter to the next frame is changed. Its leading zero belongs to the gap between frames. An
+undamaged frame that the decoder does not find is a lost neighbour. A decoded message is wrong if no
+such frame was sent. The time stamp identifies each frame.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BLOCK = 20_000
-"""Number of frames that are encoded together; they are damaged again :data:`ROUNDS` times."""
+"""Number of frames that are encoded together and used in :data:`ROUNDS` rounds of damage."""
 ROUNDS = 10
 STREAMED_OF = 20
-"""One round in this number is also read by the streaming link."""
+"""The streaming link also reads one round in this number of rounds."""
 _OFFSET_SIZE = 8
 
 
@@ -64,7 +64,7 @@ class Tally:
     streamed: int = 0
     """Number of damaged frames that the streaming link read too."""
     differences: int = 0
-    """Number of messages that only one of batch decoder and streaming link found."""
+    """Number of messages that only the batch decoder or only the streaming link found."""
     by_hit: list[int] = field(default_factory=lambda: [0] * len(Hit))
     """Number of hits of each kind."""
 
@@ -82,7 +82,7 @@ class Tally:
 
 @dataclass
 class Line:
-    """Frames on an idle-separated line, a zero on either side of each."""
+    """Frames on an idle-separated line, with a zero byte before and after each frame."""
 
     frames: list[bytes]
     contents: list[bytes]
@@ -126,7 +126,7 @@ def make_line(rng: np.random.Generator, count: int) -> Line:
 def damage(
     rng: np.random.Generator, line: Line, by_hit: list[int]
 ) -> tuple[bytes, NDArray[np.bool_]]:
-    """Hit every second frame; return the line, and which frames are damaged."""
+    """Damage every second frame; return the line's bytes, and which frames are damaged."""
     data = line.data.copy()
     last = len(data) - 1
     touched = np.zeros(len(line.frames), np.bool_)
@@ -149,14 +149,14 @@ def damage(
 
     flip(at[kinds == Hit.FLIP])
     few, few_ends = at[kinds == Hit.FLIPS], ends[kinds == Hit.FLIPS]
-    wanted = rng.integers(2, 6, size=len(few))  # the number of bits for which the CRC is made
+    wanted = rng.integers(2, 6, size=len(few))  # bit errors that the CRC must detect
     for number in range(5):
         places = np.minimum(few + rng.integers(8, size=len(few)), few_ends - 1)
         flip(places[wanted > number])
     for kind, longest in ((Hit.BURST, 16), (Hit.LOSS, 8)):
         run = at[kinds == kind]
         length = rng.integers(2 if kind is Hit.BURST else 1, longest + 1, size=len(run))
-        for step in range(longest):  # may reach into the next frame
+        for step in range(longest):  # the damage may reach into the next frame
             places = np.minimum(run + step, last)[length > step]
             reach(places)
             if kind is Hit.BURST:
@@ -168,7 +168,7 @@ def damage(
     merged = ends[kinds == Hit.MERGE]
     keep[merged - 1] = False
     keep[merged] = False
-    touched[line.owner[merged]] = True  # both frames are run together
+    touched[line.owner[merged]] = True  # both frames are merged
     insertions = at[kinds == Hit.INSERTION]
     places = np.repeat(insertions, rng.integers(1, 13, size=len(insertions)))
     noise = rng.integers(256, size=len(places)).astype(np.uint8)
@@ -176,7 +176,7 @@ def damage(
 
 
 def read(line: Line, wire: bytes) -> tuple[NDArray[np.bool_], int]:
-    """Decode with numpy; return which frames were found, and the number never sent."""
+    """Decode with numpy; return which frames were found, and how many were never sent."""
     result = decode_capture(wire)
     found = np.zeros(len(line.frames), np.bool_)
     wrong = len(result.rejected)
@@ -194,7 +194,7 @@ def read(line: Line, wire: bytes) -> tuple[NDArray[np.bool_], int]:
 def _contents(type_id: int, rows: NDArray[np.void]) -> list[bytes]:
     """Return header and payload, as they were sent."""
     spec = CATALOGUE.by_type[type_id]
-    if spec.text_field is None:  # rows are like the frame, without the version
+    if spec.text_field is None:  # a row has the bytes of a frame without the version
         raw = rows.view(np.uint8).reshape(len(rows), rows.dtype.itemsize)
         raw = raw[:, _OFFSET_SIZE:].copy()
         raw[:, 0] |= PROTOCOL_VERSION << 4
@@ -209,7 +209,7 @@ def _contents(type_id: int, rows: NDArray[np.void]) -> list[bytes]:
 
 
 def differences(line: Line, wire: bytes, found: NDArray[np.bool_]) -> int:
-    """Read with the streaming link; return the number of frames that only one of the two found."""
+    """Read with the streaming link; return the number of frames that only one decoder found."""
     link = Link(Direction.HOST)
     seen = np.zeros(len(found), np.bool_)
     strange = 0

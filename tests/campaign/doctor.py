@@ -2,9 +2,10 @@
 
     PYTHONPATH=tests python -m campaign.doctor --out docs/doctor-confusion.md
 
-Each subject has one fault, injected into a recording of the whole link in virtual time. Half of the
-subjects stand still, half drive a plan. The campaign counts the findings: correct, a consequence of
-the fault, wrong, or none. With ``--keep FILE`` an interrupted campaign continues.
+Each subject has one fault, injected into a recording of the whole link in virtual time. In half of
+the subjects the robot stands still, in the others it drives a plan. The campaign counts the
+findings: correct, a consequence of the fault, wrong, or none. With ``--keep FILE`` an interrupted
+campaign continues.
 """
 
 from __future__ import annotations
@@ -134,13 +135,13 @@ SUBJECTS: tuple[CampaignCase, ...] = (
         "encoder-dropout@12:15:share=0.4",
         moving=True,
         seconds=30.0,
-        beside="bump",  # its path is wrong, and it collides with known obstacles
+        beside="bump",  # the robot leaves its path and collides with known obstacles
     ),
     _subject(
         *("wheel-stuck", "stall", "wheel-stuck@12:4"),
         moving=True,
         seconds=25.0,
-        beside=f"slip {_STOPPED}",  # the device itself may latch the motor's current
+        beside=f"slip {_STOPPED}",  # the device may latch a stop because of the motor's current
     ),
     _subject("wheel-slip", "slip", "wheel-slip@10:35:share=0.4", moving=True, seconds=50.0),
     _subject(
@@ -187,7 +188,7 @@ class Result:
 
     @property
     def hit(self) -> bool:
-        """Whether a correct finding is there; without a fault: whether there is no finding."""
+        """Whether a finding is correct; without a fault, whether there is no finding."""
         right = self.subject.right
         return bool(right & set(self.found)) if right else not self.found
 
@@ -208,13 +209,13 @@ def _examine_one(job: tuple[int, int]) -> list[str]:
 
 
 def uncovered() -> set[str]:
-    """Faults of the emulator that no subject covers."""
+    """Return the faults of the emulator that no subject covers."""
     had = {text.partition("@")[0] for subject in SUBJECTS for text in subject.case.faults}
     return set(KINDS) - had
 
 
 def report(results: Iterable[Result]) -> tuple[str, bool]:
-    """The page, and whether every finding is correct."""
+    """Return the page, and whether every finding is correct."""
     by_name: dict[str, list[Result]] = {}
     for result in results:
         by_name.setdefault(result.subject.name, []).append(result)
@@ -267,14 +268,14 @@ def _cell(count: int, kind: str, subject: CampaignCase) -> str:
 
 
 def _kept_at(path: Path | None) -> Kept:
-    """Results kept for the present rules, doctor and subjects."""
+    """Return the stored results of the present rules, doctor and subjects."""
     sources = [*(ROOT / "bridge" / "doctor").glob("*.py")]
     sources += (ROOT / "bridge" / "supervise").glob("*.py")
     return Kept(path, [*sources, Path(__file__), ROOT / "tests" / "support" / "doctor_cases.py"])
 
 
 def results_of(jobs: list[tuple[int, int]], kept: Kept, processes: int) -> Iterator[Result]:
-    """Every case's result in order; kept results are not computed again."""
+    """Yield every case's result in order; stored results are not computed again."""
     names = {job: f"{SUBJECTS[job[0]].name}, seed {job[1]}" for job in jobs}
     waiting = [job for job in jobs if kept.of(names[job]) is None]
     with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:

@@ -32,13 +32,13 @@ class Hazard:
 
     @property
     def there(self) -> bool:
-        """Return whether the hazard is there from the beginning: a room or a rule."""
+        """Return whether the hazard exists from the beginning, as a room or a rule's setting."""
         return bool(self.settings) or STAIRS in self.rooms
 
     def ends_s(self, at_s: float) -> float:
         """Return the end of a hazard that began at ``at_s``.
 
-        A stairwell, a fence and false reports stay.
+        A stairwell, a fence and false reports never end.
         """
         return math.inf if self.there or self.lie else at_s + self.lasts_s
 
@@ -50,10 +50,9 @@ def _hazard(name: str, rules: str, lasts_s: float, *faults: str, **more: object)
 LANES = ("paper",)
 IN_LANES = ("paper", "u-shape")
 SHORT = ("studio-flat",)
-"""Rooms that lane planners finish after half a minute: too soon for a hazard to begin and to show.
-"""
+"""Rooms that lane planners finish in half a minute, before a hazard can begin and be detected."""
 OPEN = ("case-1", "case-2", "empty")
-"""Rooms with few obstacles: lanes are long, and one follows the other."""
+"""Rooms with few obstacles, where one long lane follows another."""
 HAZARDS: tuple[Hazard, ...] = (
     _hazard("wheel stuck, one", "stall", 4, "wheel-stuck@{t}:4:side=left"),
     _hazard("wheel stuck, both", "stall", 4, "wheel-stuck@{t}:4:side=both"),

@@ -1,4 +1,4 @@
-"""Results of a campaign that may be interrupted: each is appended to a file at once."""
+"""A file of campaign results; each is appended at once, so the campaign can be interrupted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Kept:
-    """Result of each named run, valid while the sources that it depends on are the same."""
+    """Result of each named run; it is valid as long as its source files are unchanged."""
 
     def __init__(self, path: Path | None, sources: Iterable[Path]) -> None:
         """Read the file; without a path nothing is stored."""
@@ -27,7 +27,7 @@ class Kept:
                     self._known[name] = reported
 
     def of(self, name: str) -> Any:  # noqa: ANN401 - any stored value
-        """Return the result of a run; None: it has not been run."""
+        """Return the stored result of a run, or None."""
         return self._known.get(name)
 
     def add(self, name: str, reported: object) -> None:

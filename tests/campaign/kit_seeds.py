@@ -21,7 +21,7 @@ PLANS = 24
 
 
 def frames() -> bytes:
-    """Return one frame of every host message, completed by the board, with 50 ms after each."""
+    """Return one frame of every host message, for the board to complete, and 50 ms after each."""
     pieces: list[bytes] = []
     for spec in CATALOGUE:
         if spec.direction is Direction.HOST:

@@ -48,7 +48,7 @@ class Alarm:
     rule: str
     text: str
     true: bool = False
-    """The truth confirms it, although no fault was injected."""
+    """The truth confirms the alarm, although no fault was injected."""
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Outcome:
 
     @property
     def caught_s(self) -> float | None:
-        """Return the time from the start of the hazard to its detection, s; None: not detected."""
+        """Return the time from the hazard's start to its detection, s, or None if undetected."""
         hazard = self.job.hazard
         assert hazard is not None
         end_s = hazard.ends_s(self.at_s) + GRACE_S
@@ -79,7 +79,7 @@ class Outcome:
 
     @property
     def ended_it(self) -> bool:
-        """Return whether device or session stopped the run because of it before any alarm."""
+        """Return whether device or session stopped the run for the hazard before any alarm."""
         lost = self.ending.startswith("the device was lost and is back")
         hazard = self.job.hazard
         return self.by_device or (lost and hazard is not None and "reset" in hazard.rules)
@@ -106,7 +106,7 @@ class Alarms:
         """Do nothing: there is nothing to close."""
 
     def _borne_out(self, at_s: float, data: Mapping[str, Any]) -> bool:
-        """For a disagreement over D: return whether the device's D is wrong by the truth too."""
+        """Return whether the truth confirms that the device's lane length D is wrong."""
         if "D_m" not in data or "for_s" not in data:
             return False
         path_m = lane_path_m(self._poses, at_s - float(data["for_s"]), at_s)

@@ -1,7 +1,10 @@
-"""Inverts every single bit of small logs and recovers them: ``python -m campaign.recovery``.
+"""Invert the bits of small logs, one at a time, and recover each log.
 
-In one of our logs, which is mostly the catalogue, it inverts every seventh bit. Some 400 000 files,
-an hour on one core. Failures are printed, and the status is 1.
+    PYTHONPATH=tests python -m campaign.recovery
+
+In a log of our own, which is mostly the catalogue, only every seventh bit is inverted. The campaign
+recovers about 400 000 files in an hour on one core. It prints each failure. After any failure, it
+returns status 1.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-r"""Supervision compared with the truth: every hazard injected, and hours of runs without one.
+r"""Compare supervision with the truth: runs with each hazard, and hours of runs without one.
 
     PYTHONPATH=tests python -m campaign.supervise --out docs/supervise-campaign.md
 
 Every run is the whole stack in virtual time. The rules are wired as in a user's run, but every
 reaction is lowered to *report*, so that a run continues after its first alarm. A hazard counts as
-caught if a rule that is meant for it raises an alarm while it lasts or within the grace time
-after it. A run that the device or the session ended because of the hazard is counted separately.
-Without a hazard every alarm is false, unless the truth confirms it. With ``--keep FILE`` an
-interrupted campaign continues, as long as rules and hazards are the same.
+caught if a rule that is meant for it raises an alarm while the hazard lasts, or within the grace
+time after its end. A run that the device or the session ends because of the hazard is counted
+separately. In a run without a hazard, every alarm is false unless the truth confirms it. With
+``--keep FILE`` an interrupted campaign continues, as long as rules and hazards are the same.
 """
 
 from __future__ import annotations
@@ -129,13 +129,13 @@ def clean_jobs(seeds: Iterable[int], max_s: float) -> list[Job]:
 
 
 def kept_at(path: Path | None) -> Kept:
-    """Outcomes kept for the present rules and hazards."""
+    """Return the stored outcomes of the present rules and hazards."""
     rules = (ROOT / "bridge" / "supervise").glob("*.py")
     return Kept(path, [*rules, Path(__file__).with_name("hazards.py")])
 
 
 def recalled(job: Job, kept: Kept) -> Outcome | None:
-    """Return the outcome of a job, if it is kept."""
+    """Return the stored outcome of a job, or None."""
     reported = kept.of(job.name)
     if reported is None:
         return None
@@ -143,14 +143,14 @@ def recalled(job: Job, kept: Kept) -> Outcome | None:
 
 
 def keep(outcome: Outcome, kept: Kept) -> None:
-    """Append the outcome of a job."""
+    """Store the outcome of a job."""
     reported = asdict(outcome)
     del reported["job"]
     kept.add(outcome.job.name, reported)
 
 
 def outcomes_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[Outcome]:
-    """Every job's outcome in order; kept outcomes are not run again."""
+    """Yield every job's outcome in order; jobs with a stored outcome are not run again."""
     waiting = [job for job in jobs if kept.of(job.name) is None]
     with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
         found = pool.map(run, waiting)

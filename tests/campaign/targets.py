@@ -1,13 +1,13 @@
-r"""Closed loop with each firmware: the model in Python and the C core in paired runs.
+r"""Compare the firmware model in Python with the C core in paired closed-loop runs.
 
     PYTHONPATH=tests nice python -m campaign.targets --kept build/targets.jsonl \
         --page docs/two-firmwares.md
 
-Each pair is a clean of a shipped room with the same planner, seed and noise; only the firmware
-differs. The command prints the mean of each figure with the model, and the mean difference, core
-less model, with its 95 % interval (Student's t over the pairs). With ``--page`` it replaces
-the part between two marks of a page. Runs that ``--kept`` has for the present sources are not
-repeated.
+Both runs of a pair clean a shipped room with the same planner, seed and noise; only the firmware
+differs. The command prints the mean of each figure with the model. It also prints the mean
+difference, core minus model, with its 95 % interval (Student's t over the pairs). With ``--page``
+it replaces the part between two marks of a page. Runs whose results ``--kept`` holds for the
+present sources are not repeated.
 """
 
 from __future__ import annotations
@@ -67,12 +67,12 @@ class Case(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name under which its result is kept."""
+        """The name under which the result is stored."""
         return " ".join(map(str, self))
 
 
 def cases(rooms: Iterable[str], seeds: Iterable[int], noise: str) -> list[Case]:
-    """Return both runs of every pair, side by side."""
+    """Return both runs of every pair, one after the other."""
     return [
         Case(room, seed, noise, target) for seed in seeds for room in rooms for target in DEVICES
     ]

@@ -1,4 +1,4 @@
-"""Completion as a shell asks for it: rooms, robots, parameters, faults, rules and runs."""
+"""Shell completion of rooms, robots, parameters, faults, rules and runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``--target core`` of ``simulate`` and ``emulate``, as processes."""
+"""The option ``--target core`` of ``simulate`` and ``emulate``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_run_on_the_core_is_deterministic() -> None:
     done = [sweepctl(*RUN, "--force", "--json") for _ in range(2)]
-    assert [d.status for d in done] == [1, 1]  # the time is over
+    assert [d.status for d in done] == [1, 1]  # the time limit ended the run
     assert done[0].json == done[1].json
     assert done[0].json["path_m"] > 0.5
 
@@ -47,7 +47,7 @@ def test_a_crash_of_the_firmware_ends_the_run_and_closes_the_log(
     assert done.json["outcome"] == "fault"
     assert "crashed: SIGSEGV" in done.json["reason"]
     assert "Traceback" not in done.err
-    assert len(done.err.strip().splitlines()) > 2  # what happened, and the backtrace
+    assert len(done.err.strip().splitlines()) > 2  # the cause, and the backtrace
     info = sweepctl("info", "run.mcap", "--json").json
     assert (info["whole"], info["problems"], info["outcome"]) == (True, [], "fault")
 

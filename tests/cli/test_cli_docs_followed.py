@@ -1,4 +1,4 @@
-"""The examples of the pages about runs, robots, rooms, plug-ins and Python, followed literally."""
+"""The examples on the pages about runs, robots, rooms, plug-ins and Python work as printed."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """The code blocks of a language on a page of the documentation."""
+    """Return the code blocks of a language on a page of the documentation."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 def commands(page: str) -> list[list[str]]:
-    """The words behind `sweepctl` of every command line on a page."""
+    """Return the words after ``sweepctl`` in every command line on a page."""
     lines = "".join(blocks(page, "sh")).splitlines()
     return [shlex.split(line)[1:] for line in lines if line.startswith("sweepctl ")]
 
@@ -59,7 +59,7 @@ def test_the_page_about_runs(folder: Path) -> None:
     assert len(found) == 14
     for words in found:
         done = sweepctl(*words)
-        timed = 1 if words[0] == "simulate" else 0  # their --max-time is short
+        timed = 1 if words[0] == "simulate" else 0  # a simulation ends at its short --max-time
         assert done.status == timed, (words, done.err)
     assert {path.name for path in folder.iterdir()} == {
         *("runs", "planners.html", "missed.html", "newest.html"),

@@ -65,7 +65,7 @@ def test_a_log_cut_short_is_read_and_reported(noisy: Path, folder: Path) -> None
 
 
 def test_a_log_of_another_program(folder: Path) -> None:
-    """Only the times of its messages are known."""
+    """Of such a log, ``doctor`` can use only the times of the messages."""
     log = folder / "other.mcap"
     with log.open("wb") as file:
         writer = Writer(file)
@@ -141,10 +141,10 @@ def test_a_port_that_is_well_and_one_that_is_silent(folder: Path) -> None:
         report = done.json
         assert report["figures"]["frames"] > 300
         assert report["figures"]["boots"][0]["firmware"].startswith("virtual sweeper")
-        # A busy machine shows as latency or a stall; nothing else may be reported.
+        # A busy machine causes latency or a stall; other findings are errors.
         assert {f["kind"] for f in report["findings"]} <= {"latency", "host_stall", "gap"}
         silent = sweepctl("doctor", link, "--duration", "2.5", "--listen", "--json").json
         assert silent["figures"]["bytes"]["out"] == 0
-        assert "hello" in silent["figures"]["streams"], "nobody talks to it any more"
+        assert "hello" in silent["figures"]["streams"], "the device has a host"
     finally:
         assert end(emulator, signal.SIGTERM).status == 0

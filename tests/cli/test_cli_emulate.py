@@ -1,4 +1,4 @@
-"""``sweepctl emulate`` in a separate process: its first line, its link, its truth, its end."""
+"""``sweepctl emulate`` in a separate process: first output line, link, ground truth and end."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_ready_and_ended_by_a_signal(tmp_path: Path, number: signal.Signals) -> 
 
 @contextmanager
 def nohup() -> Iterator[None]:
-    """Let processes that start meanwhile outlive their terminal."""
+    """Start processes inside the context so that they survive the loss of their terminal."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         yield
@@ -71,8 +71,8 @@ def test_under_nohup_a_lost_terminal_ends_neither_the_emulator_nor_a_run(tmp_pat
 
 
 def _is_owned(port: str) -> bool:
-    """Return whether a run is in progress on it."""
-    with suppress(Exception):  # it has no owner yet
+    """Return whether a run is in progress on the port."""
+    with suppress(Exception):  # the port has no owner yet
         return bool(ask(port, {"do": "status"})["status"])
     return False
 
@@ -137,7 +137,7 @@ def test_the_truth(tmp_path: Path) -> None:
         assert value.frame_id == "map"
         assert value.timestamp.ToNanoseconds() == plain.log_ns
         assert value.pose.position.x == pytest.approx(0.2, abs=0.5)
-    assert len({plain.data[-20:] for plain, _ in poses}) == 1, "nobody moved it"
+    assert len({plain.data[-20:] for plain, _ in poses}) == 1, "the robot moved"
 
 
 def test_a_truth_file_is_not_replaced(tmp_path: Path) -> None:

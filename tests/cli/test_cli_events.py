@@ -1,4 +1,4 @@
-"""``--on EVENT COMMAND`` of ``simulate``, and the page about it."""
+"""The option ``--on EVENT COMMAND`` of ``simulate``, and its documentation page."""
 
 from __future__ import annotations
 

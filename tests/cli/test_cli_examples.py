@@ -44,7 +44,7 @@ PARSED_ONLY = {
 
 
 def examples(group: click.Group, path: tuple[str, ...] = ()) -> Iterator[tuple[str, list[str]]]:
-    """Each command with the words of its example after ``sweepctl``."""
+    """Yield each command with the words of its example after ``sweepctl``."""
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)
@@ -102,7 +102,7 @@ def test_an_example_without_hardware_runs(folder: Path, name: str) -> None:
 def test_an_example_is_parsed_to_its_last_word(name: str) -> None:
     command: click.Command = cli
     words = ALL[name]
-    # With the command's settings: click stores the help option at its first use.
+    # The context has the command's settings, because click stores the help option at its first use.
     context = click.Context(cli, **cli.context_settings)
     while isinstance(command, click.Group):
         found = command.get_command(context, words[0])
@@ -115,4 +115,4 @@ def test_an_example_is_parsed_to_its_last_word(name: str) -> None:
         if param.name
         and parsed.get_parameter_source(param.name) is click.core.ParameterSource.COMMANDLINE
     }
-    assert given, "at least one argument or option"
+    assert given, "no argument and no option"

@@ -30,12 +30,12 @@ SHORT = ("--rooms", "case-1", "--planners", "paper,u-shape", "--max-time", "6", 
 
 @pytest.fixture(scope="module")
 def two_jobs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Short runs in two processes."""
+    """Make short runs in two processes, and return their folder."""
     out = tmp_path_factory.mktemp("two")
     done = sweepctl("experiment", "compare", *SHORT, "--jobs", "2", "--out", out, "--json")
     assert done.status == 0
     assert done.json["runs"] == 2
-    # without a terminal: a line for every run that ended, with the remaining time
+    # Without a terminal, every finished run prints a line with the remaining time.
     first, *lines = done.err.strip().splitlines()
     assert first == "0/2 runs done, 2 in parallel"
     assert [line.split()[0] for line in lines] == ["1/2", "2/2"]
@@ -100,11 +100,12 @@ def test_ctrl_c_and_sigterm_keep_finished_results(tmp_path: Path, number: signal
 def test_two_signals_at_once_end_the_runs_too(
     tmp_path: Path, first_s: float, between_s: float
 ) -> None:
-    """As from ``timeout``, which signals the process and its group, while the workers start.
+    """The command ``timeout`` sends such signals, to the process and to its group.
 
-    The last lines show what the second signal interrupted, and the status must match them: runs
-    that end cleanly (0), the report of the finished runs (1, interrupted), or a command that is
-    about to exit, which a signal then kills like any program.
+    The last lines show what the second signal interrupted, and the status must match them. If it
+    interrupted nothing, the runs end cleanly with status 0. If it interrupted the report of the
+    finished runs, the status is 1. If the command was about to exit, the signal kills it like any
+    program.
     """
     process = start(
         *("experiment", "compare", "--rooms", "case-1", "--planners", "u-shape", "--seeds", "200"),
@@ -124,19 +125,19 @@ def test_two_signals_at_once_end_the_runs_too(
         kept_in = f"interrupted before the report; completed runs are kept in {tmp_path}"
         assert printed[-2] == kept_in
         assert done.status == 1
-        assert kept, "there was something to report"
+        assert kept, "no finished run to report"
     else:
         reported = (
             f"{kept} of 200 runs done, kept in {tmp_path}; the same command continues from there"
         )
         assert printed[-1] == reported
-        # The workers need more time to end than two signals to arrive.
+        # Without a pause, the second signal arrives before the workers have ended.
         assert done.status in ({0} if between_s == 0.0 else {0, -signal.SIGINT})
 
 
 @pytest.mark.realtime
 def test_an_interrupt_before_the_report_names_the_folder_of_the_runs(two_jobs: Path) -> None:
-    """The report takes forever in this process, whose runs are done."""
+    """The runs of this process are finished, and its report takes forever."""
     script = """
         import sys, time
         from tools.experiment import output

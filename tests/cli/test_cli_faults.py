@@ -36,7 +36,7 @@ def test_the_list_explains_every_kind() -> None:
 
 
 def test_the_page_is_fresh() -> None:
-    assert faults_page() == PAGE, "write it anew: python -m tools.cli.fault_help > docs/faults.md"
+    assert faults_page() == PAGE, "run: python -m tools.cli.fault_help > docs/faults.md"
 
 
 PAGE = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
@@ -45,7 +45,7 @@ ROWS = re.findall(r"^\| `([\w-]+)` \| .+? \| (lasts|at once) \| `([^`]+)` \|$", 
 ARGUMENTS = re.findall(
     r"^\| `([\w-]+)` \| `(\w+)` \| ([^|]+) \| ([^|]+) \| [^|]+ \|$", PAGE, re.MULTILINE
 )
-"""Rows of the page's table: kind, meaning, duration, arguments, example."""
+"""Rows of the page's table of arguments: kind, name, default, allowed values."""
 
 
 def rejected(text: str) -> bool:

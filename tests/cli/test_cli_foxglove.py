@@ -1,4 +1,4 @@
-"""``--foxglove`` of ``simulate``, ``replay`` and ``connect``."""
+"""The option ``--foxglove`` of ``simulate``, ``replay`` and ``connect``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 
 def address_of(command: Command) -> str:
-    """Wait for the line with the address."""
+    """Wait for the line with the server's address, and return the address."""
     command.prints("Foxglove: ")
     found = re.search(r"Foxglove: (ws://[\d.:]+)", command.printed)
     assert found is not None, command.printed
@@ -29,7 +29,7 @@ def address_of(command: Command) -> str:
 
 
 def check_received(client: FoxgloveClient, log: Path) -> None:
-    """Each received message is in the log, and its schema decodes it to the values of the log."""
+    """Check that each received message is in the log, and that its schema decodes it equally."""
     written: dict[Received, str] = {}
     for message in LogReader(log).messages():
         key = Received(message.topic, message.log_ns, message.data)

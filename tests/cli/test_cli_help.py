@@ -92,7 +92,7 @@ def test_the_reference_page_has_no_control_character_and_no_stray_backslash() ->
     text = PATH.read_text(encoding="utf-8")
     assert not re.search(r"[^\n\x20-\x7e\xa0-\uffff]", text)
     escaped = set(re.findall(r"\\(.)", re.sub(r"`[^`\n]+`", "", text)))
-    assert escaped <= set("|<*["), "what Markdown needs"
+    assert escaped <= set("|<*["), "backslashes beyond those of Markdown"
     assert "\n    dbc    CAN database, for cantools" in text
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C in commands whose status 0 means "done" to a script."""
+"""After Ctrl-C, a command exits with 0 only if its work is done."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_stop_that_ctrl_c_cuts_off_is_not_done(
 
 
 class Robot:
-    """A robot that accepts a key, and whose port closes slowly."""
+    """A robot that accepts a key; Ctrl-C interrupts the closing of its port."""
 
     def __enter__(self) -> Self:
         return self
@@ -69,7 +69,7 @@ def _device() -> dict[str, Any]:
 
 
 class Asked(Robot):
-    """A robot whose port closes at once, and that Ctrl-C interrupts in one of its calls."""
+    """A robot whose port closes at once; Ctrl-C interrupts one of its calls."""
 
     def __init__(self, cut: str) -> None:
         self._cut = cut

@@ -1,4 +1,4 @@
-"""``sweepctl info`` and ``view`` on complete and other logs."""
+"""``sweepctl info`` and ``view`` on complete, truncated and invalid logs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def truncated(log: Path, tmp_path: Path) -> Path:
-    """Return the log as a kill in its middle leaves it."""
+    """Return a log that ends early, as after a kill during the run."""
     path = tmp_path / "truncated.mcap"
     whole = log.read_bytes()
     path.write_bytes(whole[: len(whole) // 3])

@@ -1,4 +1,4 @@
-"""Every option and argument of every command with values of absurd length: one clear error line."""
+"""Every command reports an extremely long value of any option or argument in one line."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ VALUES = {
     "no UTF-8": "no\udcffsuch\udcfething",
 }
 WHOLE = {"room": "case-1"}
-"""Valid values of other required arguments, whose names would otherwise be rejected first."""
+"""Valid values of the other required arguments, so that only the tested value is rejected."""
 LISTED = {("ports", "named")}
-"""Arguments for which any name is valid: it is shown as given."""
+"""Arguments for which any name is valid and is shown as given."""
 
 
 def leaves(
@@ -56,7 +56,7 @@ def given(parameter: click.Parameter, value: str) -> list[str]:
 
 
 def others(command: click.Command, tested: click.Parameter) -> list[str]:
-    """Return the other required arguments; no port and no file of these names exists."""
+    """Return values for the other required arguments; no port and no file has these names."""
     words = []
     for parameter in command.params:
         if parameter is not tested and parameter.required:

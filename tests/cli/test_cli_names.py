@@ -1,4 +1,4 @@
-"""Names from outside: brackets are no markup, and a file's name may be invalid UTF-8."""
+"""Names in logs and of files: brackets are not markup, and a name may be invalid UTF-8."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output files of reading commands: no existing file is lost without a request."""
+"""Commands that read a log replace an existing file only on request."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_view_replaces_only_where_asked(log: Path, tmp_path: Path) -> None:
     assert sweepctl("view", log, "--png", target, "--force").status == 0
     assert target.read_bytes().startswith(b"\x89PNG")
     assert sweepctl("view", log, "--png", empty).status == 1
-    assert not empty.read_bytes(), "an existing file, as any"
+    assert not empty.read_bytes(), "an empty file counts as existing"
 
 
 def test_view_writes_all_that_it_was_asked_for(log: Path, tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_a_full_disk_ends_a_rerun_file_in_a_line(log: Path, tmp_path: Path) -> N
 
 @pytest.mark.filterwarnings("default")
 def test_a_warning_of_a_library_is_a_line_of_ours(tmp_path: Path) -> None:
-    """The warning may quote a text from outside: here a character that no font has."""
+    """A library's warning may quote text from the log, here a character that no font has."""
     path = tmp_path / "named.mcap"
     with path.open("wb") as file:
         writer = Writer(file)

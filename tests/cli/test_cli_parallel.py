@@ -1,4 +1,4 @@
-"""Many logs at once: ``runs index`` and ``export`` of several files."""
+"""``runs index`` and ``export`` of several logs at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plug-ins of installed packages: used, checked before anything moves, disabled when they fail."""
+"""Plug-ins of packages are used, checked before the robot moves, and disabled if they fail."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def test_a_rule_that_raises_is_disabled_and_the_run_continues(site: Path) -> Non
     install(site, "bad-rule", {"rules": {"bad": "bad:Rule"}}, {"bad": RULE})
     run = ("simulate", "empty", "--planner", "u-shape", "--max-time", "5", "--out", "r.mcap")
     done = sweepctl_with(site, *run, "--supervise-rule", "bad.reaction=stop")
-    assert done.status == 1, "out of time, not stopped"
+    assert done.status == 1, "the time limit did not end the run"
     found = decoded(site.parent / "r.mcap", "/events")
     events = [event for _, event in found if event.kind == "bad"]
     assert len(events) == 1
@@ -275,7 +275,7 @@ def test_a_rule_reads_the_messages_of_plug_ins(site: Path) -> None:
     install(site, "dusty", {"rules": {"dusty": "dusty:Rule"}}, {"dusty": DUSTY})
     run = ("simulate", "empty", "--planner", "u-shape", "--max-time", "5", "--out", "r.mcap")
     done = sweepctl_with(site, *run, "--supervise-rule", "dusty.reaction=stop")
-    assert done.status == 5, "stopped for safety"
+    assert done.status == 5, "not stopped for safety"
     found = decoded(site.parent / "r.mcap", "/events")
     (event,) = [event for _, event in found if event.kind == "dusty"]
     assert "20 particles a second" in event.text

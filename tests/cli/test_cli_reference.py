@@ -61,7 +61,7 @@ OPTION = re.compile(r"^\| ((?:`-[^|]+?`(?:, )?)+)(?: `[^`]+`)? \| (.+) \|$", re.
 
 
 def options_on_page(path: tuple[str, ...]) -> dict[str, str]:
-    """Return the page's text for each name of an option."""
+    """Return the page's text for each option name."""
     return {
         name: meaning
         for names, meaning in OPTION.findall(SECTIONS[path])
@@ -124,7 +124,7 @@ def beyond(end: str, by: int) -> str:
 
 @pytest.mark.parametrize("option", RANGES, ids=lambda o: " ".join((*o.path, o.name)))
 def test_the_ranges_on_the_page_are_those_of_the_command(option: Range) -> None:
-    """A value beyond either end is rejected by the option's name; both ends are accepted."""
+    """Both ends of a range are accepted; a value beyond is rejected by the option's name."""
     for value in (beyond(option.low, -1), beyond(option.high, 1)):
         assert option.name in rejections(option.path, option.name, value), value
     for value in (option.low, option.high):
@@ -132,13 +132,13 @@ def test_the_ranges_on_the_page_are_those_of_the_command(option: Range) -> None:
 
 
 def _ports(command: click.Command) -> list[str]:
-    """Return a port for a command that searches it before it parses the options."""
+    """Return a port for a command that looks up its port before it parses the options."""
     eager = [p for p in command.params if isinstance(p, click.Argument) and p.is_eager]
     return ["/dev/none"] if eager else []
 
 
 def rejections(path: tuple[str, ...], name: str, value: str) -> list[str]:
-    """Return the options that the command's parser rejects, without running it."""
+    """Return the options that the parser rejects; the command does not run."""
     try:
         ALL[path].make_context(path[-1], [name, value, *_ports(ALL[path])])
     except click.MissingParameter:

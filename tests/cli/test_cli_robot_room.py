@@ -159,7 +159,7 @@ def test_room_show_draws_and_gives_the_areas(tmp_path: Path) -> None:
     assert done.status == 0, done.err
     facts = json.loads(done.out)
     assert facts["free_m2"] == pytest.approx(12.0, abs=0.02)
-    # without the corners that a disc of 16 cm cannot reach: (4 − π) r²
+    # The footprint, a disc of radius 16 cm, does not reach (4 − π) r² in the corners.
     assert facts["reachable_m2"] == pytest.approx(12.0 - 0.8584 * 0.16**2, abs=0.02)
     # the mouth stays 8 cm from the walls: 3.84 × 2.84 minus the rounded corners
     assert facts["sweepable_m2"] == pytest.approx(3.84 * 2.84 - 0.8584 * 0.08**2, abs=0.03)
@@ -194,7 +194,7 @@ def test_room_import_writes_a_room_that_can_be_used(tmp_path: Path) -> None:
     facts = json.loads(sweepctl("room", "show", str(out), "--json").out)
     assert facts["free_m2"] == pytest.approx(3.5 * 2.5, abs=0.02)
     assert facts["start"] == pytest.approx([1.5, 0.6, math.pi / 2])
-    assert sweepctl(*command).status == 1, "it exists"
+    assert sweepctl(*command).status == 1, "an existing room was replaced"
     near = sweepctl(*command[:-1], "0.3,0.3,0", "--force")
     assert (near.status, "overlaps a wall" in near.err) == (2, True)
 

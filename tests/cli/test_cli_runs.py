@@ -1,4 +1,4 @@
-"""``sweepctl runs`` as users run it: its page, its output, its errors."""
+"""``sweepctl runs`` as users run it: its documentation page, its output and its errors."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_the_heat_map_counts_unswept_floor(runs: Path, tmp_path: Path) -> None:
     found = json.loads(sweepctl("runs", "heatmap", "--out", "m.png", "--json").out)
     (room,) = found["rooms"]
     assert (room["room"], room["runs"]) == ("synthetic", 3)
-    # The made-up runs are equal, so all runs miss the same floor.
+    # The synthetic runs are equal, so all runs miss the same floor.
     assert room["always_missed_cm2"] == room["often_missed_cm2"] > 0
     assert all(piece["missed_share"] == 1.0 for piece in room["pieces"])
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")

@@ -40,7 +40,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def check_keys(summary: dict[str, Any]) -> None:
-    # the reason of the end is beside the keys of the contract
+    # The summary has the documented keys and the reason of the end.
     assert set(summary) == {*KEYS, "reason"}
     for key, inner in INSIDE.items():
         assert set(summary[key]) >= inner
@@ -164,7 +164,7 @@ def test_ended_in_the_middle(tmp_path: Path, number: signal.Signals) -> None:
     log = tmp_path / "run.mcap"
     process = start("simulate", "empty", "--json", "--out", log, cwd=tmp_path)
     while process.poll() is None and (not log.exists() or log.stat().st_size < 300_000):
-        signal.sigtimedwait([], 0.01)  # a sleep without a clock
+        signal.sigtimedwait([], 0.01)  # sleep without the time module
     done = end(process, number)
     assert (done.status, done.err) == (0, "")
     check_keys(done.json)
@@ -174,7 +174,7 @@ def test_ended_in_the_middle(tmp_path: Path, number: signal.Signals) -> None:
     reader = LogReader(log)
     assert not reader.truncated
     assert reader.summary == done.json
-    # the device stood before the log was closed
+    # The device had stopped before the log was closed.
     velocities = [value.v_m_s for _, value in decoded(log, "/pose/estimate")]
     latches = [value.text for _, value in decoded(log, "/events") if value.kind == "stop"]
     assert latches == [f"ended by {name}"]

@@ -1,4 +1,4 @@
-"""Start of a command in a deleted or closed folder, and Ctrl-C before it has begun."""
+"""Start of a command in a deleted or inaccessible folder, and Ctrl-C during the start."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ class At:
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, At())
 """
-"""Module that Python loads at its start. It sends Ctrl-C when the import of another module begins.
-"""
+"""Module that Python loads at its start. It sends Ctrl-C when a given import begins."""
 
 
 def sweepctl(
@@ -74,7 +73,7 @@ def test_ctrl_c_while_it_starts_ends_it_quietly(module: str, tmp_path: Path) -> 
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert done.returncode == 0, done.stderr
-    # Either nothing had begun, or the run had and reports it.
+    # Either no run had begun, or the run reports the interrupt.
     assert done.stderr.strip() == "sweepctl: interrupted" or '"ended by Ctrl-C"' in done.stdout
 
 
@@ -104,7 +103,7 @@ def test_a_shipped_room_needs_no_working_directory(tmp_path: Path) -> None:
         cwd=gone,
         script='rmdir "$PWD" && exec "$@"',
     )
-    assert (done.returncode, done.stderr) == (1, ""), "out of time, as asked"
+    assert (done.returncode, done.stderr) == (1, ""), "not ended by the time limit"
     assert log.is_file()
 
 

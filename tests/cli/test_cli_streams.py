@@ -1,4 +1,4 @@
-"""Output streams: a terminal with few letters, a full disk, a closed stream."""
+"""Output streams: an ASCII terminal, a full disk, a closed stream."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def log(tmp_path: Path) -> Path:
 def run(
     *arguments: str | Path, led: str = "", env: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in a shell, its streams redirected by ``led``."""
+    """Run the command in a shell that redirects its streams as in ``led``."""
     words = [*COMMAND, *map(str, arguments)]
     return subprocess.run(
         ["/bin/sh", "-c", f'"$@" {led}', "sh", *words],
@@ -73,7 +73,7 @@ def test_without_a_stdout_it_does_its_work(log: Path, tmp_path: Path) -> None:
     assert (reported.returncode, reported.stderr) == (0, "")
     whole = run("info", target, "--json")
     assert json.loads(whole.stdout)["messages"] == 1
-    assert target.read_bytes().startswith(b"\x89MCAP"), "nothing was said into it"
+    assert target.read_bytes().startswith(b"\x89MCAP"), "output was written to the file"
 
 
 @pytest.mark.parametrize("size", ["²", "٣", "9" * 5000, "0", "-1", ""])

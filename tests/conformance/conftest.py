@@ -1,4 +1,4 @@
-"""The device that is checked."""
+"""The fixture of the device under test."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ import pytest
 
 @pytest.fixture
 def device(request: pytest.FixtureRequest) -> str:
-    """Return the name of the port or of the emulated link; the check gets a probe on it."""
+    """Return the name of the port or emulated link; the check gets a probe connected to it."""
     name: str = request.param
     return name

@@ -1,4 +1,4 @@
-"""A device with a key obeys signed commands only, each of them once, and it obeys every stop."""
+"""A device with a key obeys each signed command once, no unsigned command, and every stop."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ AHEAD = 50
 
 @contextmanager
 def signed_with(device: Probe, key: Authenticator | None) -> Iterator[None]:
-    """Sign with another key meanwhile; None: sign nothing."""
+    """Sign with another key inside the context, or not at all if the key is None."""
     own, device.link.key = device.link.key, key
     try:
         yield
@@ -75,9 +75,9 @@ def test_an_unsigned_setpoint_moves_nothing(device: Probe) -> None:
         device.keep_saying(lambda: device.setpoint(0.0, TURN_RAD_S), 0.2)
     assert device.status().setpoint_remaining == 0
     counted = [(left, right) for _, left, right in device.counts()]
-    assert counted[-1] == counted[0], "an unsigned setpoint moved it"
+    assert counted[-1] == counted[0], "an unsigned setpoint moved the robot"
     assert len(device.received) > mark
-    assert (device.counters().stale - before) % 0x10000 >= 3, "dropped, and not counted as stale"
+    assert (device.counters().stale - before) % 0x10000 >= 3, "drops not counted as stale"
     device.stop()
 
 
@@ -87,7 +87,7 @@ def test_a_command_with_another_key_is_not_obeyed(device: Probe) -> None:
     other.begin(*device.nonce)
     command_id = device.next_id()
     with signed_with(device, other):
-        for _ in range(AHEAD):  # its counter is new, so that only the tag is wrong
+        for _ in range(AHEAD):  # the counter becomes new, so that only the tag is wrong
             command(device, command_id)
         data = command(device, command_id)
     assert not is_obeyed(device, data, command_id), "obeyed with a wrong tag"
@@ -107,7 +107,7 @@ def test_a_command_of_an_earlier_session_is_not_obeyed(device: Probe) -> None:
     data = command(device, command_id)
     assert is_obeyed(device, data, command_id)
     device.handshake()
-    assert not is_obeyed(device, data, command_id), "signed for an earlier session, and obeyed"
+    assert not is_obeyed(device, data, command_id), "a command of an earlier session was obeyed"
 
 
 def test_a_stop_needs_no_tag(device: Probe) -> None:

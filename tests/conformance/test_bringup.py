@@ -1,4 +1,4 @@
-"""Bring-up: wheel duties set directly, limited and short-lived."""
+"""Bring-up mode: the host sets wheel duties directly, limited in size and time."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def travel(device: Probe, since_us: int) -> tuple[int, int]:
 
 
 def spin(device: Probe, left: float, right: float, seconds: float) -> tuple[int, int]:
-    """Hold duties; return the counts of both wheels meanwhile."""
+    """Hold the duties for some seconds; return the counts of both wheels in that time."""
     mark = device.counts()[-1][0]
     device.keep_saying(lambda: device.duty(left, right), seconds)
     return travel(device, mark)
@@ -63,7 +63,7 @@ def test_a_duty_expires_and_does_not_latch(device: Probe) -> None:
     device.listen(0.9)
     mark = device.counts()[-1][0]
     device.listen(0.2)
-    assert max(map(abs, travel(device, mark))) <= STILL, "still turning 0.9 s later"
+    assert max(map(abs, travel(device, mark))) <= STILL, "the wheels turn 0.9 s after the last duty"
     status = device.status()
     assert (status.mode, status.stop_cause) == (Mode.BRINGUP, StopCause.NONE)
 

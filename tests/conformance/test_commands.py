@@ -1,4 +1,4 @@
-"""Commands: answered, rejected with a reason, executed once."""
+"""The device answers every command, rejects with a reason, and executes each command once."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_before_the_handshake_everything_but_stop_is_rejected(device: Probe) -> 
 
 
 def test_a_repeated_command_is_answered_but_not_executed_again(device: Probe) -> None:
-    """The stop in between must hold, although the same clear_stop arrives again."""
+    """A repeated clear_stop must not clear a stop that came after its first copy."""
     device.handshake()
     device.stop()
     device.free()
@@ -91,13 +91,13 @@ def test_a_repeated_command_is_answered_but_not_executed_again(device: Probe) ->
     assert device.status().stop_cause == StopCause.NONE
     device.stop()
     assert again(device, clear, command_id) == [Ack(command_id, type_of(clear))], (
-        "the answer is repeated as it was, once"
+        "the same answer was not repeated once"
     )
-    assert device.status().stop_cause == OPERATOR, "it was carried out twice"
+    assert device.status().stop_cause == OPERATOR, "the command was executed twice"
 
 
 def test_a_command_repeated_late_is_not_executed_again(device: Probe) -> None:
-    """Sixteen other commands came in between, and the device keeps sixteen replies."""
+    """The device stores sixteen replies, and sixteen other commands arrive in between."""
     device.handshake()
     device.stop()
     command_id = device.next_id()
@@ -107,8 +107,8 @@ def test_a_command_repeated_late_is_not_executed_again(device: Probe) -> None:
         other = device.next_id()
         device.reply_to(SetMode(other, Mode.IDLE))
     device.stop()
-    assert again(device, clear, command_id) == [], "it is too old to be answered"
-    assert device.status().stop_cause == OPERATOR, "it was carried out twice"
+    assert again(device, clear, command_id) == [], "a command that is too old was answered"
+    assert device.status().stop_cause == OPERATOR, "the command was executed twice"
 
 
 def test_a_repeated_rejection_stays_a_rejection(device: Probe) -> None:
@@ -120,7 +120,7 @@ def test_a_repeated_rejection_stays_a_rejection(device: Probe) -> None:
     assert device.reply_to(wanted) == rejected
     device.free()
     assert again(device, wanted, command_id) == [rejected]
-    assert device.status().mode == Mode.IDLE, "a command was carried out after its refusal"
+    assert device.status().mode == Mode.IDLE, "a rejected command was executed later"
     device.stop()
 
 
@@ -134,7 +134,7 @@ def test_the_last_sixteen_are_remembered(device: Probe) -> None:
         assert device.refusal(lambda i: SetMode(i, Mode.IDLE)) is None
     device.stop()
     assert again(device, clear, command_id) == [Ack(command_id, type_of(clear))]
-    assert device.status().stop_cause == OPERATOR, "fifteen commands later it was forgotten"
+    assert device.status().stop_cause == OPERATOR, "executed again after fifteen others"
 
 
 def test_the_same_id_of_another_command_is_another(device: Probe) -> None:

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from support.probe import Probe
 
 AT_ONCE_S = 0.25
-"""Maximum time of an immediate reply, s: the measured round trip and our own machine's pauses."""
+"""Maximum time of an immediate reply, s. It includes the round trip and the host's pauses."""
 
 
 def described(device: Probe, questions: list[Describe]) -> dict[int, DescribeReply]:
-    """Return answers by type, a few questions at a time; a lost one is asked again."""
+    """Send a few questions at a time, repeat lost ones, and return the answers by type."""
     answers: dict[int, DescribeReply] = {}
     for _ in range(4):
         for start in range(0, len(questions), 4):
@@ -42,7 +42,7 @@ def described(device: Probe, questions: list[Describe]) -> dict[int, DescribeRep
 
 
 def enumerated(device: Probe, questions: list[DescribeEnum]) -> dict[int, DescribeEnumReply]:
-    """Return answers by key, one question at a time; a lost one is asked again."""
+    """Send one question at a time, repeat lost ones, and return the answers by key."""
     answers: dict[int, DescribeEnumReply] = {}
     for question in questions:
         for _ in range(4):
@@ -88,7 +88,7 @@ def test_hello_identifies_the_device(device: Probe) -> None:
     )
     same = [a == b for a, b in zip(hello, again, strict=True)]
     del same[of_the_session]
-    assert all(same), f"it changed its mind: {hello}, {again}"
+    assert all(same), f"two hellos differ: {hello}, {again}"
 
 
 def test_hello_is_answered_at_once_and_names_the_session(device: Probe) -> None:
@@ -106,11 +106,11 @@ def test_nothing_is_streamed_before_the_handshake(device: Probe) -> None:
     device.ping()  # delayed replies have arrived by now
     received = device.listen(0.5)
     reported = {type(h.message).__name__ for h in received} - {"Hello", "TimeReply"}
-    assert not reported, f"sent without agreement: {sorted(reported)}"
+    assert not reported, f"sent before the handshake: {sorted(reported)}"
 
 
 def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
-    """A recorded hello, for example: the answer contains the present boot id."""
+    """Such a hello may be a recording. The device answers with its present boot id."""
     hello = device.handshake()
     for boot_id in (0, hello.boot_id ^ 1):
         mark = len(device.received)
@@ -118,7 +118,7 @@ def test_a_hello_of_another_boot_opens_no_session(device: Probe) -> None:
         found = device.wait_for(Hello, AT_ONCE_S, mark=mark)
         assert found is not None, f"no answer within {AT_ONCE_S} s"
         assert isinstance(found.message, Hello)
-        assert found.message.session_id == device.session_id, "it was let in"
+        assert found.message.session_id == device.session_id, "the hello opened a session"
 
 
 def test_session_zero_opens_nothing(device: Probe) -> None:
@@ -129,7 +129,7 @@ def test_session_zero_opens_nothing(device: Probe) -> None:
     device.listen(0.3, alive=False)
     device.session_id = session
     named = {h.session_id for h in device.of(Hello, mark)}
-    assert named <= {session}, "the session was ended by a hello without one"
+    assert named <= {session}, "a hello with session 0 ended the session"
     received = device.listen(0.2)
     assert all(type(h.message).__name__ in {"Hello", "TimeReply"} for h in received)
 
@@ -141,14 +141,14 @@ def test_describe_matches_the_catalogue(device: Probe) -> None:
     for spec in specs:
         reply, own = answers[spec.type_id], len(spec.fields)
         if reply.field_count == UNKNOWN:
-            assert not spec.bootstrap, f"{spec.name} is needed to agree at all"
+            assert not spec.bootstrap, f"{spec.name} is needed for every handshake"
             continue
         shared = min(own, reply.field_count)
         expected = CATALOGUE.chains[spec.type_id][shared]
-        assert reply.chain == expected, f"{spec.name}: another meaning of its first {shared} fields"
+        assert reply.chain == expected, f"{spec.name}: its first {shared} fields differ"
         if reply.field_count == own:
             assert reply.payload_length == spec.layout.size, spec.name
-        assert reply.field_count == own or not spec.bootstrap, f"{spec.name} never changes"
+        assert reply.field_count == own or not spec.bootstrap, f"{spec.name} may never change"
 
 
 @pytest.mark.slow
@@ -174,7 +174,7 @@ def test_enumerations_are_those_of_the_catalogue(device: Probe) -> None:
         asked = [DescribeEnum(key, count) for key in CATALOGUE.enums]
         for key, reply in enumerated(device, asked).items():
             if reply.member_count == UNKNOWN:
-                continue  # no message of the device uses it
+                continue  # no message of the device uses the enumeration
             enum = CATALOGUE.enums[key]
             shared = min(count, reply.member_count, len(enum.members))
             assert reply.chain == enum.chain[shared], f"{enum.name} after {shared} members"
@@ -195,7 +195,7 @@ def test_the_catalogue_hash_matches_the_descriptions(device: Probe) -> None:
     )
     assert hello.catalogue_hash == crc32(lines.encode())
     unknown = [a for a in answers.values() if a.field_count == UNKNOWN]
-    assert unknown, "it claims to know every type"
+    assert unknown, "the device declares every type"
 
 
 def test_describe_is_answered_outside_a_session(device: Probe) -> None:

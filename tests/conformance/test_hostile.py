@@ -1,4 +1,4 @@
-"""Hostile bytes: the device obeys only intact frames, and nothing disturbs it."""
+"""The device obeys only intact frames, and damaged or random bytes do not disturb it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SEED = 20_240
 TIME_REQUEST, STOP, SET_MODE, STATUS = 0x07, 0x01, 0x06, 0x11
 UNKNOWN_TYPES = (0x03, 0x0F, 0x3F, 0x7E)
 FUZZ_BYTES = 12_000
-"""Number of random bytes: a second at the slowest known line."""
+"""Number of random bytes; they take a second on the slowest known line."""
 
 
 def frame(  # noqa: PLR0913 - the header's fields
@@ -53,7 +53,7 @@ def frame(  # noqa: PLR0913 - the header's fields
     flags: int = 0,
     node: int | None = None,
 ) -> bytes:
-    """Return a complete frame, made by another codec than ours."""
+    """Return a complete frame, made by the reference codec."""
     return frame_bytes(
         version=version,
         flags=flags,
@@ -105,7 +105,7 @@ def test_a_damaged_frame_is_counted_and_not_obeyed(device: Probe) -> None:
     for bit in range(8 * 2, 8 * (len(whole) - 1), 3):
         broken = bytearray(whole)
         broken[bit // 8] ^= 1 << bit % 8
-        if 0 not in broken[1:-1]:  # otherwise they are two stretches
+        if 0 not in broken[1:-1]:  # a zero would split the frame
             damaged.append(bytes(broken))
     for broken_frame in damaged:
         device.write(broken_frame)
@@ -121,7 +121,7 @@ def test_a_cut_frame_costs_no_intact_one(device: Probe) -> None:
     mark = len(device.received)
     whole = frame(device, TIME_REQUEST, b"\x11")
     for number in range(1, 11):
-        device.write(whole[: 4 + number])  # its tail is lost, the next begins with a zero
+        device.write(whole[: 4 + number])  # the tail is lost; the next frame begins with a zero
         device.write(frame(device, TIME_REQUEST, bytes((number,))))
         device.listen(0.01)
     device.ping()
@@ -146,7 +146,7 @@ def test_an_overlong_stretch_is_dropped(device: Probe, length: int) -> None:
     device.write(b"\0" + b"\x55" * length + b"\0")
     mark = len(device.received)
     device.write(frame(device, TIME_REQUEST, b"\x77"))
-    assert device.wait_for(TimeReply, mark=mark, such=lambda r: r.ping == 0x77), "one frame lost"
+    assert device.wait_for(TimeReply, mark=mark, such=lambda r: r.ping == 0x77), "next frame lost"
 
 
 @pytest.mark.link("uart")
@@ -190,7 +190,7 @@ def test_garbage_leaves_it_alive(device: Probe) -> None:
 
 @pytest.mark.link("uart")
 def test_mutated_frames_leave_it_alive(device: Probe) -> None:
-    """The frames are a host's, cut or joined, with bytes changed, inserted or removed."""
+    """The bytes are frames of a host, cut or joined, with bytes changed, inserted or removed."""
     quiet(device)
     rng = random.Random(SEED)
     sent = 0
@@ -241,7 +241,7 @@ def test_a_segment_that_is_lost_loses_its_message_only(device: Probe) -> None:
                 device.write_frame(can_id, data)
         device.listen(0.05)
     named = {h.session_id for h in device.of(Hello, mark)}
-    assert 0x1234_5678 not in named, "a hello of which a part is missing was obeyed"
+    assert 0x1234_5678 not in named, "a hello with a missing segment was obeyed"
     assert known is not None
     device.alive()
 
@@ -274,7 +274,7 @@ def test_a_duplicate_frame_counts_once(device: Probe) -> None:
 
 @pytest.mark.link("can")
 def test_random_frames_leave_it_alive(device: Probe) -> None:
-    """The frames have any length and identifier, except those of harmful commands."""
+    """The frames have any length and any identifier except those of harmful commands."""
     quiet(device)
     rng = random.Random(SEED)
     types = [
@@ -307,11 +307,11 @@ def random_harmless(rng: random.Random) -> tuple[int, bytes]:
 
 
 def still_itself(device: Probe) -> None:
-    """Check that the device has the same boot, is latched and idle, and agrees as before."""
+    """Check that the device did not reboot, accepts a handshake, and is idle and stopped."""
     before = device.hello
     hello = device.handshake()
     assert before is not None
-    assert hello.boot_id == before.boot_id, "it booted anew"
+    assert hello.boot_id == before.boot_id, "the device rebooted"
     status = device.status()
     assert status.mode == Mode.IDLE
     assert status.stop_cause == StopCause.OPERATOR
@@ -330,7 +330,7 @@ def test_an_unknown_type_is_ignored(device: Probe, type_id: int) -> None:
         device.write(frame(device, type_id, bytes(4)))
     device.alive()
     answers = [h for h in device.received[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
-    assert not answers, f"it answered {answers}"
+    assert not answers, f"the device answered {answers}"
 
 
 def test_a_devices_own_message_is_ignored(device: Probe) -> None:
@@ -348,7 +348,7 @@ def test_a_devices_own_message_is_ignored(device: Probe) -> None:
 
 
 def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
-    """The device ignores every other message to all: nothing changes, and there is no answer."""
+    """The device ignores every other message to node 0: nothing changes, and no answer is sent."""
     device.handshake()
     device.enter(Mode.VELOCITY)
     before = device.status()
@@ -371,13 +371,13 @@ def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
         device.send(message, node=0)
     status = device.status()
     assert (status.mode, status.setpoint_remaining) == (before.mode, 0), (
-        "it obeyed a message for all"
+        "the device obeyed a message to node 0"
     )
-    assert not device.of(DescribeReply, mark), "it described a message to all"
+    assert not device.of(DescribeReply, mark), "a describe to node 0 was answered"
     answers: list[Ack | Nack] = [*device.of(Ack, mark), *device.of(Nack, mark)]
-    assert not [m for m in answers if m.command_id in ids], "it answered a message for all"
+    assert not [m for m in answers if m.command_id in ids], "a command to node 0 was answered"
     device.stop()
-    device.reply_to(ClearStop(ids[1], StopCause.OPERATOR))  # was neither executed nor stored
+    device.reply_to(ClearStop(ids[1], StopCause.OPERATOR))  # its first copy was ignored
     assert device.status().stop_cause == StopCause.NONE
 
 
@@ -393,7 +393,7 @@ def test_another_nodes_messages_are_ignored(device: Probe) -> None:
         HostHello(CATALOGUE.hash, 0x0BAD_CAFE, device.boot_id, 1, "another host"), node=other
     )
     device.listen(0.2)
-    assert device.status().stop_cause == StopCause.NONE, "it obeyed a stop for another node"
-    assert not device.replies(command_id, STOP, mark), "it answered for another node"
+    assert device.status().stop_cause == StopCause.NONE, "a stop for another node was obeyed"
+    assert not device.replies(command_id, STOP, mark), "a stop for another node was answered"
     assert 0x0BAD_CAFE not in {h.session_id for h in device.of(Hello, mark)}
     device.stop()

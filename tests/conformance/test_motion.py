@@ -1,7 +1,7 @@
 """Motion: setpoints, their time to live, and everything that ends them.
 
-The wheels turn, and the robot turns on the spot if it stands on the floor: lift the wheels off the
-floor.
+These checks turn the wheels. On the floor, the robot would turn on the spot. Lift its wheels off
+the floor.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ STILL = 4
 MOVED = 25
 EXPIRY_S = 0.25
 RAMP_S = 0.5
-"""Maximum time from the speed of the checks to rest, s. It includes 0.1 s at 1 m/s², the motors'
-lag and our own pauses."""
+"""Maximum time from the speed of the checks to rest, s. It includes 0.1 s of deceleration at
+1 m/s², the motors' lag and the host's pauses."""
 
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
@@ -37,7 +37,7 @@ def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
     device.handshake()
     device.refusal(lambda i: SetStreamRate(i, 0x16, 1000))
     device.enter(mode)
-    assert device.until(lambda: at_rest(device), 3.0), "it moves and was not told to"
+    assert device.until(lambda: at_rest(device), 3.0), "the robot moves without a setpoint"
 
 
 def at_rest(device: Probe, for_us: int = 200_000) -> bool:
@@ -50,7 +50,7 @@ def at_rest(device: Probe, for_us: int = 200_000) -> bool:
 
 
 def turning(device: Probe, seconds: float, yaw_rate_rad_s: float = TURN_RAD_S) -> int:
-    """Turn on the spot; return our clock at the last setpoint."""
+    """Turn on the spot; return the host time of the last setpoint."""
     return device.keep_saying(lambda: device.setpoint(0.0, yaw_rate_rad_s), seconds)
 
 
@@ -73,7 +73,7 @@ def rested_us(device: Probe) -> int:
 
 
 def host_us(device: Probe, stamp_us: int) -> int:
-    """Return the latest time on our clock that a device stamp can mean."""
+    """Return the latest host time to which a device stamp can correspond."""
     pings = [p for p in (device.ping() for _ in range(5)) if p is not None]
     best = min(pings, key=lambda p: p.round_trip_us)
     return best.back_us + since(best.replied_us, stamp_us)
@@ -81,7 +81,7 @@ def host_us(device: Probe, stamp_us: int) -> int:
 
 def check_rested(device: Probe, after_us: int, limit_s: float) -> None:
     device.listen(limit_s + 0.3)
-    assert at_rest(device), "it still moves"
+    assert at_rest(device), "the robot still moves"
     took_s = (host_us(device, rested_us(device)) - after_us) / 1e6
     assert took_s <= limit_s, f"at rest after {took_s:.2f} s, {limit_s:.2f} s allowed"
 
@@ -109,11 +109,11 @@ def test_an_expired_setpoint_ramps_to_rest_and_does_not_latch(device: Probe) -> 
     last_us = turning(device, 0.5)
     check_rested(device, last_us, EXPIRY_S + RAMP_S)
     status = device.status()
-    assert (status.mode, status.stop_cause) == (Mode.VELOCITY, StopCause.NONE), "it latched"
-    assert status.faults & Fault.SETPOINT_EXPIRED, "it does not say so"
+    assert (status.mode, status.stop_cause) == (Mode.VELOCITY, StopCause.NONE), "a stop is latched"
+    assert status.faults & Fault.SETPOINT_EXPIRED, "the device does not report the expiry"
     mark = newest_us(device)
     turning(device, 0.4, -TURN_RAD_S)
-    assert abs(travel(device, mark)[0]) > MOVED, "fresh setpoints of the session do not go on"
+    assert abs(travel(device, mark)[0]) > MOVED, "the robot ignores new setpoints"
 
 
 def test_a_setpoint_lives_for_its_time_to_live(device: Probe) -> None:
@@ -144,8 +144,8 @@ def test_the_counter_must_advance(device: Probe, advance: int) -> None:
     counter = (100 + advance) % 256
     device.keep_saying(lambda: device.setpoint(0.0, TURN_RAD_S, counter=counter), 0.3)
     device.listen(0.1)
-    assert max(map(abs, travel(device, mark))) <= STILL, "a repeated setpoint moved it"
-    assert (device.counters().stale - before) % 0x10000 >= 5, "refused, and not counted as stale"
+    assert max(map(abs, travel(device, mark))) <= STILL, "a repeated setpoint moved the robot"
+    assert (device.counters().stale - before) % 0x10000 >= 5, "drops not counted as stale"
 
 
 def test_the_counter_may_skip_and_wrap(device: Probe) -> None:
@@ -160,23 +160,23 @@ def test_the_counter_may_skip_and_wrap(device: Probe) -> None:
 
 
 def test_stale_setpoints_are_dropped(device: Probe) -> None:
-    """A backlog of setpoints that arrives at once moves nothing, because they have expired."""
+    """A late backlog of setpoints moves nothing, because the setpoints have expired."""
     ready(device)
     before = device.counters().stale
     mark = newest_us(device)
     device.keep_saying(lambda: device.setpoint(0.0, TURN_RAD_S, late_us=400_000), 0.3)
     device.listen(0.1)
-    assert max(map(abs, travel(device, mark))) <= STILL, "a stale setpoint moved it"
+    assert max(map(abs, travel(device, mark))) <= STILL, "a stale setpoint moved the robot"
     assert (device.counters().stale - before) % 0x10000 >= 5
 
 
 def test_a_late_setpoint_lives_as_much_shorter(device: Probe) -> None:
     ready(device)
     for _ in range(5):
-        device.ping()  # the session's fastest frame is known
+        device.ping()  # the device measures the shortest delay
     device.setpoint(0.0, 0.0, ttl_ms=200, late_us=150_000)
     device.listen(0.1)
-    assert device.status().setpoint_remaining == 0, "it lives on as if it had come in time"
+    assert device.status().setpoint_remaining == 0, "the delay does not count"
 
 
 @pytest.mark.parametrize("mode", [Mode.IDLE])
@@ -195,13 +195,13 @@ def test_a_stop_ends_it(device: Probe) -> None:
     stop_us = now_us()
     device.stop()
     mark = len(device.received)
-    turning(device, 0.2)  # they are not obeyed any more
+    turning(device, 0.2)  # the device obeys no setpoint after the stop
     assert mark
     check_rested(device, stop_us, RAMP_S)
     assert device.status().stop_cause == StopCause.OPERATOR
     here = newest_us(device)
     turning(device, 0.3)
-    assert max(map(abs, travel(device, here))) <= STILL, "it moves with a stop latched"
+    assert max(map(abs, travel(device, here))) <= STILL, "the robot moves with a stop latched"
 
 
 @pytest.mark.slow
@@ -226,7 +226,7 @@ def test_a_silent_host_ends_it_and_latches(device: Probe) -> None:
 
 
 def host_of_rest(device: Probe) -> int:
-    """Return when it came to rest, on our clock, by the fastest received frame."""
+    """Return the host time at which the robot came to rest, from the shortest delay of a frame."""
     lowest = min(since(h.frame.t_us, h.at_us & 0xFFFF_FFFF) for h in device.received)
     return rested_us(device) + lowest
 
@@ -248,7 +248,7 @@ def test_another_session_ends_it_and_latches(device: Probe) -> None:
 
 
 def test_the_top_speed_is_never_exceeded(device: Probe) -> None:
-    """At ten times its parameter's limit, it turns as fast as the limit allows."""
+    """At a setpoint of ten times the limit, the robot turns as fast as the limit allows."""
     device.handshake()
     device.needs(SetParameter)
     known = {p.name.split()[0]: p for p in every(device)}
@@ -270,7 +270,7 @@ def test_the_top_speed_is_never_exceeded(device: Probe) -> None:
 
 
 def speeds(device: Probe, over_us: int = 200_000) -> list[float]:
-    """Return the right wheel's speeds, counts/s, over each stretch of that length."""
+    """Return the right wheel's speeds, counts/s, over each interval of that length."""
     counts = device.counts()
     found = []
     for first in counts:

@@ -33,17 +33,17 @@ def one_to_set(device: Probe) -> ParameterValue:
 
 
 def reboot(device: Probe, kind: int) -> Hello:
-    """Reboot the device and agree again; return the first hello without a session."""
+    """Reboot the device and repeat the handshake; return the first hello without a session."""
     before = device.hello
     assert before is not None
     reason: NackReason | None = None
     for _ in range(30):
         reason = device.refusal(lambda i: Reboot(i, kind))
-        if reason is not NackReason.FAULT:  # it is still stopping after the previous check
+        if reason is not NackReason.FAULT:  # the robot is still stopping after the previous check
             break
         device.listen(0.1)
     device.needs(reason is not NackReason.UNSUPPORTED, f"no {RebootKind(kind).name.lower()}")
-    assert reason is None, f"refused: {reason}"
+    assert reason is None, f"rejected: {reason}"
     device.session_id = 0
     mark = len(device.received)
     found = device.wait_for(
@@ -63,7 +63,7 @@ def test_the_list_is_whole(device: Probe) -> None:
     names = [p.name.partition(" ")[0] for p in found]
     assert len(set(names)) == len(names), "two parameters of one name"
     for p in found:
-        assert p.name.partition(" ")[2], f"{p.name!r}: a name, a blank, a unit"
+        assert p.name.partition(" ")[2], f"{p.name!r} is not a name, a space and a unit"
         assert p.kind in set(ParameterKind), p.name
         low, high = value_of(p.kind, p.low), value_of(p.kind, p.high)
         for raw in (p.value, p.default):
@@ -79,12 +79,10 @@ def test_a_value_is_set_and_read_back(device: Probe) -> None:
             assert put(device, parameter, wanted) is None, parameter.name
             now = get(device, parameter.parameter)
             assert now.value == wanted, parameter.name
-            assert now.flags & ParameterFlag.CHANGED, (
-                f"{parameter.name}: differs from what is stored"
-            )
+            assert now.flags & ParameterFlag.CHANGED, f"{parameter.name}: not marked as changed"
         finally:
             assert put(device, parameter, parameter.value) is None
-        assert get(device, parameter.parameter) == parameter, "back where it was"
+        assert get(device, parameter.parameter) == parameter, "not restored"
 
 
 def test_a_repeated_set_does_not_undo_a_later_one(device: Probe) -> None:
@@ -96,7 +94,7 @@ def test_a_repeated_set_does_not_undo_a_later_one(device: Probe) -> None:
     device.reply_to(command)
     assert put(device, parameter, parameter.value) is None
     device.reply_to(command)
-    assert get(device, number).value == parameter.value, "it was carried out twice"
+    assert get(device, number).value == parameter.value, "the command was executed twice"
 
 
 def test_out_of_range_values_are_rejected(device: Probe) -> None:
@@ -112,7 +110,7 @@ def test_out_of_range_values_are_rejected(device: Probe) -> None:
             reason = put(device, p, raw & 0xFFFF_FFFF)
             value = value_of(p.kind, raw & 0xFFFF_FFFF)
             assert reason is NackReason.BAD_VALUE, f"{p.name} = {value}: {reason}"
-        assert get(device, p.parameter) == p, f"{p.name}: refused, and changed all the same"
+        assert get(device, p.parameter) == p, f"{p.name}: rejected, but changed"
         assert not math.isnan(value_of(p.kind, p.value))
 
 
@@ -155,12 +153,12 @@ def test_a_reboot_is_a_new_boot(device: Probe) -> None:
     hello = reboot(device, RebootKind.NORMAL)
     assert before is not None
     assert hello.reset_cause == ResetCause.SOFTWARE
-    assert hello.session_id == 0, "a boot knows of no session"
+    assert hello.session_id == 0, "a session before the handshake"
     assert hello.boot_id != 0
     assert hello.uid == before.uid
     assert hello.catalogue_hash == before.catalogue_hash
     status = device.status()
-    assert (status.mode, status.stop_cause) == (0, 1), "it boots idle and latched session_end"
+    assert (status.mode, status.stop_cause) == (0, 1), "not idle with session_end latched"
 
 
 @pytest.mark.slow
@@ -174,19 +172,19 @@ def test_saved_values_survive_a_reboot_and_others_do_not(device: Probe) -> None:
         assert put(device, saved, wanted) is None
         assert device.refusal(SaveParameters) is None
         kept = get(device, saved.parameter)
-        assert kept.flags & ParameterFlag.STORED, "saved, and not marked so"
+        assert kept.flags & ParameterFlag.STORED, "saved, but not marked as stored"
         assert not kept.flags & ParameterFlag.CHANGED
         assert put(device, unsaved, other_value(unsaved)) is None
         reboot(device, RebootKind.NORMAL)
         assert get(device, saved.parameter).value == wanted, "a saved value is lost"
-        assert get(device, unsaved.parameter).value == unsaved.value, "it was never saved"
+        assert get(device, unsaved.parameter).value == unsaved.value, "unsaved value kept"
     finally:
         restore(device, found)
 
 
 @pytest.mark.slow
 def test_a_factory_reset_erases_saved_values(device: Probe) -> None:
-    """The check restores and saves the device's own values, whatever its result."""
+    """The check always restores and saves the device's own values."""
     device.handshake()
     found = writable(every(device))
     device.needs(bool(found), "no parameter can be set")
@@ -195,7 +193,7 @@ def test_a_factory_reset_erases_saved_values(device: Probe) -> None:
         assert device.refusal(SaveParameters) is None
         reboot(device, RebootKind.FACTORY_RESET)
         for parameter in writable(every(device)):
-            assert parameter.value == parameter.default, f"{parameter.name} outlives it"
+            assert parameter.value == parameter.default, f"{parameter.name} is kept"
     finally:
         restore(device, found)
 
@@ -210,8 +208,8 @@ def restore(device: Probe, found: list[ParameterValue]) -> None:
     rejected = [p for p in found if put(device, p, p.value) is not None]
     saved = device.refusal(SaveParameters) is None
     lines = "\n".join(f"  {p.name.partition(' ')[0]} = {value_of(p.kind, p.value)}" for p in found)
-    assert saved, f"could not be saved again; the device had\n{lines}"
-    assert not rejected, f"could not be put back; the device had\n{lines}"
+    assert saved, f"the device's own values were not saved again:\n{lines}"
+    assert not rejected, f"the device's own values were not restored:\n{lines}"
     if any(needs_reboot(p) for p in found):
         reboot(device, RebootKind.NORMAL)
     assert [p.value for p in writable(every(device))] == [p.value for p in found]

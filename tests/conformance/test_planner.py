@@ -1,4 +1,4 @@
-"""Onboard planner: started, paused, resumed and ended by the host."""
+"""The host starts, pauses, resumes and ends the onboard planner."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ def test_its_hello_shows_whether_it_has_a_planner(device: Probe) -> None:
     device.stop()
     reason = command(device, PlannerAction.START)
     lacks = reason in {NackReason.UNSUPPORTED, NackReason.UNKNOWN_COMMAND}
-    assert lacks is not has, f"a planner in its hello: {has}; to a start it answers {reason}"
-    assert has or not device.of(PlannerState), "it tells of a planner that it has not"
+    assert lacks is not has, f"a planner in the hello: {has}; reply to a start: {reason}"
+    assert has or not device.of(PlannerState), "a planner_state without a planner"
 
 
 def test_its_state_is_reported(device: Probe) -> None:
@@ -102,17 +102,17 @@ def test_it_is_commanded_in_its_own_mode_only(device: Probe) -> None:
 def test_it_starts_pauses_resumes_and_is_aborted(device: Probe) -> None:
     start(device)
     assert device.status().mode == Mode.ONBOARD
-    assert phase_becomes(device, DRIVING), "started, and in no driving phase"
-    assert device.until(lambda: moves(device, 0.3), 5.0), "started, and does not move"
+    assert phase_becomes(device, DRIVING), "started, but in no driving phase"
+    assert device.until(lambda: moves(device, 0.3), 5.0), "started, but does not move"
     assert command(device, PlannerAction.PAUSE) is None
     assert phase_becomes(device, {PlannerPhase.PAUSED})
     device.listen(0.6)
-    assert not moves(device, 0.3), "paused, and moves"
+    assert not moves(device, 0.3), "paused, but moves"
     assert command(device, PlannerAction.RESUME) is None
     assert phase_becomes(device, DRIVING)
     assert command(device, PlannerAction.ABORT) is None
     device.listen(0.7)
-    assert not moves(device, 0.2), "aborted, and moves"
+    assert not moves(device, 0.2), "aborted, but moves"
     assert device.status().mode == Mode.IDLE
 
 
@@ -131,7 +131,7 @@ def test_a_stop_ends_it(device: Probe) -> None:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_a_silent_host_ends_it(device: Probe) -> None:
-    """A host that supervises the run must be present: without it the robot must not drive."""
+    """The robot must not drive without the host that supervises the run."""
     start(device)
     assert phase_becomes(device, DRIVING)
     device.session_id = 0

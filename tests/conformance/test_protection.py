@@ -1,7 +1,7 @@
-"""The device protects itself, whatever the host does: drivers, encoders, reflexes, clock, record.
+"""Protection inside the device: motor drivers, encoders, reflexes, clock and crash record.
 
 Some checks need a state that a person or an emulator causes: a bumper held, no floor under the
-cliff sensor, an earlier crash. Without it they report what is missing.
+cliff sensor, an earlier crash. Without that state, the checks report what is missing.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ SIGNS = Fault.ENCODER_LEFT_REVERSED | Fault.ENCODER_RIGHT_REVERSED | Fault.ENCOD
 BUMPERS = Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT
 BRAKE_S = 0.5
 REST_S = 1.0
-"""Maximum time from a slow turn to rest, s, with a status period and our own pauses."""
+"""Maximum time from a slow turn to rest, s, with a status period and the host's pauses."""
 CLOCK_S = 4.0
 CLOCK_PPM = 3000.0
-"""Maximum clock error, ppm: above any crystal plus the error of pings; an internal oscillator is
-off by 1 %."""
+"""Maximum clock error, ppm. A crystal plus the error of pings stays below it. An internal
+oscillator is off by 1 %."""
 
 
 def ready(device: Probe, mode: Mode = Mode.VELOCITY) -> None:
@@ -55,7 +55,7 @@ def faults(device: Probe) -> Fault:
 
 
 def speed(device: Probe, seconds: float = 0.4) -> float:
-    """Return the mean speed of both wheels over the last stretch, counts/s, forward positive."""
+    """Return the mean speed of both wheels over the last seconds, counts/s, forward positive."""
     counts = device.counts()
     last = counts[-1]
     first = next(c for c in counts if since(c[0], last[0]) <= seconds * 1e6)
@@ -79,27 +79,27 @@ def parameter(device: Probe, name: str) -> ParameterValue:
 @pytest.mark.motion
 @pytest.mark.slow
 def test_the_drivers_are_disabled_at_rest(device: Probe) -> None:
-    """The drivers are disabled in idle, and half a second after a latched stop has come to rest."""
+    """The drivers are disabled in idle, and 0.5 s after a stop has brought the robot to rest."""
     ready(device)
-    assert not faults(device) & Fault.DRIVERS_OFF, "they are disabled in a driving mode"
+    assert not faults(device) & Fault.DRIVERS_OFF, "disabled in a driving mode"
     device.keep_saying(lambda: device.setpoint(0.0, 0.8), 0.4)
     device.stop()
-    assert not faults(device) & Fault.DRIVERS_OFF, "disabled at once, it does not brake"
+    assert not faults(device) & Fault.DRIVERS_OFF, "disabled at once, without braking"
     device.listen(REST_S + BRAKE_S)
-    assert faults(device) & Fault.DRIVERS_OFF, "they stay enabled after a stop"
+    assert faults(device) & Fault.DRIVERS_OFF, "the drivers stay enabled after a stop"
     assert device.refusal(lambda i: ClearStop(i, StopCause.OPERATOR)) is None
-    assert faults(device) & Fault.DRIVERS_OFF, "they are enabled in idle"
+    assert faults(device) & Fault.DRIVERS_OFF, "the drivers are enabled in idle"
     assert device.refusal(lambda i: SetMode(i, Mode.VELOCITY)) is None
     assert not faults(device) & Fault.DRIVERS_OFF
     assert device.refusal(lambda i: SetMode(i, Mode.IDLE)) is None
     device.listen(REST_S)
-    assert faults(device) & Fault.DRIVERS_OFF, "they stay enabled in idle"
+    assert faults(device) & Fault.DRIVERS_OFF, "the drivers stay enabled in idle"
 
 
 @pytest.mark.motion
 @pytest.mark.slow
 def test_encoders_that_agree_with_their_motors_are_no_fault(device: Probe) -> None:
-    """The robot reverses on the spot as hard as setpoints allow; the device checks each sign."""
+    """The robot reverses its turn as hard as setpoints allow; the device checks each sign."""
     ready(device)
     for yaw_rad_s in (1.0, -1.0, 1.0, -1.0):
         mark = device.counts()[-1]
@@ -107,7 +107,7 @@ def test_encoders_that_agree_with_their_motors_are_no_fault(device: Probe) -> No
         end = device.counts()[-1]
         assert (end[2] - mark[2]) * yaw_rad_s > 0, "the right wheel counts against the setpoint"
         assert (end[1] - mark[1]) * yaw_rad_s < 0, "the left wheel counts against the setpoint"
-        assert not faults(device) & SIGNS, "sound encoders are reported as reversed or swapped"
+        assert not faults(device) & SIGNS, "correct encoders are reported as faulty"
     assert device.status().stop_cause == StopCause.NONE
 
 
@@ -122,17 +122,17 @@ def test_at_a_cliff_it_does_not_go_ahead(device: Probe) -> None:
     mark = device.counts()[-1]
     device.keep_saying(lambda: device.setpoint(0.1, 0.0), 0.5)
     end = device.counts()[-1]
-    assert end[1] + end[2] - mark[1] - mark[2] <= 2 * STILL, "it goes ahead over a cliff"
+    assert end[1] + end[2] - mark[1] - mark[2] <= 2 * STILL, "it drives ahead over a cliff"
     status = device.status()
     assert status.faults & Fault.LIMITED, "it does not report that it limits the speed"
-    assert status.stop_cause == StopCause.NONE, "it latches at once"
+    assert status.stop_cause == StopCause.NONE, "the stop latches at once"
     device.keep_saying(lambda: device.setpoint(0.0, 0.8), 0.4)
     turned = device.counts()[-1]
-    assert turned[2] - end[2] > MOVED, "it does not turn"
+    assert turned[2] - end[2] > MOVED, "the robot does not turn"
     device.keep_saying(lambda: device.setpoint(0.0, -0.8), 0.4)
     device.keep_saying(lambda: device.setpoint(0.1, 0.0), 1.4)
     status = device.status()
-    assert status.stop_cause == StopCause.HARDWARE, "asked to go on for 1 s, it does not stop"
+    assert status.stop_cause == StopCause.HARDWARE, "no stop after 1 s of setpoints ahead"
     device.free()
 
 
@@ -150,7 +150,7 @@ def test_with_a_bumper_pressed_it_creeps(device: Probe) -> None:
     device.keep_saying(lambda: device.setpoint(-0.1, 0.0), 1.0)
     free = speed(device)
     assert free < 0.0
-    assert 0.0 < pressed < -0.7 * free, "half the speed asked for is allowed"
+    assert 0.0 < pressed < -0.7 * free, "more than half the speed of the setpoint"
 
 
 def test_a_save_is_acknowledged_once_it_stands(device: Probe) -> None:
@@ -162,9 +162,9 @@ def test_a_save_is_acknowledged_once_it_stands(device: Probe) -> None:
         assert put(device, before, raw) is None
         reason = device.refusal(SaveParameters)
         device.needs(reason is not NackReason.UNSUPPORTED, "it saves nothing")
-        assert reason is None, f"the save was refused: {reason}"
+        assert reason is None, f"the save was rejected: {reason}"
         stored = get(device, before.parameter).flags & ParameterFlag.STORED
-        assert stored, "acknowledged before it stands"
+        assert stored, "acknowledged before the value is stored"
     finally:
         put(device, before, before.value)
         device.refusal(SaveParameters)
@@ -194,5 +194,5 @@ def test_a_crash_comes_with_its_record(device: Probe) -> None:
     device.until(lambda: bool(device.of(LogText)), 1.0)
     device.listen(0.5)
     lines = [m.line for m in device.of(LogText) if m.line.startswith("crash")]
-    assert lines, "no record of it is sent"
+    assert lines, "no record of the crash is sent"
     assert all(word in lines[0] for word in ("pc 0x", "lr 0x", "cfsr 0x", " ms")), lines[0]

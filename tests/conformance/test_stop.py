@@ -1,4 +1,4 @@
-"""Stop: latched, acknowledged, cleared only by its name."""
+"""A stop is latched, acknowledged, and cleared only by the name of its cause."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def test_a_stop_of_every_device_is_latched_as_the_operators(device: Probe) -> No
     device.free()
     mark = len(device.received)
     device.send(StopAll(), node=0)
-    assert device.until(lambda: reported(device, StopCause.OPERATOR, mark), 1.0), "no status of it"
+    assert device.until(lambda: reported(device, StopCause.OPERATOR, mark), 1.0), "no status"
     assert device.status().mode == Mode.IDLE
-    assert not device.of(Ack, mark), "it has no id: nothing is acknowledged"
+    assert not device.of(Ack, mark), "a stop without an id was acknowledged"
     device.free()
 
 
@@ -78,7 +78,7 @@ def test_a_stop_of_every_device_is_answered_outside_a_session(device: Probe) -> 
             0.5,
             alive=False,
         )
-        assert answered, "its status is the answer"
+        assert answered, "no status answered the stop"
     device.handshake()
     device.free()
 
@@ -153,7 +153,7 @@ def test_another_sessions_hello_keeps_the_cause_of_a_robot_that_was_not(device: 
     device.free()
     device.stop(StopCause.SESSION_END)
     device.handshake()
-    assert device.status().stop_cause == StopCause.SESSION_END, "an orderly end stays one"
+    assert device.status().stop_cause == StopCause.SESSION_END, "an orderly end became a lost link"
 
 
 @pytest.mark.slow
@@ -163,13 +163,13 @@ def test_a_silent_host_is_a_lost_link(device: Probe) -> None:
     session, device.session_id = device.session_id, 0
     device.listen(0.6, alive=False)
     device.session_id = session
-    assert device.status().stop_cause == StopCause.NONE, "0.6 s are not yet silence"
+    assert device.status().stop_cause == StopCause.NONE, "0.6 s of silence ended the link"
     device.session_id = 0
     silent_us = now_us()
     received = device.listen(1.4, alive=False)
     late = [h for h in received if h.at_us - silent_us > 1_200_000]
     reported = {type(h.message).__name__ for h in late} - {"Hello"}
-    assert not reported, f"1.2 s after the host fell silent it still sends {sorted(reported)}"
+    assert not reported, f"1.2 s after the host's last frame: {sorted(reported)}"
     device.handshake()
     assert device.status().stop_cause == StopCause.LINK
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from support.probe import Heard, Probe
 
 TOLERANCE = 0.05
-"""Relative tolerance of a rate; crystals are a thousand times better, a drifting loop is not."""
+"""Relative tolerance of a rate. A crystal is a thousand times better, a drifting loop is not."""
 NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
 
 
@@ -48,7 +48,7 @@ def set_rate(device: Probe, kind: type[Message], tenths: int) -> None:
 
 
 def streams_of(device: Probe) -> list[MessageSpec]:
-    """Return the streams that the device should send by itself after the agreement."""
+    """Return the streams that the device should send by itself after the handshake."""
     assert device.hello is not None
     return [
         spec
@@ -89,7 +89,7 @@ def test_a_rate_ends_with_the_session_that_set_it(device: Probe) -> None:
         if device.has(kind):
             declared = CATALOGUE.by_class[kind].default_hz
             assert rate_hz(received, kind) == pytest.approx(declared, rel=TOLERANCE), (
-                f"{kind.__name__}: what the last session asked for outlives it"
+                f"{kind.__name__}: the rate of the last session is still set"
             )
 
 
@@ -116,8 +116,8 @@ def test_a_rate_that_cannot_be_is_rejected(
 def test_stamps_advance_and_are_of_the_sampling(device: Probe) -> None:
     """A message that waits behind other bytes keeps the stamp of its sampling.
 
-    Many questions make the line busy. A device that stamps at sending would show it in the spacing
-    of its stamps. Some jitter of the sampling itself is normal.
+    Many questions make the line busy. If the device stamped a message when it sends it, the spacing
+    of the stamps would vary. Some jitter of the sampling itself is normal.
     """
     device.handshake()
     mark = len(device.received)
@@ -144,8 +144,8 @@ def test_stamps_are_of_the_devices_clock_and_not_of_the_future(device: Probe) ->
     mark = len(device.received)
     device.listen(0.5)
     for received in device.received[mark:]:
-        # The reply left the device at the earliest when we asked: its clock can be ahead of the
-        # ping's estimate by this at most.
+        # The device replies after the request at the earliest. This bounds how far its clock can
+        # be ahead of the estimate from the ping.
         age_us = since(received.frame.t_us, best.replied_us + received.at_us - best.sent_us)
         name = type(received.message).__name__
         assert age_us > -1_000, f"{name} is stamped {-age_us} us too late"
@@ -171,7 +171,7 @@ def test_at_rest_the_imu_feels_the_earth_and_nothing_else(device: Probe) -> None
     mean = [sum(column) / len(samples) for column in zip(*samples, strict=True)]
     felt = math.hypot(*mean[:3]) * 9.80665 / info.accel_per_g
     assert felt == pytest.approx(9.81, rel=0.1), f"{felt:.2f} m/s2 at rest"
-    assert mean[2] > 0, "z points up: at rest it feels +1 g"
+    assert mean[2] > 0, "z points up, so it must measure +1 g"
     turning = max(abs(rate) for rate in mean[4:]) / info.gyro_per_deg_s
     assert turning < 10.0, f"{turning:.1f} deg/s at rest; MPU6050 allows 20 before calibration"
 
@@ -245,7 +245,7 @@ def test_sync_counts_every_frame(device: Probe) -> None:
     assert len(at) >= 4
     for first, second in pairwise(at):
         counted = numbers[second][1] - numbers[first][1]
-        assert counted == second - first, f"{counted} counted, {second - first} came"
+        assert counted == second - first, f"{counted} counted, {second - first} received"
 
 
 def test_log_lines_come_at_most_ten_a_second(device: Probe) -> None:

@@ -1,4 +1,4 @@
-"""Keeps the results of fuzzing: the smallest set of inputs that reaches as much as all of them.
+"""Keep the smallest set of fuzzing inputs that reaches the same code as all inputs.
 
     PYTHONPATH=tests python -m fuzz.keep [TARGET]...
 
@@ -18,8 +18,7 @@ from fuzz.targets import TARGETS
 from support.root import ROOT
 
 SIZE_MAX = 600
-"""Maximum length of a kept input, bytes: long ones reach little more, and the corpus stays small.
-"""
+"""Maximum length of a kept input, bytes. Longer inputs would reach little more code."""
 
 
 def smallest(target: str, found: Path) -> list[bytes]:

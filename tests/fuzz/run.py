@@ -5,10 +5,10 @@
 libFuzzer's options follow the target; ``-max_total_time=60`` searches for a minute. An input that
 fails is written to the working directory, and the exit status is not 0.
 
-A search begins with the results of earlier ones: ``corpus/TARGET.txt``, an input a line in
-hexadecimal. New inputs that reach new code are added to build/fuzz/TARGET (``--into FOLDER`` names
-another). ``python -m fuzz.keep`` then writes the smallest set that reaches all of it into
-``corpus``.
+A search begins with the kept inputs of earlier searches in ``corpus/TARGET.txt``, one hexadecimal
+input a line. Inputs that reach new code are added to build/fuzz/TARGET (``--into FOLDER`` names
+another folder). ``python -m fuzz.keep`` then writes the smallest set of inputs that reaches the
+same code into ``corpus``.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ CORPUS = Path(__file__).parent / "corpus"
 
 
 def write_corpus(folder: Path, target: str) -> None:
-    """Write initial inputs: those kept of earlier searches, and those from the present catalogue.
+    """Write initial inputs: the kept inputs of earlier searches, and inputs from the catalogue.
 
-    The latter are one intact frame of every message, for UART and for CAN, each after a cutting
-    byte.
+    The catalogue gives one intact frame of every message, for UART and for CAN, after the byte that
+    determines the split into reads. It also gives one payload of every message.
     """
     for number, data in enumerate(kept(target)):
         (folder / f"kept-{number}").write_bytes(data)
@@ -72,7 +72,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if not any(option.startswith("-merge") for option in options):
         write_corpus(folder, name)
-    # libFuzzer restarts itself, through a shell, by the words before its options.
+    # libFuzzer restarts itself through a shell, with the words before its options.
     again = shlex.join([sys.executable, "-m", "fuzz.run", name, "--into", str(folder)])
     atheris.Setup([again, str(folder), "-max_len=2048", *options], TARGETS[name])
     atheris.Fuzz()

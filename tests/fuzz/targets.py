@@ -1,7 +1,7 @@
-"""Properties for any bytes: one function for each reader of bytes.
+"""Properties that hold for any bytes, one function for each reader of bytes.
 
-Each takes the fuzzer's bytes and raises an exception on an error. The first byte of an input
-determines how the rest is split into reads.
+Each function takes the fuzzer's bytes and raises an exception on an error. The first byte of an
+input determines how the rest is split into reads.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _FRAMED = b"\0" + encode_frame(1, 0x16, 7, 5, b"\1\2\3\4")
 _HELD_MAX = 200_000
-"""Maximum memory of a reader, bytes, its tables of the catalogue included; a frame has 254."""
+"""Maximum memory of a reader with its tables of the catalogue, bytes; a frame has 254."""
 _LONG = 600
 _SPAN_US = 1 << 36
 
@@ -80,7 +80,7 @@ def codec(data: bytes) -> None:
     except ProtocolError:
         return
     if None in tuple(message):
-        return  # fields that the peer lacks are not ours to send
+        return  # a message with fields that the peer lacks is never sent
     type_id, payload = Codec().encode(message)
     assert type_id == spec.type_id
     assert Codec().decode(spec, payload) == message
@@ -103,7 +103,7 @@ def batch(data: bytes) -> None:
 
 
 def can(data: bytes) -> None:
-    """Check frames of a bus in any order and form, at any time."""
+    """Check that CAN frames of any form, order and time need bounded memory."""
     for sends in Direction:
         end = CanLink(sends)
         now_us = 0
@@ -124,7 +124,7 @@ def _bounded(reader: object, data: bytes) -> None:
 
 
 def held_bytes(root: object) -> int:
-    """Return the memory that an object alone keeps alive: no code, no shared catalogue."""
+    """Return the memory of an object, without code and without the shared catalogue, bytes."""
     seen: set[int] = set()
     waiting = [root]
     total = 0

@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests python -m mutation.covered
 
-``mutation.targets`` defines the modules, their tests and the gate of each. No test can hold a line
-or branch that no test reaches, so this check comes before the mutants.
+``mutation.targets`` defines the modules, their tests and the gate of each. A mutant in code that no
+test reaches cannot be killed, so this check comes before the mutants.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Covered(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Return whether it reaches the gate, to a hundredth."""
+        """Return whether the coverage, rounded to 0.01 %, reaches the gate."""
         return round(self.percent, 2) >= self.target.covered
 
 

@@ -83,7 +83,7 @@ class Mutant:
 
     @property
     def lines(self) -> range:
-        """Lines of the changed statement, or of its head: running it runs one of these."""
+        """Lines of the changed statement or of its head; if it runs, one of these lines runs."""
         node: ast.AST = self.tree
         first = last = 0
         for step in self.path:
@@ -105,7 +105,7 @@ class Mutant:
 def mutants(source: str, exclude: frozenset[str] = frozenset()) -> list[Mutant]:
     """Return every mutant of a module.
 
-    ``exclude`` are functions and classes, dotted or by last name.
+    ``exclude`` names functions and classes, by dotted name or by last name.
     """
     tree = ast.parse(source)
     seen: Counter[tuple[str, str, str]] = Counter()
@@ -141,7 +141,7 @@ def _walk(
 
 
 def _children(node: ast.AST) -> Iterator[tuple[str, int | None, ast.AST]]:
-    """Yield the child nodes that are run, with their places."""
+    """Yield the child nodes that are executed, with their places in the node."""
     for name, value in ast.iter_fields(node):
         if name in _DECLARING or (name == "args" and not isinstance(node, ast.Call)):
             continue

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def function_of(module: ModuleType, mutant: Mutant) -> FunctionType | None:
-    """Return the function whose code a mutant changes; None: it changes no plain function."""
+    """Return the plain function whose code a mutant changes, or None if there is none."""
     owner: Any = module
     node: ast.AST = mutant.tree
     for name, index in mutant.path:
@@ -91,7 +91,7 @@ def forget(names: set[str]) -> None:
 
 
 def importers(module: str) -> set[str]:
-    """Return a module, and all our loaded modules that import it, directly or not."""
+    """Return a module, and all our loaded modules that import it, directly or indirectly."""
     by: defaultdict[str, set[str]] = defaultdict(set)
     for name, loaded in list(sys.modules.items()):
         file = getattr(loaded, "__file__", None)

@@ -1,15 +1,15 @@
-"""Mutation run over the safety code: whether a test notices every small change to it.
+"""Mutation run over the safety code: a test must detect every small change to it.
 
     PYTHONPATH=tests python -m mutation.run                 # all of it
     PYTHONPATH=tests python -m mutation.run --target latch --share 10
     PYTHONPATH=tests python -m mutation.run --keep runs/mutants.jsonl --out docs/mutation.md
 
 Nothing on disk changes. A mutant exists in the memory of one forked process only. This process runs
-the tests that reach it. If a test fails, the mutant is killed; if all pass, it has survived.
-Equivalent mutants are listed in ``equivalent.toml``, each with its proof. Any other survivor fails
-the run, except for the number that ``targets.py`` allows a module that is not examined yet. With
-``--keep`` an interrupted run continues, and mutants whose module and tests are unchanged are not
-tried again.
+the tests that reach the mutant. If a test fails, the mutant is killed; if all pass, it has
+survived. Equivalent mutants are listed in ``equivalent.toml``, each with its proof. Any other
+surviving mutant fails the run. For a module that is not examined yet, ``targets.py`` allows a
+number of survivors. With ``--keep`` an interrupted run continues, and mutants whose module and
+tests are unchanged are not tried again.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Kept:
                 self._known[target, digest, name] = killed
 
     def of(self, target: Target, digest: str) -> dict[str, bool]:
-        """Whether each mutant was killed, by name, for this digest of module and tests."""
+        """Return by name whether each mutant was killed, for this digest of module and tests."""
         here = target.name, digest
         return {key[2]: killed for key, killed in self._known.items() if key[:2] == here}
 

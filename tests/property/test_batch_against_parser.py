@@ -28,9 +28,9 @@ Event = tuple[object, ...]
 
 
 def streamed(stream: bytes) -> list[Event]:
-    """Return every event of the streaming parser and codec, with the start of its stretch."""
+    """Return every event of the streaming parser and codec, with the offset of its first byte."""
     events: list[Event] = []
-    stretches = stream.split(b"\0")[:-1]  # bytes after the last zero are incomplete
+    stretches = stream.split(b"\0")[:-1]  # bytes after the last zero are an incomplete frame
     ends = accumulate(len(stretch) + 1 for stretch in stretches)
     offsets = [end - len(s) - 1 for end, s in zip(ends, stretches, strict=True) if s]
     for offset, event in zip(offsets, UartParser().feed(stream), strict=True):
@@ -57,7 +57,7 @@ def interpreted(frame: Frame) -> Event:
 
 
 def batched(result: BatchResult) -> list[Event]:
-    """Return the same from arrays."""
+    """Return the events of a decoded capture in the form of ``streamed``."""
     events: list[Event] = [
         (offset, "damaged", result.damage_of(damage), length)
         for offset, length, damage in result.damaged.tolist()
@@ -74,7 +74,7 @@ def batched(result: BatchResult) -> list[Event]:
 
 @st.composite
 def odd_frames(draw: st.DrawFn) -> bytes:
-    """Draw intact frames that are hardly ever a message: any version, type and payload."""
+    """Draw intact frames of any version, type and payload; few of them are valid messages."""
     type_id = draw(st.one_of(wire.type_ids, st.integers(0, 255)))
     size = draw(st.sampled_from([0, 1, 6, 14, 31, 60, 237, 241]))
     return ref.frame_bytes(
@@ -119,7 +119,7 @@ def test_the_result_is_independent_of_the_chunks(
 @given(st.lists(st.tuples(st.integers(0, 2**16), captures), min_size=1, max_size=3))
 def test_long_captures_use_the_fast_path_with_equal_results(parts: list[tuple[int, bytes]]) -> None:
     stream = b""
-    for seed, odd in parts:  # enough frames of one length for the check by columns
+    for seed, odd in parts:  # enough frames of one length for the column-wise check
         rng = np.random.default_rng(seed)
         payloads = rng.integers(0, rng.choice([2, 256]), (300, 14), dtype=np.uint8)
         sent = [b"\0" + encode_frame(1, 0x13, i, i, p.tobytes()) for i, p in enumerate(payloads)]

@@ -42,7 +42,7 @@ def records_of(data: bytes) -> list[bytes]:
 
 
 def synced(sends: Direction, now_us: int, node: int = 1) -> bytes:
-    """Return frames that give the other end the sender's clock."""
+    """Return frames that give the receiver the sender's clock."""
     link = CanLink(sends)
     link.send(Sync(0) if sends is DEVICE else TimeRequest(0), now_us, node=node)
     return link.data_to_send()
@@ -53,7 +53,7 @@ def same(ours: Message, theirs: Message) -> bool:
     if isinstance(ours, Imu) and isinstance(theirs, Imu):
         return tuple(ours)[:3] + tuple(ours)[4:] == tuple(theirs)[:3] + tuple(theirs)[4:]
     if isinstance(ours, Sync):
-        return isinstance(theirs, Sync)  # its count is the link's own
+        return isinstance(theirs, Sync)  # the link sets the count
     return ours == theirs
 
 
@@ -74,7 +74,7 @@ def test_every_message_there_and_back(spec: MessageSpec, data: st.DataObject) ->
     assert event.spec is spec
     frame = event.frame
     assert (frame.node, frame.type_id) == (node, spec.type_id)
-    if spec.is_bare:  # the same frame from every sender
+    if spec.is_bare:  # a frame without a time stamp and flags
         assert (frame.t_us, frame.flags) == (0, 0)
         return
     assert frame.t_us in {t_us, t_us & ~15}
@@ -104,9 +104,9 @@ class Conversation:
             self.frames += [(now_us, r) for r in records_of(link.data_to_send())]
 
     def hold(self, events: Iterable[LinkEvent]) -> int:
-        """Check that every delivered message was sent with that stamp; return their number.
+        """Check that every delivered message was sent with its time stamp; return their number.
 
-        The stop of every device has no stamp: it is accepted each time, and not counted.
+        ``StopAll`` has no time stamp: every copy is accepted, and none is counted.
         """
         count = 0
         for event in events:
@@ -167,7 +167,7 @@ def test_no_wrong_message_after_any_frame_damage(
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32))
 def test_lost_runs_of_segments_never_pass(seed: int) -> None:
-    """An even number of lost segments leaves the toggle bit correct; the CRC detects it."""
+    """An even number of lost segments leaves the toggle bit correct; the CRC detects the loss."""
     rng = random.Random(seed)
     hello = next(s for s in SPECS if s.name == "hello")
     sender, receiver = CanLink(DEVICE), CanLink(HOST)
@@ -236,8 +236,8 @@ def test_the_same_events_however_the_bytes_are_cut(seed: int, sizes: list[int]) 
     steps=st.lists(
         st.tuples(
             st.integers(0, 200_000),  # time since the last frame
-            st.integers(0, 1_400_000),  # time on the way
-            st.booleans(),  # whether its stamp is full
+            st.integers(0, 1_400_000),  # transmission delay
+            st.booleans(),  # whether the frame carries a full stamp
         ),
         min_size=1,
         max_size=60,
@@ -250,7 +250,7 @@ def test_a_stamp_is_right_or_rejected(
     true_us, arrived_us, seen_us = start, start + ahead, None
     for gap_us, delay_us, whole in steps:
         true_us += gap_us
-        arrived_us = max(arrived_us, true_us + ahead + delay_us)  # order is kept on a wire
+        arrived_us = max(arrived_us, true_us + ahead + delay_us)  # a bus keeps the order
         if whole:
             extender.whole(true_us & 0xFFFF_FFFF, arrived_us)
             seen_us = true_us
@@ -320,7 +320,7 @@ def test_losses_are_shown_by_sync() -> None:
 
 
 def older(cls: type[Message], kept: int) -> Catalogue:
-    """Return a catalogue whose ``cls`` lacks its last fields."""
+    """Return a catalogue in which ``cls`` has only its first ``kept`` fields."""
     catalogue = Catalogue(ALL_MESSAGES)
     spec = catalogue.spec(cls)
     fields = spec.fields[:kept]
@@ -347,7 +347,7 @@ def test_an_older_peer_sends_the_parts_that_it_has(kept: int) -> None:
     (event,) = receiver.receive(data, 1_000)
     assert isinstance(event, Received)
     assert tuple(event.message) == values[:kept] + (None,) * (8 - kept)
-    # A receiver that declares less than its newer peer.
+    # The receiver declares fewer fields than its newer peer.
     receiver = CanLink(HOST, codec=Codec(older(PlannerState, kept)))
     receiver.codec.limit(CATALOGUE.spec(PlannerState).type_id, kept)
     receiver.receive(synced(DEVICE, 0), 0)
@@ -358,7 +358,7 @@ def test_an_older_peer_sends_the_parts_that_it_has(kept: int) -> None:
     ]
     assert [tuple(e.message)[:kept] for e in received] == [values[:kept]]
     shared = sum(f.wire.size for f in CATALOGUE.spec(PlannerState).fields[:kept])
-    if kept == 4:  # nothing of the second part is known, not even its type
+    if kept == 4:  # the receiver has no type for the second part
         assert receiver.statistics.rejected == 1
     else:
         assert receiver.codec.extra_bytes == 12 - shared

@@ -1,4 +1,4 @@
-"""The lower bound of the time: no motion within the robot's speed limits beats it."""
+"""No motion within the robot's speed limits is faster than the lower bound of the time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 MODEL = RobotModel()
 _STEP_S = 0.02
 _EDGE = 0.004
-"""Share of a room by which cells at the edge of the swept floor may count too early."""
+"""Tolerated share of a room: cells at the edge of the swept floor may count too early."""
 
 HALL = FloorPlan("hall", ((-2, -2), (2, -2), (2, 2), (-2, 2)), (), Pose2(0.0, 0.0, 0.0))
 
@@ -45,14 +45,14 @@ def test_no_run_beats_the_time_bound(plan: FloorPlan, planner: str) -> None:
     run = run_fast(plan, made, MODEL, seed=1, noise=LEVELS["typical"], max_time_s=300.0)
     meter = CoverageMeter(plan, MODEL, 0.01)
     report = meter.measure(run.poses)
-    assert report.coverage.mouth_sweepable > 0.04, "it swept something"
+    assert report.coverage.mouth_sweepable > 0.04, "the robot swept no floor"
     times = np.linspace(0.0, report.duration_s, 600)
     shares = np.array(meter.share_at(report, times.tolist()))
     assert (shares <= times / report.min_time_s + _EDGE).all()
 
 
 def test_a_run_may_beat_the_reference_time() -> None:
-    """The report must therefore not call that time a bound."""
+    """A run can be faster than the reference time, so the report must not call it a bound."""
     made = make_planner("recovery", MODEL, random.Random(1))
     plan = corridor(12.0, 0.7)
     run = run_fast(plan, made, MODEL, seed=1, noise=LEVELS["typical"], max_time_s=300.0)
@@ -108,7 +108,7 @@ def test_no_motion_within_the_limits_sweeps_faster(
 
 
 def test_the_rate_is_reached_straight_on_and_on_the_spot() -> None:
-    """A narrow mouth sweeps most straight ahead, a wide one on a slow robot in a turn."""
+    """A narrow mouth sweeps fastest straight ahead, a wide mouth on a slow robot in a turn."""
     assert max_sweep_rate_m2_s(MODEL) == pytest.approx(0.30 * 0.16)
     slow = replace(MODEL, max_speed_m_s=0.02, cruise_speed_m_s=0.02, cleaning_width_m=0.4)
     spin = [(_STEP_S * k, 0.0, 0.0, 0.04 * k) for k in range(80)]  # half a turn, at 2 rad/s

@@ -27,7 +27,7 @@ deliveries = st.lists(
 def test_random_bytes_neither_break_nor_move_the_device(pieces: list[tuple[bytes, int]]) -> None:
     """The bytes include valid frames of every kind.
 
-    Motion needs clear, mode and setpoints in this order.
+    Random frames cause no motion, because motion needs clear, mode and setpoints in this order.
     """
     device = sweeper()
     now_us = 0

@@ -1,4 +1,4 @@
-"""A fault's text: reading inverts writing, and an invalid text is rejected in one line."""
+"""A fault written as text is read back equal; an invalid text is rejected in one line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def specs(draw: st.DrawFn) -> FaultSpec:
 
 
 def read_or_rejected(text: str, *, timed: bool = True) -> FaultSpec | None:
-    """Return the fault; None if it was rejected, in one line that quotes the text."""
+    """Return the fault, or None if the parser rejects the text in one line that quotes it."""
     rejections: list[FaultSpecError] = []
     try:
         return parse_fault(text) if timed else parse_fault_now(text)
@@ -93,7 +93,7 @@ def test_now_and_from_now() -> None:
     later = parse_fault_now("silence@+2:1")
     assert (later.at_s, later.relative) == (2.0, True)
     assert parse_fault_now(later.text) == later
-    assert not parse_fault("silence@+2").relative, "a plain sign where there is no now"
+    assert not parse_fault("silence@+2").relative, "without a current time, + is a plain sign"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The line keeps bytes and their order, is no faster than the baud rate, and is on time."""
+"""The simulated line keeps the order of bytes, obeys the baud rate and bounds the delay."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(channel: Channel, writes: list[tuple[int, bytes]]) -> list[Arrival]:
             data = channel.pull(at_us)
             if data:
                 arrivals.append(Arrival(at_us, data))
-            assert channel.next_us() != at_us or not data, "time goes on"
+            assert channel.next_us() != at_us or not data, "the next deadline is not later"
 
     for pause_us, data in writes:
         now_us += pause_us
@@ -55,7 +55,7 @@ def run(channel: Channel, writes: list[tuple[int, bytes]]) -> list[Arrival]:
 
 
 def sent_at(baud: int, writes: list[tuple[int, bytes]]) -> list[int]:
-    """Return when each byte has left an unlimited UART, µs rounded up: 10 bits each."""
+    """Return when each byte (10 bits) leaves a UART with an unlimited buffer, µs rounded up."""
     times, free = [], 0.0
     now_us = 0
     for pause_us, data in writes:
@@ -77,7 +77,7 @@ def test_the_uart_keeps_every_byte_in_order_and_its_pace(
     got = b"".join(a.data for a in arrivals)
     assert channel.overrun == len(whole) - len(got)
     if channel.overrun:
-        assert baud == 9600, "1 ms of silence for each 80 bytes is enough for the others"
+        assert baud == 9600, "only 9600 baud is too slow for these writes"
         return
     assert got == whole
     left = sent_at(baud, writes)
@@ -102,8 +102,8 @@ def test_ftdi_16_ms_and_62_bytes_by_hand() -> None:
     channel = UartUp(1_000_000, 16_000, unharmed)  # 10 µs a byte, timer at 16, 32, 48 ms...
     assert run(channel, [(100, bytes(10))]) == [(16_000, bytes(10))]
     channel = UartUp(1_000_000, 16_000, unharmed)
-    # A packet of 62 bytes is full at 620 µs, which restarts the timer; the other 8 wait until 16.62
-    # ms.
+    # A packet of 62 bytes is full at 620 µs and restarts the timer.
+    # The other 8 bytes wait until 16.62 ms.
     assert run(channel, [(0, bytes(70))]) == [(620, bytes(62)), (16_620, bytes(8))]
     channel = UartUp(1_000_000, 0, unharmed)
     assert run(channel, [(5, bytes(10))]) == [(105, bytes(10))]
@@ -170,7 +170,7 @@ def test_a_bus_repeats_a_damaged_frame_and_drops_frames_without_room() -> None:
 
     channel = CanChannel(500_000, 0, damage)
     arrivals = run(channel, [(0, frame(1, 8) + frame(2, 8))])
-    bits = worst_bits(8)  # 135: 270 µs each, three of the first frame
+    bits = worst_bits(8)  # 135 bits take 270 µs; the first frame is sent three times
     assert bits == 135
     assert arrivals == [(3 * 270, frame(1, 8)), (4 * 270, frame(2, 8))]
 

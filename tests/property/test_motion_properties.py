@@ -1,4 +1,4 @@
-"""Properties for every motion, gain and input."""
+"""Properties of motion and control that hold for every gain and input."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def test_pid_output_and_integral_stay_within_the_limit(
     pid = Pid(PidGains(kp, ti, td), limit)
     for error in errors:
         assert abs(pid.update(error, 0.02)) <= limit
-        # One step of the integral may be taken while the other parts pull back, but never more than
-        # the worst error for its duration.
+        # The integral may grow while the other terms reduce the output. It never exceeds the
+        # largest possible error integrated over all steps.
         assert abs(pid.integral) <= kp / ti * 10 * 0.02 * len(errors) + 1e-9
 
 

@@ -185,7 +185,7 @@ def test_a_newer_peers_fields_are_skipped_and_counted(
     payload = ref.encode_payload(spec.type_id, values) + extra
     codec = Codec()
     if not spec.bootstrap:
-        with pytest.raises(PayloadError):  # not before the peer is known to declare more
+        with pytest.raises(PayloadError):  # allowed only after the peer declared more fields
             codec.decode(spec, payload)
     codec.limit(spec.type_id, len(spec.fields))
     assert list(codec.decode(spec, payload)) == list(values.values())

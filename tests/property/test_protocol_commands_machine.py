@@ -1,7 +1,7 @@
-"""Commands over a wire with loss, duplicates, delay and reordering: every one ends correctly.
+"""Every command ends correctly over a wire with loss, duplicates, delay and reordering.
 
-Whole frames go through two hostile wires between two links, so framing, sequence numbers, sender
-and log work as they do in a session.
+Whole frames pass through two hostile wires between two links. Framing, sequence numbers, sender
+and log therefore work as in a session.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ LONGEST_US = MAX_TRIES * MAX_TIMEOUT_US
 
 @dataclass
 class Device:
-    """The executing end: odd ids are rejected with their remainder as the reason."""
+    """The executing end; it rejects odd command ids with the id modulo 3 as the reason."""
 
     link: Link = field(default_factory=lambda: Link(Direction.DEVICE))
     log: CommandLog = field(default_factory=CommandLog)
     done: list[tuple[int, int]] = field(default_factory=list)
     """(session, command id) of every executed or rejected command in order, except stops."""
     stopped: set[int] = field(default_factory=set)
-    """Ids of the obeyed stops."""
+    """Ids of the executed stops."""
 
     def take(self, data: bytes, session_id: int, now_us: int) -> list[bytes]:
         replies: list[bytes] = []
@@ -58,7 +58,7 @@ class Device:
             self.done.append((session_id, command_id))
             return reason
 
-        if isinstance(message, Stop):  # obeyed each time it arrives
+        if isinstance(message, Stop):  # a stop is executed each time it arrives
             self.stopped.add(command_id)
             stop = TYPES[Stop]
             return Ack(command_id, stop) if reason is None else Nack(command_id, stop, reason)
@@ -66,7 +66,7 @@ class Device:
 
 
 class CommandsOverAHostileWire(RuleBasedStateMachine):
-    """Time passes, commands are issued, the line gets better and worse."""
+    """Issue commands at random times over two wires with random faults."""
 
     @initialize(
         seed=st.integers(0, 2**32),
@@ -94,7 +94,7 @@ class CommandsOverAHostileWire(RuleBasedStateMachine):
     @rule(kind=st.sampled_from([Stop, ClearStop, SetMode]))
     def issue(self, kind: type[Stop | ClearStop | SetMode]) -> None:
         if len(self.waiting) >= REMEMBERED:
-            return  # more at once than the device stores is the sender's own fault
+            return  # the device remembers no more commands at once
         command_id = self.sender.issue(
             lambda i: kind(i, 1), TYPES[kind], self.now_us, forever=kind is Stop
         )
@@ -142,7 +142,7 @@ class CommandsOverAHostileWire(RuleBasedStateMachine):
         device = self.device
         carried_out = command_id in device.stopped or (7, command_id) in device.done
         if verdict == "silence":
-            assert not isinstance(message, Stop)  # its result is genuinely unknown
+            assert not isinstance(message, Stop)  # a stop is repeated until its reply arrives
         else:
             assert carried_out
             expected = f"no {command_id % 3}" if command_id % 2 else "accepted"
@@ -159,7 +159,7 @@ class CommandsOverAHostileWire(RuleBasedStateMachine):
             assert kind is Stop or self.now_us - at_us <= LONGEST_US, command_id
 
     def teardown(self) -> None:
-        """Repair the line: then everything ends, stop included."""
+        """Repair the line and check that every command ends, including stops."""
         if not hasattr(self, "sender"):
             return
         self.there, self.back = Pipe(500), Pipe(500)

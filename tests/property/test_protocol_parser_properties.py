@@ -105,7 +105,7 @@ def test_a_frame_after_garbage_and_a_delimiter_is_always_found(
     assert len(expected) == 1
     parser = UartParser()
     parser.feed(garbage)
-    assert as_reference(parser.feed(framed))[-1:] == expected  # it begins with its own delimiter
+    assert as_reference(parser.feed(framed))[-1:] == expected  # the frame begins with a delimiter
 
 
 def test_memory_is_bounded_for_any_input() -> None:
@@ -141,7 +141,7 @@ def test_a_link_keeps_bounded_accounts_of_unknown_senders_and_types() -> None:
 
 
 def frames_of(rng: Random, count: int, *, leading: bool) -> list[bytes]:
-    """Return different frames as an idle line carries them."""
+    """Return ``count`` different frames, with or without the leading zero."""
     made: list[bytes] = []
     types = sorted(
         t for t, (_, _, rows) in ref.LAYOUTS.items() if all(row[1] != "text" for row in rows)
@@ -162,13 +162,13 @@ def frames_of(rng: Random, count: int, *, leading: bool) -> list[bytes]:
 
 
 def spoil(rng: Random, stream: bytearray, first: int, last: int) -> tuple[int, int]:
-    """Damage a stretch that begins in ``first:last``; return the touched bytes."""
+    """Damage a stretch that begins in ``first:last``; return the range of damaged bytes."""
     at = rng.randrange(first, last)
     match rng.randrange(5):
         case 0:
             stream[at] ^= 1 << rng.randrange(8)
             return at, at + 1
-        case 1:  # two to five single bits, for which the CRC is made
+        case 1:  # two to five single bits, which the CRC is made to detect
             end = min(last, at + 8)
             for _ in range(rng.randint(2, 5)):
                 stream[rng.randrange(at, end)] ^= 1 << rng.randrange(8)
@@ -177,7 +177,7 @@ def spoil(rng: Random, stream: bytearray, first: int, last: int) -> tuple[int, i
             end = min(len(stream), at + rng.randint(2, 16))
             stream[at:end] = rng.randbytes(end - at)
             return at, end
-        case 3:  # lost to the frame's end, closing delimiter included
+        case 3:  # bytes lost up to the frame's end, including the closing delimiter
             del stream[at:last]
             return at, last
         case _:
@@ -188,7 +188,7 @@ def spoil(rng: Random, stream: bytearray, first: int, last: int) -> tuple[int, i
 def campaign(
     seed: int, count: int, *, leading: bool, tails_only: bool = False
 ) -> tuple[int, int, int]:
-    """Damage every second frame; return damaged frames, intact ones lost, wrong ones accepted."""
+    """Damage every second frame; count damaged, lost intact and wrongly accepted frames."""
     rng = Random(seed)
     damaged = lost = wrong = 0
     for _ in range(count // 20):
@@ -200,7 +200,7 @@ def campaign(
             starts.append(len(stream))
             stream += framed
         touched: set[int] = set()
-        for index in range(18, -1, -2):  # from the back, so that earlier places do not move
+        for index in range(18, -1, -2):  # from the back, so that earlier offsets stay valid
             first, last = starts[index], starts[index] + len(frames[index])
             if tails_only:
                 del stream[rng.randrange(first + 2, last - 1) : last]
@@ -208,7 +208,7 @@ def campaign(
                 continue
             low, high = spoil(rng, stream, first, last)
             touched.add(index)
-            # The leading zero belongs to the gap; a frame is hit from its first coded byte on.
+            # Damage to a leading zero does not count, because that zero belongs to the gap.
             if high > low and index + 1 < 20 and high > starts[index + 1] + 1:
                 touched.add(index + 1)
         got = [f for f in UartParser().feed(bytes(stream)) if isinstance(f, Frame)]

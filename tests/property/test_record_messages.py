@@ -1,4 +1,4 @@
-"""Every message of the catalogue, with any values, through a file and an independent reader."""
+"""Google's protobuf decodes every message of the catalogue, with any values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENCODERS = {spec.type_id: DeviceEncoder(spec) for spec in CATALOGUE}
 
 
 def parse(layout: FlatMessage, data: bytes) -> Any:  # noqa: ANN401 - a class made at run time
-    """Decode by the layout's own descriptor set, with google.protobuf alone."""
+    """Decode with google.protobuf alone, from the layout's descriptor set."""
     files = descriptor_pb2.FileDescriptorSet.FromString(layout.descriptor_set())
     pool = descriptor_pool.DescriptorPool()
     for file in files.file:

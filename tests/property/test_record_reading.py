@@ -1,4 +1,4 @@
-"""Whatever a file contains, reading it gives messages or our own error."""
+"""For any file content, the reader returns messages or raises ``LogReadError``."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_the_log_that_these_damage_decodes_whole() -> None:
 @settings(max_examples=40)
 @given(edits, st.floats(0.2, 1))
 def test_every_recovered_file_is_complete(edits: list[tuple[float, bytes]], share: float) -> None:
-    """The mcap library checks every CRC, and every content was in the log."""
+    """The mcap library checks every CRC, and the log held every recovered message."""
     data = bytearray(small_log())
     for where, what in edits:
         at = int(where * len(data))

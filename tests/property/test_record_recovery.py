@@ -55,13 +55,13 @@ cuts = st.lists(
 
 @settings(max_examples=60)
 @given(st.sampled_from(NAMES), cuts)
-@example("none", [("gap", 0.0625, 239)])  # a chunk that then ends within the next chunk
-@example("ours", [("gap", 0.25, 281)])  # an attachment that then ends within the next chunk
+@example("none", [("gap", 0.0625, 239)])  # the chunk then ends within the next chunk
+@example("ours", [("gap", 0.25, 281)])  # the attachment then ends within the next chunk
 def test_several_damages_together(name: str, wanted: list[tuple[str, float, int]]) -> None:
     log = named(name)
     data, touched = bytearray(log.data), list[tuple[int, int]]()
     limit = len(data)
-    # earlier places do not move
+    # from the back, so that earlier offsets stay valid
     for kind, share, maximum in sorted(wanted, key=lambda item: -item[1]):
         at = len(MAGIC) + int(share * (len(log.data) - len(MAGIC)))
         size, limit = min(maximum, limit - at), min(limit, at)
@@ -87,10 +87,10 @@ def test_several_damages_together(name: str, wanted: list[tuple[str, float, int]
     if not log.chunks:
         return
     kept = contents(got.elements())
-    assert not kept - contents(log.messages.elements()), "nothing is made up"
+    assert not kept - contents(log.messages.elements()), "a recovered message was not in the log"
     for begin, end, held in log.chunks:
         if not any(a < end and begin < b for a, b in touched):
-            assert not contents(held.elements()) - kept, f"the chunk at {begin} is whole"
+            assert not contents(held.elements()) - kept, f"intact chunk at {begin} lost messages"
 
 
 @pytest.mark.parametrize("first", NAMES)
@@ -98,7 +98,7 @@ def test_several_damages_together(name: str, wanted: list[tuple[str, float, int]
 def test_both_of_two_joined_files_are_recovered(first: str, second: str) -> None:
     a, b = named(first), named(second)
     result, got = recovered(a.data + b.data)
-    assert got == a.messages + b.messages, "numbers of channels clash, names do not"
+    assert got == a.messages + b.messages, "only the channel numbers clash, not the names"
     assert (result.whole, result.files, result.losses) == (True, 2, [])
 
 
@@ -107,7 +107,7 @@ def test_a_cut_file_with_another_one_behind_it(name: str) -> None:
     a, b = named(name), named("zstd")
     begin, end, _ = a.chunks[-2] if a.chunks else (0, len(a.data), Counter())
     result, got = recovered(a.data[: (begin + end) // 2] + b.data)
-    assert not b.messages - got, "the second one is whole"
+    assert not b.messages - got, "the second file lost messages"
     assert not contents(got.elements()) - contents((a.messages + b.messages).elements())
     assert (result.whole, result.files) == (False, 2)
 
@@ -134,7 +134,7 @@ def test_bytes_behind_the_end_are_accounted_for() -> None:
 
 @pytest.mark.parametrize("name", ["zstd", "lz4", "none"])
 def test_a_schema_that_is_lost_has_a_stub(name: str) -> None:
-    """The chunk that declared it is damaged, and the file ends before its summary."""
+    """The chunk that declares the schema is damaged, and the file ends before its summary."""
     log = named(name)
     _, end, lost = log.chunks[0]
     cut = log.data[: log.chunks[-1][1]]

@@ -1,4 +1,4 @@
-"""The map packed into two bits a cell, after any drive, measurements and bumps."""
+"""Packing a map into two bits a cell, after any drive, measurements and bumps."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def driven(memory: EvidenceMap, start: Pose2, end: Pose2, range_m: float, *, see
 
 
 def remembered(reported: list[tuple[str, tuple[float, float, float], float, bool]]) -> EvidenceMap:
-    at = Pose2(0.1, 0.37, 0.0)  # the cells' corners are no round numbers
+    at = Pose2(0.1, 0.37, 0.0)  # a start between the cells' corners
     memory = EvidenceMap(MODEL, OPTIONS, at)
     for act, spot, size_m, flag in reported:
         pose = Pose2(*spot)
@@ -83,12 +83,12 @@ def seen_by_the_planner(memory: EvidenceMap) -> tuple[NDArray[Any], NDArray[Any]
     window = SearchWindow(
         memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.tries, Buffers()
     )
-    # the window's rim is closed
+    # the cells of the window's rim are closed
     return window.open[1:-1, 1:-1] > 0, window.done[1:-1, 1:-1] > 0
 
 
 def around(there: NDArray[Any]) -> NDArray[Any]:
-    """Return where obstacles forbid the axle."""
+    """Return the cells that the axle cannot enter because of obstacles."""
     reach = GEOMETRY.inflation_cells
     rows, columns = np.indices(there.shape)
     blocked = np.zeros(there.shape, dtype=bool)
@@ -132,11 +132,11 @@ def test_observations_survive_as_documented(
 
     assert (done_after | ~done_before).all()
     assert not (done_after & ~done_before & ~visited[1:-1, 1:-1]).any()
-    # no passable cell was closed; only known obstacles block the axle now
+    # Unpacking closes no passable cell, and then only known obstacles block the axle.
     assert (open_after | ~open_before).all()
     blocked = around(there & ~visited)
     assert (open_after == (visited | ~blocked)[1:-1, 1:-1]).all()
-    # No more was lost than by a bump, an obstacle outside the box, or one where the axle was.
+    # Only a bump, an obstacle outside the box or an obstacle where the axle was can be lost.
     if not (before["blocked"] > 0).any() and ((before["inflated"] > 0) == blocked).all():
         assert (open_after == open_before).all()
 
@@ -154,7 +154,7 @@ def test_any_kinds_of_any_shape_come_back(rows: int, columns: int, data: st.Data
 
 
 def test_a_wall_that_the_robot_touched_is_in_the_box() -> None:
-    """At the outermost place of the axle, the obstacle stands outside the disc."""
+    """The box reaches beyond the footprint at the outermost position of the axle."""
     memory = EvidenceMap(MODEL, OPTIONS, Pose2(0.0, 0.0, 0.0))
     start, end = Pose2(0.0, 0.0, 0.0), Pose2(0.5, 0.0, 0.0)
     driven(memory, start, end, 0.067, seen=True)

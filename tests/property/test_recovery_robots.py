@@ -1,7 +1,7 @@
-"""The recovery planner with robots drawn at random, in drawn rooms: it ends and leaves no holes.
+"""The recovery planner ends and rarely leaves a large hole, for random robots in random rooms.
 
-The ranges are those for which the planner is meant: footprints of 0.20 to 0.50 m, mouths of 0.3 to
-0.9 of the diameter, up to 0.4 of it ahead of the axle, with other mounts and wheel bases.
+The planner is meant for footprints of 0.20 to 0.50 m. The mouth is 0.3 to 0.9 of the diameter wide
+and up to 0.4 of the diameter ahead of the axle. Sensor mounts and wheel bases vary too.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FINE_SHARE = 0.9
 
 
 def robot(seed: int) -> RobotModel:
-    """Return a random robot with the mouth inside its footprint and infrared range at the hull."""
+    """Return a random robot: mouth inside the footprint, infrared sensors inside the hull."""
     rng = np.random.default_rng([0xB07, seed])
     diameter_m = float(rng.uniform(0.20, 0.50))
     radius_m = 0.5 * diameter_m

@@ -72,7 +72,7 @@ def weather(seed: int) -> Weather:
 
 
 class Storm:
-    """Both ends during faults. Each action lasts a while, then a second without faults follows."""
+    """Both ends during faults. A second without faults follows each action."""
 
     def __init__(self, host: HostEnd | SessionEnd, seed: int) -> None:
         self.to_device, self.to_host = weather(seed), weather(seed + 1)
@@ -102,9 +102,9 @@ class Storm:
 
 
 class Operator:
-    """A reckless program: it sends setpoints whenever it can, and starts only on request.
+    """A program that sends setpoints whenever the session is ready, but starts only on request.
 
-    It has one guarantee: after a loss, a reboot or a restart the robot stands until the next start.
+    After a loss, a reboot or a restart, the robot must stand still until the next start.
     """
 
     def __init__(self, storm: Storm, host: SessionEnd) -> None:
@@ -147,7 +147,7 @@ class Operator:
         check_safe(ends)
         if ends.moving and not self.may_move:
             since_us = ends.now_us - self.ended_us
-            assert since_us <= TIME_TO_LIVE_US + RAMP_US, "it moves though nobody started it anew"
+            assert since_us <= TIME_TO_LIVE_US + RAMP_US, "the robot moves without a new start"
 
 
 @given(schedules, st.integers(0, 1000))

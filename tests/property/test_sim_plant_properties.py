@@ -81,7 +81,8 @@ def test_the_disc_never_enters_a_wall(
 
 
 @example(
-    # Close to a wall but free: found where the careful loop rounded otherwise than the free one.
+    # Close to a wall without contact: the loops with and without contact checks once rounded
+    # differently here.
     plan=room(
         (0.0, 0.0, 2.5),
         walls=box(-1.0, -1.0, 1.0, 1.0),

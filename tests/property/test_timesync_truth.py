@@ -1,4 +1,4 @@
-"""The bound is valid: it contains the truth, whatever clocks and adapters do."""
+"""The bound of the time synchronisation contains the true time, for any clocks and adapters."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def run(  # noqa: PLR0913, PLR0917 - properties of a link and a clock
 ) -> tuple[list[float], list[float], TimeSync]:
     """Run a minute of pings and telemetry.
 
-    Return |error| / bound and bounds (µs) of every sample.
+    Return |error| / bound of every sample, the bounds (µs) after 10 s, and the synchronisation.
     """
     rng = random.Random(seed)
     sync = TimeSync() if sync is None else sync
@@ -91,8 +91,9 @@ def test_the_truth_lies_within_the_bound(
 ) -> None:
     ratios, bounds, sync = run(seed, drift_ppm, timer_us, device_first_us)
     assert max(ratios) <= 1.0
-    assert sync.steps == 0, "jitter is no step"
-    # No exchange can detect half of the two minimum delays; a fast tail comes on top.
+    assert sync.steps == 0, "jitter was taken for a step"
+    # The bound contains half of the sum of both minimum delays, which no exchange can measure,
+    # and the fast tail.
     assert sorted(bounds)[len(bounds) // 2] < 700.0
 
 
@@ -102,7 +103,7 @@ def test_a_step_of_the_clock_is_found(seed: int, drift_ppm: float, timer_us: flo
     ratios, _, sync = run(seed, drift_ppm, timer_us, 0, step_at=1500)
     assert sync.steps == 1
     wrong = [r for r in ratios if r > 1.0]
-    # From the step to the next ping: at most a quarter of a second of telemetry.
+    # The mapping is wrong from the step to the next ping: at most 0.25 s of telemetry.
     assert len(wrong) <= 13
     assert max(ratios[-500:]) <= 1.0
 
@@ -118,9 +119,9 @@ def percentile(values: list[float], percent: float) -> float:
 def test_a_declared_delay_makes_the_bound_small_and_it_stays_honest(
     seed: int, drift_ppm: float, timer_us: float
 ) -> None:
-    """Both minimum delays are declared, and they differ: the asymmetry then causes no error.
+    """If both minimum delays are declared, their difference causes no error.
 
-    The bound with 1 ms adapters is small after 10 s: p95 of a run below a tenth of a millisecond.
+    With 1 ms adapters, the 95th percentile of the bound after 10 s is about 0.1 ms.
     """
     sync = TimeSync(round(UP_FLOOR_US * 1000), round(DOWN_FLOOR_US * 1000))
     ratios, bounds, _ = run(seed, drift_ppm, timer_us, 0, sync=sync)
@@ -135,7 +136,7 @@ def test_a_declared_delay_makes_the_bound_small_and_it_stays_honest(
 @given(st.integers(0, 10_000), st.floats(-100.0, 100.0))
 @settings(max_examples=3)
 def test_without_a_declaration_the_minimum_delays_remain(seed: int, drift_ppm: float) -> None:
-    """Half of their sum is in the bound, half of their difference in the error."""
+    """The bound contains half of the sum of both delays, the error half of their difference."""
     ratios, bounds, _ = run(seed, drift_ppm, 1_000.0, 0)
     errors = [r * b for r, b in zip(ratios[-len(bounds) :], bounds, strict=True)]
     assert percentile(errors, 95.0) < 0.5 * (DOWN_FLOOR_US - UP_FLOOR_US) + 100.0

@@ -1,9 +1,9 @@
-"""A simulated day of work with random faults in one process: constant memory, complete logs.
+"""Simulate a day of work with random faults in one process; check the memory and the logs.
 
     PYTHONPATH=tests python -m soak.day --hours 24
 
 One clean follows another, each with its own faults (:mod:`soak.faults`), until the simulated hours
-have passed. The memory is measured after each; steady growth is a leak.
+have passed. The memory is measured after each clean; steady growth is a leak.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from soak.faults import run
 
 WARM = 0.15
-"""Share of the day in which caches fill."""
+"""Share of the day in which the caches fill."""
 GROWTH_MB = 24.0
 """Maximum growth of the memory after that share of the day, MB."""
 

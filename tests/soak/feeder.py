@@ -1,6 +1,6 @@
 """The device at the other end of a pseudo-terminal (pty) for :mod:`soak.line`.
 
-It completes the handshake, then sends as fast as the line carries.
+It completes the handshake, then sends as fast as the line allows.
 
 ``feeder.py SECONDS BAUD [noise]`` prints the pty's name on its first line and, at its end, how many
 bytes it wrote and their CRC-32. With ``noise`` the line is full of damaged frames of 3 bytes.
@@ -26,12 +26,12 @@ from protocol.uart.link import Link
 
 PERIOD_S = 0.002
 MAX_AT_ONCE = 200
-"""Maximum number of frames made between two reads of the host's bytes: five times what the line
-carries.
+"""Maximum number of frames made between two reads of the host's bytes: five times as many as the
+line carries.
 
-Without a bound, a feeder that gets too little of a core has more to catch up at each turn. Each
+Without a bound, a feeder with too little processor time has more frames to make at each turn. Each
 turn then takes longer than the one before. In the end the feeder sends nothing for seconds, and
-the host treats it as lost.
+the host treats the device as lost.
 """
 DRAIN_S = 30.0
 """Maximum time for the host to read the remaining bytes, s. After that they are discarded."""
@@ -39,11 +39,11 @@ BITS_PER_BYTE = 10
 _FRAME = 28
 """Encoded length of an inertial sample, delimiters included."""
 _NOISE = b"\2\1\7\0" * (_FRAME // 4)
-"""Seven damaged frames: as many bytes as a sample has."""
+"""Seven damaged frames, together as long as a sample."""
 
 
 class Feeder:
-    """One device that sends as fast as the line carries."""
+    """A device that sends as fast as the line allows."""
 
     def __init__(self, baud: int, *, noise: bool = False) -> None:
         """Open the pty and print its name."""

@@ -1,11 +1,11 @@
-"""Minutes of a full 3 Mbaud line in real time, recorded: nothing is lost that arrived.
+"""Record a full 3 Mbaud line for minutes in real time; no byte that arrives may be lost.
 
     PYTHONPATH=tests python -m soak.line --minutes 10
 
 A separate process acts as a device on a pseudo-terminal and fills the line with inertial samples at
 300 000 bytes a second. The host is the same as for a real robot, with loop, recorder and log.
-Afterwards the log's raw bytes are compared with those sent, by count and by checksum; threads,
-files, processes and memory are compared with the start.
+Afterwards the log's raw bytes are compared with the sent bytes, by count and by checksum. Threads,
+files, processes and memory are compared with their values at the start.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from soak.day import open_files, resident_mb
 
 FEEDER = Path(__file__).with_name("feeder.py")
 GROWTH_MB = 48.0
-"""Maximum growth of the memory after a tenth of the time, MB: the recorder's queue fills and
-drains."""
+"""Maximum growth of the memory after a tenth of the time, MB. The recorder's queue may fill and
+drain."""
 _SAMPLE_S = 1.0
 
 
@@ -131,7 +131,7 @@ def _record(feeder: subprocess.Popen[str], log: Path, seconds: float, *, noise: 
 
 
 def _compare(log: Path, sent: int, checksum: int) -> list[str]:
-    """Compare the log's raw bytes with what the other end reports as written."""
+    """Compare the log's raw bytes with the count and checksum that the feeder reports."""
     reader = LogReader(log)
     count = crc = 0
     for message in reader.messages({"/raw/uart/rx"}):

@@ -40,7 +40,7 @@ class Truth:
         self.samples = 0
 
     def attach(self, made: VirtualRun) -> None:
-        """Attach before the run's first byte."""
+        """Attach to the device before the run's first byte."""
         self._device = made.device
 
     def write(self, record: Record) -> None:
