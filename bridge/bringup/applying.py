@@ -44,7 +44,7 @@ class Applied:
 
 
 def set_on_device(session: BringupSession, changes: Sequence[Change]) -> Applied:
-    """Set and save the parameters. Return the names that were set, and the names that the device lacks.
+    """Set and save the parameters. Return the names that were set, and those the device lacks.
 
     Raises:
         BridgeError: a value is out of range, or the device rejected it or was lost.

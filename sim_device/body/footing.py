@@ -31,7 +31,7 @@ _PERIODS = SLIP_DRAWS // 2
 
 
 class Footing:
-    """Computes, for the kernels, each wheel's drag and its travel per radian on the present floor."""
+    """Computes, for the kernels, each wheel's drag and travel per radian on the present floor."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - the parts of a robot
         self,

@@ -127,7 +127,7 @@ def _mode_lines() -> Iterator[str]:
     guards = enumerate(modes.Guard)
     yield from _macro("MODE_GUARDS(X)", (f"X({g.name}, {1 << i}u)" for i, g in guards))
     yield ""
-    yield "/* For a state and an event, the first row applies that has no condition or a true condition:"
+    yield "/* For a state and event, the first row applies that has no condition or a true one:"
     yield " * ENTERS(states, EVENT, condition, STATE), REJECTS(states, EVENT, condition, REASON)."
     yield " * States are IN(STATE), ALL, or FREE: all but STOPPED. */"
     yield from _macro("MODE_ROWS(ENTERS, REJECTS)", _mode_rows(states, events))

@@ -34,7 +34,8 @@ TOLERANCES: dict[str, tuple[PaperOptions, str]] = {
         "on_equal, reset between",
     ),
 }
-"""Options and description by name: two ways to count the turns (the paper's T), each with two tolerances."""
+"""Options and description by name: two ways to count the turns (T in the paper), each with two
+tolerances."""
 
 READINGS: dict[str, PaperOptions] = {
     STRICT_END: PaperOptions(end="blocked_step"),

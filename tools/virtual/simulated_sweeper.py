@@ -63,8 +63,8 @@ CONTROL_S = 0.02
 READY_S = 5.0
 """Maximum time of the handshake, s."""
 ENABLE_S = 12.0
-"""Maximum time from :meth:`SimulatedSweeper.enable` to motion, s: 3 s of standstill, and the time to
-repeat unanswered commands."""
+"""Maximum time from :meth:`SimulatedSweeper.enable` to motion, s: 3 s of standstill, and the time
+to repeat unanswered commands."""
 _TRUTH_MS = 20
 """Period of the true poses in ``path``, ms."""
 _STATUS_S = 0.25

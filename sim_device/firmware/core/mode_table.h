@@ -35,7 +35,7 @@
     X(FAULT_HOLDS, 4u) \
     X(NO_PLANNER, 8u)
 
-/* For a state and an event, the first row applies that has no condition or a true condition:
+/* For a state and event, the first row applies that has no condition or a true one:
  * ENTERS(states, EVENT, condition, STATE), REJECTS(states, EVENT, condition, REASON).
  * States are IN(STATE), ALL, or FREE: all but STOPPED. */
 #define MODE_ROWS(ENTERS, REJECTS) \
