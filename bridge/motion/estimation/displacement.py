@@ -6,14 +6,15 @@ driven over, or the robot drives through a wall of the map. A moved chair or a p
 same observations, but only in one place, and the known walls around it still fit. So the evidence
 must extend over more than a piece of furniture, and no known wall may be found in between. A known
 wall confirms the estimate only across the wall's direction. So it removes only evidence across that
-direction.
+direction. An estimate that is wrong by less than 10 cm causes the same observations near the edge
+of the driven floor. So a part of the evidence must be near the axle's path.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,6 +44,12 @@ class DisplacementTuning:
     core: float = 0.5
     """Share of the footprint's radius within which driven floor is free. The rest allows for the
     estimate's error."""
+    deep: float = 0.25
+    """Share of the footprint's radius that is the maximum distance of deep evidence from the axle's
+    path, or of the axle from a wall that it drives through."""
+    min_deep_cells: int = 3
+    """Minimum number of cells with deep evidence. With 0, harsh noise ended runs with an error of
+    4 to 10 cm as if the robot had been moved."""
     max_range_m: float = 0.22
     """Infrared range beyond which a hit is too uncertain, m."""
     min_cells: int = 8
@@ -71,6 +78,15 @@ _FAR_M = 10.0
 was reset."""
 
 
+class _Evidence(NamedTuple):
+    """Evidence in one cell."""
+
+    across_rad: float
+    """Direction across the contradicting wall, rad."""
+    deep: bool
+    """True if the wall is near the axle's path."""
+
+
 class DisplacementCheck:
     """Collects evidence that the estimate is wrong. Removes it when known walls are found again."""
 
@@ -79,9 +95,10 @@ class DisplacementCheck:
         self._tuning = tuning or DisplacementTuning()
         self._mounts = (model.infrared_left, model.infrared_right)
         self._core_m = self._tuning.core * model.radius_m
-        self._free: set[tuple[int, int]] = set()
-        self._evidence: dict[tuple[int, int], float] = {}
-        """Cells with evidence. Each has the direction across the contradicting wall, rad."""
+        self._deep_m = self._tuning.deep * model.radius_m
+        self._free: dict[tuple[int, int], bool] = {}
+        """Cells of the driven floor. True: near the axle's path."""
+        self._evidence: dict[tuple[int, int], _Evidence] = {}
         self._last: Pose2 | None = None
         self._path_m = 0.0
         self._since_m = 0.0
@@ -101,6 +118,7 @@ class DisplacementCheck:
         """True if the robot is not at its estimated place."""
         return (
             len(self._evidence) >= self._tuning.min_cells
+            and sum(found.deep for found in self._evidence.values()) >= self._tuning.min_deep_cells
             and _extent(self._evidence) >= self._tuning.min_span_m
         )
 
@@ -150,8 +168,8 @@ class DisplacementCheck:
         before_m = self._since_m if self._evidence else self._path_m
         if before_m - first_m < self._tuning.known_m:
             return False
-        for cell, across_rad in list(self._evidence.items()):
-            if abs(math.cos(across_rad - normal_rad)) > math.sqrt(0.5):
+        for cell, evidence in list(self._evidence.items()):
+            if abs(math.cos(evidence.across_rad - normal_rad)) > math.sqrt(0.5):
                 del self._evidence[cell]
         self._crossed.add(abs(math.cos(normal_rad)) > math.sqrt(0.5))
         if self._evidence or len(self._crossed) < 2:  # noqa: PLR2004 - both directions
@@ -163,8 +181,9 @@ class DisplacementCheck:
         self, pose: Pose2, x_m: float, y_m: float, yaw_rad: float, range_m: float
     ) -> None:
         x, y = pose.transform(x_m + range_m * math.cos(yaw_rad), y_m + range_m * math.sin(yaw_rad))
-        if (math.floor(x / _FREE_M), math.floor(y / _FREE_M)) in self._free:
-            self._contradict(x, y, pose.theta_rad + yaw_rad)
+        deep = self._free.get((math.floor(x / _FREE_M), math.floor(y / _FREE_M)))
+        if deep is not None:
+            self._contradict(x, y, _Evidence(pose.theta_rad + yaw_rad, deep))
 
     def _take_crossings(self, pose: Pose2, walls: Walls) -> None:
         """Find walls of the map that the robot drives through."""
@@ -173,16 +192,19 @@ class DisplacementCheck:
                 continue
             c, s = math.cos(normal_rad), math.sin(normal_rad)
             dx, dy = pose.x_m - wall.anchor_x_m, pose.y_m - wall.anchor_y_m
-            if abs(offset_m - dx * c - dy * s) > self._core_m:
+            distance_m = abs(offset_m - dx * c - dy * s)
+            if distance_m > self._core_m:
                 continue
             if wall.low_m + _END_M < dy * c - dx * s < wall.high_m - _END_M:
-                self._contradict(pose.x_m, pose.y_m, normal_rad)
+                deep = distance_m < self._deep_m
+                self._contradict(pose.x_m, pose.y_m, _Evidence(normal_rad, deep))
 
-    def _contradict(self, x_m: float, y_m: float, across_rad: float) -> None:
+    def _contradict(self, x_m: float, y_m: float, evidence: _Evidence) -> None:
         if not self._evidence:
             self._since_m = self._path_m
         cell = (math.floor(x_m / _CELL_M), math.floor(y_m / _CELL_M))
-        self._evidence.setdefault(cell, across_rad)
+        before = self._evidence.setdefault(cell, evidence)
+        self._evidence[cell] = before._replace(deep=before.deep or evidence.deep)
 
     def _enter(self, pose: Pose2) -> None:
         """Add the floor under the robot."""
@@ -192,7 +214,8 @@ class DisplacementCheck:
             for j in range(row - reach, row + reach + 1):
                 x, y = (i + 0.5) * _FREE_M - pose.x_m, (j + 0.5) * _FREE_M - pose.y_m
                 if x * x + y * y < self._core_m * self._core_m:
-                    self._free.add((i, j))
+                    deep = x * x + y * y < self._deep_m * self._deep_m
+                    self._free[i, j] = deep or self._free.get((i, j), False)
 
 
 def _extent(cells: Iterable[tuple[int, int]]) -> float:

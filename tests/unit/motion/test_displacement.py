@@ -75,6 +75,17 @@ def test_a_wall_on_driven_floor_shows_that_the_robot_was_moved() -> None:
     assert drive.check.displaced
 
 
+def test_walls_at_the_edge_of_driven_floor_are_an_error_of_the_estimate() -> None:
+    drive = Drive()
+    drive.along(0.0, 3.0, 0.0)
+    drive.along(0.0, 2.0, -0.25, left_m=0.09)  # 6 cm beside the path of the first drive
+    assert drive.check.evidence[0] >= 8
+    assert drive.check.evidence[1] >= 1.2
+    assert not drive.check.displaced
+    drive.along(0.0, 0.4, -0.25, left_m=0.15)
+    assert drive.check.displaced, "with walls on the path itself"
+
+
 def test_a_wall_beside_driven_floor_is_none() -> None:
     drive = Drive()
     drive.along(0.0, 3.0, 0.0, left_m=0.06)
