@@ -51,8 +51,8 @@ _RULES = """
 
 Alarms of all runs:
 
-- *Right*: the rule is meant for the hazard, and the hazard lasts or ended at most {grace:g} s
-  before; or the alarm is true.
+- *Right*: the rule is meant for the hazard, and the hazard is present or ended at most {grace:g} s
+  before the alarm. *True* alarms (above) also count as right.
 - *Consequence*: the alarm of another rule during the same hazard. For example, a stuck wheel also
   slips.
 - *False*: all other alarms.

@@ -1,4 +1,4 @@
-"""docs/firmware.md names only existing C names and files, and explains every error."""
+"""The pages about firmware name only existing C names and files, and explain every error."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
 SECOND_NS = 1_000_000_000
 PAGE = ROOT / "docs" / "firmware.md"
-TEXT = PAGE.read_text(encoding="utf-8")
+TEXT = PAGE.read_text(encoding="utf-8") + (ROOT / "docs" / "device-rules.md").read_text(
+    encoding="utf-8"
+)
 HEADER = render("c")["sweepctl_protocol.h"]
 
 
