@@ -40,7 +40,14 @@ static uint8_t received[64];
 static size_t received_length;
 static uint32_t received_us;
 
-uint32_t uptime_us(void) { return clock_us++; }
+static void (*as_time_passes)(void);
+uint32_t uptime_us(void)
+{
+    if (as_time_passes != NULL) {
+        as_time_passes();
+    }
+    return clock_us++;
+}
 
 uint32_t irq_save(void)
 {
@@ -372,6 +379,58 @@ static void a_bus_that_hangs_is_freed(void)
     CHECK(passed > 90 && passed < 110);
 }
 
+/* A sensor whose transfer was interrupted, on the pins as GPIO. It receives or sends the bits of
+ * bytes; `bit` 8 is the acknowledgement. Each test begins with the clock high. */
+static struct {
+    bool sends, stopped, holds;
+    unsigned bit;
+    bool scl, sda; /* levels of the master */
+} sensor;
+
+static unsigned mask(unsigned port, unsigned pin) { return 1u << pin; }
+
+static void sensor_drives(void)
+{
+    sensor.holds = !sensor.stopped && sensor.sends != (sensor.bit == 8);
+}
+
+static void sensor_follows(void)
+{
+    gpio_regs_t *const port = GPIO(PORT_B);
+    const bool line = sensor.sda && !sensor.holds;
+    const bool was_high = sensor.scl;
+    sensor.scl = port->bsrr == mask(IMU_SCL) || (sensor.scl && port->bsrr != mask(IMU_SCL) << 16);
+    sensor.sda = port->bsrr == mask(IMU_SDA) || (sensor.sda && port->bsrr != mask(IMU_SDA) << 16);
+    if (was_high && !sensor.scl) {
+        sensor.bit = (sensor.bit + 1) % 9;
+        sensor_drives();
+    } else if (was_high && !line && sensor.sda && !sensor.holds) {
+        sensor.stopped = true; /* a STOP: SDA rises while SCL is high */
+        sensor_drives();
+    } else if (!was_high && sensor.scl && sensor.sends && sensor.bit == 8 && sensor.sda) {
+        sensor.stopped = true; /* no acknowledgement */
+        sensor_drives();
+    }
+    port->idr = (sensor.scl ? mask(IMU_SCL) : 0u) | (sensor.sda && !sensor.holds ? mask(IMU_SDA) : 0u);
+}
+
+static void an_interrupted_transfer_is_ended_in_every_bit(void)
+{
+    for (unsigned bit = 0; bit < 18; bit++) {
+        chip_begins(2048);
+        memset(&sensor, 0, sizeof sensor);
+        sensor.scl = sensor.sda = true;
+        sensor.sends = bit >= 9;
+        sensor.bit = bit % 9;
+        sensor_drives();
+        as_time_passes = sensor_follows;
+        imu_start();
+        as_time_passes = NULL;
+        CHECK(sensor.stopped && sensor.scl && sensor.sda && !sensor.holds);
+        CHECK((I2C1->cr1 & I2C_CR1_PE) != 0);
+    }
+}
+
 /* ---- ADC ------------------------------------------------------------------------------------ */
 
 static void an_overrun_does_not_freeze_the_readings(void)
@@ -472,7 +531,13 @@ static void mailboxes_are_refilled_by_their_interrupt(void)
         sent(mailbox);
     }
     CHECK(CAN1->tx[0].ir >> CAN_IR_STID_SHIFT == 7 && CAN1->tx[0].dlr == 7);
-    CHECK(offer(9));
+    CHECK(!can_drained());
+    CAN1->tsr |= CAN_TSR_TME(1) | CAN_TSR_TME(2);
+    CHECK(!can_drained());
+    CAN1->tsr |= CAN_TSR_TME(0);
+    CHECK(can_drained());
+    CAN1->tsr = 0;
+    CHECK(offer(9) && !can_drained());
 }
 
 static void bus_off_is_counted_and_drops_what_is_old(void)
@@ -563,6 +628,7 @@ int main(void)
     an_event_that_repeats_is_masked();
     only_a_bus_error_is_spurious();
     a_bus_that_hangs_is_freed();
+    an_interrupted_transfer_is_ended_in_every_bit();
     parameters_lie_in_the_second_bank();
     one_bank_saves_nothing();
     an_overrun_does_not_freeze_the_readings();

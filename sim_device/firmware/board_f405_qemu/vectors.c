@@ -1,4 +1,4 @@
-/* Vector table (RM0090 section 12.2, table 62) with the interrupts of this board. Any other
+/* Vector table (RM0090 section 12.2, table 61) with the interrupts of this board. Any other
  * interrupt calls the fault handler. */
 #include "stm32f4.h"
 #include "vectors.h"

@@ -22,10 +22,10 @@ static uint32_t fresh_us; /* time of the last new conversions */
 
 static void start_rounds(void) {
     dma_stream_t *const stream = &DMA2->stream[0];
-    ADC1->cr2 = 0; /* so that the next round begins with the first channel */
-    stream->cr = 0;
-    for (unsigned i = 0; i < TURNS && (stream->cr & DMA_CR_EN) != 0; i++) { /* 10.3.17 */
+    stream->cr = 0; /* before the ADC: 10.3.17 */
+    for (unsigned i = 0; i < TURNS && (stream->cr & DMA_CR_EN) != 0; i++) {
     }
+    ADC1->cr2 = 0; /* so that the next round begins with the first channel */
     dma_clear_flags(DMA2, 0);
     ADC1->sr = 0;
     stream->par = (uint32_t)(uintptr_t)&ADC1->dr;

@@ -102,7 +102,7 @@ void board_reboot(board_t *board) {
     board_motors(board, 0, 0);
     board_watchdog_feed(board);
     const uint32_t from_us = uptime_us();
-    while (!identity.can && !uart_drained() && uptime_us() - from_us < DRAIN_US) {
+    while (!(identity.can ? can_drained() : uart_drained()) && uptime_us() - from_us < DRAIN_US) {
     }
     system_reset();
 }

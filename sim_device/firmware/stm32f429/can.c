@@ -116,6 +116,15 @@ void can1_sce_handler(void) {
     }
 }
 
+/* Return true if every frame has been sent. */
+bool can_drained(void) {
+    const uint32_t state = irq_save();
+    const uint32_t empty = CAN_TSR_TME(0) | CAN_TSR_TME(1) | CAN_TSR_TME(2);
+    const bool drained = count == 0 && (CAN1->tsr & empty) == empty;
+    irq_restore(state);
+    return drained;
+}
+
 bool board_can_write(board_t *board, const sp_can_frame_t *frame) {
     const uint32_t state = irq_save();
     const bool room = count < WAITING;

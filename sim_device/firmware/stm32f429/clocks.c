@@ -26,7 +26,7 @@ bool clocks_start(void) {
     RCC->apb1enr |= LINK_UART_APB1 | RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_TIM5 |
                     RCC_APB1_I2C1 | RCC_APB1_CAN1 | RCC_APB1_PWR;
     RCC->apb2enr |= LINK_UART_APB2 | RCC_APB2_TIM1 | RCC_APB2_ADC1 | RCC_APB2_SYSCFG;
-    PWR->cr |= PWR_CR_VOS_SCALE_1; /* 5.4.1: needed above 144 MHz */
+    PWR->cr |= PWR_CR_VOS_SCALE_1; /* 5.5.1 and 3.5.1: needed above 144 MHz */
 #if BOARD_HSE_BYPASS
     RCC->cr |= RCC_CR_HSEBYP; /* 6.3.1: while HSEON is off */
 #endif
@@ -40,7 +40,8 @@ bool clocks_start(void) {
     /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. */
     FLASH->acr = FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
     RCC->cfgr = RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2;
-    if (wait_until(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY)) {
+    const bool locked = wait_until(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY);
+    if (locked) {
         RCC->cfgr |= RCC_CFGR_SW_PLL;
         (void)wait_until(&RCC->cfgr, RCC_CFGR_SWS_MASK, RCC_CFGR_SWS_PLL);
     }
@@ -48,7 +49,7 @@ bool clocks_start(void) {
     TIM2->arr = 0xFFFFFFFFu;
     TIM2->egr = TIM_EGR_UG;
     TIM2->cr1 = TIM_CR1_CEN;
-    return crystal;
+    return crystal && locked;
 }
 
 /* Return the cause of the last reset. 7.3.21 (F405), 6.3.21 (F42x): the flag PIN is set together

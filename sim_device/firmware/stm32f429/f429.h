@@ -67,6 +67,7 @@ uint32_t boot_id(const uint8_t uid[12]);
 void uart_start(void);
 bool uart_drained(void);
 void can_start(uint8_t node);
+bool can_drained(void);
 void motors_start(void);
 void encoders_start(void);
 void imu_start(void);

@@ -84,7 +84,7 @@ void board_flash_write(board_t *board, unsigned page, size_t offset, const uint8
 }
 
 /* Interrupt: write the next word. At the end of the operation, clear the data cache, because it may
- * contain old content (3.5.2: this requires DCEN = 0), and enable it again. */
+ * contain old content (3.9.2: this requires DCEN = 0), and enable it again. */
 void flash_handler(void) {
     const uint32_t flags = FLASH->sr;
     FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;

@@ -12,7 +12,7 @@
 #define REG_DATA 0x3Bu
 #define REG_WHO_AM_I 0x75u
 #define WHO_AM_I 0x68u /* value of an MPU6050; its successors have other scales and registers */
-#define WHO_AM_I_BYTES 2u /* 27.3.3: with DMA, a read of one byte would end too late */
+#define WHO_AM_I_BYTES 2u /* 27.3.8: LAST needs at least two bytes */
 #define REG_INT_STATUS_CLEARED_BY_ANY_READ 0x10u
 #define BYTES 14u
 #define BUS_HZ 400000u
@@ -21,6 +21,7 @@
 #define PIN_SILENT_US 15000u /* after this time the pin counts as not connected: poll every ten
                                 milliseconds */
 #define PERIOD_US 10000u
+#define TURNS 100u
 #define RETRY_US 100000u /* after a failure, so that a missing sensor costs no time */
 
 typedef enum { REST, WRITING, VALUE, READING, BROKEN } phase_t;
@@ -54,19 +55,34 @@ static void bus_start(void) {
     I2C1->cr1 = I2C_CR1_PE;
 }
 
-/* Release the bus. After an interrupted transfer, the sensor holds SDA low until its byte is sent,
- * so send nine clock pulses (UM10204, 3.1.16). This takes 0.1 ms in the SysTick interrupt, only
- * after a failure. */
+static void write_for_half_a_clock(unsigned port, unsigned pin, bool high) {
+    pin_write(port, pin, high);
+    const uint32_t from_us = uptime_us();
+    while (uptime_us() - from_us < 5u) {
+    }
+}
+
+/* Release the bus. After an interrupted transfer, the sensor may hold SDA low: for a bit that it
+ * sends, or as its acknowledgement. So send up to nine clock pulses (UM10204, 3.1.16), each with a
+ * STOP. The sensor takes the first STOP during which it does not hold SDA low; more pulses would
+ * only begin its next byte. This takes up to 0.2 ms in the SysTick interrupt, only after a
+ * failure. */
 static void bus_free(void) {
     pin_write(IMU_SCL, true);
+    pin_write(IMU_SDA, true);
     pin_open_drain(IMU_SCL);
-    for (unsigned i = 0; i < 18u; i++) {
-        pin_write(IMU_SCL, i % 2u != 0);
-        const uint32_t from_us = uptime_us();
-        while (uptime_us() - from_us < 5u) {
+    pin_open_drain(IMU_SDA);
+    for (unsigned i = 0; i < 9u; i++) {
+        write_for_half_a_clock(IMU_SCL, false);
+        write_for_half_a_clock(IMU_SDA, false);
+        write_for_half_a_clock(IMU_SCL, true);
+        write_for_half_a_clock(IMU_SDA, true);
+        if (pin_read(IMU_SDA)) {
+            break;
         }
     }
     pin_alternate(IMU_SCL, 4, PULL_UP, true);
+    pin_alternate(IMU_SDA, 4, PULL_UP, true);
 }
 
 void imu_start(void) {
@@ -178,7 +194,11 @@ void dma1_stream0_handler(void) {
 
 static void restart(void) {
     DMA1->stream[0].cr = 0;
-    I2C1->cr1 = 0; /* the peripheral itself must not hold SDA low during the clocks */
+    for (unsigned i = 0; i < TURNS && (DMA1->stream[0].cr & DMA_CR_EN) != 0; i++) { /* 10.3.17 */
+    }
+    /* SWRST lasts until the bus is free (27.6.1), so that the peripheral does not hold a line low. PE
+     * must not be cleared during a transfer. */
+    I2C1->cr1 = I2C_CR1_SWRST;
     bus_free();
     failed = identified = false;
     setting = 0;
