@@ -29,7 +29,7 @@ and for a dark wall."""
 HEADING_ERROR_RAD = 0.1
 """Tolerated error of the start heading, rad: 6°."""
 _BEHIND_M = 0.01
-"""Minimum distance of a hidden wall behind the wall that hides it, m."""
+"""A wall counts as hidden if a ray towards it hits another wall at least this much earlier, m."""
 _RAYS = 15
 """Number of rays that cover the ultrasonic cone and the heading error. They are 2° apart for a cone
 of 15°."""

@@ -69,10 +69,10 @@ class RuleInputs(NamedTuple):
     onboard: str = ""
     """Name of the device's planner; empty if the host plans."""
     plugged: Mapping[type[Message], Message] = MappingProxyType({})
-    """Newest message of each class of a plug-in."""
+    """Newest message of each message class that a plug-in declares."""
 
     def newest(self, kind: type[M]) -> M | None:
-        """Return the newest message of a plug-in's class; None if none has arrived."""
+        """Return the newest message of a class that a plug-in declares, or None."""
         message = self.plugged.get(kind)
         return message if isinstance(message, kind) else None
 

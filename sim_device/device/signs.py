@@ -29,8 +29,8 @@ ALSO_TICKS = 5
 both wheels."""
 ALONE_TICKS = 25
 """Number of periods against the duty that set a fault of one wheel while the other wheel counts
-correctly. With swapped encoders on a straight path, the second wheel turns back 0.1 s after the
-first wheel, so a shorter time would report the wrong fault."""
+correctly. With swapped encoders on a straight path, the second wheel begins to count against its
+duty 0.1 s after the first wheel, so a shorter time would report one reversed encoder."""
 AGREES_TICKS = 30
 """Number of consecutive periods with counts in the direction of the duty that clear a fault."""
 REVERSED = int(Fault.ENCODER_LEFT_REVERSED), int(Fault.ENCODER_RIGHT_REVERSED)

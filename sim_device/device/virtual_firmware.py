@@ -135,7 +135,7 @@ class Firmware:
         if identity.crystal_failed:
             self.control.health.bits = int(Fault.CLOCK)
         self.reboot_wanted: RebootKind | None = None
-        """Kind of an accepted reboot, else None; the caller then boots the firmware again."""
+        """Kind of an accepted reboot; the caller boots the firmware again. None: no reboot."""
         self._sampler = Sampler(sensors, self.parameters.range_corrections(), imu_scale)
         self._imu_info = imu_scale.info()
         self._clock = clock or DeviceClock()

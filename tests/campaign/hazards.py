@@ -89,7 +89,7 @@ HAZARDS: tuple[Hazard, ...] = (
     _hazard("reset", "reset silence", 3, "reset@{t}:cause=pin"),
     _hazard("brown-out", "reset silence", 3, "brown-out@{t}:off=0.4"),
     _hazard(
-        "shut in",
+        "enclosed",
         "progress",
         120,
         "ultrasonic-constant@{t}:120:m=0.03",
@@ -105,7 +105,7 @@ HAZARDS: tuple[Hazard, ...] = (
         planners=("paper", "u-shape"),
     ),
     _hazard(
-        "says D 5 cm too long",
+        "reports D 5 cm too long",
         "disagreement",
         60,
         lie="distance",
@@ -113,7 +113,7 @@ HAZARDS: tuple[Hazard, ...] = (
         rooms=OPEN,
     ),
     _hazard(
-        "says another case",
+        "reports another case",
         "disagreement",
         60,
         lie="case",
@@ -121,10 +121,15 @@ HAZARDS: tuple[Hazard, ...] = (
         rooms=OPEN,
     ),
     _hazard(
-        "says another Length", "disagreement", 150, lie="length", planners=LANES, rooms=("case-1",)
+        "reports another Length",
+        "disagreement",
+        150,
+        lie="length",
+        planners=LANES,
+        rooms=("case-1",),
     ),
     _hazard(
-        "says another Prev-D",
+        "reports another Prev-D",
         "disagreement",
         60,
         lie="previous",
@@ -139,8 +144,8 @@ HAZARDS: tuple[Hazard, ...] = (
         planners=LANES,
         rooms=OPEN,
     ),
-    _hazard("says paused, and drives", "disagreement", 20, lie="paused"),
-    _hazard("says a turn, and drives", "disagreement", 30, lie="turn"),
+    _hazard("reports paused, and drives", "disagreement", 20, lie="paused"),
+    _hazard("reports a turn, and drives", "disagreement", 30, lie="turn"),
     _hazard(
         "host plans: wheel stuck",
         "stall",

@@ -94,7 +94,7 @@ def test_a_defect_in_a_plan_stops_the_robot(
     assert "Traceback" in crash_of(log)["data"]["traceback"]
     again = sweepctl("connect", emulated.port, "--plan", "paper", "--out", tmp_path / "2.mcap")
     assert again.status == 5
-    assert "cause: supervise" in again.err, "a person looks first"
+    assert "cause: supervise" in again.err, "a restart must need --clear-stop"
 
 
 def once_driving(emulated: Emulated, then: Callable[[], None]) -> threading.Thread:

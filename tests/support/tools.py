@@ -37,7 +37,7 @@ _UNMARKED: ContextVar[frozenset[str]] = ContextVar("_UNMARKED", default=frozense
 
 @contextlib.contextmanager
 def unmarked(*names: str) -> Iterator[None]:
-    """In the block, let programs of these tools start without a mark, as they are optional."""
+    """In the block, allow programs of these optional tools without the mark ``needs``."""
     before = _UNMARKED.set(startable() | set(names))
     try:
         yield

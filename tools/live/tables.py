@@ -60,7 +60,7 @@ class Rates:
         """Received and sent bytes a second."""
 
     def look(self, now_ns: int) -> None:
-        """Compute the rates again if the counts have grown for a second."""
+        """Compute the rates again if the counts are a second newer than those of the last rates."""
         statistics, counted_ns = self._look().session.link
         now_ns = now_ns if counted_ns is None else counted_ns
         since_s = (now_ns - self._at_ns) / 1e9

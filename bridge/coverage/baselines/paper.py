@@ -34,8 +34,8 @@ class PaperOptions(LaneOptions):
     count_turns: Literal["whole_step", "every_turn", "on_equal"] = "whole_step"
     """Condition under which the turn count T grows. Pseudo-code 1 counts after "turn, move distance
     W, turn". This may mean every turn (``every_turn``) or a complete step of W (``whole_step``).
-    W·T is a length only with ``whole_step``. Pseudo-code 2 counts in case 1 only (``on_equal``).
-    This counts one lane too few after case 2."""
+    W·T equals the distance of the side steps only with ``whole_step``. Pseudo-code 2 counts in case
+    1 only (``on_equal``). This counts one lane too few after case 2."""
     between: Literal["count", "keep", "reset"] = "count"
     """Effect on T if tolerance < |D - Prev-D| ≤ Φ, with ``count_turns="on_equal"``. The paper does
     not define this. ``count`` treats it as case 1."""
@@ -57,7 +57,7 @@ class PaperPlanner(ScriptedPlanner):
     Case 1, D = Prev-D: increase the turn count T. Case 2, D + Φ < Prev-D: an obstacle has shortened
     the lane; restart the count. Case 3, D - Φ > Prev-D: the robot has passed the obstacle, and the
     occluded region has Length = W·T. The robot drives back by Length against the stepping
-    direction. It sweeps the region up to the lane where it left, and continues.
+    direction. It sweeps the region up to the lane from which it drove back, and continues.
     """
 
     def __init__(self, model: RobotModel, options: PaperOptions | None = None) -> None:
@@ -113,7 +113,7 @@ class PaperPlanner(ScriptedPlanner):
             reason = "D - Φ > Prev-D: past an obstacle, its occluded Length = W·T"
         elif abs(distance - previous) <= options.equal_tolerance_m:
             case, turns = 1, turns + counting
-            reason = "D = Prev-D: a parallel passage"
+            reason = "D = Prev-D: the lanes are equally long"
         else:
             case = 0
             if counting:
@@ -140,7 +140,7 @@ class PaperPlanner(ScriptedPlanner):
     # -- recovery of the occluded region ---------------------------------------------------
 
     def _recover(self, heading: float, lane: LegResult) -> Generator[Leg, Step]:
-        """Drive back by Length, sweep the strip up to the lane where the robot left, and return."""
+        """Drive back by Length, sweep the region up to the lane of case 3, and return to it."""
         leave = lane.pose
         length = self.record.state.length_m
         width = self.model.cleaning_width_m

@@ -25,7 +25,7 @@ typedef struct {
 
     float bias_rad_s;
     uint16_t rest_samples; /* number of samples at rest, up to the required number */
-    uint8_t batches;       /* number of means in the bias; limited, because the bias may drift */
+    uint8_t batches;       /* number of batch means in the bias; limited, so that the bias follows drift */
     uint8_t batch_samples;
     float batch_sum;
     bool batch_ripe; /* a complete mean waits to be used */

@@ -4,7 +4,7 @@
 
 #include "sweepctl_protocol.h"
 
-/* Names of the paper's variables in log lines. */
+/* Characters of log lines: a variable of the paper, and the multiplication sign. */
 #define PHI "\xCE\xA6"
 #define TIMES "\xC2\xB7"
 
@@ -21,10 +21,10 @@
 #define BACK_OFF_M_S 0.05f
 #define CLIFF_BACK_OFF_M 0.05f
 #define CLIFF_BACK_OFF_M_S 0.1f
-/* Maximum difference between a side step and W at which the step still counts as complete, m; also
- * the minimum length of a step. */
+/* Maximum difference between a blocked side step and its length at which the step still counts as
+ * complete, m. */
 #define SHORT_STEP_M 0.015f
-#define LEAST_STEP_M 0.02f
+#define LEAST_STEP_M 0.02f /* minimum length of a side step */
 /* Time at rest at the end of every lane, s. The gyro bias is measured in the second half of this
  * time. */
 #define REST_S 0.6f
@@ -82,9 +82,9 @@ static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
     turn_to(paper, heading_rad);
 }
 
-/* Turn perpendicular to the lanes and drive to the line at a distance of `path_m`; negative:
- * backwards. The reference is the intended line of the last lane. So lanes stay W apart despite
- * contacts or slip. */
+/* Turn perpendicular to the lanes and drive to the line `path_m` beyond the intended line of the
+ * last lane. If `path_m` is negative, turn and drive against the direction of the side steps.
+ * Because the reference is the intended line, lanes stay W apart despite contacts or slip. */
 static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float path_m)
 {
     const float direction = path_m < 0.0f ? -1.0f : 1.0f;

@@ -12,10 +12,11 @@
  * its direction may turn against its new duty for 3 periods. With reversed encoders, the robot
  * travels 5 cm out of control before the fault is set. */
 #define AGAINST_TICKS 15u
-#define ALSO_TICKS 5u   /* minimum for the other wheel, for a fault of both wheels */
+#define ALSO_TICKS 5u   /* minimum number of such periods of the other wheel, for a fault of both wheels */
 /* Number of periods against the duty that set a fault of one wheel while the other wheel counts
- * correctly. With swapped encoders on a straight path, the second wheel turns back 0.1 s after the
- * first wheel, so a shorter time would report the wrong fault. */
+ * correctly. With swapped encoders on a straight path, the second wheel begins
+ * to count against its duty 0.1 s after the first wheel, so a shorter time would report one
+ * reversed encoder. */
 #define ALONE_TICKS 25u
 #define AGREES_TICKS 30u /* periods with counts in the duty's direction that clear a fault */
 

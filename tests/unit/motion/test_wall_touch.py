@@ -19,9 +19,9 @@ RADIUS_M = MODEL.radius_m
 
 
 def test_contact_implies_lateral_slip() -> None:
-    """At 3° pressed against the wall, the distance is constant.
+    """A robot pressed against the wall, heading 3° into it, keeps a constant distance.
 
-    The heading into it must be kept.
+    The estimated direction must stay at 3°.
     """
     track = WallTrack(MODEL.infrared_left)
     heading = math.radians(3.0)
@@ -37,10 +37,11 @@ def test_contact_implies_lateral_slip() -> None:
 
 @pytest.mark.parametrize("start_gap_m", [0.02, 0.06, 0.14])
 def test_a_robot_that_comes_to_a_wall_grazes_it_without_pressing(start_gap_m: float) -> None:
-    """Integrator wind-up does not turn it into the wall for seconds.
+    """Integrator wind-up must not keep the heading of the robot pointed into the wall.
 
     With a heading 2° into a wall at its side, where no bumper is, the robot slips 3.5 cm per metre
-    sideways, and its wheels do not measure it. Here: readings of 1.25 mm, a wall that holds it.
+    sideways, and its wheels do not measure it. Here the readings have a
+    resolution of 1.25 mm, and the simulated wall stops the motion towards it.
     """
     mount = MODEL.infrared_left
     follower = WallFollower(MODEL, Side.LEFT, 0.0005)
@@ -61,5 +62,5 @@ def test_a_robot_that_comes_to_a_wall_grazes_it_without_pressing(start_gap_m: fl
         distance = max(distance - y_m, RADIUS_M)
         along_m += x_m if distance < RADIUS_M + 0.001 else 0.0
     assert follower.state is FollowState.FOLLOWING
-    assert along_m > 1.5, "it rubs"
+    assert along_m > 1.5, "the robot grazes the wall over 1.5 m"
     assert not_made_m < 0.005 * along_m
