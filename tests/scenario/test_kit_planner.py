@@ -74,7 +74,7 @@ def drive(robot: KitRobot, seconds: float) -> None:
 
 
 ALIKE = {
-    "lane: D = Prev-D: a parallel passage",
+    "lane: D = Prev-D: the lanes are equally long",
     "lane: D and Prev-D differ, by less than Φ: none of the cases",
 }
 """Pairs of decisions that millimetres of the estimate distinguish, without further effect."""

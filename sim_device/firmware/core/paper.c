@@ -200,7 +200,7 @@ static bool compare(paper_t *paper, log_t *log)
         why = "D - " PHI " > Prev-D: past an obstacle, its occluded Length = W" TIMES "T";
     } else if (absolute(distance - previous) <= EQUAL_TOLERANCE_M) {
         paper->lane_case = 1;
-        why = "D = Prev-D: a parallel passage";
+        why = "D = Prev-D: the lanes are equally long";
     }
     paper->lane_distance_m = distance;
     paper->previous_lane_distance_m = distance;
