@@ -43,7 +43,8 @@ _HAZARDS = """
 - *Time*: from the beginning of the hazard to the first alarm of a rule that is meant for it. It is
   long for a hazard that shows only at the end of a lane or before a wall.
 - In hazards whose name begins with *reports*, and in *T jumps by two*, the device's planner reports
-  a false value. D, Prev-D, Length and T are those of the [planner check](supervise.md#the-planner-check).
+  a false value. D, Prev-D, Length and T are those of the
+  [planner check](supervise.md#the-planner-check).
 
 """
 _RULES = """

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import re
 
 import pytest
+from matplotlib.image import imread
 
-from tools.dev.pin_pictures import BOARDS, FIRMWARE, FIXED, ORDER, connectors, draw, wires
+from bridge.view.report.drawing import as_png
+from support.root import ROOT
+from tools.dev.pin_pictures import (
+    BOARDS,
+    FIRMWARE,
+    FIXED,
+    ORDER,
+    TITLES,
+    connectors,
+    draw,
+    wires,
+)
 
 PINS = re.compile(r"\bP[A-G]\d+\b")
 
@@ -43,3 +56,14 @@ def test_a_picture_names_each_signal() -> None:
     for wire in connected:
         assert wire.signal in texts
         assert wire.pin in texts
+
+
+@pytest.mark.parametrize(("name", "board"), BOARDS.items())
+def test_the_pictures_of_the_pages_are_drawn_from_the_present_headers(
+    name: str, board: str
+) -> None:
+    drawn = as_png(draw(TITLES[name], wires(board), connectors(board)), dpi=110)
+    committed = (ROOT / "docs" / "images" / f"{name}.png").read_bytes()
+    new, old = (imread(io.BytesIO(data), format="png") for data in (drawn, committed))
+    assert new.shape == old.shape
+    assert abs(new - old).max() < 0.1, "make generated"
