@@ -15,6 +15,7 @@ from bridge.view.report.picture import draw_plan, plan_legend
 from bridge.view.report.run_data import load_run
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -80,6 +81,37 @@ def compare(a: RunData, b: RunData) -> dict[str, Any]:
         "b": {"log": str(b.path), "title": words.title(b), **_named(b), "figures": second},
         "difference": changed,
     }
+
+
+def violations(
+    difference: Mapping[str, float | None],
+    least: Mapping[str, float],
+    most: Mapping[str, float],
+) -> list[str]:
+    """Return one line for each metric whose difference is not within its limits.
+
+    A metric that one of the runs lacks is a violation.
+
+    Args:
+        difference: the differences of :func:`compare`.
+        least: minimum difference by metric.
+        most: maximum difference by metric.
+
+    Raises:
+        KeyError: a limit names a metric that does not exist.
+
+    """
+    lines = []
+    for key, bound, word, sign in (
+        *((key, low, "below", 1.0) for key, low in least.items()),
+        *((key, high, "above", -1.0) for key, high in most.items()),
+    ):
+        change = difference[key]
+        if change is None:
+            lines.append(f"{key}: one of the runs does not have it")
+        elif sign * change < sign * bound:
+            lines.append(f"{key}: the difference {change:+g} is {word} {bound:+g}")
+    return lines
 
 
 def _named(data: RunData) -> dict[str, Any]:

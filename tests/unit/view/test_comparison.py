@@ -42,6 +42,51 @@ def test_the_same_run_twice_differs_in_nothing(tmp_path_factory: pytest.TempPath
     assert {v for v in done.json["difference"].values() if v is not None} == {0.0}
 
 
+def test_a_difference_outside_its_limits_is_exit_status_1(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    first, _, other = short_runs(tmp_path_factory)
+    change = sweepctl("diff", first.log, other.log, "--json").json["difference"]["path_m"]
+    within = sweepctl(
+        "diff",
+        first.log,
+        other.log,
+        "--min",
+        f"path_m={change - 0.1}",
+        "--max",
+        f"path_m={change + 0.1}",
+    )
+    assert within.status == 0, within.err
+    below = sweepctl("diff", first.log, other.log, "--min", f"path_m={change + 0.1}")
+    assert below.status == 1
+    assert f"path_m: the difference {change:+g} is below" in below.err
+    above = sweepctl("diff", first.log, other.log, "--max", f"path_m={change - 0.1}", "--json")
+    assert above.status == 1
+    assert above.json["violations"] == [
+        f"path_m: the difference {change:+g} is above {change - 0.1:+g}"
+    ]
+    missing = sweepctl("diff", first.log, other.log, "--max", "t99_s=0")
+    assert missing.status == 1
+    assert "t99_s: one of the runs does not have it" in missing.err
+
+
+@pytest.mark.parametrize(
+    ("limit", "reason"),
+    [
+        ("path=1", "No metric 'path'"),
+        ("path_m", "METRIC=DIFFERENCE"),
+        ("path_m=nan", "METRIC=DIFFERENCE"),
+    ],
+)
+def test_a_limit_that_is_none_is_a_usage_error(
+    limit: str, reason: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    first, _, other = short_runs(tmp_path_factory)
+    done = sweepctl("diff", first.log, other.log, "--min", limit)
+    assert done.status == 2
+    assert reason in done.line
+
+
 def test_pages_and_pictures(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     first, other = short_runs(tmp_path_factory)[0], case_1(tmp_path_factory)
     html, png = tmp_path / "both.html", tmp_path / "both.png"
