@@ -53,7 +53,7 @@ class Limit(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs 
     multiple=True,
     metavar="METRIC=DIFFERENCE",
     help="End with status 1 if the difference of a metric is below this value. The names of the "
-    "metrics are those of --json. May be given several times.",
+    "metrics are those of --json.",
 )
 @click.option(
     "--max",

@@ -115,8 +115,8 @@ def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[floa
 @click.option(
     "--constants",
     callback=_listed(),
-    help="For sensitivity: names of tuned constants, or of their groups, separated by commas.  "
-    "[default: all]",
+    help="For sensitivity: names of tuned constants, or of their groups, separated by commas, "
+    "such as planner.back_off_m.  [default: all]",
 )
 @click.option(
     "--factors",

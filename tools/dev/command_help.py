@@ -168,7 +168,7 @@ def _meaning(option: click.Option, context: click.Context) -> str:
     if isinstance(option.type, click.IntRange | click.FloatRange):
         text += f" Range: {_range(option.type)}."
     if option.multiple and "may be repeated" not in text:
-        text += " May be given again."
+        text += " May be repeated."
     return _cell(text)
 
 
