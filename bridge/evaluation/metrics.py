@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bridge.evaluation import raster_kernel as kernel
+from bridge.evaluation.holes import largest_hole
 from bridge.evaluation.regions import find_regions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from bridge.evaluation.raster import Floats, Mask, Raster
+    from bridge.evaluation.raster import Floats, Mask
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
 
@@ -233,7 +233,7 @@ class CoverageTrack:
         path_m, duration_s = self._path_m, 0.0
         if self._first is not None and self._newest is not None:
             duration_s = self._newest.time_s - self._first.time_s
-        hole_cm2, inradius_m = _holes(raster, regions.sweepable & ~swept)
+        hole_cm2, inradius_m = largest_hole(raster, regions.sweepable & ~swept)
         swept_m2 = raster.area_m2(swept)
         free_m2 = meter.free_m2
         coverage = Coverage(
@@ -321,18 +321,6 @@ class CoverageTrack:
         y += self._model.mouth_offset_m * s
         half = self._half_m
         return x - half * s, y + half * c, x + half * s, y - half * c
-
-
-def _holes(raster: Raster, left: Mask) -> tuple[float, float]:
-    """Return the area of the largest unswept piece (cm²) and the largest inscribed radius (m)."""
-    if not left.any():
-        return 0.0, 0.0
-    labels, _ = kernel.pieces(left, 1)
-    largest = int(np.bincount(labels.ravel())[1:].max())
-    depth = kernel.deepest(left)
-    # The depth ends at the centre of the first cell outside. The edge is half a cell nearer.
-    inradius_m = max(depth - 0.5, 0.0) * raster.resolution_m
-    return largest * raster.cell_m2 * 1e4, inradius_m
 
 
 def _straight(anchor: Sequence[float], directions: Sequence[float], ends: Sequence[float]) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from protocol.messages.values import ResetCause
+from sim_device.faults.person import PersonPath
 from sim_device.sensors.faults import SensorFaultValues
 from sim_device.world.world import World
 
@@ -20,10 +21,6 @@ if TYPE_CHECKING:
     from sim_device.faults.spec import Value
     from sim_device.rigged import RiggedDevice
 
-STEP_US = 20_000
-"""Simulation step of a walking person, µs: 16 mm at 0.8 m/s."""
-BODY_GAP_M = 0.02
-"""Gap at which a person stops in front of the robot, m."""
 _PLANT = ("stuck_left", "stuck_right", "slip_left", "slip_right", "lifted")
 _SENSORS = tuple(field.name for field in fields(SensorFaultValues))
 
@@ -49,7 +46,7 @@ class FaultTarget:
         self._moved: dict[int, tuple[float, float]] = {}
         self._carry: Carry | None = None
         self._walker: Walker | None = None
-        self._path: _Path | None = None
+        self._path: PersonPath | None = None
 
     # ---- lasting faults -------------------------------------------------------------------
 
@@ -76,7 +73,7 @@ class FaultTarget:
                 self._path = None
                 device.plant.clear_walker()
             else:
-                self._path = _Path(knobs.walker, device, now_us)
+                self._path = PersonPath(knobs.walker, device, now_us)
                 self._path.step(now_us)
 
     def check(self, values: Mapping[str, Value]) -> None:
@@ -172,38 +169,3 @@ def moved_plan(plan: FloorPlan, moved: Mapping[int, tuple[float, float]]) -> Flo
         for i, obstacle in enumerate(plan.obstacles)
     )
     return replace(plan, obstacles=obstacles)
-
-
-class _Path:
-    """Path of a walker: back and forth across the robot's heading at the fault's start."""
-
-    def __init__(self, walker: Walker, device: RiggedDevice, now_us: int) -> None:
-        pose = device.plant.pose
-        self._walker, self._device = walker, device
-        c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
-        self._x_m, self._y_m = pose.x_m + walker.ahead_m * c, pose.y_m + walker.ahead_m * s
-        self._along = (-s, c)
-        self._offset_m = walker.reach_m  # the walker comes from the left
-        self._direction = -1.0
-        self._last_us = now_us
-        self.next_us = now_us + STEP_US
-
-    def step(self, now_us: int) -> None:
-        walker, plant = self._walker, self._device.plant
-        gone_m = walker.speed_m_s * (now_us - self._last_us) * 1e-6
-        self._last_us, self.next_us = now_us, now_us + STEP_US
-        offset_m = self._offset_m + self._direction * gone_m
-        direction = self._direction
-        if abs(offset_m) > walker.reach_m:
-            offset_m = math.copysign(max(0.0, 2.0 * walker.reach_m - abs(offset_m)), offset_m)
-            direction = -direction
-        x_m, y_m = self._at(offset_m)
-        pose = plant.pose
-        apart_m = plant.world.radius_m + walker.radius_m + BODY_GAP_M
-        free = math.hypot(x_m - pose.x_m, y_m - pose.y_m) > apart_m
-        if free:
-            self._offset_m, self._direction = offset_m, direction
-        plant.set_walker(*self._at(self._offset_m), walker.radius_m)
-
-    def _at(self, offset_m: float) -> tuple[float, float]:
-        return self._x_m + self._along[0] * offset_m, self._y_m + self._along[1] * offset_m

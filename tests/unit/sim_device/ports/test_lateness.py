@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_device.ports.serving import Lateness
+from sim_device.ports.real_time_loop import Lateness
 
 
 @pytest.mark.parametrize("seed", range(5))
