@@ -27,6 +27,7 @@ void can1_tx_handler(void);
 void can1_sce_handler(void);
 void flash_handler(void);
 void link_uart_handler(void);
+void link_sent_handler(void);
 void tim5_handler(void);
 void systick_handler(void);
 
@@ -597,6 +598,25 @@ static void bytes_of_the_ring_come_in_order(void)
     CHECK(received_length == 0);
 }
 
+/* TC may be set from the byte before the transfer. The last two bytes then still need 22 us. */
+static void a_stale_flag_does_not_end_a_transfer(void)
+{
+    static const uint8_t bytes[3] = {1, 2, 3};
+    chip_begins(2048);
+    uart_start();
+    clock_us += 1000;
+    LINK_UART->sr = USART_SR_TC;
+    CHECK(board_uart_wait_us(NULL) == 0 && uart_drained());
+    board_uart_write(NULL, bytes, sizeof bytes);
+    LINK_UART->sr = USART_SR_TC;
+    CHECK(board_uart_wait_us(NULL) > 0 && !uart_drained());
+    LINK_DMA->stream[LINK_TX_STREAM].ndtr = 0;
+    link_sent_handler();
+    CHECK(board_uart_wait_us(NULL) > 0 && !uart_drained());
+    clock_us += 25;
+    CHECK(board_uart_wait_us(NULL) == 0 && uart_drained());
+}
+
 static void an_interrupt(void) { clock_us += 400; }
 
 /* Interrupt time counts as load, also if the interrupt ended a sleep. */
@@ -637,6 +657,7 @@ int main(void)
     bus_off_is_counted_and_drops_what_is_old();
     encoders_are_filtered();
     bytes_of_the_ring_come_in_order();
+    a_stale_flag_does_not_end_a_transfer();
     interrupts_count_as_load();
     return 0;
 }

@@ -29,6 +29,7 @@ static uint32_t rx_taken;
 static uint8_t tx[TX_SIZE];
 static volatile uint32_t tx_put, tx_sent; /* bytes since boot: queued and sent */
 static volatile uint32_t tx_under_way;
+static volatile uint32_t sent_us; /* time at which DMA wrote the last byte to the UART */
 
 void uart_start(void) {
     pin_alternate(LINK_TX, 7, PULL_NONE, false);
@@ -102,6 +103,7 @@ static void send_more(void) {
 
 void link_sent_handler(void) {
     dma_clear_flags(LINK_DMA, LINK_TX_STREAM);
+    sent_us = uptime_us();
     tx_sent += tx_under_way;
     tx_under_way = 0;
     send_more();
@@ -120,14 +122,22 @@ void board_uart_write(board_t *board, const uint8_t *data, size_t length) {
     irq_restore(state);
 }
 
-bool uart_drained(void) { return tx_put == tx_sent && (LINK_UART->sr & USART_SR_TC) != 0; }
+/* Return true if the last byte has been sent. TC alone does not show this: if the byte before a
+ * transfer ends between the clear of TC and the first write of DMA, TC stays set during the whole
+ * transfer (30.3.2). After the last write, the data register and the shift register hold at most two
+ * bytes. */
+static bool idle(void) {
+    return (LINK_UART->sr & USART_SR_TC) != 0 && uptime_us() - sent_us > 2u * BYTE_NS / 1000u;
+}
+
+bool uart_drained(void) { return tx_put == tx_sent && idle(); }
 
 uint32_t board_uart_wait_us(board_t *board) {
     const uint32_t state = irq_save();
     const uint32_t left = tx_under_way != 0 ? OUT->ndtr : 0;
     const uint32_t waiting = tx_put - tx_sent - tx_under_way + left;
     irq_restore(state);
-    if (waiting == 0 && (LINK_UART->sr & USART_SR_TC) != 0) {
+    if (waiting == 0 && idle()) {
         return 0;
     }
     return (waiting + 1u) * BYTE_NS / 1000u; /* plus the byte in the shift register */
