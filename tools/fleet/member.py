@@ -127,7 +127,9 @@ class Member:
         self._over = threading.Event()
         self.last_error = ""
         """Newest error that the process printed; empty: none."""
-        for work in (self._read_lines, self._watch, self._wait):
+        self._lines = threading.Thread(target=self._read_lines, daemon=True)
+        self._lines.start()
+        for work in (self._watch, self._wait):
             threading.Thread(target=work, daemon=True).start()
 
     @property
@@ -202,6 +204,7 @@ class Member:
             printed = output.read()
         code = self._process.wait()
         self._over.set()
+        self._lines.join(_END_S)  # the last error may be the reason
         summary = None
         with contextlib.suppress(ValueError):
             summary = json.loads(printed)
