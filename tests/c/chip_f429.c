@@ -100,7 +100,7 @@ static void chip_begins(uint16_t flash_kib)
 {
     memset((void *)0x40000000u, 0, 0x30000);
     *(volatile uint16_t *)0x1FFF7A22u = flash_kib;
-    RCC->cr = RCC_CR_HSERDY | RCC_CR_PLLRDY;
+    RCC->cr = RCC_CR_HSIRDY | RCC_CR_HSERDY | RCC_CR_PLLRDY;
     RCC->pllcfgr = 0x24003010u; /* reset value */
 }
 
@@ -110,7 +110,7 @@ static void chip_begins(uint16_t flash_kib)
 static void no_crystal_no_bus(void)
 {
     chip_begins(2048);
-    RCC->cr = RCC_CR_PLLRDY;
+    RCC->cr = RCC_CR_HSIRDY | RCC_CR_PLLRDY;
     board_start(NULL); /* the pin that selects CAN reads low */
     CHECK(!board_identity(NULL)->can);
     CHECK(board_identity(NULL)->troubles == BOARD_TROUBLE_CLOCK);
@@ -122,10 +122,12 @@ static void no_crystal_no_bus(void)
 static void the_bus_where_the_clock_is_good(void)
 {
     chip_begins(2048);
+    RCC->cfgr = 0xFFF0u | RCC_CFGR_SW_PLL; /* a debugger has started the PLL */
     board_start(NULL);
     CHECK(board_identity(NULL)->can && board_identity(NULL)->troubles == 0);
     CHECK((RCC->pllcfgr & (RCC_PLLCFGR_SRC_HSE | 0x3Fu)) == (RCC_PLLCFGR_SRC_HSE | BOARD_HSE_MHZ));
     CHECK(((RCC->cr & RCC_CR_HSEBYP) != 0) == BOARD_HSE_BYPASS);
+    CHECK(RCC->cfgr == (RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2 | RCC_CFGR_SW_PLL));
     CHECK((DBGMCU_APB1_FZ & DBGMCU_APB1_FZ_IWDG) != 0);
     CHECK((GPIO(PORT_A)->moder >> 24 & 3u) == 1u); /* PA12 is an output: ES0206 */
 }

@@ -22,6 +22,7 @@ typedef struct {
 } rcc_regs_t;
 #define RCC ((rcc_regs_t *)0x40023800u)
 #define RCC_CR_HSION (1u << 0)
+#define RCC_CR_HSIRDY (1u << 1)
 #define RCC_CR_HSEON (1u << 16)
 #define RCC_CR_HSERDY (1u << 17)
 #define RCC_CR_HSEBYP (1u << 18)

@@ -26,6 +26,15 @@ bool clocks_start(void) {
     RCC->apb1enr |= LINK_UART_APB1 | RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_TIM5 |
                     RCC_APB1_I2C1 | RCC_APB1_CAN1 | RCC_APB1_PWR;
     RCC->apb2enr |= LINK_UART_APB2 | RCC_APB2_TIM1 | RCC_APB2_ADC1 | RCC_APB2_SYSCFG;
+    /* 5.1.4, 6.3.1, 6.3.2: the PLL and the HSE must be off while their settings change. After a reset
+     * they are off; a debugger or the ROM bootloader may have started them. */
+    RCC->cr |= RCC_CR_HSION;
+    (void)wait_until(&RCC->cr, RCC_CR_HSIRDY, RCC_CR_HSIRDY);
+    RCC->cfgr = 0;
+    (void)wait_until(&RCC->cfgr, RCC_CFGR_SWS_MASK, 0u);
+    RCC->cr &= ~(RCC_CR_PLLON | RCC_CR_HSEON);
+    (void)wait_until(&RCC->cr, RCC_CR_PLLRDY | RCC_CR_HSERDY, 0u);
+    RCC->cr &= ~RCC_CR_HSEBYP;
     PWR->cr |= PWR_CR_VOS_SCALE_1; /* 5.5.1 and 3.5.1: needed above 144 MHz */
 #if BOARD_HSE_BYPASS
     RCC->cr |= RCC_CR_HSEBYP; /* 6.3.1: while HSEON is off */
