@@ -91,7 +91,7 @@ def test_the_truth_lies_within_the_bound(
 ) -> None:
     ratios, bounds, sync = run(seed, drift_ppm, timer_us, device_first_us)
     assert max(ratios) <= 1.0
-    assert sync.steps == 0, "jitter was taken for a step"
+    assert sync.steps == 0, "jitter was reported as a step"
     # The bound contains half of the sum of both minimum delays, which no exchange can measure,
     # and the fast tail.
     assert sorted(bounds)[len(bounds) // 2] < 700.0
