@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from bridge.bringup.port import BringupPort
     from bridge.bringup.recorded import BringupRecords
     from bridge.session.states import SessionEvent
-    from protocol.commands import Outcome
     from protocol.messages.host import Stop
+    from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
 CYCLE_NS = 20_000_000

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from bridge.run.commands import Dialogue
     from bridge.session.session import Session
     from protocol.clock import HostNs
-    from protocol.commands import Outcome
     from protocol.messages.device import Status
+    from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
 AT_ONCE = 8

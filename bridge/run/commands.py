@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from bridge.run.mission import Request
     from bridge.session.session import Session
     from protocol.clock import HostNs
-    from protocol.commands import Command, Outcome
     from protocol.messages.device import ParameterValue
+    from protocol.retransmission import Command, Outcome
     from protocol.schema.message import Message
 
 

@@ -80,8 +80,8 @@ if TYPE_CHECKING:
     from bridge.run.options import HostOptions
     from bridge.run.robot_state import RobotState
     from bridge.supervise import Supervisor
-    from protocol.commands import Outcome
     from protocol.messages.device import Hello
+    from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
 CONTROL_PERIOD_NS = 20_000_000

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from bridge.run.runner import Runner
     from bridge.session.round_trip import LinkTrouble
-    from protocol.commands import Outcome
     from protocol.messages.device import Status
+    from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
 AT_REST_S = 2.5

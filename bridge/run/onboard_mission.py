@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.motion.observation import Observation, VelocityCommand
-    from protocol.commands import Outcome
     from protocol.messages.values import OnboardPlanner
+    from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
 _HALF_COUNT = 128

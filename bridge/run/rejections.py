@@ -17,8 +17,8 @@ from protocol.schema.catalogue import CATALOGUE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from protocol.commands import Outcome
     from protocol.link import LinkBase
+    from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
 

@@ -16,9 +16,9 @@ from bridge.motion.observation import HALT, VelocityCommand
 from bridge.run.ending import Ending
 from bridge.session.records import Severity
 from bridge.supervise import Level
-from protocol.commands import Outcome
 from protocol.messages.host import GetParameter, PlannerCommand, SetParameter, Stop
 from protocol.messages.values import NackReason, ParameterKind, PlannerAction, StopCause, label
+from protocol.retransmission import Outcome
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel

@@ -6,17 +6,17 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from protocol.commands import CommandSender
 from protocol.errors import ProtocolError
 from protocol.link import NODE_ALL
 from protocol.messages.host import TimeRequest, VelocitySetpoint, WheelDuty
+from protocol.retransmission import CommandSender
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.clock import HostNs
-    from protocol.commands import Outcome
     from protocol.link import LinkBase
+    from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
 _PINGS_KEPT = 64

@@ -30,7 +30,6 @@ from bridge.session.states import (
     StateChanged,
 )
 from protocol.clock import HostNs, elapsed_us
-from protocol.commands import CommandSender
 from protocol.link import LinkBase, Medium, Received, Rejected
 from protocol.messages.device import (
     Ack,
@@ -43,6 +42,7 @@ from protocol.messages.device import (
 )
 from protocol.messages.host import ClearStop, HostHello, SetMode, Stop, StopAll
 from protocol.messages.values import StopCause
+from protocol.retransmission import CommandSender
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction, Message

@@ -12,8 +12,8 @@ from protocol.uart.framing import DamagedFrame
 if TYPE_CHECKING:
     from bridge.session.event_kinds import EventKind
     from protocol.clock import HostNs
-    from protocol.commands import Outcome
     from protocol.messages.device import Hello
+    from protocol.retransmission import Outcome
     from protocol.schema.comparison import Difference
 
 

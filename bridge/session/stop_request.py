@@ -10,11 +10,11 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 from protocol.clock import HostNs
-from protocol.commands import STOP_REPEAT_US
 from protocol.link import NODE_ALL, LinkBase, Medium, Received
 from protocol.messages.device import Ack, Status
 from protocol.messages.host import Stop, StopAll
 from protocol.messages.values import StopCause
+from protocol.retransmission import STOP_REPEAT_US
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 from protocol.authentication import CAN_AUTH_TYPE, TRAILER
 from protocol.can.authentication import TOGETHER_US
 from protocol.can.frames import pack, parts_of
-from protocol.commands import REMEMBERED, STOP_REPEAT_US
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
 from protocol.generate.template import fill
 from protocol.messages.host import VelocitySetpoint
 from protocol.messages.values import StopCause, by_severity, latched_cause
+from protocol.retransmission import REMEMBERED, STOP_REPEAT_US
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction

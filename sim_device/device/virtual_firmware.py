@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from protocol.can.link import CanLink
-from protocol.commands import CommandLog
 from protocol.imu import NOMINAL, ImuScale
 from protocol.link import LinkBase, Received, addresses
 from protocol.messages.device import Ack, Nack, ParameterValue, TimeReply
@@ -35,6 +34,7 @@ from protocol.messages.values import (
     RebootKind,
     StopCause,
 )
+from protocol.retransmission import CommandLog
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.comparison import describe

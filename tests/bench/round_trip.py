@@ -45,7 +45,7 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 
 if TYPE_CHECKING:
-    from protocol.commands import Outcome
+    from protocol.retransmission import Outcome
 
 FAR_END = Path(__file__).with_name("far_end.py")
 WARM = 20

@@ -39,7 +39,7 @@ from support.wire_probe import Heard, Ping, WireProbe, now_us, since
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.commands import Command
+    from protocol.retransmission import Command
     from protocol.schema.message import Message
 
 __all__ = ["Heard", "Ping", "Probe", "now_us", "since"]

@@ -15,7 +15,7 @@ from bridge.session import discovery as session_bus
 from bridge.session import negotiation as session_negotiation
 from bridge.session import round_trip, session
 from bridge.session import states as session_events
-from protocol import commands
+from protocol import retransmission
 from protocol.can import link as can_link
 from protocol.can import stamps as can_stamps
 from protocol.can import transfers as can_segments
@@ -172,8 +172,8 @@ def _rules() -> Iterator[TimingRule]:
     yield TimingRule(
         "device",
         "stored replies for repeated commands",
-        str(commands.REMEMBERED),
-        "protocol.commands.REMEMBERED",
+        str(retransmission.REMEMBERED),
+        "protocol.retransmission.REMEMBERED",
     )
     yield TimingRule(
         "device",
@@ -300,24 +300,28 @@ def _host_rules() -> Iterator[TimingRule]:
         "bridge.run.host.LATE_NS",
     )
     for what, value, source in (
-        ("timeout of a session's first command", commands.FIRST_TIMEOUT_US, "FIRST_TIMEOUT_US"),
+        (
+            "timeout of a session's first command",
+            retransmission.FIRST_TIMEOUT_US,
+            "FIRST_TIMEOUT_US",
+        ),
         (
             "minimum timeout from the measured round trip (RFC 6298)",
-            commands.MIN_TIMEOUT_US,
+            retransmission.MIN_TIMEOUT_US,
             "MIN_TIMEOUT_US",
         ),
         (
             "maximum timeout; it doubles with each attempt",
-            commands.MAX_TIMEOUT_US,
+            retransmission.MAX_TIMEOUT_US,
             "MAX_TIMEOUT_US",
         ),
     ):
-        yield TimingRule("host", what, _us(value), f"protocol.commands.{source}")
+        yield TimingRule("host", what, _us(value), f"protocol.retransmission.{source}")
     yield TimingRule(
         "host",
         "attempts for a command; a stop is repeated until acknowledged",
-        str(commands.MAX_TRIES),
-        "protocol.commands.MAX_TRIES",
+        str(retransmission.MAX_TRIES),
+        "protocol.retransmission.MAX_TRIES",
     )
 
 

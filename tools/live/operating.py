@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from bridge.api.pump import Pump
     from bridge.run.host import Host
-    from protocol.commands import Outcome
+    from protocol.retransmission import Outcome
     from tools.live.terminal_keys import Key
 
 TWICE_NS = 4_000_000_000

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.coverage.planner import Step
-from bridge.coverage.recovery.behaviours.contact import drive, follow_obstacle
+from bridge.coverage.recovery.behaviours.obstacle_following import drive, follow_obstacle
 from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter
 from bridge.coverage.recovery.cliffs import SPAN_RAD, Cliffs
 from bridge.coverage.recovery.geometry import PlannerGeometry

@@ -11,7 +11,7 @@ import pytest
 
 from bridge.coverage.planner import Step
 from bridge.coverage.recovery import events
-from bridge.coverage.recovery.behaviours.contact import drive
+from bridge.coverage.recovery.behaviours.obstacle_following import drive
 from bridge.coverage.recovery.occlusions import OccludedRegion
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.evaluation.metrics import CoverageMeter

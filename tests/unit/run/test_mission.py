@@ -18,10 +18,10 @@ from bridge.run.mission import (
     Phase,
     Request,
 )
-from protocol.commands import Outcome
 from protocol.messages.device import Status
 from protocol.messages.host import ClearStop, SetMode, Stop
 from protocol.messages.values import Mode, NackReason, StopCause
+from protocol.retransmission import Outcome
 from support.ends import Spinning
 from support.observed import AT_REST
 

@@ -9,10 +9,10 @@ import pytest
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.run.ending import Ending
 from bridge.run.mission import Mission, Phase, Request, Resume
-from protocol.commands import Outcome
 from protocol.messages.device import Status
 from protocol.messages.host import ClearStop, SetMode, Stop
 from protocol.messages.values import Mode, NackReason, StopCause
+from protocol.retransmission import Outcome
 from support.observed import AT_REST
 
 if TYPE_CHECKING:

@@ -17,10 +17,10 @@ from bridge.run.mission import Mission
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
 from bridge.session.records import Severity
-from protocol.commands import Outcome
 from protocol.messages.device import Status
 from protocol.messages.host import PlannerCommand
 from protocol.messages.values import Mode, NackReason, OnboardPlanner, StopCause
+from protocol.retransmission import Outcome
 from support.events import Events
 from support.straight import Straight
 from tools.live.operating import Operating

@@ -1,69 +1,60 @@
-"""Driving a leg, and following the obstacle that ended it."""
+"""Reaction to a contact, an obstacle or a cliff: add it to the map, and back off."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bridge.coverage.planner import Step
 from bridge.coverage.recovery import events
-from bridge.coverage.recovery.behaviours.obstacle import react
-from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
-from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Leg, LegResult, StopReason
+from bridge.motion.legs import Drive, StopReason
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Step
     from bridge.coverage.recovery.context import RecoveryContext
-    from bridge.motion.legs import Drive
+    from bridge.motion.legs import Leg, LegResult
+
+_RIM_M = 0.01
+"""Distance from the rim at which an obstacle that the ultrasonic sensor detects is mapped, m."""
 
 
-Part = Generator[Leg, Step, LegResult]
+def react(
+    context: RecoveryContext, result: LegResult, heading_rad: float, *, abeam: int = 0
+) -> Generator[Leg, Step]:
+    """Add the obstacle that stopped a leg to the map, and back off against the leg's heading.
 
-
-def drive(context: RecoveryContext, leg: Drive) -> Part:
-    """Drive a leg, add every obstacle to the map, and back off from a contact.
-
-    A wall with an unswept perimeter beside a lane also ends the lane. The robot then follows that
-    wall.
+    ``abeam`` is the side of a wall that the robot follows in contact: left (1) or right (-1).
     """
-    monitor, is_lane = context.monitor, leg.purpose == "lane"
-    monitor.on_lane, monitor.beside = is_lane, 0
-    before = context.map.new_cells
-    step = yield leg
-    monitor.on_lane = False
-    result = step.result
-    if is_lane:
-        new_m2 = context.geometry.area_m2(context.map.new_cells - before)
-        context.record.emit(events.lane_ended(result, new_m2))
-    if result.reason is StopReason.CANCELLED:
-        context.record.decide("obstacle", "unknown wall beside the lane")
-        yield from follow_perimeter(context, left=monitor.beside > 0)
-        return result
-    yield from react(context, result, leg.heading_rad)
-    return result
+    if result.reason is StopReason.RANGE:
+        point = result.pose.transform(context.model.radius_m + _RIM_M, 0.0)
+        context.map.add_point(*point)
+        context.record.emit(events.obstacle_met(result))
+    elif result.reason is StopReason.CLIFF:
+        context.map.add_cliff(context.monitor.cliff_at or result.pose)
+        context.record.emit(events.obstacle_met(result))
+        yield from _leave_cliff(context, heading_rad)
+    elif result.reason in {StopReason.BUMPER, StopReason.STALLED}:
+        both = not (result.bumper_left or result.bumper_right)
+        context.map.add_bump(
+            result.pose,
+            left=result.bumper_left or both,
+            right=result.bumper_right or both,
+            abeam=abeam,
+        )
+        context.record.emit(events.obstacle_met(result))
+        back_m = context.options.back_off_m
+        yield Drive(
+            heading_rad, -back_m, speed_m_s=context.options.back_off_m_s, purpose="back-off"
+        )
 
 
-def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Leg, Step, bool]:
-    """Follow the obstacle that ended a drive early. Do nothing if the floor at it is swept.
-
-    Returns:
-        True if the perimeter was followed. A cliff is never followed, because no sensor measures
-        its edge.
-
-    """
-    if not result.reason.blocked or result.reason is StopReason.CLIFF:
-        return False
-    pose = result.pose
-    bearing = context.map.bearing_rad(result)
-    left = bearing > 0.0
-    towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
-    ahead_m, beside_m = context.geometry.contact_ahead_m, context.geometry.contact_beside_m
-    if (
-        context.map.fresh(towards, ahead_m, (-beside_m, beside_m))
-        < context.options.obstacle_unswept
-    ):
-        return False
-    away = bearing + (-QUARTER if left else QUARTER)
-    yield from turn(context, pose.theta_rad + away)
-    yield from follow_perimeter(context, left=left, touching=True)
-    return True
+def _leave_cliff(context: RecoveryContext, heading_rad: float) -> Generator[Leg, Step]:
+    """Back off until the sensor detects floor ahead, then a few centimetres more."""
+    back_m = context.options.cliff_back_off_m
+    back = Drive(heading_rad, -back_m, speed_m_s=context.options.back_off_m_s, purpose="back-off")
+    for _ in range(context.options.max_backs):
+        yield back
+        if not context.obs.cliff:
+            yield replace(back, distance_m=-context.options.cliff_clear_m)
+            return

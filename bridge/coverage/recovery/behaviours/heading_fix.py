@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.recovery.behaviours.contact import drive
+from bridge.coverage.recovery.behaviours.obstacle_following import drive
 from bridge.coverage.recovery.behaviours.perimeter import turn
 from bridge.coverage.recovery.behaviours.transit import transit
 from bridge.coverage.recovery.search import Choice

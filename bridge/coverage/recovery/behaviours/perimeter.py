@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bridge.coverage.recovery import events
-from bridge.coverage.recovery.behaviours.obstacle import react
+from bridge.coverage.recovery.behaviours.contact import react
 from bridge.coverage.recovery.map import FELT_RAD
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import FollowWall, StopReason, Turn

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.coverage.recovery import events
-from bridge.coverage.recovery.behaviours.contact import drive, follow_obstacle
+from bridge.coverage.recovery.behaviours.obstacle_following import drive, follow_obstacle
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
 from bridge.coverage.recovery.behaviours.transit import transit
 from bridge.coverage.recovery.occlusions import MIN_M

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.recovery.behaviours.contact import drive, follow_obstacle
+from bridge.coverage.recovery.behaviours.obstacle_following import drive, follow_obstacle
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import Drive, StopReason

@@ -6,7 +6,10 @@ from itertools import pairwise
 
 import pytest
 
-from protocol.commands import (
+from protocol.messages.device import Ack, Nack
+from protocol.messages.host import ClearStop, SetMode, Stop
+from protocol.messages.values import NackReason
+from protocol.retransmission import (
     FIRST_TIMEOUT_US,
     MAX_TIMEOUT_US,
     MAX_TRIES,
@@ -17,9 +20,6 @@ from protocol.commands import (
     Outcome,
     RoundTripEstimate,
 )
-from protocol.messages.device import Ack, Nack
-from protocol.messages.host import ClearStop, SetMode, Stop
-from protocol.messages.values import NackReason
 
 STOP, CLEAR, MODE = 0x01, 0x05, 0x06
 

@@ -13,10 +13,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from protocol.commands import MAX_TIMEOUT_US, MAX_TRIES, REMEMBERED, CommandLog, CommandSender
 from protocol.link import Received
 from protocol.messages.device import Ack, Nack
 from protocol.messages.host import ClearStop, SetMode, Stop
+from protocol.retransmission import MAX_TIMEOUT_US, MAX_TRIES, REMEMBERED, CommandLog, CommandSender
 from protocol.schema.message import Direction, Message
 from protocol.uart.link import Link
 from support.hostile import BitFlips, Delayed, Duplicating, Lossy, Pipe, Wire
