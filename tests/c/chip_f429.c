@@ -9,6 +9,7 @@
 #include "cortex_m4.h"
 #include "f429.h"
 #include "firmware.h"
+#include "register_watch.h"
 #include "startup.h"
 
 #define CHECK(condition)                                                                    \
@@ -130,6 +131,50 @@ static void the_bus_where_the_clock_is_good(void)
     CHECK(RCC->cfgr == (RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2 | RCC_CFGR_SW_PLL));
     CHECK((DBGMCU_APB1_FZ & DBGMCU_APB1_FZ_IWDG) != 0);
     CHECK((GPIO(PORT_A)->moder >> 24 & 3u) == 1u); /* PA12 is an output: ES0206 */
+}
+
+/* The clock control of a chip that the previous program has left at 168 MHz. */
+#define DIVIDERS (RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2)
+static uint32_t reset_apb1, reset_apb2;
+static uint32_t clock_source;
+static unsigned times_at_the_internal_clock;
+
+static void clock_control_follows(uintptr_t address, bool write)
+{
+    const uint32_t source = RCC->cfgr & RCC_CFGR_SW_MASK;
+    if (source == RCC_CFGR_SW_PLL || clock_source == RCC_CFGR_SW_PLL) {
+        CHECK((RCC->cfgr & DIVIDERS) == DIVIDERS && (RCC->cr & RCC_CR_PLLRDY) != 0);
+    }
+    times_at_the_internal_clock += source == 0 && clock_source != 0;
+    clock_source = source;
+    RCC->cfgr = (RCC->cfgr & ~RCC_CFGR_SWS_MASK) | source << 2;
+    /* A peripheral has its clock during its reset. */
+    CHECK((RCC->apb1rstr & ~RCC->apb1enr) == 0 && (RCC->apb2rstr & ~RCC->apb2enr) == 0);
+    reset_apb1 |= RCC->apb1rstr;
+    reset_apb2 |= RCC->apb2rstr;
+    const uint32_t on = RCC->cr & (RCC_CR_HSION | RCC_CR_HSEON | RCC_CR_PLLON);
+    const uint32_t ready = RCC_CR_HSIRDY | RCC_CR_HSERDY | RCC_CR_PLLRDY;
+    RCC->cr = (RCC->cr & ~ready) | on << 1;
+}
+
+/* A debugger has started the program without a reset. All peripherals of the drivers are reset. The
+ * buses are never faster than allowed: they keep their dividers while the PLL is in use. */
+static void a_start_without_a_reset(void)
+{
+    chip_begins(2048);
+    RCC->cr = RCC_CR_HSION | RCC_CR_HSIRDY | RCC_CR_HSEON | RCC_CR_HSERDY | RCC_CR_PLLON | RCC_CR_PLLRDY;
+    RCC->cfgr = DIVIDERS | RCC_CFGR_SW_PLL | RCC_CFGR_SWS_PLL;
+    clock_source = RCC_CFGR_SW_PLL;
+    if (!watch_registers((uintptr_t)RCC, clock_control_follows)) {
+        return;
+    }
+    const bool precise = clocks_start();
+    (void)watch_registers((uintptr_t)RCC, NULL);
+    CHECK(precise && times_at_the_internal_clock == 1);
+    CHECK(RCC->cfgr == (DIVIDERS | RCC_CFGR_SW_PLL | RCC_CFGR_SWS_PLL));
+    CHECK(reset_apb1 == (RCC->apb1enr & ~RCC_APB1_PWR));
+    CHECK(reset_apb2 == (RCC->apb2enr & ~RCC_APB2_SYSCFG));
+    CHECK(RCC->apb1rstr == 0 && RCC->apb2rstr == 0);
 }
 
 /* ---- flash ---------------------------------------------------------------------------------- */
@@ -640,6 +685,7 @@ int main(void)
     map(0xE0042000u, 0x1000);
     map(0x1FFF7000u, 0x1000);
     map(0x08000000u, 0x200000);
+    a_start_without_a_reset();
     no_crystal_no_bus();
     the_bus_where_the_clock_is_good();
     another_sensor_is_not_taken();

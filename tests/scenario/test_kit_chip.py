@@ -35,7 +35,8 @@ def test_drivers_against_played_hardware(board: str, tmp_path: Path) -> None:
         "-Wno-unused-parameter",
         "-fsanitize=undefined",
     )
-    files = (C_TESTS / "chip_f429.c", *sources, folder / "sweepctl_protocol.c")
+    tests = (C_TESTS / "chip_f429.c", C_TESTS / "register_watch.c")
+    files = (*tests, *sources, folder / "sweepctl_protocol.c")
     run([tool("gcc"), *flags, *PLACE, *(f"-I{i}" for i in includes), *files, "-o", program])
     run([program])
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +19,7 @@ from protocol.messages.values import Fault, Mode, ResetCause, StopCause
 from sim_device.ports.qemu_build import FirmwareBuildError, firmware_elf
 from support.c_build import run, tool
 from support.cli import end, start, sweepctl
+from support.gdb_stub import halted_chip
 from support.probe import Probe
 from support.qemu import READY_S, build, emulated, finish, true_coverage
 from support.root import ROOT
@@ -26,6 +29,7 @@ from tools.dev.firmware_report import BOARDS, taken
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from support.gdb_stub import Debugger
     from support.qemu import Emulated
 
 pytestmark = pytest.mark.realtime
@@ -69,7 +73,7 @@ def test_size_and_stack(built: Path, name: str) -> None:
     assert 10_000 < took.flash < board.flash / 4
     assert took.ram + took.reserve < board.ram / 4
     assert 200 < took.stack < took.reserve / 2, took.deepest
-    assert took.deepest[:2] == ["reset_handler", "main"]
+    assert took.deepest[:2] == ["start_program", "main"]
 
 
 @CROSS
@@ -290,6 +294,90 @@ def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
     finally:
         device.ask("start battery-flat:charge=1.0")
         host.port.close()
+
+
+# ---- start without a reset, and unused interrupts --------------------------------------
+
+SYSTICK_CTRL, NVIC_ISER, NVIC_ISPR, SCB_ICSR = 0xE000_E010, 0xE000_E100, 0xE000_E200, 0xE000_ED04
+PENDSTSET = 1 << 26
+INTERRUPTS = 91
+"""Number of interrupts of the STM32F429 (RM0090, table 62); the F405 has fewer."""
+SYSTICK = 15
+HARD_FAULT = 3
+FIRST_INTERRUPT = 16
+
+
+@pytest.fixture
+def debugger(built: Path) -> Iterator[Debugger]:
+    with halted_chip(built / "board_f405_qemu.elf") as connected:
+        yield connected
+
+
+@CHIP
+def test_a_start_without_a_reset_begins_like_a_start_after_a_reset(debugger: Debugger) -> None:
+    """As with gdb's `load` and `continue`; interrupts are enabled and pending."""
+    debugger.run_to("main")
+    first_stack = debugger.stack_pointer
+    debugger.run_to("systick_handler")
+    debugger.run_to("plant_send")
+    assert debugger.exception == 0
+    debugger.stack_pointer -= 256
+    debugger.start_without_reset()
+    debugger.run_to("start_program")
+    debugger.store(SCB_ICSR, PENDSTSET)
+    for i in range(3):
+        debugger.store(NVIC_ISER + 4 * i, 0xFFFF_FFFF)
+        debugger.store(NVIC_ISPR + 4 * i, 0xFFFF_FFFF)
+    debugger.run_to("main", never=["fault_handler", "systick_handler", "usart1_handler"])
+    assert debugger.stack_pointer == first_stack
+    assert debugger.exception == 0
+    assert debugger.word(SYSTICK_CTRL) & 1 == 0
+    assert debugger.word(SCB_ICSR) & PENDSTSET == 0
+    assert debugger.words(NVIC_ISER, 3) == [0, 0, 0]
+    assert debugger.words(NVIC_ISPR, 3) == [0, 0, 0]
+    debugger.run_to("systick_handler")
+
+
+@CHIP
+def test_a_start_from_an_interrupt_handler_resets_the_chip(debugger: Debugger) -> None:
+    """Otherwise the handler would mask all interrupts of equal or lower priority for ever."""
+    debugger.run_to("systick_handler")
+    assert debugger.exception == SYSTICK
+    debugger.start_without_reset()
+    debugger.run_to("main")
+    assert debugger.exception == 0
+    debugger.run_to("systick_handler")
+
+
+@CHIP
+@pytest.mark.parametrize(
+    ("interrupt", "exception"),
+    [
+        pytest.param(60, HARD_FAULT, id="an entry of zero"),
+        pytest.param(90, FIRST_INTERRUPT + 90, id="the last entry"),
+    ],
+)
+def test_an_unexpected_interrupt_calls_the_fault_handler(
+    debugger: Debugger, interrupt: int, exception: int
+) -> None:
+    debugger.run_to("plant_send")
+    debugger.store(NVIC_ISER + 4 * (interrupt // 32), 1 << interrupt % 32)
+    debugger.store(NVIC_ISPR + 4 * (interrupt // 32), 1 << interrupt % 32)
+    debugger.run_to("fault_handler")
+    assert debugger.exception == exception
+    debugger.run_to("main")
+
+
+@CROSS
+@pytest.mark.parametrize("name", BOARDS)
+def test_the_vector_table_covers_every_interrupt(built: Path, name: str) -> None:
+    """The program follows the table, so a shorter table would have code as its last entries."""
+    sections = run([tool("arm-none-eabi-size"), "-A", built / f"{name}.elf"]).decode()
+    (size,) = re.findall(r"^\.vectors +(\d+)", sections, re.MULTILINE)
+    assert int(size) == 4 * (FIRST_INTERRUPT + INTERRUPTS)
+    table = struct.unpack(f"<{int(size) // 4}I", (built / f"{name}.bin").read_bytes()[: int(size)])
+    assert table[-1] == table[HARD_FAULT]
+    assert all(entry % 2 == 1 for entry in table[1:] if entry != 0), "Thumb code"
 
 
 # ---- without a host --------------------------------------------------------------------

@@ -23,6 +23,8 @@ _LINK = (
 _IMU = ("i2c1_event_handler", "i2c1_error_handler", "dma1_stream0_handler", "exti9_5_handler")
 _MILLISECOND = ("systick_handler",)
 _F429 = {2: _LINK, 4: _IMU, 5: ("tim5_handler",), 6: ("flash_handler",), 8: _MILLISECOND}
+_PROGRAM = "start_program"
+"""The first C function: ``reset_handler`` jumps to it with an empty stack."""
 
 
 class Board(NamedTuple):
@@ -93,9 +95,9 @@ def taken(build: Path, name: str, cross: str = "arm-none-eabi-") -> Taken:
     return Taken(
         flash,
         sections.get(".data", 0) + sections.get(".bss", 0),
-        bound(calls, "reset_handler", levels),
+        bound(calls, _PROGRAM, levels),
         sections[".stack"],
-        calls.deepest("reset_handler")[1],
+        calls.deepest(_PROGRAM)[1],
     )
 
 

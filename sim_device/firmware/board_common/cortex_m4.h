@@ -47,6 +47,7 @@ typedef struct {
     volatile uint32_t hfsr;
 } scb_regs_t;
 #define SCB ((scb_regs_t *)0xE000ED00u)
+#define SCB_ICSR_PENDSTCLR (1u << 25)
 #define SCB_CFSR_STKERR (1u << 12) /* the stack could not be written on entry to the handler */
 #define SCB_CFSR_MSTKERR (1u << 4)
 #define SCB_AIRCR_VECTKEY (0x05FAu << 16)
@@ -75,6 +76,13 @@ static inline uint32_t irq_save(void) {
 
 static inline void irq_restore(uint32_t primask) {
     __asm volatile("msr primask, %0" ::"r"(primask) : "memory");
+}
+
+/* Return the number of the exception whose handler runs; 0: none (PM0214 2.1.3, IPSR). */
+static inline uint32_t active_exception(void) {
+    uint32_t ipsr;
+    __asm volatile("mrs %0, ipsr" : "=r"(ipsr));
+    return ipsr;
 }
 
 static inline void wait_for_interrupt(void) { __asm volatile("wfi" ::: "memory"); }

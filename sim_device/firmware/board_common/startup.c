@@ -1,11 +1,15 @@
 /* Startup code from reset to main(): floating point unit, initialised data, zeroed data. The linker
- * script sections.ld defines the addresses. */
+ * script sections.ld defines the addresses.
+ *
+ * A debugger (gdb's `load` and `continue`) or the chip's serial bootloader can start the program
+ * without a reset. Interrupts and DMA of the previous program are then still active. */
 #include "startup.h"
 
 #include <stddef.h>
 #include <stdint.h>
 
 #include "cortex_m4.h"
+#include "stm32f4.h"
 
 extern uint32_t ld_data_start[], ld_data_end[], ld_data_load[];
 extern uint32_t ld_bss_start[], ld_bss_end[];
@@ -23,7 +27,36 @@ static void fill(uintptr_t from, uintptr_t end, uint32_t value) {
     }
 }
 
-void reset_handler(void) {
+/* Stop everything of the previous program that can change variables or call a handler. Without
+ * this, for example, the ADC's DMA stream would continue to write to its old buffer. After a reset,
+ * all of it is already stopped. */
+static void stop_previous_program(void) {
+    RCC->ahb1rstr = RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
+    SYSTICK->ctrl = 0;
+    SCB->icsr = SCB_ICSR_PENDSTCLR;
+    for (unsigned i = 0; i < sizeof NVIC->icer / sizeof NVIC->icer[0]; i++) {
+        NVIC->icer[i] = 0xFFFFFFFFu;
+        NVIC->icpr[i] = 0xFFFFFFFFu;
+    }
+    RCC->ahb1rstr = 0;
+    barrier();
+}
+
+/* A debugger sets only the program counter. So mask interrupts and empty the stack. */
+__attribute__((naked)) void reset_handler(void) {
+    __asm volatile("cpsid i\n\t"
+                   "ldr r0, =ld_stack_top\n\t"
+                   "msr msp, r0\n\t"
+                   "b start_program");
+}
+
+void start_program(void) {
+    if (active_exception() != 0) {
+        /* A debugger has stopped the previous program in an interrupt handler. The processor would
+         * mask interrupts of equal or lower priority until the handler returns. */
+        system_reset();
+    }
+    stop_previous_program();
     SCB_CPACR |= SCB_CPACR_FPU_FULL; /* before the first function that uses floating point */
     /* If the chip's serial bootloader has started the program, the bootloader's vectors are in use.
      */
@@ -34,6 +67,7 @@ void reset_handler(void) {
         *(uint32_t *)at = *from++;
     }
     fill((uintptr_t)ld_bss_start, (uintptr_t)ld_bss_end, 0);
+    irq_restore(0); /* unmask */
     /* The stack below this frame is unused. Fill it with a pattern, so that its use can be
      * measured. */
     const uint32_t here = 0;

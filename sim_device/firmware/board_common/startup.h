@@ -6,6 +6,7 @@
 #include "board.h"
 
 void reset_handler(void);
+void start_program(void); /* called by reset_handler */
 void fault_handler(void);
 int main(void);
 

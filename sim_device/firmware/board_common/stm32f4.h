@@ -30,11 +30,13 @@ typedef struct {
 #define RCC_CR_PLLON (1u << 24)
 #define RCC_CR_PLLRDY (1u << 25)
 #define RCC_PLLCFGR_SRC_HSE (1u << 22)
+#define RCC_CFGR_SW_MASK 3u
 #define RCC_CFGR_SW_PLL 2u
 #define RCC_CFGR_SWS_MASK (3u << 2)
 #define RCC_CFGR_SWS_PLL (2u << 2)
 #define RCC_CFGR_PPRE1_DIV4 (5u << 10)
 #define RCC_CFGR_PPRE2_DIV2 (4u << 13)
+/* Clock enable registers (ENR), and reset registers (RSTR) for the peripherals that are reset. */
 #define RCC_AHB1_GPIO(port) (1u << (port)) /* port A is 0 */
 #define RCC_AHB1_CRC (1u << 12)
 #define RCC_AHB1_DMA1 (1u << 21)

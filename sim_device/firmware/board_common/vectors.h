@@ -19,7 +19,10 @@ typedef union {
 #define AT(irq) (EXCEPTIONS + (irq))
 #define VECTORS __attribute__((section(".vectors"), used)) static const vector_t vectors[]
 
-/* Entries that the processor does not use are zero. */
+/* Entries without a handler are zero. If such an interrupt occurs, the processor executes nothing:
+ * bit 0 of the address (Thumb) is zero (PM0214 2.3.4), so it takes a fault (INVSTATE), which calls
+ * the fault handler. Each board defines the last entry, IRQ_COUNT - 1. Otherwise the processor would
+ * read the code after a shorter table as addresses. */
 #define PROCESSOR_VECTORS                \
     [0] = {.stack = ld_stack_top},       \
     [1] = {.handler = reset_handler},    \

@@ -1,4 +1,5 @@
 /* Clocks, pins, reset cause, boot id. */
+#include "cortex_m4.h"
 #include "f429.h"
 #include "stm32f4.h"
 
@@ -13,6 +14,22 @@ static bool wait_until(const volatile uint32_t *at, uint32_t mask, uint32_t valu
     return false;
 }
 
+/* Peripherals of the drivers on the buses APB1 and APB2. */
+#define USED_APB1                                                                                \
+    (LINK_UART_APB1 | RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_TIM5 |            \
+     RCC_APB1_I2C1 | RCC_APB1_CAN1)
+#define USED_APB2 (LINK_UART_APB2 | RCC_APB2_TIM1 | RCC_APB2_ADC1)
+
+/* Reset the peripherals, because they ignore some writes while they are active. They are active if
+ * the program was started without a reset (startup.c). The reset also stops the motors' PWM. */
+static void reset_peripherals(void) {
+    RCC->apb1rstr = USED_APB1;
+    RCC->apb2rstr = USED_APB2;
+    barrier();
+    RCC->apb1rstr = 0;
+    RCC->apb2rstr = 0;
+}
+
 /* Start the clock of 168 MHz: (crystal / M = 1 MHz) x 336 / 2; the buses run at 42 and 84 MHz. If
  * the external clock fails, the PLL runs from the internal oscillator of 16 MHz, which is accurate
  * to 1 %. This is enough for a UART, but not for CAN: each node may have an error of at most 0.36
@@ -23,15 +40,17 @@ bool clocks_start(void) {
         RCC->ahb1enr |= RCC_AHB1_GPIO(port);
     }
     RCC->ahb2enr |= RCC_AHB2_RNG;
-    RCC->apb1enr |= LINK_UART_APB1 | RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_TIM5 |
-                    RCC_APB1_I2C1 | RCC_APB1_CAN1 | RCC_APB1_PWR;
-    RCC->apb2enr |= LINK_UART_APB2 | RCC_APB2_TIM1 | RCC_APB2_ADC1 | RCC_APB2_SYSCFG;
+    RCC->apb1enr |= USED_APB1 | RCC_APB1_PWR;
+    RCC->apb2enr |= USED_APB2 | RCC_APB2_SYSCFG;
+    reset_peripherals();
     /* 5.1.4, 6.3.1, 6.3.2: the PLL and the HSE must be off while their settings change. After a reset
      * they are off; a debugger or the ROM bootloader may have started them. */
     RCC->cr |= RCC_CR_HSION;
     (void)wait_until(&RCC->cr, RCC_CR_HSIRDY, RCC_CR_HSIRDY);
-    RCC->cfgr = 0;
+    RCC->cfgr &= ~RCC_CFGR_SW_MASK; /* SW only: without their dividers, the buses would be too fast
+                                       until the chip has left the PLL */
     (void)wait_until(&RCC->cfgr, RCC_CFGR_SWS_MASK, 0u);
+    RCC->cfgr = 0;
     RCC->cr &= ~(RCC_CR_PLLON | RCC_CR_HSEON);
     (void)wait_until(&RCC->cr, RCC_CR_PLLRDY | RCC_CR_HSERDY, 0u);
     RCC->cr &= ~RCC_CR_HSEBYP;

@@ -1,5 +1,5 @@
 /* Vector table (RM0090 section 12.2, table 62, F42x) with the interrupts of these boards. Any other
- * interrupt calls the fault handler. */
+ * interrupt calls the fault handler (vectors.h). */
 #include "f429.h"
 #include "vectors.h"
 
@@ -30,4 +30,5 @@ VECTORS = {
     [AT(IRQ_TIM5)] = {.handler = tim5_handler},
     [AT(LINK_RX_IRQ)] = {.handler = link_received_handler},
     [AT(LINK_TX_IRQ)] = {.handler = link_sent_handler},
+    [AT(IRQ_COUNT - 1)] = {.handler = fault_handler},
 };

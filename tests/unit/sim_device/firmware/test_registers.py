@@ -29,6 +29,8 @@ TEXT = (HEADERS / "stm32f4.h").read_text()
 
 ADDRESSES = {
     "RCC->cr": "RCC.CR", "RCC->pllcfgr": "RCC.PLLCFGR", "RCC->cfgr": "RCC.CFGR",
+    "RCC->ahb1rstr": "RCC.AHB1RSTR", "RCC->apb1rstr": "RCC.APB1RSTR",
+    "RCC->apb2rstr": "RCC.APB2RSTR",
     "RCC->ahb1enr": "RCC.AHB1ENR", "RCC->ahb2enr": "RCC.AHB2ENR", "RCC->apb1enr": "RCC.APB1ENR",
     "RCC->apb2enr": "RCC.APB2ENR", "RCC->csr": "RCC.CSR", "PWR->cr": "PWR.CR",
     "FLASH->acr": "FLASH.ACR", "FLASH->keyr": "FLASH.KEYR", "FLASH->sr": "FLASH.SR",
@@ -64,6 +66,7 @@ ADDRESSES = {
 """The register of the chip for each address expression of our header."""
 BITS: dict[str, tuple[str, dict[str, int]]] = {
     "RCC_PLLCFGR_SRC_HSE": ("RCC.PLLCFGR", {"PLLSRC": 1}),
+    "RCC_CFGR_SW_MASK": ("RCC.CFGR", {"SW1": 1, "SW0": 1}),
     "RCC_CFGR_SW_PLL": ("RCC.CFGR", {"SW1": 1}),
     "RCC_CFGR_SWS_MASK": ("RCC.CFGR", {"SWS1": 1, "SWS0": 1}),
     "RCC_CFGR_SWS_PLL": ("RCC.CFGR", {"SWS1": 1}),
@@ -131,6 +134,21 @@ BITS: dict[str, tuple[str, dict[str, int]]] = {
     "DBGMCU_APB1_FZ_IWDG": ("DBG.DBGMCU_APB1_FZ", {"DBG_IWDEG_STOP": 1}),
 }
 """Definitions that have more than one bit, or no name like PERIPHERAL_REGISTER_FIELD."""
+RESETS = {
+    "RCC_AHB1_DMA1": ("RCC.AHB1RSTR", {"DMA1RST": 1}),
+    "RCC_AHB1_DMA2": ("RCC.AHB1RSTR", {"DMA2RST": 1}),
+    "RCC_APB1_TIM2": ("RCC.APB1RSTR", {"TIM2RST": 1}),
+    "RCC_APB1_TIM3": ("RCC.APB1RSTR", {"TIM3RST": 1}),
+    "RCC_APB1_TIM4": ("RCC.APB1RSTR", {"TIM4RST": 1}),
+    "RCC_APB1_TIM5": ("RCC.APB1RSTR", {"TIM5RST": 1}),
+    "RCC_APB1_USART3": ("RCC.APB1RSTR", {"UART3RST": 1}),
+    "RCC_APB1_I2C1": ("RCC.APB1RSTR", {"I2C1RST": 1}),
+    "RCC_APB1_CAN1": ("RCC.APB1RSTR", {"CAN1RST": 1}),
+    "RCC_APB2_TIM1": ("RCC.APB2RSTR", {"TIM1RST": 1}),
+    "RCC_APB2_USART1": ("RCC.APB2RSTR", {"USART1RST": 1}),
+    "RCC_APB2_ADC1": ("RCC.APB2RSTR", {"ADCRST": 1}),
+}
+"""Bits that the firmware uses for the clock and for the reset of a peripheral."""
 BY_THE_MANUAL = {
     "FLASH_KEY_1": 0x4567_0123,  # 3.6.1
     "FLASH_KEY_2": 0xCDEF_89AB,
@@ -143,10 +161,14 @@ BY_THE_MANUAL = {
 CORTEX_M4 = {
     # PM0214, tables 45 (NVIC), 50 (SCB), 54 (SysTick), 56 (FPU)
     "NVIC->iser[2]": 0xE000_E108,
+    "NVIC->icer[2]": 0xE000_E188,
+    "NVIC->icpr[2]": 0xE000_E288,
     "NVIC->ip[58]": 0xE000_E43A,
+    "SCB->icsr": 0xE000_ED04,
     "SCB->vtor": 0xE000_ED08,
     "SCB->aircr": 0xE000_ED0C,
     "SCB->shpr[11]": 0xE000_ED23,
+    "SYSTICK->ctrl": 0xE000_E010,
     "SYSTICK->load": 0xE000_E014,
     "SCB_CPACR": 0xE000_ED88,
 }
@@ -218,6 +240,12 @@ def test_every_bit_that_is_defined(tmp_path: Path) -> None:
         lines.append(equal(macro, bit))
     assert len(lines) > 120
     static_assertions(tmp_path, "stm32f4.h", lines)
+
+
+def test_a_clock_and_a_reset_have_the_same_bit(tmp_path: Path) -> None:
+    static_assertions(
+        tmp_path, "stm32f4.h", [equal(name, value(*where)) for name, where in RESETS.items()]
+    )
 
 
 def test_interrupt_numbers(tmp_path: Path) -> None:
