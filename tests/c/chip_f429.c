@@ -509,6 +509,12 @@ static void an_overrun_does_not_freeze_the_readings(void)
 
 /* ---- ultrasonic ------------------------------------------------------------------------------ */
 
+static void echo_ends(void)
+{
+    TIM5->sr = TIM_SR_CCIF(1) | TIM_SR_CCIF(2);
+    tim5_handler();
+}
+
 /* A millimetre of range is 5.83 us of echo, there and back. The handler runs late. */
 static void an_echo_has_the_time_of_its_pulse(void)
 {
@@ -521,7 +527,7 @@ static void an_echo_has_the_time_of_its_pulse(void)
     TIM5->ccr[1] = 7000 + 5831;
     TIM5->cnt = 7000 + 5831 + 40;
     clock_us = 506000;
-    tim5_handler();
+    echo_ends();
     board_ranges(NULL, &ranges);
     CHECK(ranges.ultrasonic_mm == 1000 && ranges.ultrasonic_us == 506000 - 5871);
     clock_us = 530000; /* the range stays, and so does its time */
@@ -530,7 +536,7 @@ static void an_echo_has_the_time_of_its_pulse(void)
     TIM5->ccr[0] = 60000;
     TIM5->ccr[1] = TIM5->cnt = 98000; /* 38 ms: there was no echo */
     clock_us = 600000;
-    tim5_handler();
+    echo_ends();
     board_ranges(NULL, &ranges);
     CHECK(ranges.ultrasonic_mm == BOARD_NO_RANGE && ranges.ultrasonic_us == 600000 - 38000);
     for (unsigned i = 0; i < 2u * 60u; i++) { /* and then the sensor is unplugged */
@@ -540,6 +546,31 @@ static void an_echo_has_the_time_of_its_pulse(void)
     board_ranges(NULL, &ranges);
     CHECK(ranges.ultrasonic_mm == BOARD_NO_RANGE);
     CHECK(clock_us - ranges.ultrasonic_us < 121000 && clock_us - ranges.ultrasonic_us > 59000);
+}
+
+/* The echo has begun before the timer's start. Its end is no range, and no answer of the sensor. */
+static void an_end_without_a_beginning_is_no_echo(void)
+{
+    board_ranges_t ranges;
+    TIM5->ccr[0] = 100000;
+    TIM5->ccr[1] = TIM5->cnt = 100000 + 5831;
+    echo_ends();
+    TIM5->ccr[1] = TIM5->cnt = 100000 + 2915; /* 0.5 m */
+    TIM5->sr = TIM_SR_CCIF(2);
+    tim5_handler();
+    CHECK((TIM5->sr & TIM_SR_CCIF(2)) == 0);
+    board_ranges(NULL, &ranges);
+    CHECK(ranges.ultrasonic_mm == 1000);
+    for (unsigned i = 0; i < 60u; i++) {
+        sonar_millisecond();
+    }
+    TIM5->sr = TIM_SR_CCIF(2);
+    tim5_handler();
+    for (unsigned i = 0; i < 60u; i++) {
+        sonar_millisecond();
+    }
+    board_ranges(NULL, &ranges);
+    CHECK(ranges.ultrasonic_mm == BOARD_NO_RANGE);
 }
 
 /* ---- CAN ------------------------------------------------------------------------------------ */
@@ -664,6 +695,38 @@ static void a_stale_flag_does_not_end_a_transfer(void)
     CHECK(board_uart_wait_us(NULL) == 0 && uart_drained());
 }
 
+static bool status_read;
+static unsigned data_reads;
+
+static void uart_follows(uintptr_t address, bool write)
+{
+    if (address == (uintptr_t)&LINK_UART->dr) {
+        data_reads++;
+        LINK_UART->sr &= status_read ? ~USART_SR_ORE : ~0u;
+    }
+    status_read = address == (uintptr_t)&LINK_UART->sr;
+}
+
+/* No interrupt reports an overrun, and no byte arrives until the flag is cleared. Without an overrun,
+ * the next byte in the data register belongs to DMA. */
+static void an_overrun_is_cleared_by_the_tick(void)
+{
+    chip_begins(2048);
+    uart_start();
+    if (!watch_registers((uintptr_t)LINK_UART, uart_follows)) {
+        return;
+    }
+    LINK_UART->sr = USART_SR_RXNE;
+    data_reads = 0;
+    systick_handler();
+    CHECK(data_reads == 0);
+    LINK_UART->sr = USART_SR_ORE;
+    data_reads = 0;
+    systick_handler();
+    CHECK(data_reads == 1 && (LINK_UART->sr & USART_SR_ORE) == 0);
+    (void)watch_registers((uintptr_t)LINK_UART, NULL);
+}
+
 static void an_interrupt(void) { clock_us += 400; }
 
 /* Interrupt time counts as load, also if the interrupt ended a sleep. */
@@ -701,11 +764,13 @@ int main(void)
     one_bank_saves_nothing();
     an_overrun_does_not_freeze_the_readings();
     an_echo_has_the_time_of_its_pulse();
+    an_end_without_a_beginning_is_no_echo();
     mailboxes_are_refilled_by_their_interrupt();
     bus_off_is_counted_and_drops_what_is_old();
     encoders_are_filtered();
     bytes_of_the_ring_come_in_order();
     a_stale_flag_does_not_end_a_transfer();
+    an_overrun_is_cleared_by_the_tick();
     interrupts_count_as_load();
     return 0;
 }

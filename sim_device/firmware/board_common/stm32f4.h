@@ -241,6 +241,7 @@ typedef struct {
 #define USART2 ((usart_regs_t *)0x40004400u)
 #define USART3 ((usart_regs_t *)0x40004800u)
 #define USART_SR_ERRORS 0x0000000Fu /* parity, framing, noise, overrun */
+#define USART_SR_ORE (1u << 3)
 #define USART_SR_IDLE (1u << 4)
 #define USART_SR_RXNE (1u << 5)
 #define USART_SR_TC (1u << 6)
@@ -251,7 +252,6 @@ typedef struct {
 #define USART_CR1_RXNEIE (1u << 5)
 #define USART_CR1_TXEIE (1u << 7)
 #define USART_CR1_UE (1u << 13)
-#define USART_CR3_EIE (1u << 0)
 #define USART_CR3_DMAR (1u << 6)
 #define USART_CR3_DMAT (1u << 7)
 

@@ -80,6 +80,7 @@ void systick_handler(void) {
     imu_millisecond();
     analog_millisecond();
     sonar_millisecond();
+    uart_clear_overrun();
 }
 
 uint32_t board_now_us(board_t *board) { return uptime_us(); }

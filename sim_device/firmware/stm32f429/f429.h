@@ -6,9 +6,9 @@
  *   PE8  PE10      L298N ENA, ENB
  *   PB5            the IMU's INT
  *   PA4            HC-SR04 trigger
- *   PA0            TIM5 CH1 (AF2): HC-SR04 echo, divided to 3.3 V   PF0 PF1 PF2    cliff sensors,
- * high if the floor is missing or a wire is broken   PF3 PF4        bumper switches left, right,
- * connected to ground if pressed
+ *   PA0            TIM5 CH1 (AF2): HC-SR04 echo, divided to 3.3 V
+ *   PF0 PF1 PF2    cliff sensors, high if the floor is missing or a wire is broken
+ *   PF3 PF4        bumper switches left, right, connected to ground if pressed
  *
  * Interrupt priorities: 2 link, 4 IMU, 5 echo, 6 flash, 8 SysTick (1 ms). */
 #ifndef F429_H
@@ -65,6 +65,7 @@ uint8_t reset_cause(void);
 uint32_t boot_id(const uint8_t uid[12]);
 
 void uart_start(void);
+void uart_clear_overrun(void); /* called by the tick's interrupt */
 bool uart_drained(void);
 void can_start(uint8_t node);
 bool can_drained(void);

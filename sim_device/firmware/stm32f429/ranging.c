@@ -39,9 +39,15 @@ void sonar_start(void) {
     nvic_enable(IRQ_TIM5, LEVEL_ECHO);
 }
 
+/* A falling edge. Without a rising edge before it, for example if the echo began before
+ * sonar_start(), it is ignored. 18.4.5: reading CCR1 clears CC1IF. */
 void tim5_handler(void) {
+    const bool rose = (TIM5->sr & TIM_SR_CCIF(1)) != 0;
     TIM5->sr = ~TIM_SR_CCIF(2);
     const uint32_t rose_us = TIM5->ccr[0]; /* the rising edge is the time of the pulse */
+    if (!rose) {
+        return;
+    }
     const uint32_t lasted_us = TIM5->ccr[1] - rose_us;
     answered = true;
     newest_us = uptime_us() - (TIM5->cnt - rose_us);

@@ -76,6 +76,15 @@ void link_uart_handler(void) {
     }
 }
 
+/* Clear an overrun; called once per millisecond. An overrun has no interrupt here, and while ORE is
+ * set, no byte arrives: there is no DMA request, and the UART does not become idle again. 30.6.1:
+ * reading SR and then DR clears the flag. */
+void uart_clear_overrun(void) {
+    if ((LINK_UART->sr & USART_SR_ORE) != 0) {
+        (void)LINK_UART->dr;
+    }
+}
+
 void link_received_handler(void) {
     dma_clear_flags(LINK_DMA, LINK_RX_STREAM);
     take(uptime_us());
