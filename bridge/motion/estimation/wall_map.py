@@ -53,6 +53,9 @@ GATE_RAD = math.radians(5.0)
 NEW_SIGMA_RAD = math.radians(1.2)
 APART_M = 0.5
 """Distance beyond the known part of a wall from which a piece in line may be another wall, m."""
+APART_SIGMA_M = 0.03
+"""Maximum standard deviation of the distance to a wall, m, at which a piece beyond the known part
+of the wall is the same wall. With a larger one it may as well be the side of another obstacle."""
 APART_SHORT_M = 0.1
 """Distance beyond the known part of a wall from which a piece shorter than ``NEW_SPAN_M`` may be
 another wall, m. Such a piece may be part of a column."""
@@ -76,7 +79,7 @@ class _Match(NamedTuple):
     wall: int
     chi2: float
     second_chi2: float
-    """Normalised squared innovation of the second-best wall."""
+    """Normalised squared innovation of the second-best wall; 0: an unknown surface fits as well."""
     rows: Floats
     innovation: Floats
     """Innovation of direction (rad) and distance (m)."""
@@ -268,12 +271,16 @@ class WallMap:
                 continue
             rows, predicted_m = self._line_rows(i, pose)
             innovation = np.array([off, measurement.distance_m - predicted_m])
-            if abs(innovation[1]) > 3.0 * GATE_M or not self._beside(wall, i, measurement, pose):
+            if abs(innovation[1]) > 3.0 * GATE_M or not self._beside(
+                wall, i, measurement, pose, APART_M
+            ):
                 continue
             _, s = self._ekf.joint_covariance.project(self._index(i), rows)
             s += noise
             chi2 = float(innovation @ np.linalg.solve(s, innovation))
-            found.append(_Match(i, chi2, math.inf, rows, innovation, s, noise))
+            sure = s[1, 1] < APART_SIGMA_M**2 or self._beside(wall, i, measurement, pose, 0.0)
+            second_chi2 = math.inf if sure else 0.0
+            found.append(_Match(i, chi2, second_chi2, rows, innovation, s, noise))
         return self._choose(found, SAME_CHI2)
 
     def _choose(self, found: list[_Match], same_chi2: float) -> _Match | None:
@@ -289,7 +296,7 @@ class WallMap:
             ]
             best = min(long, key=lambda match: match.chi2, default=best)
         others = [m.chi2 for m in found if m is not best and not self._is_one(m.wall, best.wall)]
-        return best._replace(second_chi2=min(others, default=math.inf))
+        return best._replace(second_chi2=min((*others, best.second_chi2)))
 
     def _straight_on(self, direction_rad: float) -> bool:
         """Return True if a direction is normal to a known wall, or if no wall is known.
@@ -363,12 +370,16 @@ class WallMap:
         sigma_m = math.hypot(STEP_M, math.sqrt(max(float(variance[0, 0]), 0.0)))
         return abs(step_m) < min(2.0 * sigma_m, SAME_M)
 
-    def _beside(self, wall: Wall, i: int, measurement: LineMeasurement, pose: Pose2) -> bool:
+    def _beside(
+        self, wall: Wall, i: int, measurement: LineMeasurement, pose: Pose2, apart_m: float
+    ) -> bool:
+        """Return True if a measurement is within the known part of a wall, or near its end."""
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
-        apart = APART_M if measurement.span_m >= NEW_SPAN_M else APART_SHORT_M
+        if measurement.span_m < NEW_SPAN_M:
+            apart_m = min(apart_m, APART_SHORT_M)
         return (
-            at + measurement.low_m < wall.high_m + apart
-            and at + measurement.high_m > wall.low_m - apart
+            at + measurement.low_m < wall.high_m + apart_m
+            and at + measurement.high_m > wall.low_m - apart_m
         )
 
     def _hides(self, i: int, measurement: LineMeasurement, pose: Pose2, innovation: Floats) -> bool:

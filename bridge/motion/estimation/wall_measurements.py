@@ -24,6 +24,8 @@ MIN_HITS = 7
 MAX_CHI2 = 11.0
 """Maximum mean squared residual of a flat wall per degree of freedom, after subtraction of the
 estimated sensor noise. If the sensor is noisier than assumed, the measurement has less weight."""
+NOISE_HITS = 60.0
+"""Number of hits after which the measured noise of a sensor has half the weight."""
 MAX_BOW_M = 0.003
 """Maximum bow of a flat wall, m. The surface of a column of 0.7 m diameter bows by 5 mm over 0.12
 m."""
@@ -102,6 +104,12 @@ class _Hit(NamedTuple):
     weight: float
 
 
+class _Fit(NamedTuple):
+    measurement: LineMeasurement | None
+    noise_chi2: float
+    """Variance of the sensor, relative to ``infrared_sigma_m``."""
+
+
 class SideMeasurement:
     """Collects the hits of one infrared sensor.
 
@@ -119,6 +127,8 @@ class SideMeasurement:
         are another surface."""
         self._last = Pose2(0.0, 0.0, 0.0)
         """Odometry at the last hit."""
+        self._noise_share = 1.0
+        """Measured variance of the readings, relative to ``infrared_sigma_m``."""
 
     def add(
         self,
@@ -147,7 +157,7 @@ class SideMeasurement:
         measurement = None
         last = self._last
         last_m = sorted(self._newest_m)[len(self._newest_m) // 2] if self._hits else range_m
-        jumped = abs(range_m - last_m) > JUMP_M + 3.0 * sigma
+        jumped = abs(range_m - last_m) > JUMP_M + 3.0 * sigma * math.sqrt(max(self._noise_share, 1.0))
         if jumped and not self._jumped:
             self._jumped = True
             return None
@@ -175,11 +185,23 @@ class SideMeasurement:
     def _end(self, odometry: Pose2, wander_m_sqrt_m: float) -> LineMeasurement | None:
         hits, self._hits, self._jumped = self._hits, [], False
         self._newest_m.clear()
-        return fit_line(hits, odometry, wander_m_sqrt_m) if len(hits) >= MIN_HITS else None
+        if len(hits) < MIN_HITS:
+            return None
+        fit = fit_line(hits, odometry, wander_m_sqrt_m, self._noise_share)
+        weight = len(hits) / (len(hits) + NOISE_HITS)
+        self._noise_share += weight * (fit.noise_chi2 - self._noise_share)
+        return fit.measurement
 
 
-def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineMeasurement | None:
-    """Fit a line by weighted total least squares. Return None if the hits are not a flat wall."""
+def fit_line(
+    hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float, noise_share: float = 1.0
+) -> _Fit:
+    """Fit a line by weighted total least squares.
+
+    The measurement is None if the hits are not a flat wall. ``noise_share`` is the variance of the
+    sensor so far, relative to ``infrared_sigma_m``. The residuals of a few hits may be small by
+    chance, so the variance of the line is never based on less.
+    """
     total = sum(h.weight for h in hits)
     mean_x = sum(h.weight * h.x_m for h in hits) / total
     mean_y = sum(h.weight * h.y_m for h in hits) / total
@@ -196,25 +218,28 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
     low, high = min(along), max(along)
     moment = sum(h.weight * a * a for h, a in zip(hits, along, strict=True))
     chi2 = sum(h.weight * e * e for h, e in zip(hits, across, strict=True)) / (len(hits) - 2)
-    if high - low < MIN_SPAN_M or chi2 - _noise_chi2(hits, across) > MAX_CHI2:
-        return None
+    noise_chi2 = _noise_chi2(hits, across)
+    if high - low < MIN_SPAN_M or chi2 - noise_chi2 > MAX_CHI2:
+        return _Fit(None, noise_chi2)
+    chi2 = max(chi2, noise_share, 1.0)
     bow, bow_sigma = _bow(hits, along, across)
-    noise = math.sqrt(max(chi2, 1.0)) * bow_sigma
+    noise = math.sqrt(chi2) * bow_sigma
     wander = WANDER_BOW * wander_m_sqrt_m * math.sqrt(high - low)
     if abs(bow) > max(MAX_BOW_M, 3.0 * math.hypot(noise, wander)):
-        return None
+        return _Fit(None, noise_chi2)
     # Position along the wall: a rotation about the mean of the hits moves the foot of the normal.
     ahead = to_x * c + to_y * s
-    var_angle = max(chi2, 1.0) / moment + FLAT_RAD**2
-    return LineMeasurement(
+    var_angle = chi2 / moment + FLAT_RAD**2
+    line = LineMeasurement(
         math.remainder(angle + 0.5 * math.pi - odometry.theta_rad, math.tau),
         to_y * c - to_x * s,
         var_angle,
         -ahead * var_angle,
-        max(chi2, 1.0) / total + FLAT_M**2 + ahead * ahead * var_angle,
+        chi2 / total + FLAT_M**2 + ahead * ahead * var_angle,
         -ahead - high,
         -ahead - low,
     )
+    return _Fit(line, noise_chi2)
 
 
 def _noise_chi2(hits: list[_Hit], across: list[float]) -> float:

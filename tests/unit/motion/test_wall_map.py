@@ -55,6 +55,22 @@ def test_a_short_stretch_beside_a_walls_end_may_be_a_column() -> None:
     assert room.walls.see_line(beside(0.65, 0.12)), "at the end of what is known by now"
 
 
+@pytest.mark.parametrize(("sigma_m", "known"), [(0.01, True), (0.05, False)])
+def test_a_piece_beyond_a_wall_is_not_that_wall_for_an_uncertain_pose(
+    sigma_m: float, *, known: bool
+) -> None:
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))  # seen from -0.15 to 0.15 m
+    room.inflate(sigma_m, 0.0)
+    room.believe(0.0, 0.01, 0.0)
+    beyond = line(math.pi / 2, 0.5)._replace(low_m=0.35, high_m=0.6)
+    assert room.walls.see_line(beyond) is known, "it may be the side of another obstacle"
+    assert room.filter.pose.y_m == pytest.approx(0.0 if known else 0.01, abs=0.001)
+    within = line(math.pi / 2, 0.5)._replace(low_m=0.0, high_m=0.3)
+    assert room.walls.see_line(within), "at the known part there is only this wall"
+    assert room.filter.pose.y_m == pytest.approx(0.0, abs=0.001)
+
+
 def test_a_wall_may_be_as_far_off_as_the_uncertainty() -> None:
     for sigma_m, known in ((0.02, False), (0.06, True)):
         room = Room()

@@ -113,6 +113,29 @@ def test_a_sensor_four_times_as_noisy_still_measures_walls_with_their_uncertaint
     assert 0.5 < float((turn**2).mean()) / float(np.mean([s.var_normal for s in seen])) < 2.0
 
 
+def test_a_short_line_is_as_uncertain_as_the_sensor_was_before() -> None:
+    """The residuals of few hits may be small by chance."""
+    rng = random.Random(3)
+    side = SideMeasurement(MODEL.infrared_left)
+
+    def passes(count: int, hits: int) -> list[LineMeasurement]:
+        found = []
+        for _ in range(count):
+            for i in range(hits):
+                range_m = 0.1 + rng.gauss(0.0, 0.0076)
+                side.add(Pose2(0.01 * i, 0, 0), range_m, moving=True, steady=True)
+            line = side.add(Pose2(0.01 * hits, 0, 0), None, moving=True, steady=True)
+            if line is not None and line.span_m > 0.01 * hits - 0.03:
+                found.append(line)
+        return found
+
+    passes(20, 31)
+    short = passes(100, 12)
+    sigmas = np.sqrt([line.var_normal for line in short])
+    assert len(short) > 80, "and noise ends no line"
+    assert sigmas.min() > 0.75 * float(np.median(sigmas))
+
+
 def test_a_wavy_surface_is_no_wall_however_noisy_the_sensor() -> None:
     rng = random.Random(5)
     for noise_m in (0.0019, 0.005):
