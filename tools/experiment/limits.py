@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from scipy import ndimage
 
+from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.evaluation.metrics import CoverageMeter
 
 if TYPE_CHECKING:
+    from bridge.coverage.planner import Planner
+    from bridge.coverage.recovery.map import EvidenceMap
     from bridge.evaluation.raster import Mask, Raster
     from bridge.evaluation.regions import Regions
     from bridge.motion.estimation.estimator import PoseEstimator
@@ -58,12 +61,14 @@ def give_true_pose(run: VirtualRun) -> None:
     )
 
 
-def split_loss(observed: Observed, planner: object) -> dict[str, float]:
+def split_loss(observed: Observed, planner: Planner) -> dict[str, float]:
     """Return the lost share of the sweepable floor by cause, for a run."""
     meter = CoverageMeter(observed.plan, observed.model)
     swept = np.isfinite(meter.measure(observed.truth).first_swept_s)
     estimated = np.isfinite(meter.measure(observed.estimate).first_swept_s)
-    forbidden = forbidden_axle(planner, meter.regions.raster)
+    forbidden = None
+    if isinstance(planner, RecoveryPlanner):
+        forbidden = forbidden_axle(planner.context.map, meter.regions.raster)
     end = observed.estimate[-1][1:3] if observed.estimate else (0.0, 0.0)
     width_m = observed.model.cleaning_width_m
     return classify(meter.regions, width_m, swept, estimated, forbidden, end)
@@ -105,19 +110,17 @@ def classify(  # noqa: PLR0913, PLR0917 - one parameter for each mask
     }
 
 
-def forbidden_axle(planner: object, raster: Raster) -> Mask | None:
-    """Return the cells where a planner's map forbids the axle; None: the planner has no map."""
-    memory = getattr(planner, "memory", None)
-    if memory is None:
-        return None
-    blocked = ((memory.near > 0) | (memory.lens > 0)) & (memory.been == 0)
+def forbidden_axle(memory: EvidenceMap, raster: Raster) -> Mask:
+    """Return the cells where a planner's map forbids the axle."""
+    blocked, visited = memory.places()
+    shut = ((memory.inflated > 0) | (blocked > 0)) & (visited == 0)
     x0, y0 = memory.to_metres(0.0, 0.0)
     step = memory.to_metres(1.0, 0.0)[0] - x0
     rows = np.floor((raster.y - y0) / step).astype(np.intp)
     cols = np.floor((raster.x - x0) / step).astype(np.intp)
-    known = (rows >= 0) & (rows < blocked.shape[0]) & (cols >= 0) & (cols < blocked.shape[1])
+    known = (rows >= 0) & (rows < shut.shape[0]) & (cols >= 0) & (cols < shut.shape[1])
     mask = np.zeros(raster.shape, dtype=np.bool_)
-    mask[known] = blocked[rows[known], cols[known]]
+    mask[known] = shut[rows[known], cols[known]]
     return mask
 
 

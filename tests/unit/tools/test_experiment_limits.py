@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from bridge.coverage.recovery.map import EvidenceMap
+from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.evaluation.regions import find_regions
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
@@ -113,17 +114,16 @@ def test_a_true_map_is_no_false_evidence() -> None:
 
 
 def test_a_planners_map_is_read_in_its_own_frame() -> None:
-    blocked = np.zeros((100, 100), dtype=np.uint8)
-    # the map of 2 cm cells starts at (-0.1, 0.2), so this cell starts at (0.10, 0.70)
-    blocked[25, 10] = 1
-    memory = SimpleNamespace(
-        near=blocked,
-        lens=np.zeros_like(blocked),
-        been=np.zeros_like(blocked),
-        to_metres=lambda column, row: (-0.1 + 0.02 * column, 0.2 + 0.02 * row),
-    )
-    mask = forbidden_axle(SimpleNamespace(memory=memory), RASTER)
-    assert mask is not None
-    expected = (RASTER.x >= 0.1) & (RASTER.x < 0.12) & (RASTER.y >= 0.7) & (RASTER.y < 0.72)
-    assert np.array_equal(mask, expected)
-    assert forbidden_axle(object(), RASTER) is None
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(1.0, 1.0, 0.0))
+    for x_m, y_m in ((0.3, 0.7), (1.0, 1.02)):
+        memory.add_point(x_m, y_m)
+    mask = forbidden_axle(memory, RASTER)
+    away_m = np.hypot(RASTER.x - 0.3, RASTER.y - 0.7)
+    cell_m = memory.geometry.cell_m
+    assert mask[away_m < MODEL.radius_m - 2.0 * cell_m].all()
+    left = RASTER.x < 0.6
+    assert not mask[left & (away_m > MODEL.radius_m + 2.0 * cell_m)].any()
+    own_cell = (abs(RASTER.x - 1.01) < 0.01) & (abs(RASTER.y - 1.01) < 0.01)
+    beside = (abs(RASTER.x - 1.03) < 0.01) & (abs(RASTER.y - 1.01) < 0.01)
+    assert mask[beside].all()
+    assert not mask[own_cell].any(), "the axle was there"
