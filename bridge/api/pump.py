@@ -15,6 +15,7 @@ from bridge.io.stopping import send_until_confirmed
 from bridge.run.ending import CRASH_CAUSE, Ending, crash_ending, described, traced
 from bridge.run.mission import Phase
 from bridge.session.event_kinds import EventKind
+from bridge.session.pace import backoff_ns
 from bridge.session.records import Severity
 from bridge.session.states import State
 from bridge.session.stop_request import stop_request
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
     from bridge.run.snapshot import Snapshot
 
-_BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
-"""Intervals of attempts to reopen the port, ns; the last one repeats."""
 _IDLE_S = 0.25
 """Maximum wait for bytes in one pass, s."""
 STUCK_NS = 50_000_000
@@ -334,7 +333,7 @@ class Pump:
         self._port = None
         self._pending = b""
         self._tries = 0
-        self._retry_ns = HostNs(now_ns + _BACKOFF_NS[0])
+        self._retry_ns = HostNs(now_ns + backoff_ns(0))
 
     def _try_reopen(self, now_ns: HostNs) -> None:
         if now_ns < self._retry_ns:
@@ -344,8 +343,7 @@ class Pump:
             self._port = self._reopen()
         except PortError:
             self._tries += 1
-            backoff = _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]
-            self._retry_ns = HostNs(now_ns + backoff)
+            self._retry_ns = HostNs(now_ns + backoff_ns(self._tries))
             return
         self.host.event(
             now_ns, Severity.INFO, "link", EventKind.PORT_BACK, f"{self._port.name} is back"

@@ -14,7 +14,7 @@ from bridge.session.event_kinds import EventKind
 from bridge.session.key import SessionKey
 from bridge.session.negotiation import QUESTIONS_AT_ONCE, SchemaNegotiation
 from bridge.session.outbox import CommandCounts, Outbox
-from bridge.session.pace import Pace
+from bridge.session.pace import Pace, backoff_ns
 from bridge.session.round_trip import RoundTrip
 from bridge.session.states import (
     RESTLESS,
@@ -81,8 +81,6 @@ _GOLDEN_NS = round(PING_SPREAD_NS * 0.6180339887)
 """Change of the early time from ping to ping, ns. The golden ratio spreads the pings evenly over
 the period."""
 _new = tuple.__new__
-_BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
-"""Intervals of hellos to a lost device, ns; the last one repeats."""
 
 
 class Session:
@@ -403,7 +401,7 @@ class Session:
                 self._next_ns = now_ns + (FAST_PING_NS if fast else SLOW_PING_NS) - early_ns
             case State.LOST:
                 self._send_hello(now_ns, negotiated=0)
-                self._next_ns = now_ns + _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]
+                self._next_ns = now_ns + backoff_ns(self._tries)
                 self._tries += 1
             case _:
                 pass
