@@ -53,7 +53,7 @@ GATE_RAD = math.radians(5.0)
 NEW_SIGMA_RAD = math.radians(1.2)
 APART_M = 0.5
 """Distance beyond the known part of a wall from which a piece in line may be another wall, m."""
-APART_SIGMA_M = 0.03
+APART_SIGMA_M = 0.05
 """Maximum standard deviation of the distance to a wall, m, at which a piece beyond the known part
 of the wall is the same wall. With a larger one it may as well be the side of another obstacle."""
 APART_SHORT_M = 0.1

@@ -157,7 +157,8 @@ class SideMeasurement:
         measurement = None
         last = self._last
         last_m = sorted(self._newest_m)[len(self._newest_m) // 2] if self._hits else range_m
-        jumped = abs(range_m - last_m) > JUMP_M + 3.0 * sigma * math.sqrt(max(self._noise_share, 1.0))
+        noise_m = sigma * math.sqrt(max(self._noise_share, 1.0))
+        jumped = abs(range_m - last_m) > JUMP_M + 3.0 * noise_m
         if jumped and not self._jumped:
             self._jumped = True
             return None
