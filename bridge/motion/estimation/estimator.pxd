@@ -1,16 +1,16 @@
 from bridge.motion.estimation.disturbance cimport BumpDetector, InertialBridge, SlipDetector
 from bridge.motion.estimation.ekf cimport Ekf
+from bridge.motion.estimation.standstill cimport Standstill
 
 
 cdef class PoseEstimator:
     cdef public Ekf ekf
     cdef object _model, _counts, _imu_s, _chip_c
     cdef double _left_m, _right_m
-    cdef int _rest_samples, _rest_count
-    cdef object _rest_mean, _slipping
-    cdef object _standstill
-    cdef double _encoder_s, _rest_sum, _speed, _yaw_rate, _turning_s
-    cdef bint _resting, _known
+    cdef object _slipping
+    cdef Standstill _standstill
+    cdef double _encoder_s, _speed, _yaw_rate, _turning_s
+    cdef bint _known
     cdef BumpDetector _bumps
     cdef SlipDetector _slips
     cdef InertialBridge _bridge
@@ -36,4 +36,4 @@ cdef class PoseEstimator:
     cpdef object _end_bridge(self, InertialBridge bridge)
     cpdef double _gripping(self, double t_s, double dt, double left, double right, double rotation)
     cpdef object _note(self, object kind, double t_s, double size)
-    cpdef object _zero_velocity(self)
+    cpdef object _update_bias(self, double mean_rad_s)

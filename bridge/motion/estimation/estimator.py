@@ -28,7 +28,7 @@ from bridge.motion.estimation.disturbance import (
 )
 from bridge.motion.estimation.ekf import BIAS, Covariance, Ekf
 from bridge.motion.estimation.odometry import encoder_delta, sinc
-from bridge.motion.estimation.standstill import Standstill
+from bridge.motion.estimation.standstill import BATCH, Standstill
 from bridge.motion.geometry import Pose2, wrap_angle
 
 if TYPE_CHECKING:
@@ -40,14 +40,6 @@ ENCODER_GAP_S = 10.0
 half its range (4.3 m), which is ambiguous."""
 IMU_GAP_S = 0.1
 """Maximum time between gyro samples, s. In a longer gap the wheels measure the heading."""
-_FIRST_BIAS_SAMPLES = 25
-"""Number of samples at standstill before the gyro is used. Before that the wheels measure the
-heading."""
-_REST_BATCH = 5
-"""Number of samples at standstill that are averaged for one update, to save processor time."""
-_LARGEST_BIAS_RAD_S = 0.4
-"""Maximum bias, rad/s: the data sheet's ±20 °/s. A larger first sample means that the robot is
-moving."""
 _BRIDGE_M = 0.0015
 """Standard deviation of the position after a bump with valid acceleration samples, m."""
 _BRIDGE_CUT_M = 0.006
@@ -98,10 +90,6 @@ class PoseEstimator:
         self._encoder_s = 0.0
         self._imu_s: float | None = None
         self._chip_c: float | None = None
-        self._rest_samples = 0
-        self._rest_sum, self._rest_count = 0.0, 0
-        self._rest_mean: float | None = None
-        self._resting = True
         self._bumps, self._slips = BumpDetector(), SlipDetector()
         self._bridge: InertialBridge | None = None
         self._slipping = 0
@@ -170,7 +158,7 @@ class PoseEstimator:
     @property
     def at_rest(self) -> bool:
         """True if the last gyro sample was used as a sample at standstill."""
-        return self._resting
+        return self._standstill.at_rest
 
     @property
     def disturbances(self) -> tuple[Disturbance, ...]:
@@ -245,30 +233,17 @@ class PoseEstimator:
             self._warm_to(temperature_c)
         offset = self.ekf.gyro_bias_rad_s + self.ekf.motion_bias_rad_s
         rate = (gyro_z_rad_s - offset) * (1.0 - self.ekf.gyro_scale)
-        trusted = self._rest_samples >= _FIRST_BIAS_SAMPLES
-        still = self._standstill.at_rest(t_s)
-        if trusted:
-            self._resting = (
-                still and abs(gyro_z_rad_s - self.ekf.gyro_bias_rad_s) < Standstill.RATE_VETO_RAD_S
-            )
-        else:
-            self._resting = still and abs(gyro_z_rad_s) < _LARGEST_BIAS_RAD_S
-        if self._resting:
+        bias = self._standstill.on_gyro(t_s, gyro_z_rad_s, self.ekf.gyro_bias_rad_s)
+        if self._standstill.at_rest:
             self._yaw_rate = 0.0
-            self._rest_samples += 1
-            self._rest_sum += gyro_z_rad_s
-            self._rest_count += 1
-            if self._rest_count >= _REST_BATCH:
-                self._zero_velocity()
+            if bias is not None:
+                self._update_bias(bias)
             if accel_x_m_s2 is not None and accel_y_m_s2 is not None:
                 self._bumps.rest(accel_x_m_s2, accel_y_m_s2)
             return
         self._bumps.leave_rest()
-        # The start may affect the last of these samples, because counts arrive up to 20 ms late.
-        self._rest_sum, self._rest_count, self._rest_mean = 0.0, 0, None
-        if not trusted:
+        if not self._standstill.bias_known:
             # The standstill was too short. The start may affect its few samples.
-            self._rest_samples = 0
             self.ekf.gyro_bias_rad_s = self._model.gyro_bias_rad_s
             self.ekf.joint_covariance.reset((BIAS,), (self.ekf.drift.bias_prior_rad_s**2,))
             return
@@ -346,9 +321,7 @@ class PoseEstimator:
         """
         mark = self.ekf.heading_mark_rad
         by_wheels = (
-            self._imu_s is None
-            or t_s - self._imu_s > IMU_GAP_S
-            or self._rest_samples < _FIRST_BIAS_SAMPLES
+            self._imu_s is None or t_s - self._imu_s > IMU_GAP_S or not self._standstill.bias_known
         )
         if by_wheels:
             now = mark + wheel_turn
@@ -411,14 +384,12 @@ class PoseEstimator:
             self._disturbances.append(Disturbance(kind, t_s, size))
             del self._disturbances[:-_KEPT]
 
-    def _zero_velocity(self) -> None:
-        """Update the bias with the mean of the gyro samples at standstill."""
-        ripe, self._rest_mean = self._rest_mean, self._rest_sum / self._rest_count
-        self._rest_sum, self._rest_count = 0.0, 0
-        if ripe is None:
-            return
-        variance = self.ekf.drift.gyro_sample_rad_s**2 / _REST_BATCH
+    def _update_bias(self, mean_rad_s: float) -> None:
+        """Update the bias with the mean of a batch of gyro samples at standstill."""
+        variance = self.ekf.drift.gyro_sample_rad_s**2 / BATCH
         self.ekf.propagate_covariance()
         self.ekf.apply(
-            self.ekf.joint_covariance.update_one(BIAS, ripe - self.ekf.gyro_bias_rad_s, variance)
+            self.ekf.joint_covariance.update_one(
+                BIAS, mean_rad_s - self.ekf.gyro_bias_rad_s, variance
+            )
         )
