@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.messages.values import Fault, Mode, RebootKind, StopCause
 from sim_device.core.chip import PAYLOAD_MAX, Ask, Operation
 from sim_device.device.identity import CAPABILITIES
+from sim_device.device.latch import StopLatch
 from sim_device.device.modes import MODE_OF, DeviceState
-from sim_device.device.safety import StopLatch
 from sim_device.sensors.units import contact_bits, milli, range_steps
 
 if TYPE_CHECKING:

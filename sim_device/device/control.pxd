@@ -1,6 +1,7 @@
 from sim_device.device.health cimport Health
-from sim_device.device.safety cimport DutyWatchdog, SetpointWatchdog, StopLatch
+from sim_device.device.latch cimport StopLatch
 from sim_device.device.sampling cimport Sampler
+from sim_device.device.watchdog cimport DutyWatchdog, SetpointWatchdog
 
 
 cdef class Control:

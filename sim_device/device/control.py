@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 from protocol.messages.values import Fault, LogLevel, NackReason, StopCause, flag_labels, label
 from sim_device.device.health import IMU, Health
+from sim_device.device.latch import StopLatch
 from sim_device.device.modes import MODE_OF, PLANNING, DeviceState, Event, Guard
 from sim_device.device.onboard import NO_PLAN, Onboard, planner_name
 from sim_device.device.reflexes import Reflexes
-from sim_device.device.safety import DutyWatchdog, SetpointWatchdog, StopLatch
+from sim_device.device.watchdog import DutyWatchdog, SetpointWatchdog
 from sim_device.device.wheel_control import WheelControl
 from sim_device.sensors.power_monitor import PowerReading
 
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from sim_device.device.log_lines import LogLines
     from sim_device.device.modes import ModeMachine
     from sim_device.device.parameters import ParameterStore
-    from sim_device.device.safety import Watchdog
     from sim_device.device.sampling import Around, Sampler
+    from sim_device.device.watchdog import Watchdog
 
 _BRINGUP, _VELOCITY, _STOPPED = DeviceState.BRINGUP, DeviceState.VELOCITY, DeviceState.STOPPED
 _EXPIRED, _LIMITED, _DRIVERS_OFF = (

@@ -1,5 +1,5 @@
 from sim_device.device.control cimport Control
-from sim_device.device.safety cimport Freshness
+from sim_device.device.freshness cimport Freshness
 from sim_device.device.sampling cimport Sampler
 
 

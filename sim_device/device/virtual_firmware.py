@@ -46,12 +46,12 @@ from sim_device.device.clock import DeviceClock
 from sim_device.device.commands import COMMANDS, carry_out
 from sim_device.device.control import Control
 from sim_device.device.flash import Flash
+from sim_device.device.freshness import Freshness
 from sim_device.device.identity import CAPABILITIES
 from sim_device.device.keyring import Keyring
 from sim_device.device.log_lines import LogLines
 from sim_device.device.modes import DeviceState, Event, ModeMachine
 from sim_device.device.parameters import ParameterStore
-from sim_device.device.safety import HOST_SILENCE_US, Freshness
 from sim_device.device.sampling import Sampler
 from sim_device.device.telemetry import LOAD_TICKS, Telemetry
 from sim_device.device.versions import as_declared, as_ours
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message, MessageSpec
     from protocol.uart.framing import Frame
     from sim_device.device.identity import Identity
-    from sim_device.device.safety import StopLatch
+    from sim_device.device.latch import StopLatch
     from sim_device.device.sampling import Sensors
 
 TICK_US = 1_000_000 // streams.TICK_HZ
@@ -71,6 +71,7 @@ _HALF_TICK_US = TICK_US // 2
 _TICK_MS = TICK_US // 1000
 _VALUE = CATALOGUE.by_class[ParameterValue].type_id
 HELLO_TICKS = 100
+HOST_SILENCE_US = 1_000_000
 NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is off"
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
 UNKNOWN_HELLO_PERIOD_US = 100_000

@@ -50,7 +50,11 @@ def _tests(*names: str) -> tuple[str, ...]:
 
 
 TARGETS = (
-    Target("latch", "sim_device.device.safety", _tests("sim_device/device/safety_limits")),
+    Target("latch", "sim_device.device.latch", _tests("sim_device/device/latch")),
+    Target(
+        "freshness", "sim_device.device.freshness", _tests("sim_device/device/freshness_limits")
+    ),
+    Target("watchdog", "sim_device.device.watchdog", _tests("sim_device/device/watchdog")),
     Target(
         "modes",
         "sim_device.device.modes",

@@ -23,7 +23,7 @@ from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Repor
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sim_device.device.safety import Watchdog
+    from sim_device.device.watchdog import Watchdog
     from support.kit_script import Act
 
 UID = b"script-board"

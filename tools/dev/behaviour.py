@@ -24,15 +24,17 @@ from protocol.messages.values import StopCause
 from sim_device import sweeper as device
 from sim_device.device import commands as device_commands
 from sim_device.device import (
+    freshness,
     health,
     log_lines,
     modes,
     onboard,
     parameters,
-    safety,
     streams,
     virtual_firmware,
+    watchdog,
 )
+from sim_device.device.latch import StopLatch
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -71,17 +73,17 @@ def _latch() -> Machine:
     moves: list[tuple[str, str, str]] = []
     for held in StopCause:
         for cause in causes:
-            latch = safety.StopLatch(held)
+            latch = StopLatch(held)
             if latch.latch(cause):
                 moves.append((_name(held), f"stop {_name(cause)}", _name(latch.cause)))
-            latch = safety.StopLatch(held)
+            latch = StopLatch(held)
             if latch.clear(cause):
                 moves.append((_name(held), f"clear {_name(cause)}", _name(latch.cause)))
     return Machine(
         "The device's latch",
-        "Source: `sim_device.device.safety.StopLatch`. The most severe cause stays latched. Only "
+        "Source: `sim_device.device.latch.StopLatch`. The most severe cause stays latched. Only "
         "`clear_stop` with that cause releases it. Events that are not shown change nothing.",
-        _name(safety.StopLatch().cause),
+        _name(StopLatch().cause),
         moves,
     )
 
@@ -154,20 +156,20 @@ def _rules() -> Iterator[TimingRule]:
     yield TimingRule(
         "device",
         "maximum time to live of a setpoint",
-        _us(safety.MAX_TIME_TO_LIVE_US),
-        "sim_device.device.safety.MAX_TIME_TO_LIVE_US",
+        _us(watchdog.MAX_TIME_TO_LIVE_US),
+        "sim_device.device.watchdog.MAX_TIME_TO_LIVE_US",
     )
     yield TimingRule(
         "device",
         "no valid host frame: the session ends and a stop with cause `link` is latched after",
-        _us(safety.HOST_SILENCE_US),
-        "sim_device.device.safety.HOST_SILENCE_US",
+        _us(virtual_firmware.HOST_SILENCE_US),
+        "sim_device.device.virtual_firmware.HOST_SILENCE_US",
     )
     yield TimingRule(
         "device",
         "maximum clock drift that the freshness check allows",
-        f"{safety.DRIFT_ALLOWANCE_PPM} ppm",
-        "sim_device.device.safety.DRIFT_ALLOWANCE_PPM",
+        f"{freshness.DRIFT_ALLOWANCE_PPM} ppm",
+        "sim_device.device.freshness.DRIFT_ALLOWANCE_PPM",
     )
     yield TimingRule(
         "device",
@@ -190,8 +192,8 @@ def _rules() -> Iterator[TimingRule]:
     yield TimingRule(
         "device",
         "maximum duty in bring-up mode",
-        f"{safety.BRINGUP_DUTY_MAX:g}",
-        "sim_device.device.safety.BRINGUP_DUTY_MAX",
+        f"{watchdog.BRINGUP_DUTY_MAX:g}",
+        "sim_device.device.watchdog.BRINGUP_DUTY_MAX",
     )
     for what, us, source in (
         ("time from reset to the first control period", device.BOOT_US, "sweeper.BOOT_US"),
@@ -350,8 +352,8 @@ def _numbers() -> dict[str, str]:
         "ttl_ms": str(host.SETPOINT_TTL_MS),
         "late_ms": f"{host.LATE_NS / 1e6:g}",
         "stuck_ms": f"{pump.STUCK_NS / 1e6:g}",
-        "max_ttl_ms": f"{safety.MAX_TIME_TO_LIVE_US / 1000:g}",
+        "max_ttl_ms": f"{watchdog.MAX_TIME_TO_LIVE_US / 1000:g}",
         "tick_ms": f"{1000 / streams.TICK_HZ:g}",
         "decel": f"{parameters.STOP_DECELERATION_M_S2:g}",
-        "silence_s": f"{safety.HOST_SILENCE_US / 1e6:g}",
+        "silence_s": f"{virtual_firmware.HOST_SILENCE_US / 1e6:g}",
     }

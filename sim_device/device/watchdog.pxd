@@ -1,19 +1,3 @@
-cdef class StopLatch:
-    cdef public object cause
-
-    cpdef bint latch(self, object cause)
-    cpdef bint clear(self, object cause)
-
-
-cdef class Freshness:
-    cdef object _host_us
-    cdef double _min_us
-    cdef long long _at_us
-
-    cpdef object reset(self)
-    cpdef double extra_delay_us(self, object host_stamp, long long arrival_us)
-
-
 cdef class Watchdog:
     cdef public double first, second
     cdef public object counter

@@ -1,90 +1,22 @@
-"""Stop latch, freshness check and watchdogs, which prevent unwanted motion.
+"""Watchdogs of the host's cyclic values: setpoints of the velocity, and duties in bring-up mode.
 
-These rules have no I/O; their only clock is the device's time in microseconds. The firmware applies
-the rules to the wheels.
+A watchdog stores the last valid values until their time to live ends. It subtracts a frame's
+additional delay (``freshness``) from the time to live. It rejects values if no time remains, or if
+their counter does not advance. Its only clock is the device's time in microseconds.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.clock import DeviceUs, extend_us
-from protocol.messages.values import StopCause, latched_cause
-
 if TYPE_CHECKING:
     from protocol.messages.host import VelocitySetpoint, WheelDuty
 
 MAX_TIME_TO_LIVE_US = 250_000
-HOST_SILENCE_US = 1_000_000
-DRIFT_ALLOWANCE_PPM = 250
-"""Maximum drift between the clocks of host and device, ppm; two crystals of ±100 ppm differ by up
-to 200 ppm. The smallest delay of a session is increased at this rate."""
 BRINGUP_DUTY_MAX = 0.5
 """Maximum duty in bring-up mode: half of full scale. It turns the wheels of a lifted robot
 visibly."""
 _HALF_COUNTER = 128
-
-
-class StopLatch:
-    """Stores the most severe cause of a stop until a command clears this cause.
-
-    A device boots with the latched cause ``SESSION_END``, so it moves only after this cause is
-    cleared.
-    """
-
-    def __init__(self, cause: StopCause = StopCause.SESSION_END) -> None:
-        self.cause = cause
-
-    @property
-    def latched(self) -> bool:
-        """True if a stop is latched and the robot must not move."""
-        return self.cause is not StopCause.NONE
-
-    def latch(self, cause: int) -> bool:
-        """Latch a cause; return False if an equal or more severe cause is already latched."""
-        held, self.cause = self.cause, latched_cause(self.cause, cause)
-        return self.cause is not held
-
-    def clear(self, cause: int) -> bool:
-        """Release the latch if ``cause`` is the latched cause; return whether it was released."""
-        if not self.latched or cause != self.cause:
-            return False
-        self.cause = StopCause.NONE
-        return True
-
-
-class Freshness:
-    """Computes the additional delay of a frame compared with the fastest frame of its session.
-
-    Host and device clocks are not synchronised. So a frame's arrival time minus its host stamp is
-    the delay plus an unknown constant. The additional delay is this difference minus its minimum in
-    the session. The minimum is increased at the maximum drift of two crystals; otherwise clock
-    drift would make all frames of a long session look late.
-    """
-
-    def __init__(self) -> None:
-        self._host_us: DeviceUs | None = None
-        self._min_us = 0.0
-        self._at_us = 0
-
-    def reset(self) -> None:
-        """Start a session; its minimum is still unknown."""
-        self._host_us = None
-
-    def extra_delay_us(self, host_stamp: int, arrival_us: int) -> float:
-        """Process a frame of the session; return its additional delay, µs."""
-        if self._host_us is None:
-            self._host_us = DeviceUs(host_stamp)
-            self._min_us = float(arrival_us - host_stamp)
-            self._at_us = arrival_us
-            return 0.0
-        host_us = extend_us(self._host_us, host_stamp)
-        self._host_us = DeviceUs(max(self._host_us, host_us))
-        self._min_us += (arrival_us - self._at_us) * DRIFT_ALLOWANCE_PPM * 1e-6
-        self._at_us = arrival_us
-        delay_us = float(arrival_us - host_us)
-        self._min_us = min(self._min_us, delay_us)
-        return delay_us - self._min_us
 
 
 class Watchdog:

@@ -1,4 +1,4 @@
-"""The limits of latch, freshness and watchdogs in the design.
+"""The watchdogs of setpoints and duties, with their limits in the design.
 
 The values are repeated here, so that a change in the code must be intended.
 """
@@ -8,16 +8,91 @@ from __future__ import annotations
 import pytest
 
 from protocol.messages.host import VelocitySetpoint, WheelDuty
-from protocol.messages.values import StopCause
-from sim_device.device import safety
-from sim_device.device.safety import DutyWatchdog, Freshness, SetpointWatchdog, StopLatch
+from sim_device.device.watchdog import (
+    BRINGUP_DUTY_MAX,
+    MAX_TIME_TO_LIVE_US,
+    DutyWatchdog,
+    SetpointWatchdog,
+)
+
+
+def setpoint(counter: int, ttl_ms: int = 200, v: int = 2000) -> VelocitySetpoint:
+    return VelocitySetpoint(v, 0, ttl_ms, counter & 0xFF)
 
 
 def test_the_figures() -> None:
-    assert safety.MAX_TIME_TO_LIVE_US == 250_000
-    assert safety.HOST_SILENCE_US == 1_000_000
-    assert safety.DRIFT_ALLOWANCE_PPM == 250
-    assert safety.BRINGUP_DUTY_MAX == 0.5
+    assert MAX_TIME_TO_LIVE_US == 250_000
+    assert BRINGUP_DUTY_MAX == 0.5
+
+
+def test_a_setpoint_lives_for_its_time_to_live_less_its_delay() -> None:
+    dog = SetpointWatchdog()
+    assert dog.offer(setpoint(1, ttl_ms=200), 50_000, 1_000_000)
+    assert dog.left_us(1_000_000) == 150_000
+    assert dog.v_m_s == pytest.approx(0.2)
+    assert not dog.expired(1_149_999)
+    assert dog.expired(1_150_000)
+    assert dog.v_m_s == 0.0
+    assert not dog.expired(1_160_000), "an expiry is reported once"
+    assert dog.left_us(1_160_000) == 0
+
+
+def test_time_to_live_is_clamped() -> None:
+    dog = SetpointWatchdog()
+    dog.offer(setpoint(1, ttl_ms=255), 0, 0)
+    assert dog.left_us(0) == MAX_TIME_TO_LIVE_US
+    assert dog.expired(MAX_TIME_TO_LIVE_US)
+
+
+@pytest.mark.parametrize("extra_us", [200_000, 200_001, 3_000_000])
+def test_expired_values_are_rejected(extra_us: int) -> None:
+    dog = SetpointWatchdog()
+    dog.offer(setpoint(1), 0, 0)
+    assert not dog.offer(setpoint(2, v=3000), extra_us, 100_000)
+    assert dog.v_m_s == pytest.approx(0.2), "the current setpoint remains valid"
+    assert dog.expired(200_000)
+
+
+def test_a_time_to_live_of_zero_moves_nothing() -> None:
+    dog = SetpointWatchdog()
+    assert not dog.offer(setpoint(1, ttl_ms=0), 0, 0)
+    assert dog.v_m_s == 0.0
+
+
+def test_the_counter_must_advance_and_wraps() -> None:
+    dog = SetpointWatchdog()
+    for counter in range(1, 600):
+        assert dog.offer(setpoint(counter), 0, counter * 20_000)
+        assert not dog.offer(setpoint(counter), 0, counter * 20_000), "repeated"
+        assert not dog.offer(setpoint(counter - 1), 0, counter * 20_000), "reordered"
+        assert not dog.offer(setpoint(counter - 127), 0, counter * 20_000)
+
+
+@pytest.mark.parametrize(("advance", "taken"), [(1, True), (127, True), (128, False), (255, False)])
+def test_how_far_a_counter_may_advance(advance: int, taken: bool) -> None:  # noqa: FBT001 - a table
+    dog = SetpointWatchdog()
+    dog.offer(setpoint(200), 0, 0)
+    assert dog.offer(setpoint(200 + advance), 0, 1) is taken
+
+
+def test_a_rejected_setpoint_does_not_use_up_its_counter() -> None:
+    dog = SetpointWatchdog()
+    dog.offer(setpoint(1), 0, 0)
+    assert not dog.offer(setpoint(100), 1_000_000, 10)
+    assert dog.offer(setpoint(2), 0, 20)
+
+
+def test_halt_discards_values_but_keeps_the_counter() -> None:
+    dog = SetpointWatchdog()
+    dog.offer(setpoint(9), 0, 0)
+    dog.halt()
+    assert dog.v_m_s == 0.0
+    assert dog.left_us(1) == 0
+    assert not dog.expired(10_000_000), "a halt is not reported as an expiry"
+    assert not dog.offer(setpoint(9), 0, 1)
+    assert dog.offer(setpoint(10), 0, 1)
+    dog.reset()
+    assert dog.offer(setpoint(9), 0, 2), "a new session may start with any counter"
 
 
 def test_the_longest_life_is_a_quarter_of_a_second() -> None:
@@ -81,61 +156,6 @@ def test_counters_wrap_at_8_bits_and_advance_by_less_than_half() -> None:
         dog = SetpointWatchdog()
         assert dog.offer(VelocitySetpoint(0, 0, 200, first), 0.0, 0)
         assert dog.offer(VelocitySetpoint(0, 0, 200, second), 0.0, 1) is taken
-
-
-def test_the_first_frame_is_the_reference_with_any_clocks() -> None:
-    fresh = Freshness()
-    assert fresh.extra_delay_us(4_000_000_000, 1_000_000) == 0.0
-    # The allowance for drift is 250 ppm of 40 ms: 10 us.
-    assert fresh.extra_delay_us(4_000_040_000, 1_042_000) == pytest.approx(2_000 - 0.25e-3 * 42_000)
-    assert fresh.extra_delay_us(4_000_060_000, 1_060_000) == pytest.approx(0.0, abs=16.0)
-
-
-def test_the_allowance_grows_with_time_and_only_with_it() -> None:
-    fresh = Freshness()
-    fresh.extra_delay_us(0, 5_000)
-    # After 100 s the minimum has grown by 25 ms; a frame with the same delay resets the minimum.
-    assert fresh.extra_delay_us(100_000_000, 100_005_000) == 0.0
-    assert fresh.extra_delay_us(100_000_000, 100_005_000) == 0.0, "no time has passed"
-    assert fresh.extra_delay_us(200_000_000, 200_105_000) == pytest.approx(100_000 - 25_025)
-
-
-def test_an_old_frame_does_not_turn_the_hosts_clock_back() -> None:
-    fresh = Freshness()
-    fresh.extra_delay_us(1_000_000, 0)
-    fresh.extra_delay_us(3_000_000_000, 2_999_000_000 & 0xFFFF_FFFF)
-    late = fresh.extra_delay_us(2_000_000_000, 2_999_000_000)
-    assert late == pytest.approx(1_000_000_000, rel=1e-3)
-
-
-def test_a_reset_restarts_the_measurement_with_any_clock() -> None:
-    fresh = Freshness()
-    fresh.extra_delay_us(10, 10)
-    assert fresh.extra_delay_us(10, 500_010) > 400_000
-    fresh.reset()
-    assert fresh.extra_delay_us(77, 900_000_077) == 0.0
-    assert fresh.extra_delay_us(1_000_077, 901_000_077) == 0.0
-
-
-def test_a_latch_begins_with_an_orderly_end_and_none_is_free() -> None:
-    latch = StopLatch()
-    assert (latch.cause, latch.latched) == (StopCause.SESSION_END, True)
-    assert latch.latch(StopCause.SESSION_END) is False
-    assert latch.latch(StopCause.OPERATOR) is True
-    assert latch.latch(StopCause.SUPERVISE) is False
-    assert latch.clear(StopCause.SUPERVISE) is False
-    assert latch.cause is StopCause.OPERATOR
-    assert latch.clear(StopCause.OPERATOR) is True
-    assert (latch.cause, latch.latched) == (StopCause.NONE, False)
-    assert latch.clear(StopCause.NONE) is False
-
-
-def test_a_host_clock_that_wraps_is_followed_for_hours() -> None:
-    """A 32-bit stamp in µs is unambiguous for 36 minutes, counted from the last frame."""
-    fresh = Freshness()
-    for minute in range(180):
-        now_us = 60_000_000 * minute
-        assert fresh.extra_delay_us(now_us & 0xFFFF_FFFF, now_us + 5_000) == 0.0
 
 
 def test_conditions_return_true_or_false() -> None:
