@@ -6,9 +6,9 @@ from statistics import fmean, median
 from typing import TYPE_CHECKING
 
 from tools.experiment.curves import MULTIPLES
-from tools.experiment.limits import CAUSES
 from tools.experiment.tables import Table, at_multiples, group, number, outcomes, percent, values
 from tools.experiment.trials import TrialKind
+from tools.experiment.unswept_causes import CAUSES
 from tools.experiment.zimablue_run import LONGEST, PLANNERS
 
 if TYPE_CHECKING:

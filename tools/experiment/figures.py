@@ -10,10 +10,10 @@ from bridge.view.report.drawing import PlotMissingError, as_svg, blank, tidy
 from tools.experiment.compare_tables import display_name, shared
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.cycles import PAPER_END_MM
-from tools.experiment.limits import CAUSES
 from tools.experiment.paper_tables import cycle_spread
 from tools.experiment.tables import group
 from tools.experiment.trials import OPEN_FLOOR, TrialKind, robot_label, room_of
+from tools.experiment.unswept_causes import CAUSES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -45,7 +45,7 @@ def run_trial(trial: Trial) -> dict[str, Any]:
 
 
 def _limits(trial: Trial) -> dict[str, Any]:
-    from tools.experiment.limits import rounded, split_loss
+    from tools.experiment.unswept_causes import rounded, split_loss
 
     driven = _drive(trial)
     return _figures(trial, driven) | {"loss": rounded(split_loss(driven.observed, driven.planner))}
@@ -71,7 +71,7 @@ def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
 
     def prepare(run: VirtualRun) -> None:
         if perfect:
-            from tools.experiment.limits import give_true_pose
+            from tools.experiment.true_pose import give_true_pose
 
             give_true_pose(run)
 

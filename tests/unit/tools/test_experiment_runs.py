@@ -10,7 +10,6 @@ import pytest
 
 from bridge.floor_plan.floor_plan import FloorPlanError
 from bridge.motion.robot_model import RobotModel
-from tools.experiment.limits import CAUSES
 from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES
 from tools.experiment.room_generator import distance_m
 from tools.experiment.runs import run_all
@@ -24,6 +23,7 @@ from tools.experiment.trials import (
     room_of,
     with_robots,
 )
+from tools.experiment.unswept_causes import CAUSES
 from tools.experiment.worker import run_trial
 
 if TYPE_CHECKING:

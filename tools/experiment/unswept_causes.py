@@ -1,9 +1,9 @@
-"""The limits of a planner: runs with a perfect pose, and the lost coverage split by cause."""
+"""The sweepable floor that a run leaves unswept, divided by cause."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
@@ -16,11 +16,7 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.map import EvidenceMap
     from bridge.evaluation.raster import Mask, Raster
     from bridge.evaluation.regions import Regions
-    from bridge.motion.estimation.estimator import PoseEstimator
-    from bridge.motion.geometry import Pose2
-    from sim_device.rigged import RiggedDevice
     from tools.experiment.observed import Observed
-    from tools.virtual.run import VirtualRun
 
 CAUSES = {
     "pose": "swept by the robot's own estimate, but not in truth",
@@ -36,29 +32,6 @@ _SLIVER_M = 0.04
 """Radius of the disc that does not fit into a gap between lanes, m."""
 _MAP_SLACK_M = 0.025
 """Error of the planner's map that is tolerated, m: one cell of 2 cm and its rounding."""
-
-
-class TruePose:
-    """The host's estimator, with the true pose instead of the estimated pose."""
-
-    def __init__(self, inner: PoseEstimator, device: RiggedDevice) -> None:
-        """Wrap the estimator ``inner``: it gets all measurements and returns all other values."""
-        self._inner, self._device = inner, device
-
-    @property
-    def pose(self) -> Pose2:
-        """True pose at this time."""
-        return self._device.plant.pose
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - any attribute of the estimator
-        return getattr(self._inner, name)
-
-
-def give_true_pose(run: VirtualRun) -> None:
-    """Give planner and controllers the true pose."""
-    run.host.localisation.estimator = cast(
-        "PoseEstimator", TruePose(run.host.estimator, run.device)
-    )
 
 
 def split_loss(observed: Observed, planner: Planner) -> dict[str, float]:

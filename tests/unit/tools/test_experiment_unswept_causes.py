@@ -14,7 +14,7 @@ from bridge.evaluation.regions import find_regions
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from tools.experiment.limits import CAUSES, classify, forbidden_axle
+from tools.experiment.unswept_causes import CAUSES, classify, forbidden_axle
 
 if TYPE_CHECKING:
     from bridge.evaluation.raster import Mask
