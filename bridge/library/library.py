@@ -7,23 +7,21 @@ import re
 import sqlite3
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bridge.library.columns import COLUMNS, INDEXED, NAMES
-from bridge.library.errors import IndexDamagedError, LibraryError, NoRunError
+from bridge.library.errors import IndexDamagedError, LibraryError
 from bridge.library.index import FolderIndex, Marks, folders_with_logs, logs_in, read_here
+from bridge.library.latest import resolve_latest
 from bridge.library.selection import Selection
 from bridge.record.names import readable_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
 
     from bridge.library.index import LogReaders
 
-DEFAULT_FOLDER = Path("runs")
-"""Folder of the default logs."""
-_LATEST = re.compile(r"latest(?:~(\d{1,9}))?")
 _TAG = re.compile(r"[\w.+-]{1,64}")
 _MAX_NOTE = 10_000
 """Maximum length of a note, characters."""
@@ -138,28 +136,23 @@ def _follow_moved(indexes: Sequence[FolderIndex]) -> None:
 
 
 def resolve(path: Path) -> Path:
-    """Return the log for a path. ``latest`` is the newest run, ``latest~N`` the N-th run before it.
+    """Return the log for a path: ``latest`` is the newest run (:mod:`bridge.library.latest`).
 
-    Without a folder, these names refer to :data:`DEFAULT_FOLDER`. If a file with such a name
-    exists, the file is used. An emulator's logs of the true state do not count.
+    An emulator's logs of the true state do not count.
 
     Raises:
         NoRunError: there is no such run.
         LibraryError: the folder cannot be read.
 
     """
-    named = _LATEST.fullmatch(path.name)
-    if named is None or os.path.lexists(path):
-        return path
-    back = int(named[1] or 0)
-    folder = DEFAULT_FOLDER if path.parent == Path() and path.name == str(path) else path.parent
+    return resolve_latest(path, _measured)
+
+
+def _measured(folder: Path) -> list[Path]:
+    """Return the logs of the runs in a folder and below it, the newest last, without truth logs."""
     library = Library([folder])
     library.refresh()
-    runs = library.select(Selection(where="kind <> 'truth'"))
-    if back >= len(runs):
-        count = f"it has {len(runs)} run{'' if len(runs) == 1 else 's'}"
-        raise NoRunError(f"no run {path.name} in {folder}: {count}")
-    return runs[-1 - back].path
+    return [run.path for run in library.select(Selection(where="kind <> 'truth'"))]
 
 
 def mark_run(

@@ -80,7 +80,8 @@ def _known_tags(
 ) -> list[str]:
     """Return the tags of the runs."""
     from bridge.errors import BridgeError
-    from bridge.library.library import DEFAULT_FOLDER, Library
+    from bridge.library.latest import DEFAULT_FOLDER
+    from bridge.library.library import Library
     from bridge.library.selection import Selection
 
     library = Library(ctx.params.get("folders") or (DEFAULT_FOLDER,))
@@ -403,7 +404,8 @@ def _select(
     """Update the indexes and return the library with the selected runs."""
     from bridge.library.errors import LibraryError
     from bridge.library.index import read_here
-    from bridge.library.library import DEFAULT_FOLDER, Library
+    from bridge.library.latest import DEFAULT_FOLDER
+    from bridge.library.library import Library
 
     if not folders and not DEFAULT_FOLDER.is_dir():
         raise LibraryError(f"there is no folder {DEFAULT_FOLDER}: give the folder of the logs")

@@ -5,21 +5,23 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from bridge.library import entry
 from bridge.library.columns import NAMES
-from bridge.library.errors import IndexDamagedError, LibraryError, NoRunError
+from bridge.library.errors import IndexDamagedError, LibraryError
 from bridge.library.index import FILE_NAME
-from bridge.library.library import Library, mark_run, resolve
+from bridge.library.library import Library, mark_run
 from bridge.library.selection import Selection
 from bridge.record.log_writer import RunWriter
 from bridge.record.policy import RecordOptions, open_log
 from support.small_logs import summary_of, write_log
 from support.synthetic_run import run_info, synthetic_run
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def listed(
@@ -295,29 +297,6 @@ def test_a_condition_only_reads_runs(tmp_path: Path, where: str, text: str) -> N
 def test_an_unknown_column_to_sort_by_is_named(tmp_path: Path) -> None:
     with pytest.raises(LibraryError, match="did you mean coverage"):
         listed(tmp_path, sort="coverag")
-
-
-def test_latest_is_the_newest_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    runs = tmp_path / "runs"
-    other = tmp_path / "other"
-    runs.mkdir()
-    other.mkdir()
-    for number in range(3):
-        write_log(runs / f"{9 - number}.mcap", at_s=number)
-    write_log(runs / "truth.mcap", at_s=100, port="emulated")
-    write_log(other / "x.mcap")
-    assert resolve(Path("latest")) == Path("runs/7.mcap")
-    assert resolve(Path("latest~2")) == Path("runs/9.mcap")
-    assert resolve(Path("other/latest")) == Path("other/x.mcap")
-    assert resolve(Path("other/x.mcap")) == Path("other/x.mcap")
-    assert resolve(Path("latest.mcap")) == Path("latest.mcap")
-    with pytest.raises(NoRunError, match="no run latest~3 in runs: it has 3 runs"):
-        resolve(Path("latest~3"))
-    with pytest.raises(LibraryError, match="cannot read the folder none"):
-        resolve(Path("none/latest"))
-    (tmp_path / "latest").write_bytes(b"a file of this name is itself")
-    assert resolve(Path("latest")) == Path("latest")
 
 
 def test_a_name_that_is_not_utf8_is_listed(tmp_path: Path) -> None:
