@@ -12,7 +12,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.authentication import CAN_AUTH_TYPE, SIGNED_TYPES
-from protocol.can.authentication import HeldMessages
+from protocol.can.awaiting_tag import HeldMessages
 from protocol.can.frames import (
     RECORD,
     T16,

@@ -7,7 +7,7 @@ the caller.
 from __future__ import annotations
 
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
-from protocol.can.authentication import TOGETHER_US
+from protocol.can.awaiting_tag import TOGETHER_US
 from protocol.can.frames import STAMP_SHIFT
 from protocol.can.link import DUPLICATE_US
 from protocol.can.stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.authentication import CAN_AUTH_TYPE, TRAILER
-from protocol.can.authentication import TOGETHER_US
+from protocol.can.awaiting_tag import TOGETHER_US
 from protocol.can.frames import pack, parts_of
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section

@@ -19,7 +19,7 @@ from protocol.authentication import (
     key_of,
     key_words,
 )
-from protocol.can.authentication import TOGETHER_US
+from protocol.can.awaiting_tag import TOGETHER_US
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.link import Received, Rejected

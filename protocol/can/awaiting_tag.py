@@ -1,4 +1,4 @@
-"""Storage for CAN messages that wait for their tag."""
+"""CAN messages that wait for their tag."""
 
 from __future__ import annotations
 
