@@ -21,7 +21,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from support.kit_build import LIBRARY, library
+from support.core_build import LIBRARY, library
 
 REFERENCE_S = 0.7
 """Time of the loop on the machine of the budget, s."""

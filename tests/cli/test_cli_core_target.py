@@ -11,7 +11,7 @@ import pytest
 
 from support.c_build import tool
 from support.cli import PATIENCE_S, end, start, sweepctl
-from support.kit_build import LIBRARY, library
+from support.core_build import LIBRARY, library
 from support.root import ROOT
 
 pytestmark = pytest.mark.slow

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.c_build import STRICT, any_compiler
+from support.core_build import wire
 from support.desk_device import check_that_connect_accepts
-from support.kit_build import wire
 from support.root import ROOT
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ import pytest
 from protocol.messages.host import TimeRequest
 from support import reference_codec as ref
 from support.cli import plain_messages
-from support.kit_script import read, script
-from support.kit_sessions import Writer
+from support.random_scripts import Writer
 from support.root import ROOT
+from support.script_format import read, script
 
 DUST = 0x3A
 LOCKED = Path(sys.executable).parent

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from support.kit_build import KIT, LIBRARY, compile_kit
+from support.core_build import FIRMWARE, LIBRARY, compile_core
 from support.root import ROOT
 
 if TYPE_CHECKING:
@@ -38,13 +38,15 @@ BUGS = {
 def built(folder: Path, file: str = "", correct: str = "", wrong: str = "") -> Path:
     """Return a library built from a copy of the core with a replaced text in one file."""
     core = folder / "core"
-    shutil.copytree(KIT / "core", core)
+    shutil.copytree(FIRMWARE / "core", core)
     if file:
         source = (core / file).read_text()
         assert source.count(correct) == 1, file
         (core / file).write_text(source.replace(correct, wrong))
     flags = ("-O0", "-fPIC", "-shared", "-fvisibility=hidden", "-Wno-unused-variable")
-    return compile_kit(folder / "firmware.so", KIT / "protocol", LIBRARY, flags=flags, core=core)
+    return compile_core(
+        folder / "firmware.so", FIRMWARE / "protocol", LIBRARY, flags=flags, core=core
+    )
 
 
 def failures(library: Path, tests: list[str]) -> set[str]:

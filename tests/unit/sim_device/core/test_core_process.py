@@ -11,7 +11,7 @@ from sim_device.core.chip import FirmwareCrashError, FirmwareLibraryError, Local
 from sim_device.core.core_sweeper import CoreSweeper
 from sim_device.ports import core_process
 from sim_device.ports.core_process import CoreProcess
-from support.kit_build import LIBRARY, library
+from support.core_build import LIBRARY, library
 from support.rigs import OPEN_FLOOR, Drive, rig
 from support.root import ROOT
 

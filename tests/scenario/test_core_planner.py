@@ -17,9 +17,9 @@ from protocol.messages.values import Mode, PlannerAction, PlannerPhase, StopCaus
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from sim_device.sweeper import VirtualSweeper
-from support.kit_build import the_kit
-from support.kit_robot import KitRobot
-from support.kit_script import Boot
+from support.core_build import script_board
+from support.core_robot import CoreRobot
+from support.script_format import Boot
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -51,13 +51,13 @@ def plan() -> FloorPlan:
 
 
 @pytest.fixture
-def robot(plan: FloorPlan) -> Iterator[KitRobot]:
-    made = KitRobot(the_kit().program, plan, noise="none")
+def robot(plan: FloorPlan) -> Iterator[CoreRobot]:
+    made = CoreRobot(script_board().program, plan, noise="none")
     yield made
     made.close()
 
 
-def start(robot: KitRobot) -> None:
+def start(robot: CoreRobot) -> None:
     robot.live(STEP_S)
     for message in LEAVE:
         robot.inform(message)
@@ -65,7 +65,7 @@ def start(robot: KitRobot) -> None:
     assert robot.reported.state == RUNNING
 
 
-def drive(robot: KitRobot, seconds: float) -> None:
+def drive(robot: CoreRobot, seconds: float) -> None:
     """Run while the plan is active; time requests keep the session open."""
     end_us = robot.now_us + round(seconds * 1e6)
     while robot.now_us < end_us and robot.reported.state == RUNNING:
@@ -105,7 +105,7 @@ def distances_m(received: list[Message]) -> list[float]:
     return found
 
 
-def python_twin(plan: FloorPlan) -> list[Message]:
+def python_model(plan: FloorPlan) -> list[Message]:
     """Run the same plan on the Python firmware in the same room; return its messages."""
     link = Link(Direction.HOST)
     device = VirtualSweeper(plan, noise="none", boot_id=Boot().boot_id)
@@ -124,7 +124,7 @@ def python_twin(plan: FloorPlan) -> list[Message]:
     return received
 
 
-def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) -> None:
+def test_it_plans_as_the_python_firmware_does(robot: CoreRobot, plan: FloorPlan) -> None:
     """Both make the same decisions in the same order, and have equal lanes."""
     start(robot)
     track = CoverageMeter(plan, RobotModel(), 0.01).track()
@@ -133,16 +133,16 @@ def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) 
         robot.live(STEP_S)
         track.add(robot.now_us * 1e-6, *robot.plant.pose)
     robot.live(1.5)
-    twin = python_twin(plan)
-    assert decisions(robot.received) == decisions(twin)
-    assert "recovery-begin" in {line.split(":")[0] for line in decisions(twin)}
-    assert distances_m(robot.received) == pytest.approx(distances_m(twin), abs=0.03)
+    model = python_model(plan)
+    assert decisions(robot.received) == decisions(model)
+    assert "recovery-begin" in {line.split(":")[0] for line in decisions(model)}
+    assert distances_m(robot.received) == pytest.approx(distances_m(model), abs=0.03)
     last = [m for m in robot.received if isinstance(m, PlannerState)][-1]
     assert last.phase == PlannerPhase.FINISHED
     assert track.report().coverage.mouth_sweepable > 0.8
 
 
-def test_a_pause_keeps_the_leg_and_a_stop_ends_the_plan(robot: KitRobot) -> None:
+def test_a_pause_keeps_the_leg_and_a_stop_ends_the_plan(robot: CoreRobot) -> None:
     start(robot)
     drive(robot, 5.0)
     assert robot.plant.truth.v_m_s > 0.1
@@ -161,7 +161,7 @@ def test_a_pause_keeps_the_leg_and_a_stop_ends_the_plan(robot: KitRobot) -> None
     assert robot.reported.stop_cause == StopCause.OPERATOR
 
 
-def test_without_a_host_the_plan_ends(robot: KitRobot) -> None:
+def test_without_a_host_the_plan_ends(robot: CoreRobot) -> None:
     start(robot)
     drive(robot, 4.0)
     robot.live(1.6)

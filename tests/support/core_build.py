@@ -1,4 +1,4 @@
-"""The C firmware on this computer: it is built once per test run and executes scripts."""
+"""The C core on this computer: it is built once per test run and executes scripts."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ import pytest
 
 from protocol.generate import render
 from support.c_build import MORE, STRICT, any_compiler
-from support.kit_script import read, script
 from support.root import ROOT
+from support.script_format import read, script
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from support.kit_script import Act, Reported
+    from support.script_format import Act, Reported
 
-KIT = ROOT / "sim_device" / "firmware"
-CORE = sorted(p for p in (KIT / "core").glob("*.c") if p.name != "main.c")
+FIRMWARE = ROOT / "sim_device" / "firmware"
+CORE = sorted(p for p in (FIRMWARE / "core").glob("*.c") if p.name != "main.c")
 
 
 def wire(directory: Path) -> Path:
@@ -36,17 +36,17 @@ def wire(directory: Path) -> Path:
     return folder
 
 
-def compile_kit(  # noqa: PLR0913 - options of a build
+def compile_core(  # noqa: PLR0913 - options of a build
     out: Path,
     wire_folder: Path,
     sources: Sequence[Path],
     *,
     flags: Sequence[str] = (),
     sanitized: bool = False,
-    core: Path = KIT / "core",
+    core: Path = FIRMWARE / "core",
 ) -> Path:
     """Compile the core with ``sources``, every warning as an error; return the output's path."""
-    includes = (f"-I{KIT / 'include'}", f"-I{core}", f"-I{wire_folder}")
+    includes = (f"-I{FIRMWARE / 'include'}", f"-I{core}", f"-I{wire_folder}")
     files = [
         *(core / source.name for source in CORE),
         wire_folder / "sweepctl_protocol.c",
@@ -70,7 +70,7 @@ def compile_kit(  # noqa: PLR0913 - options of a build
 
 
 @dataclass(frozen=True)
-class Kit:
+class ScriptBoard:
     """The compiled script board: the C firmware with a board that executes a script."""
 
     program: Path
@@ -89,7 +89,7 @@ class Kit:
         return done.stdout
 
 
-LIBRARY = [KIT / "board_library" / name for name in ("board.c", "library.c")]
+LIBRARY = [FIRMWARE / "board_library" / name for name in ("board.c", "library.c")]
 
 
 @functools.cache
@@ -98,17 +98,17 @@ def library(*sources: Path, sanitized: bool = False, optimised: bool = False) ->
     directory = Path(tempfile.mkdtemp(prefix="library-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
     flags = ("-O2" if optimised else "-O0", "-g", "-fPIC", "-shared", "-fvisibility=hidden")
-    return compile_kit(
+    return compile_core(
         directory / "firmware.so", wire(directory), sources, flags=flags, sanitized=sanitized
     )
 
 
 @functools.cache
-def the_kit() -> Kit:
+def script_board() -> ScriptBoard:
     """Build the core with the compiler's sanitizers, once per test run."""
-    directory = Path(tempfile.mkdtemp(prefix="kit-"))
+    directory = Path(tempfile.mkdtemp(prefix="core-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
-    sources = [KIT / "board_host" / name for name in ("script.c", "script_main.c")]
+    sources = [FIRMWARE / "board_host" / name for name in ("script.c", "script_main.c")]
     flags = ("-O0", "-g")  # builds in half the time of -O1
     out = directory / "script_host"
-    return Kit(compile_kit(out, wire(directory), sources, flags=flags, sanitized=True))
+    return ScriptBoard(compile_core(out, wire(directory), sources, flags=flags, sanitized=True))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.c_build import locked, run
-from support.kit_build import KIT
+from support.core_build import FIRMWARE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,9 +18,9 @@ PROJECT = f"""
 cmake_minimum_required(VERSION 3.18)
 project(somebody LANGUAGES C)
 set(SWEEPCTL_DEFINITIONS INBOX_BYTES=256u CACHE STRING "")
-add_subdirectory("{KIT}" firmware)
-add_executable(robot main.c "{KIT}/board_host/script.c")
-target_include_directories(robot PRIVATE "{KIT}/board_host")
+add_subdirectory("{FIRMWARE}" firmware)
+add_executable(robot main.c "{FIRMWARE}/board_host/script.c")
+target_include_directories(robot PRIVATE "{FIRMWARE}/board_host")
 target_link_libraries(robot PRIVATE sweepctl::core m)
 """
 MAIN = """

@@ -30,13 +30,13 @@ from protocol.messages.values import Mode, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.framing import encode_frame
 from protocol.uart.link import Link
-from support.kit_script import NO_RANGE, PARAMETERS, Boot, Readings, Step
+from support.script_format import NO_RANGE, PARAMETERS, Boot, Readings, Step
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.schema.message import Message
-    from support.kit_script import Act
+    from support.script_format import Act
 
 HOST_AHEAD_US = 5_000_000
 HELLO = 0x04

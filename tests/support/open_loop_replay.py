@@ -34,8 +34,8 @@ from sim_device.sensors.contacts import Bumpers
 from sim_device.sensors.imu import ImuCounts
 from sim_device.sensors.power_monitor import PowerReading
 from sim_device.sensors.rangers import Ranges
-from support.kit_script import NO_RANGE
-from support.kit_twin import pieces, seen
+from support.script_format import NO_RANGE
+from support.scripted_model import pieces, seen
 from tools.cli.rooms import load_room
 from tools.virtual.run import run_virtual
 
@@ -409,15 +409,15 @@ _OWN = frozenset({"fed", "waited_us", "flash_busy", "blocked"})
 def compare_recorded(recording: Recording) -> Comparison:
     """Give a recording to both firmwares and compare state and output after each call."""
     made = Comparison()
-    ours = core_outputs(recording)
+    cores = core_outputs(recording)
     border = [call for call in recording.calls if call.operation in _BORDER]
-    made.exact = ours == [Output(*view_of(call.reply)) for call in border]
+    made.exact = cores == [Output(*view_of(call.reply)) for call in border]
     replayed = Replayed(recording)
-    twins = replayed.run()
+    models = replayed.run()
     made.unasked = replayed.sensors.unasked
     link = CanLink if recording.can else Link
     ears = link(Direction.HOST), link(Direction.HOST)
-    for call, core, python in zip(border, ours, twins, strict=True):
+    for call, core, python in zip(border, cores, models, strict=True):
         made.calls += 1
         now_us = 0 if call.operation == Operation.BOOT else RECEIVE.unpack_from(call.payload)[0]
         where = f"{Operation(call.operation).name.lower()} at {now_us} us"

@@ -1,4 +1,4 @@
-"""The C firmware in the virtual robot: the sensors measure the plant, the duties drive it."""
+"""The C core in the virtual robot: the sensors measure the plant, the duties drive it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim_device.body.plant import Plant
 from sim_device.noise import noise_level
 from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World
-from support.kit_script import NO_RANGE, REPORTED, Readings, Reported, Step, read
+from support.script_format import NO_RANGE, REPORTED, Readings, Reported, Step, read
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,7 +30,7 @@ _RANGE_PERIODS, _RANGE_PHASE = 5, 4
 _POWER_PERIODS, _POWER_PHASE = 20, 5
 
 
-class KitRobot:
+class CoreRobot:
     """The firmware's program in a child process, which runs one control period after the other."""
 
     def __init__(

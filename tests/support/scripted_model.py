@@ -18,13 +18,13 @@ from sim_device.sensors.contacts import Bumpers
 from sim_device.sensors.imu import ImuCounts
 from sim_device.sensors.power_monitor import PowerReading
 from sim_device.sensors.rangers import Ranges
-from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Reported, Step
+from support.script_format import NO_RANGE, Boot, Held, LoseSupply, Readings, Reported, Step
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from sim_device.device.watchdog import Watchdog
-    from support.kit_script import Act
+    from support.script_format import Act
 
 UID = b"script-board"
 _V_STEP, _YAW_STEP, _DUTY_STEP = 0.0001, 0.0002, 0.0001
@@ -83,7 +83,7 @@ def pieces(data: bytes, *, can: bool) -> list[bytes]:
     return re.findall(rb"[^\0]*\0|[^\0]+", data)
 
 
-class Twin:
+class ScriptedModel:
     """Runs a script on the Python firmware."""
 
     def __init__(self) -> None:

@@ -9,10 +9,10 @@ import pytest
 
 from protocol.messages.host import SetStreamRate, TimeRequest
 from support import reference_codec as ref
-from support.kit_build import KIT, compile_kit
-from support.kit_script import read, script
-from support.kit_sessions import Writer
+from support.core_build import FIRMWARE, compile_core
 from support.plugin_site import install, sweepctl_with
+from support.random_scripts import Writer
+from support.script_format import read, script
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,8 +53,8 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = sweepctl_with(site, "generate", "c", "--out", codec)
     assert done.status == 0, done.err
     (folder / "dust.c").write_text(FILLED)
-    sources = [KIT / "board_host" / name for name in ("script.c", "script_main.c")]
-    return compile_kit(folder / "script_host", codec, [*sources, folder / "dust.c"])
+    sources = [FIRMWARE / "board_host" / name for name in ("script.c", "script_main.c")]
+    return compile_core(folder / "script_host", codec, [*sources, folder / "dust.c"])
 
 
 def frames(program: Path, writer: Writer) -> list[ref.RefFrame]:

@@ -25,15 +25,15 @@ from protocol.messages.values import Capability, Mode, NackReason, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.c_build import C_TESTS, MORE, STRICT, any_compiler, run
-from support.kit_build import KIT, the_kit, wire
-from support.kit_script import Boot, Readings, Step
+from support.core_build import FIRMWARE, script_board, wire
+from support.script_format import Boot, Readings, Step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from protocol.link import LinkBase
     from protocol.schema.message import Message
-    from support.kit_script import Act, Reported
+    from support.script_format import Act, Reported
 
 pytestmark = pytest.mark.slow
 
@@ -48,9 +48,9 @@ HOST_AHEAD_US = 5_000_000
 def ask(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Sequence[str]], list[str]]:
     folder = tmp_path_factory.mktemp("authentication")
     program = folder / "authentication"
-    core = [KIT / "core" / name for name in ("authentication.c", "sha256.c")]
+    core = [FIRMWARE / "core" / name for name in ("authentication.c", "sha256.c")]
     compiler = any_compiler("gcc", "clang")
-    includes = (f"-I{KIT / 'core'}", f"-I{wire(folder)}")
+    includes = (f"-I{FIRMWARE / 'core'}", f"-I{wire(folder)}")
     flags = (*STRICT, *MORE, "-g", *compiler.sanitized)
     compiler.run(*flags, *includes, "-o", program, C_TESTS / "authentication.c", *core)
 
@@ -252,7 +252,7 @@ def test_a_session_with_a_key(can: bool) -> None:  # noqa: FBT001 - a parameter 
     for _ in range(3):
         host.greet()
     before = [*keyed_by_uart(), Boot(boot_id=2, can=can, empty_flash=False)]
-    reports = the_kit().run([*before, *host.acts])[-len(host.acts) :]
+    reports = script_board().run([*before, *host.acts])[-len(host.acts) :]
     driving = reports[signed - 1]
     assert driving.state == VELOCITY_STATE
     assert driving.motors[0] > 1000
@@ -287,7 +287,7 @@ def test_a_key_is_set_beside_the_parameters_and_removed_with_its_tag() -> None:
         after.greet()
     acts = [*keyed_by_uart(), Boot(boot_id=2, empty_flash=False), *host.acts]
     acts += [Boot(boot_id=3, empty_flash=False), *after.acts]
-    reports = the_kit().run(acts)
+    reports = script_board().run(acts)
     first, second = reports[-len(after.acts) - len(host.acts) :], reports[-len(after.acts) :]
     rejections = [
         r.message for r in received(first, Link(Direction.HOST)) if isinstance(r.message, Nack)
@@ -315,5 +315,5 @@ def test_only_signed_frames_keep_a_session_alive(signs: bool) -> None:  # noqa: 
         else:
             host.greet()
     acts = [*keyed_by_uart(), Boot(boot_id=2, empty_flash=False), *host.acts]
-    final = the_kit().run(acts)[-1]
+    final = script_board().run(acts)[-1]
     assert final.stop_cause == (StopCause.NONE if signs else StopCause.LINK)

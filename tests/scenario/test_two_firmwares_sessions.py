@@ -34,10 +34,10 @@ from protocol.messages.values import (
 )
 from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import Frame, UartParser
-from support.kit_build import the_kit
-from support.kit_compare import compare
-from support.kit_script import Boot, LoseSupply, Readings, Step
-from support.kit_sessions import Writer, f32
+from support.core_build import script_board
+from support.random_scripts import Writer, f32
+from support.script_comparison import compare
+from support.script_format import Boot, LoseSupply, Readings, Step
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message
@@ -311,7 +311,7 @@ def _saved(periods: int, *, again: bool) -> tuple[int, int]:
     writer.acts.append(LoseSupply(periods))
     writer.inform(SetParameter(4, SPEED, 2, NEW), SaveParameters(5))
     writer.wait(500_000)
-    reported = the_kit().run(writer.acts)
+    reported = script_board().run(writer.acts)
     return reported[-1].parameters[SPEED], reported[-1].reboots
 
 

@@ -1,6 +1,6 @@
 """Initial scripts for a fuzzer of the C firmware: normal and hostile sessions, plans.
 
-    PYTHONPATH=tests python -m campaign.kit_seeds FOLDER
+    PYTHONPATH=tests python -m campaign.core_fuzz_seeds FOLDER
 
 Each file is an input of ``board_host/fuzz.c``: a byte that selects the start, then a script.
 """
@@ -13,8 +13,8 @@ from pathlib import Path
 
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
-from support.kit_script import Readings, script
-from support.kit_sessions import Writer
+from support.random_scripts import Writer
+from support.script_format import Readings, script
 
 NOTHING, DRIVING, PLANNING = b"\0", b"\1", b"\2"
 PLANS = 24

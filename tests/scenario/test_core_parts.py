@@ -9,10 +9,10 @@ import pytest
 
 from protocol.generate import render
 from support.c_build import C_TESTS, MORE, STRICT, any_compiler, locked, run, tool
+from support.core_build import CORE, FIRMWARE, compile_core, script_board, wire
 from support.desk_device import check_that_connect_accepts
-from support.kit_build import CORE, KIT, compile_kit, the_kit, wire
-from support.kit_script import script
-from support.kit_sessions import Writer
+from support.random_scripts import Writer
+from support.script_format import script
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,11 +33,11 @@ PARTS = (
 
 def test_interrupt_rings_and_the_line_s_queue(tmp_path: Path) -> None:
     folder = wire(tmp_path)
-    sources = [KIT / "core" / name for name in PARTS]
-    includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{folder}")
+    sources = [FIRMWARE / "core" / name for name in PARTS]
+    includes = (f"-I{FIRMWARE / 'include'}", f"-I{FIRMWARE / 'core'}", f"-I{folder}")
     program = tmp_path / "parts"
     compiler = any_compiler("gcc", "clang")
-    files = (*sources, C_TESTS / "kit_parts.c", folder / "sweepctl_protocol.c")
+    files = (*sources, C_TESTS / "core_parts.c", folder / "sweepctl_protocol.c")
     flags = (*STRICT, *MORE, "-Wno-unused-parameter", "-g", *compiler.sanitized)
     compiler.run(*flags, *includes, "-o", program, *files)
     run([program])
@@ -63,7 +63,7 @@ def test_no_script_breaks_it(seed: int) -> None:
                 del data[at : at + rng.randrange(9)]
             case _:
                 data[at:at] = data[at : at + rng.randrange(40)]
-    the_kit().raw(_short_steps(bytes(data)))
+    script_board().raw(_short_steps(bytes(data)))
 
 
 def _short_steps(data: bytes) -> bytes:
@@ -80,10 +80,10 @@ def test_no_heap_and_no_other_library() -> None:
     """The core calls only functions for memory, strings and single-precision numbers."""
     allowed = {
         *("math.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"),
-        *(path.name for path in (KIT / "core").glob("*.h")),
+        *(path.name for path in (FIRMWARE / "core").glob("*.h")),
         *("board.h", "firmware.h", *render("c")),
     }
-    for path in (*CORE, KIT / "core" / "main.c", *(KIT / "core").glob("*.h")):
+    for path in (*CORE, FIRMWARE / "core" / "main.c", *(FIRMWARE / "core").glob("*.h")):
         named = {
             line.split()[1].strip('<>"')
             for line in path.read_text().splitlines()
@@ -94,12 +94,12 @@ def test_no_heap_and_no_other_library() -> None:
 
 
 def test_the_static_checkers_are_content() -> None:
-    command = (tool("make"), "-s", "-C", KIT, "analyse", f"CPPCHECK={locked('cppcheck')}")
+    command = (tool("make"), "-s", "-C", FIRMWARE, "analyse", f"CPPCHECK={locked('cppcheck')}")
     run(command, timeout_s=300.0)
 
 
 def test_connect_accepts_it_on_a_desk(tmp_path: Path) -> None:
     """On a pseudo-terminal in real time, the handshake succeeds and no frame is lost."""
-    sources = [KIT / "core" / "main.c", KIT / "board_host" / "desk.c"]
-    program = compile_kit(tmp_path / "desk", wire(tmp_path), sources)
+    sources = [FIRMWARE / "core" / "main.c", FIRMWARE / "board_host" / "desk.c"]
+    program = compile_core(tmp_path / "desk", wire(tmp_path), sources)
     check_that_connect_accepts(program, tmp_path)
