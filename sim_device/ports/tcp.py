@@ -22,8 +22,8 @@ LOOPBACK = "127.0.0.1"
 QUIET_S = 10.0
 """Minimum time between two log lines about rejected clients, s."""
 SILENT_S = 3.0
-"""Time without data from the host after which another client may replace it, s: three times the
-device's session timeout. A connected host sends at least one time request per second."""
+"""Time without an intact frame from the host after which another client may replace it, s: three
+times the device's session timeout. A connected host sends at least one time request per second."""
 GRACE_S = 1.0
 """Maximum time that a second client has for its first frame (a stop), s."""
 STOPPING_S = 5.0
