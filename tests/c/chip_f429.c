@@ -207,6 +207,49 @@ static void parameters_lie_in_the_second_bank(void)
     CHECK(!board_flash_busy(NULL) && memcmp((void *)0x08080008u, words, sizeof words) == 0);
 }
 
+/* The interrupt of the flash: pending while EOP is set, and until its handler begins. */
+static bool flash_pending;
+
+static void nvic_follows(uintptr_t address, bool write)
+{
+    const uint32_t flash = 1u << IRQ_FLASH;
+    if (FLASH->sr == (FLASH_SR_EOP | FLASH_SR_ERRORS)) {
+        FLASH->sr = 0; /* the driver has cleared the flags by writing ones */
+    }
+    if ((NVIC->icpr[0] & flash) != 0) {
+        flash_pending = false;
+    }
+    NVIC->icpr[0] = 0;
+    flash_pending = flash_pending || (FLASH->sr & FLASH_SR_EOP) != 0;
+    if ((NVIC->iser[0] & flash) != 0 && flash_pending) {
+        flash_pending = false;
+        flash_handler();
+    }
+}
+
+/* A debugger has halted the previous program between the end of an operation and its interrupt, and
+ * has started the program without a reset. The old interrupt does not end the new operation. */
+static void the_interrupt_of_an_old_operation_is_dropped(void)
+{
+    chip_begins(2048);
+    memset(NVIC, 0, sizeof *NVIC);
+    FLASH->sr = FLASH_SR_EOP;
+    FLASH->cr = FLASH_CR_SER | FLASH_CR_EOPIE;
+    FLASH->acr = FLASH_ACR_DCEN;
+    flash_pending = true;
+    if (!watch_registers((uintptr_t)NVIC, nvic_follows)) {
+        return;
+    }
+    board_flash_erase(NULL, 0);
+    (void)watch_registers((uintptr_t)NVIC, NULL);
+    CHECK((NVIC->iser[0] & 1u << IRQ_FLASH) != 0 && !flash_pending);
+    CHECK((FLASH->acr & FLASH_ACR_DCEN) == 0); /* the handler would set it */
+    CHECK(board_flash_busy(NULL));
+    FLASH->sr = FLASH_SR_EOP;
+    flash_handler();
+    CHECK(!board_flash_busy(NULL));
+}
+
 /* With one bank, nothing is erased while the program runs from it. The identity reports it. */
 static void one_bank_saves_nothing(void)
 {
@@ -761,6 +804,7 @@ int main(void)
     a_bus_that_hangs_is_freed();
     an_interrupted_transfer_is_ended_in_every_bit();
     parameters_lie_in_the_second_bank();
+    the_interrupt_of_an_old_operation_is_dropped();
     one_bank_saves_nothing();
     an_overrun_does_not_freeze_the_readings();
     an_echo_has_the_time_of_its_pulse();

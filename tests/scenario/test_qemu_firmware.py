@@ -303,6 +303,7 @@ PENDSTSET = 1 << 26
 INTERRUPTS = 91
 """Number of interrupts of the STM32F429 (RM0090, table 62); the F405 has fewer."""
 SYSTICK = 15
+USART1 = 37
 HARD_FAULT = 3
 FIRST_INTERRUPT = 16
 
@@ -336,6 +337,15 @@ def test_a_start_without_a_reset_begins_like_a_start_after_a_reset(debugger: Deb
     assert debugger.words(NVIC_ISER, 3) == [0, 0, 0]
     assert debugger.words(NVIC_ISPR, 3) == [0, 0, 0]
     debugger.run_to("systick_handler")
+
+
+@CHIP
+def test_an_old_pending_interrupt_does_not_run(debugger: Debugger) -> None:
+    """The request comes after the start has cleared it, and its flag is not set."""
+    debugger.run_to("board_start")
+    debugger.store(NVIC_ISPR + 4 * (USART1 // 32), 1 << USART1 % 32)
+    debugger.run_to("plant_send", never=["usart1_handler"])
+    assert debugger.word(NVIC_ISER + 4 * (USART1 // 32)) >> USART1 % 32 & 1 == 1
 
 
 @CHIP

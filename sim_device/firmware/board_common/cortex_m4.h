@@ -62,8 +62,12 @@ typedef struct {
  * lower number can interrupt a handler with a higher number. */
 #define PRIORITY(level) ((uint8_t)((level) << 4))
 
+/* Enable an interrupt. A request that is still pending from before, although its flag has been
+ * cleared, is dropped first. No request of a set flag is lost: while the peripheral asserts its
+ * interrupt line, the interrupt stays pending (4.3.9). */
 static inline void nvic_enable(unsigned irq, unsigned level) {
     NVIC->ip[irq] = PRIORITY(level);
+    NVIC->icpr[irq / 32u] = 1u << (irq % 32u);
     NVIC->iser[irq / 32u] = 1u << (irq % 32u);
 }
 

@@ -39,6 +39,8 @@ static void begin(void) {
         FLASH->keyr = FLASH_KEY_1;
         FLASH->keyr = FLASH_KEY_2;
     }
+    /* After a start without a reset, EOP may be set by the previous program. nvic_enable() then drops
+     * the pending interrupt, whose handler would lock CR again. */
     FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;
     FLASH->acr &= ~FLASH_ACR_DCEN;
     nvic_enable(IRQ_FLASH, LEVEL_FLASH);
