@@ -144,6 +144,7 @@ static void clock_control_follows(uintptr_t address, bool write)
     const uint32_t source = RCC->cfgr & RCC_CFGR_SW_MASK;
     if (source == RCC_CFGR_SW_PLL || clock_source == RCC_CFGR_SW_PLL) {
         CHECK((RCC->cfgr & DIVIDERS) == DIVIDERS && (RCC->cr & RCC_CR_PLLRDY) != 0);
+        CHECK((FLASH->acr & FLASH_ACR_LATENCY_5) == FLASH_ACR_LATENCY_5);
     }
     times_at_the_internal_clock += source == 0 && clock_source != 0;
     clock_source = source;
@@ -164,6 +165,7 @@ static void a_start_without_a_reset(void)
     chip_begins(2048);
     RCC->cr = RCC_CR_HSION | RCC_CR_HSIRDY | RCC_CR_HSEON | RCC_CR_HSERDY | RCC_CR_PLLON | RCC_CR_PLLRDY;
     RCC->cfgr = DIVIDERS | RCC_CFGR_SW_PLL | RCC_CFGR_SWS_PLL;
+    FLASH->acr = FLASH_ACR_LATENCY_5;
     clock_source = RCC_CFGR_SW_PLL;
     if (!watch_registers((uintptr_t)RCC, clock_control_follows)) {
         return;
@@ -205,6 +207,31 @@ static void parameters_lie_in_the_second_bank(void)
     }
     CHECK(FLASH->acr == FLASH_ACR_DCEN);
     CHECK(!board_flash_busy(NULL) && memcmp((void *)0x08080008u, words, sizeof words) == 0);
+}
+
+#define CACHES (FLASH_ACR_ICEN | FLASH_ACR_DCEN)
+#define CACHE_RESETS (FLASH_ACR_ICRST | FLASH_ACR_DCRST)
+static bool caches_empty;
+
+static void caches_follow(uintptr_t address, bool write)
+{
+    const uint32_t acr = FLASH->acr;
+    CHECK((acr & CACHE_RESETS) == 0 || (acr & CACHES) == 0);
+    CHECK((acr & FLASH_ACR_LATENCY_5) == FLASH_ACR_LATENCY_5);
+    caches_empty = caches_empty || (acr & CACHE_RESETS) == CACHE_RESETS;
+}
+
+/* The previous program runs at 168 MHz. Its wait states stay, and a cache is off while it is emptied. */
+static void caches_are_emptied_while_they_are_off(void)
+{
+    chip_begins(2048);
+    FLASH->acr = FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN | CACHES;
+    if (!watch_registers((uintptr_t)FLASH, caches_follow)) {
+        return;
+    }
+    flash_empty_caches();
+    (void)watch_registers((uintptr_t)FLASH, NULL);
+    CHECK(caches_empty && FLASH->acr == (FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN));
 }
 
 /* The interrupt of the flash: pending while EOP is set, and until its handler begins. */
@@ -804,6 +831,7 @@ int main(void)
     a_bus_that_hangs_is_freed();
     an_interrupted_transfer_is_ended_in_every_bit();
     parameters_lie_in_the_second_bank();
+    caches_are_emptied_while_they_are_off();
     the_interrupt_of_an_old_operation_is_dropped();
     one_bank_saves_nothing();
     an_overrun_does_not_freeze_the_readings();

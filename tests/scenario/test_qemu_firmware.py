@@ -304,6 +304,7 @@ INTERRUPTS = 91
 """Number of interrupts of the STM32F429 (RM0090, table 62); the F405 has fewer."""
 SYSTICK = 15
 USART1 = 37
+ICRST, DCRST = 1 << 11, 1 << 12
 HARD_FAULT = 3
 FIRST_INTERRUPT = 16
 
@@ -337,6 +338,20 @@ def test_a_start_without_a_reset_begins_like_a_start_after_a_reset(debugger: Deb
     assert debugger.words(NVIC_ISER, 3) == [0, 0, 0]
     assert debugger.words(NVIC_ISPR, 3) == [0, 0, 0]
     debugger.run_to("systick_handler")
+
+
+@CHIP
+def test_the_start_empties_the_flash_caches_first(built: Path, tmp_path: Path) -> None:
+    """Code and constants of the previous program may be in them."""
+    log = tmp_path / "unemulated.log"
+    with halted_chip(built / "board_f405_qemu.elf", log) as debugger:
+        debugger.run_to("main")
+    written = re.findall(r"(.+): unimplemented device write .*value 0x(\w+)\)", log.read_text())
+    assert [(device, int(value, 16)) for device, value in written[:3]] == [
+        ("Flash Int", 0),
+        ("Flash Int", ICRST | DCRST),
+        ("Flash Int", 0),
+    ]
 
 
 @CHIP

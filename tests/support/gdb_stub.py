@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,7 +16,6 @@ from support.c_build import run, tool
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
 ANSWER_S = 30.0
 """Time limit of an answer, s: far more than the start of the program needs."""
@@ -111,8 +112,11 @@ class Debugger:
 
 
 @contextmanager
-def halted_chip(firmware: Path) -> Iterator[Debugger]:
-    """Emulate the chip during the block. It is halted before the first instruction."""
+def halted_chip(firmware: Path, unemulated: Path = Path(os.devnull)) -> Iterator[Debugger]:
+    """Emulate the chip during the block. It is halted before the first instruction.
+
+    QEMU writes each access to a peripheral that it does not emulate to the file ``unemulated``.
+    """
     names = run([tool("arm-none-eabi-nm"), firmware]).decode().splitlines()
     symbols = {name: int(address, 16) for address, _, name in map(str.split, names)}
     ours, theirs = socket.socketpair()
@@ -123,6 +127,7 @@ def halted_chip(firmware: Path) -> Iterator[Debugger]:
                 [
                     *(tool("qemu-system-arm"), "-M", MACHINE, "-nodefaults", "-display", "none"),
                     *("-serial", "null", "-serial", "null", "-kernel", firmware, "-S"),
+                    *("-d", "unimp", "-D", unemulated),
                     *("-chardev", f"socket,id=gdb,fd={number}", "-gdb", "chardev:gdb"),
                 ],
                 stdin=subprocess.DEVNULL,

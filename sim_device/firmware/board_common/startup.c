@@ -29,8 +29,13 @@ static void fill(uintptr_t from, uintptr_t end, uint32_t value) {
 
 /* Stop everything of the previous program that can change variables or call a handler. Without
  * this, for example, the ADC's DMA stream would continue to write to its old buffer. After a reset,
- * all of it is already stopped. */
+ * all of it is already stopped.
+ *
+ * The caches of the flash may contain lines of the previous program, which a debugger has replaced
+ * in the flash. They are emptied first, because the code and the initial values of the variables
+ * are read through them. The board's clock driver enables them again. */
 static void stop_previous_program(void) {
+    flash_empty_caches();
     RCC->ahb1rstr = RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
     SYSTICK->ctrl = 0;
     SCB->icsr = SCB_ICSR_PENDSTCLR;

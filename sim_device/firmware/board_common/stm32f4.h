@@ -80,6 +80,7 @@ typedef struct {
 #define FLASH_ACR_PRFTEN (1u << 8)
 #define FLASH_ACR_ICEN (1u << 9)
 #define FLASH_ACR_DCEN (1u << 10)
+#define FLASH_ACR_ICRST (1u << 11)
 #define FLASH_ACR_DCRST (1u << 12)
 #define FLASH_KEY_1 0x45670123u
 #define FLASH_KEY_2 0xCDEF89ABu
@@ -95,6 +96,14 @@ typedef struct {
 #define FLASH_CR_ERRIE (1u << 25)
 #define FLASH_CR_LOCK (1u << 31)
 #define FLASH_OPTCR_DB1M (1u << 30)
+
+/* Disable the instruction cache and the data cache, and empty them (3.9.1 and 3.9.2: this requires
+ * ICEN = 0 and DCEN = 0). The wait states do not change, so any clock may be in use. */
+static inline void flash_empty_caches(void) {
+    FLASH->acr &= ~(FLASH_ACR_ICEN | FLASH_ACR_DCEN);
+    FLASH->acr |= FLASH_ACR_ICRST | FLASH_ACR_DCRST;
+    FLASH->acr &= ~(FLASH_ACR_ICRST | FLASH_ACR_DCRST);
+}
 
 /* 4.4 CRC registers. */
 typedef struct {

@@ -65,7 +65,8 @@ bool clocks_start(void) {
                    divider | 336u << 6 | 7u << 24 | /* P is 00: divide by two */
                    (crystal ? RCC_PLLCFGR_SRC_HSE : 0u);
     RCC->cr |= RCC_CR_PLLON;
-    /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. */
+    /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. The caches are empty
+     * (startup.c). */
     FLASH->acr = FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
     RCC->cfgr = RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2;
     const bool locked = wait_until(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY);
