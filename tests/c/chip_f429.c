@@ -102,6 +102,7 @@ static void chip_begins(uint16_t flash_kib)
     memset((void *)0x40000000u, 0, 0x30000);
     *(volatile uint16_t *)0x1FFF7A22u = flash_kib;
     RCC->cr = RCC_CR_HSIRDY | RCC_CR_HSERDY | RCC_CR_PLLRDY;
+    PWR->csr = PWR_CSR_VOSRDY;
     RCC->pllcfgr = 0x24003010u; /* reset value */
 }
 
@@ -133,6 +134,15 @@ static void the_bus_where_the_clock_is_good(void)
     CHECK((GPIO(PORT_A)->moder >> 24 & 3u) == 1u); /* PA12 is an output: ES0206 */
 }
 
+/* The PLL is not used while the regulator's voltage is too low for it. */
+static void no_voltage_no_pll(void)
+{
+    chip_begins(2048);
+    PWR->csr = 0;
+    CHECK(!clocks_start());
+    CHECK((RCC->cfgr & RCC_CFGR_SW_MASK) == 0);
+}
+
 /* The clock control of a chip that the previous program has left at 168 MHz. */
 #define DIVIDERS (RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2)
 static uint32_t reset_apb1, reset_apb2;
@@ -145,6 +155,7 @@ static void clock_control_follows(uintptr_t address, bool write)
     if (source == RCC_CFGR_SW_PLL || clock_source == RCC_CFGR_SW_PLL) {
         CHECK((RCC->cfgr & DIVIDERS) == DIVIDERS && (RCC->cr & RCC_CR_PLLRDY) != 0);
         CHECK((FLASH->acr & FLASH_ACR_LATENCY_5) == FLASH_ACR_LATENCY_5);
+        CHECK((PWR->csr & PWR_CSR_VOSRDY) != 0);
     }
     times_at_the_internal_clock += source == 0 && clock_source != 0;
     clock_source = source;
@@ -156,6 +167,7 @@ static void clock_control_follows(uintptr_t address, bool write)
     const uint32_t on = RCC->cr & (RCC_CR_HSION | RCC_CR_HSEON | RCC_CR_PLLON);
     const uint32_t ready = RCC_CR_HSIRDY | RCC_CR_HSERDY | RCC_CR_PLLRDY;
     RCC->cr = (RCC->cr & ~ready) | on << 1;
+    PWR->csr = (on & RCC_CR_PLLON) != 0 ? PWR_CSR_VOSRDY : 0u;
 }
 
 /* A debugger has started the program without a reset. All peripherals of the drivers are reset. The
@@ -820,6 +832,7 @@ int main(void)
     map(0x08000000u, 0x200000);
     a_start_without_a_reset();
     no_crystal_no_bus();
+    no_voltage_no_pll();
     the_bus_where_the_clock_is_good();
     another_sensor_is_not_taken();
     the_sensor_is_set_up();

@@ -70,6 +70,7 @@ typedef struct {
 } pwr_regs_t;
 #define PWR ((pwr_regs_t *)0x40007000u)
 #define PWR_CR_VOS_SCALE_1 (3u << 14)
+#define PWR_CSR_VOSRDY (1u << 14)
 
 /* 3.9 FLASH registers. */
 typedef struct {

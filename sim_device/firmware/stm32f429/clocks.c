@@ -70,7 +70,9 @@ bool clocks_start(void) {
     FLASH->acr = FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
     RCC->cfgr = RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2;
     const bool locked = wait_until(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY);
-    if (locked) {
+    /* 5.1.4, 5.5.2: the regulator begins to set the voltage for 168 MHz when the PLL is on. */
+    const bool powered = wait_until(&PWR->csr, PWR_CSR_VOSRDY, PWR_CSR_VOSRDY);
+    if (locked && powered) {
         RCC->cfgr |= RCC_CFGR_SW_PLL;
         (void)wait_until(&RCC->cfgr, RCC_CFGR_SWS_MASK, RCC_CFGR_SWS_PLL);
     }
@@ -78,7 +80,7 @@ bool clocks_start(void) {
     TIM2->arr = 0xFFFFFFFFu;
     TIM2->egr = TIM_EGR_UG;
     TIM2->cr1 = TIM_CR1_CEN;
-    return crystal && locked;
+    return crystal && locked && powered;
 }
 
 /* Return the cause of the last reset. 7.3.21 (F405), 6.3.21 (F42x): the flag PIN is set together

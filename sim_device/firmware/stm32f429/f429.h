@@ -58,8 +58,8 @@ bool pin_read(unsigned port, unsigned pin);
 /* Change a pin from its alternate function to direct control as an open-drain output. */
 void pin_open_drain(unsigned port, unsigned pin);
 
-/* Return false without a crystal or ST-LINK clock; the chip then runs from its internal
- * oscillator. */
+/* Return false without a crystal or ST-LINK clock, or if the PLL does not lock or has no voltage for
+ * 168 MHz; the chip then runs from its internal oscillator. */
 bool clocks_start(void);
 uint8_t reset_cause(void);
 uint32_t boot_id(const uint8_t uid[12]);

@@ -33,6 +33,7 @@ ADDRESSES = {
     "RCC->apb2rstr": "RCC.APB2RSTR",
     "RCC->ahb1enr": "RCC.AHB1ENR", "RCC->ahb2enr": "RCC.AHB2ENR", "RCC->apb1enr": "RCC.APB1ENR",
     "RCC->apb2enr": "RCC.APB2ENR", "RCC->csr": "RCC.CSR", "PWR->cr": "PWR.CR",
+    "PWR->csr": "PWR.CSR",
     "FLASH->acr": "FLASH.ACR", "FLASH->keyr": "FLASH.KEYR", "FLASH->sr": "FLASH.SR",
     "FLASH->cr": "FLASH.CR", "FLASH->optcr": "FLASH.OPTCR", "CRC->dr": "CRC.DR",
     "CRC->cr": "CRC.CR", "GPIO(0)->moder": "GPIOA.MODER", "GPIO(1)->otyper": "GPIOB.OTYPER",
