@@ -14,8 +14,8 @@ from bridge.io.identifiers import new_command_id
 from bridge.io.stopping import send_until_confirmed
 from bridge.run.ending import CRASH_CAUSE, Ending, crash_ending, described, traced
 from bridge.run.mission import Phase
+from bridge.session.backoff import backoff_ns
 from bridge.session.event_kinds import EventKind
-from bridge.session.pace import backoff_ns
 from bridge.session.records import Severity
 from bridge.session.states import State
 from bridge.session.stop_request import stop_request

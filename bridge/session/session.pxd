@@ -1,8 +1,8 @@
 cdef class Session:
     cdef dict __dict__
     cdef public object link, state, hello, session_id, round_trip
-    cdef object _key, _new_session_id, _name, _negotiation, _pace, _answers, _tries, _boot_known
-    cdef object _schema_known, _catalogue, _open_stop, _pings, _wanted_node, _evidence
+    cdef object _key, _new_session_id, _name, _negotiation, _handshakes, _answers, _tries
+    cdef object _boot_known, _schema_known, _catalogue, _open_stop, _pings, _wanted_node, _evidence
 
     cdef bint _joined, _greeted, _renew, _restless
     cdef long long _last_frame_ns, _opened_ns, _next_ns

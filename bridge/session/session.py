@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from bridge.session.backoff import backoff_ns
 from bridge.session.diagnosis import Evidence
 from bridge.session.discovery import LISTEN_NS, Answers
 from bridge.session.event_kinds import EventKind
 from bridge.session.key import SessionKey
 from bridge.session.negotiation import QUESTIONS_AT_ONCE, SchemaNegotiation
 from bridge.session.outbox import CommandCounts, Outbox
-from bridge.session.pace import Pace, backoff_ns
 from bridge.session.round_trip import RoundTrip
 from bridge.session.states import (
     RESTLESS,
@@ -29,6 +29,7 @@ from bridge.session.states import (
     State,
     StateChanged,
 )
+from bridge.session.token_bucket import TokenBucket
 from protocol.clock import HostNs, elapsed_us
 from protocol.link import LinkBase, Medium, Received, Rejected
 from protocol.messages.device import (
@@ -120,7 +121,7 @@ class Session:
         self._negotiation = SchemaNegotiation(catalogue, made)
         self._joined = False
         """True if the device has confirmed this session."""
-        self._pace = Pace(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
+        self._handshakes = TokenBucket(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
         self._greeted = False
         """True if the host's hello of this handshake is sent. If False, the hello waits for the
         rate limit."""
@@ -544,8 +545,8 @@ class Session:
         self._outbox.forget()
         self._negotiation.begin(hello)
         self._greeted = False
-        self._restless = self._restless and not self._pace.rested(now_ns)
-        due_ns = self._pace.due_ns()
+        self._restless = self._restless and not self._handshakes.rested(now_ns)
+        due_ns = self._handshakes.due_ns()
         if now_ns >= due_ns:
             self._greet(now_ns)
             return
@@ -556,7 +557,7 @@ class Session:
 
     def _greet(self, now_ns: HostNs) -> None:
         """Send the hello of this handshake and the first questions."""
-        self._pace.take(now_ns)
+        self._handshakes.take(now_ns)
         self._greeted = True
         if self._renew:
             self._renew = False
