@@ -1,6 +1,7 @@
 cimport cython
 
 from protocol.schema.codec cimport Codec
+from protocol.send_queue cimport SendQueue
 
 
 cdef class LinkBase:
@@ -10,4 +11,4 @@ cdef class LinkBase:
     cdef public object key
     cdef public object _sends
     cdef public set _own_types
-    cdef public list _queue
+    cdef public SendQueue _queue

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from protocol.authentication import SIGNED_TYPES
 from protocol.errors import LocalError
 from protocol.schema.codec import Codec
+from protocol.send_queue import SendQueue
 from protocol.uart.framing import (
     FLAG_AUTHENTICATED,
     MAX_NODE,
@@ -37,12 +38,6 @@ class Received(NamedTuple):
     message: Message
     frame: Frame
     spec: MessageSpec
-
-
-_Waiting = tuple[int, int, int, bytes, int, int]
-"""A frame to send: node, type, stamp, payload, flags, rank. The sequence number is added at
-transmission; otherwise a replaced frame would look like a lost frame. A plain tuple is used for
-speed, because every sent message needs a new object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +105,7 @@ class LinkBase:
         """Message types that the peer declares differently. They are neither sent nor decoded."""
         self._sends = sends
         self._own_types = {s.type_id for s in self.codec.catalogue if s.direction is sends}
-        self._queue: list[_Waiting] = []
+        self._queue = SendQueue()
         self.key: Authenticator | None = None
         """Key that signs frames and checks received tags. It signs only after its session has
         begun."""
@@ -143,9 +138,9 @@ class LinkBase:
     ) -> bool:
         """Queue a message; return False if the peer does not share its declaration.
 
-        With ``latest``, the message replaces a queued message of the same type, because cyclic
-        messages must not accumulate. On CAN the message with the lowest ``rank`` is sent first;
-        messages of equal rank keep their order. The default rank is the message's type.
+        With ``latest``, the message replaces a queued message of the same type. On CAN the message
+        with the lowest ``rank`` is sent first; messages of equal rank keep their order. The default
+        rank is the message's type.
 
         Raises:
             WrongDirectionError: the message belongs to the other end.
@@ -163,14 +158,12 @@ class LinkBase:
             flags |= FLAG_AUTHENTICATED
         if flags or not 0 <= node <= MAX_NODE or len(payload) > MAX_PAYLOAD:
             check_frame(node, type_id, payload, flags)
-        statistics = self.statistics
-        if latest and self._queue:
-            kept = [w for w in self._queue if w[1] != type_id or w[0] != node]
-            replaced = len(self._queue) - len(kept)
+        statistics, queue = self.statistics, self._queue
+        if latest and queue.frames:
+            replaced = queue.supersede(node, type_id)
             statistics.superseded += replaced
             statistics.frames_out -= replaced
-            self._queue = kept
-        self._queue.append((node, type_id, t_us, payload, flags, type_id if rank is None else rank))
+        queue.add((node, type_id, t_us, payload, flags, type_id if rank is None else rank))
         statistics.frames_out += 1
         return True
 
@@ -183,11 +176,11 @@ class LinkBase:
         """
         if type_id in self.disabled:
             return False
-        self._queue.append((node, type_id, t_us, payload, 0, type_id))
+        self._queue.add((node, type_id, t_us, payload, 0, type_id))
         self.statistics.frames_out += 1
         return True
 
     @property
     def has_data(self) -> bool:
         """Whether frames wait to be sent."""
-        return bool(self._queue)
+        return bool(self._queue.frames)

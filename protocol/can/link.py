@@ -431,9 +431,9 @@ class CanLink(LinkBase):
 
     def data_to_send(self) -> bytes:
         """Return and remove the queued frames, lowest rank first."""
-        if not self._queue:
+        queue = self._queue.take()
+        if not queue:
             return b""
-        queue, self._queue = self._queue, []
         queue.sort(key=_rank)
         records: list[bytes] = []
         for node, type_id, t_us, payload, flags, _ in queue:

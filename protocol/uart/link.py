@@ -193,12 +193,12 @@ class Link(LinkBase):
 
     def data_to_send(self) -> bytes:
         """Return and remove the queued bytes."""
-        if not self._queue:
+        if not self._queue.frames:
             return b""
         # A leading delimiter separates this frame from the rest of a damaged frame.
         data = b"\0"
         by_type = self.codec.catalogue.by_type
-        for node, type_id, t_us, payload, flags, _ in self._queue:  # rarely more than one
+        for node, type_id, t_us, payload, flags, _ in self._queue.take():  # rarely more than one
             version_flags, stamp_us = OWN_VERSION | flags, t_us & 0xFFFF_FFFF
             content = payload
             if not payload and by_type[type_id].is_bare:  # the same frame from every sender
@@ -209,7 +209,6 @@ class Link(LinkBase):
                 content += self.key.sign(head + payload)
             data += self._encoder.frame(version_flags, node, type_id, self._seq, stamp_us, content)
             self._seq = (self._seq + 1) & 0xFF
-        self._queue.clear()
         self.statistics.bytes_out += len(data)
         return data
 
