@@ -10,7 +10,8 @@ import numpy as np
 from bridge.floor_plan.floor_plan import contains
 from sim_device.body.drive_kernel import SLIP_DRAWS, SLOW_MS, TICK_S, tread
 from sim_device.noise import SLIP_TIME_S, Draws
-from sim_device.world.terrain import Climb, Stance, carpet_under, climb
+from sim_device.world.carpets import carpet_under
+from sim_device.world.thresholds import Climb, Stance, climb
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bridge.floor_plan.floor_plan import check_robot_fits, contains, signed_area_m2
+from sim_device.world.carpets import carpet_rows
 from sim_device.world.ray_kernel import HIT_COSINE, HIT_RANGE, UltrasonicGeometry, cast_beams, echo
-from sim_device.world.terrain import carpet_rows, threshold_rows
+from sim_device.world.thresholds import threshold_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -332,7 +332,7 @@ def ray_kernel(m: Any) -> list[object]:
     return given
 
 
-def terrain(m: Any) -> list[object]:
+def carpets(m: Any) -> list[object]:
     plan = FloorPlan(
         "floor",
         tuple(box(0.0, 0.0, 2.0, 1.5)),
@@ -342,15 +342,28 @@ def terrain(m: Any) -> list[object]:
             Carpet(tuple(box(0.2, 0.2, 1.0, 1.0)), 1.2, 0.02),
             Carpet(tuple(box(0.6, 0.6, 1.4, 1.4)), 0.8, 0.99),
         ),
+    )
+    rows = m.carpet_rows(plan)
+    given: list[object] = [rows]
+    for k in range(60):
+        given += m.carpet_under(0.1 + 0.021 * k, 0.9 - 0.009 * k, rows)
+    return given
+
+
+def thresholds(m: Any) -> list[object]:
+    plan = FloorPlan(
+        "floor",
+        tuple(box(0.0, 0.0, 2.0, 1.5)),
+        (),
+        Pose2(0.5, 0.5, 0.0),
+        (),
         (Threshold((0.7, 0.0), (0.7, 1.5), 0.003), Threshold((0.0, 0.9), (0.8, 1.5), 0.04)),
     )
-    carpets, thresholds = m.carpet_rows(plan), m.threshold_rows(plan)
+    rows = m.threshold_rows(plan)
     stance, felt = m.Stance(0.23, 0.0325, 0.115, 0.015, 11.8, 5.9), m.Climb()
-    given: list[object] = [carpets, thresholds]
+    given: list[object] = [rows]
     for k in range(60):
-        x, y = 0.1 + 0.021 * k, 0.9 - 0.009 * k
-        given += m.carpet_under(x, y, carpets)
-        m.climb(x, y, 0.1 * k, stance, thresholds, felt)
+        m.climb(0.1 + 0.021 * k, 0.9 - 0.009 * k, 0.1 * k, stance, rows, felt)
         given += public(felt)
     return given
 
@@ -486,7 +499,8 @@ SCENARIOS: dict[str, Scenario] = {
     for scenario in (
         *(evidence_kernels, lane_kernels, travel_kernels, window_kernels),
         *(raster_kernel, records_kernel, rows_kernel),
-        *(drive_kernel, wheel_kernel, imu_kernel, ray_kernel, terrain, fast_world_kernel),
+        *(drive_kernel, wheel_kernel, imu_kernel, ray_kernel, fast_world_kernel),
+        *(carpets, thresholds),
     )
 }
 
