@@ -1,5 +1,6 @@
 from sim_device.device.health cimport Health
 from sim_device.device.latch cimport StopLatch
+from sim_device.device.motor_drivers cimport MotorDrivers
 from sim_device.device.sampling cimport Sampler
 from sim_device.device.watchdog cimport DutyWatchdog, SetpointWatchdog
 
@@ -11,8 +12,8 @@ cdef class Control:
     cdef public SetpointWatchdog setpoints
     cdef public DutyWatchdog duties
     cdef public Health health
-    cdef public bint drivers
-    cdef long long _rest_ticks, _now_us
+    cdef public MotorDrivers drivers
+    cdef long long _now_us
     cdef object _log, _seed, _expired, _logged_bits, _base, _parameters, _model
     cdef double _supply_v, _low_v, _empty_v
     cdef public object wheels
@@ -28,7 +29,6 @@ cdef class Control:
     cpdef object forget_host(self)
     cpdef object tick(self, long long tick, long long now_us, Sampler sampler, object around)
     cpdef object _drive(self, long long tick, long long now_us, Sampler sampler, object around)
-    cpdef object _switch_drivers(self, object state, object duties)
     cpdef object _run(
         self,
         object plan,

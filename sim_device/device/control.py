@@ -8,6 +8,7 @@ from protocol.messages.values import Fault, LogLevel, NackReason, StopCause, fla
 from sim_device.device.health import IMU, Health
 from sim_device.device.latch import StopLatch
 from sim_device.device.modes import MODE_OF, PLANNING, DeviceState, Event, Guard
+from sim_device.device.motor_drivers import MotorDrivers
 from sim_device.device.onboard import NO_PLAN, Onboard, planner_name
 from sim_device.device.reflexes import Reflexes
 from sim_device.device.watchdog import DutyWatchdog, SetpointWatchdog
@@ -32,14 +33,6 @@ _EXPIRED, _LIMITED, _DRIVERS_OFF = (
     int(Fault.LIMITED),
     int(Fault.DRIVERS_OFF),
 )
-_RESTING = frozenset({DeviceState.STOPPED, DeviceState.IDLE})
-"""States without motion. In these states the motor drivers are disabled when the robot is at
-rest."""
-_STEP = 0.5e-4
-"""Smallest duty that is not rounded to 0: half of the PWM timer's resolution of 1e-4."""
-BRAKE_TICKS = 50
-"""Number of control periods for which the motors continue to brake at rest after a latched stop:
-0.5 s. Without braking, the robot would roll down a slope."""
 _SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
 """Events that start or resume the device's own planner. They require a working IMU, because no host
 checks the heading."""
@@ -63,9 +56,7 @@ class Control:
         self.duties = DutyWatchdog()
         self.health = Health()
         self.reflexes = Reflexes()
-        self.drivers = False
-        """True if the motor drivers are enabled."""
-        self._rest_ticks = 0
+        self.drivers = MotorDrivers()
         self.onboard: Onboard | None = None
         """The running plan, or the last one."""
         self._log = log
@@ -105,7 +96,7 @@ class Control:
         bits = self.health.bits | self._expired
         if self.reflexes.limited:
             bits |= _LIMITED
-        return bits if self.drivers else bits | _DRIVERS_OFF
+        return bits if self.drivers.enabled else bits | _DRIVERS_OFF
 
     @property
     def watchdog(self) -> Watchdog:
@@ -209,7 +200,7 @@ class Control:
             duties = wheels.step(v, yaw, counts, self._supply_v)
         else:
             duties = self._drive(tick, now_us, sampler, around)
-        self._switch_drivers(state, duties)
+        self.drivers.switch(state, duties, wheels)
         health.tick(sampler.imu_nominal, counts, wheels, duties)
         if around is not None:
             health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
@@ -236,17 +227,6 @@ class Control:
                 return self.wheels.step(v, yaw, counts, self._supply_v)
         self.reflexes.rest()
         return self.wheels.release(counts)
-
-    def _switch_drivers(self, state: DeviceState, duties: tuple[float, float]) -> None:
-        """Enable the drivers in a driving mode; disable them when a stopped robot is at rest."""
-        if state not in _RESTING:
-            self.drivers, self._rest_ticks = True, 0
-        elif self.drivers:
-            left, right = duties
-            rests = abs(left) < _STEP and abs(right) < _STEP and not self.wheels.moving
-            self._rest_ticks = self._rest_ticks + 1 if rests else 0
-            brake_ticks = BRAKE_TICKS if state is _STOPPED else 1
-            self.drivers = self._rest_ticks < brake_ticks
 
     def _run(
         self, plan: Onboard, tick: int, now_us: int, sampler: Sampler, around: Around | None

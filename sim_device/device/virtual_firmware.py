@@ -182,7 +182,7 @@ class Firmware:
     @property
     def drivers(self) -> bool:
         """Whether the motor drivers are enabled."""
-        return self.control.drivers
+        return self.control.drivers.enabled
 
     @property
     def fed(self) -> bool:

@@ -165,7 +165,7 @@ class ScriptedModel:
             _held(control.duties, _DUTY_STEP, _DUTY_STEP),
             tuple(present),
             (round(left * DUTY_ONE), round(right * DUTY_ONE)),
-            control.drivers,
+            control.drivers.enabled,
             wrote,
         )
 

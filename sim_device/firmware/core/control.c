@@ -8,9 +8,6 @@
 
 #define V_STEP 0.0001f
 #define YAW_STEP 0.0002f
-/* Number of control periods for which the motors continue to brake at rest after a latched stop:
- * 0.5 s. Without braking, a robot on a slope would roll on. */
-#define BRAKE_TICKS 50u
 
 void control_start(control_t *control, const parameters_t *parameters)
 {
@@ -203,20 +200,6 @@ static duties_t drive(
     return wheels_release(&control->wheels, &readings->counts);
 }
 
-/* Enable the motor drivers in a driving mode; disable them when a stopped robot is at rest. */
-static void switch_drivers(control_t *control, state_t state, const motors_t *motors)
-{
-    if (state != STATE_STOPPED && state != STATE_IDLE) {
-        control->drivers = true;
-        control->rest_ticks = 0;
-    } else if (control->drivers) {
-        const bool rests =
-            motors->left == 0 && motors->right == 0 && !wheels_moving(&control->wheels);
-        control->rest_ticks = rests ? (uint8_t)(control->rest_ticks + 1u) : 0u;
-        control->drivers = control->rest_ticks < (state == STATE_STOPPED ? BRAKE_TICKS : 1u);
-    }
-}
-
 static void log_faults(control_t *control, uint16_t bits)
 {
     const uint16_t now = (uint16_t)(bits & ~control->told_bits);
@@ -273,8 +256,9 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
     }
     const duties_t duties = drive(control, tick, readings, around);
     motors_t motors = {duty_steps(duties.left), duty_steps(duties.right), false};
-    switch_drivers(control, state, &motors);
-    motors.drivers = control->drivers;
+    motor_drivers_switch(&control->drivers, state,
+        motors.left == 0 && motors.right == 0 && !wheels_moving(&control->wheels));
+    motors.drivers = control->drivers.enabled;
     health_tick(&control->health, readings, &control->wheels, motors.left, motors.right);
     if (around != NULL) {
         health_around(&control->health, around, control->model.wheel_base_m,
@@ -306,7 +290,7 @@ uint16_t control_faults(const control_t *control)
     if (reflexes_limited(&control->reflexes)) {
         bits |= SP_FAULT_LIMITED;
     }
-    if (!control->drivers) {
+    if (!control->drivers.enabled) {
         bits |= SP_FAULT_DRIVERS_OFF;
     }
     return (uint16_t)bits;

@@ -11,6 +11,7 @@
 #include "log.h"
 #include "model.h"
 #include "modes.h"
+#include "motor_drivers.h"
 #include "onboard.h"
 #include "parameters.h"
 #include "readings.h"
@@ -31,8 +32,7 @@ typedef struct {
     wheels_t wheels;
     health_t health;
     reflexes_t reflexes;
-    bool drivers; /* enabled */
-    uint8_t rest_ticks;
+    motor_drivers_t drivers;
     uint16_t told_bits;
     board_power_t power; /* last measurement */
     model_t model;

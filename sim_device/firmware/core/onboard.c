@@ -22,14 +22,14 @@ void onboard_start(onboard_t *plan, const model_t *model, int64_t now_us)
     plan->ultrasonic_mm = BOARD_NO_RANGE;
     plan->model = *model;
     odometry_start(&plan->odometry, model);
-    driver_start(&plan->driver, model);
+    leg_executor_start(&plan->executor, model);
 }
 
 void onboard_pause(onboard_t *plan)
 {
     plan->before_pause = plan->state;
     plan->state = PLAN_PAUSED;
-    driver_halt(&plan->driver);
+    leg_executor_halt(&plan->executor);
     plan->wanted = HALT;
 }
 
@@ -57,11 +57,11 @@ static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
     if (!plan->began) {
         plan->began = true;
         paper_start(&plan->paper, &plan->model, &observed->pose, log);
-    } else if (!paper_next(&plan->paper, &plan->driver.result, &observed->pose, log)) {
+    } else if (!paper_next(&plan->paper, &plan->executor.result, &observed->pose, log)) {
         plan->finish_reason = plan->paper.finish_reason;
         return false;
     }
-    driver_begin(&plan->driver, &plan->paper.leg, observed);
+    leg_executor_begin(&plan->executor, &plan->paper.leg, observed);
     return true;
 }
 
@@ -69,8 +69,8 @@ static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
 static velocity_t run(onboard_t *plan, const observation_t *observed, log_t *log)
 {
     if (plan->began) {
-        const velocity_t wanted = driver_step(&plan->driver, observed);
-        if (plan->driver.result.reason == END_NONE) {
+        const velocity_t wanted = leg_executor_step(&plan->executor, observed);
+        if (plan->executor.result.reason == END_NONE) {
             return wanted;
         }
     }
@@ -78,8 +78,8 @@ static velocity_t run(onboard_t *plan, const observation_t *observed, log_t *log
         if (!next_leg(plan, observed, log)) {
             return HALT;
         }
-        const velocity_t wanted = driver_step(&plan->driver, observed);
-        if (plan->driver.result.reason == END_NONE) {
+        const velocity_t wanted = leg_executor_step(&plan->executor, observed);
+        if (plan->executor.result.reason == END_NONE) {
             return wanted;
         }
     }
@@ -135,7 +135,7 @@ static uint8_t phase(const onboard_t *plan)
     }
     const paper_at_t at = plan->paper.at;
     const bool told_apart = at == AT_LANE || at == AT_STEP;
-    if (told_apart && plan->driver.leg.kind == LEG_TURN) {
+    if (told_apart && plan->executor.leg.kind == LEG_TURN) {
         return SP_PLANNER_PHASE_TURN;
     }
     return phases[at];

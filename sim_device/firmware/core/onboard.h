@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "driver.h"
+#include "leg_executor.h"
 #include "log.h"
 #include "model.h"
 #include "odometry.h"
@@ -33,7 +33,7 @@ typedef struct {
     uint16_t ultrasonic_mm;
     model_t model;
     odometry_t odometry;
-    driver_t driver;
+    leg_executor_t executor;
     paper_t paper;
     velocity_t wanted;
     const char *finish_reason;

@@ -1,6 +1,6 @@
 /* Executes legs, one after the other: the inputs are observations, the outputs velocities. */
-#ifndef DRIVER_H
-#define DRIVER_H
+#ifndef LEG_EXECUTOR_H
+#define LEG_EXECUTOR_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -55,20 +55,20 @@ typedef struct {
     memory_t bearing_error;
     range_ahead_t ahead;
     velocity_t smooth; /* last output */
-} driver_t;
+} leg_executor_t;
 
 /* Start at rest, without a leg. */
-void driver_start(driver_t *driver, const model_t *model);
+void leg_executor_start(leg_executor_t *executor, const model_t *model);
 
 /* Begin a leg at the observed pose. */
-void driver_begin(driver_t *driver, const leg_t *leg, const observation_t *seen);
+void leg_executor_begin(leg_executor_t *executor, const leg_t *leg, const observation_t *seen);
 
-/* Return the present velocity; zero without a leg. The leg has ended when driver->result.reason is
+/* Return the present velocity; zero without a leg. The leg has ended when executor->result.reason is
  * set. A bumper or a cliff ends any forward leg at once, without a ramp. It does not end a turn in
  * place or a reverse leg, because these lead away from the obstacle. */
-velocity_t driver_step(driver_t *driver, const observation_t *seen);
+velocity_t leg_executor_step(leg_executor_t *executor, const observation_t *seen);
 
 /* Record a stop by other code: the next step ramps up from rest. */
-void driver_halt(driver_t *driver);
+void leg_executor_halt(leg_executor_t *executor);
 
 #endif

@@ -1,0 +1,5 @@
+cdef class MotorDrivers:
+    cdef public bint enabled
+    cdef long long _rest_ticks
+
+    cpdef object switch(self, object state, object duties, object wheels)
