@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from bridge.coverage.runner import PlanRunner
     from bridge.motion.robot_model import RobotModel
-    from bridge.run.dead_man import DeadMan
+    from bridge.run.dead_man_switch import DeadManSwitch
 
 _STEP_S = 0.02
 """Control period, s."""
@@ -52,14 +52,14 @@ class Operator:
     def __init__(
         self,
         model: RobotModel,
-        dead_man: DeadMan,
+        dead_man_switch: DeadManSwitch,
         *,
         plan: PlanRunner | None = None,
         make_plan: Callable[[], PlanRunner] | None = None,
         manual: bool = False,
     ) -> None:
         """Run ``plan`` at once if given; ``make_plan`` creates a plan at :meth:`start`."""
-        self.dead_man = dead_man
+        self.dead_man_switch = dead_man_switch
         self._plan, self._make_plan = plan, make_plan
         self._drive_mode = DriveMode.PLAN if plan is not None else DriveMode.NOTHING
         if manual:
@@ -99,7 +99,7 @@ class Operator:
                 self._plan = made
             if self._plan is None:
                 return
-            self.dead_man.release_all()
+            self.dead_man_switch.release_all()
             self._plan.resume()
             self._go(DriveMode.PLAN, "the plan drives")
 
@@ -116,7 +116,7 @@ class Operator:
         """Switch to manual driving; if already manual, switch back."""
         with self._lock:
             if self._drive_mode is DriveMode.MANUAL:
-                self.dead_man.release_all()
+                self.dead_man_switch.release_all()
                 held = self._plan is not None
                 self._go(DriveMode.HELD if held else DriveMode.NOTHING, "manual driving ended")
                 return
@@ -177,7 +177,7 @@ class Operator:
             return self._plan.step(obs)
         if drive_mode is not DriveMode.MANUAL:
             return self._halt()
-        wanted = self.dead_man.wanted(obs.time_s)
+        wanted = self.dead_man_switch.wanted(obs.time_s)
         if wanted.v_m_s > 0.0 and (obs.bumper_left or obs.bumper_right or obs.cliff):
             wanted = VelocityCommand(0.0, wanted.yaw_rate_rad_s)  # allow only reversing
         self._target = wanted

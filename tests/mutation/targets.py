@@ -89,7 +89,11 @@ TARGETS = (
         _tests("supervise/planner_check", "supervise/planner_check_limits"),
     ),
     Target("supervisor", "bridge.supervise.supervisor", _tests("supervise/grading")),
-    Target("dead_man", "bridge.run.dead_man", _tests("run/dead_man_velocities", "run/dead_man")),
+    Target(
+        "dead_man_switch",
+        "bridge.run.dead_man_switch",
+        _tests("run/dead_man_switch_velocities", "run/dead_man_switch"),
+    ),
     Target("stopping", "bridge.io.stopping", _tests("session/stopping_alone")),
     Target("port_loop", "bridge.io.port_loop", _tests("session/stopping_alone", "io/port_loop")),
     Target("stop", "bridge.session.stop_request", _tests("session/stopping_alone")),

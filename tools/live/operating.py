@@ -7,7 +7,7 @@ import signal
 from typing import TYPE_CHECKING
 
 from bridge.io import clock
-from bridge.run.dead_man import DIRECTIONS, DeadMan
+from bridge.run.dead_man_switch import DIRECTIONS, PRESS_S, DeadManSwitch
 from bridge.run.ending import Ending
 from bridge.run.manual import DriveMode, Operator
 from bridge.run.mission import Phase
@@ -83,9 +83,9 @@ class Operating:
         return self._pump.host
 
     @property
-    def dead_man(self) -> DeadMan:
+    def dead_man_switch(self) -> DeadManSwitch:
         """Dead-man switch of the manual driving."""
-        return self.operator.dead_man
+        return self.operator.dead_man_switch
 
     @property
     def note(self) -> str:
@@ -99,7 +99,7 @@ class Operating:
         """Handle one event of the keyboard."""
         time_s = clock.now() / 1e9
         if key.kind == "release":
-            self.dead_man.release(key.name, time_s)
+            self.dead_man_switch.release(key.name, time_s)
             return
         name = key.name
         if name in _STOP:
@@ -107,17 +107,17 @@ class Operating:
         elif name in DIRECTIONS:
             self._direct(name, time_s)
         elif key.kind == "press":
-            self.dead_man.release_all()  # any other key stops
+            self.dead_man_switch.release_all()  # any other key stops
             self._act(name)
 
     def stop(self, why: str) -> None:
         """Stop the robot, latch the stop and end the run with this reason."""
-        self.dead_man.release_all()
+        self.dead_man_switch.release_all()
         self._end(Ending("stopped", why, 5, StopCause.OPERATOR))
 
     def pad_gone(self, path: str) -> None:
         """Stop the robot because the gamepad was unplugged; the keys still work."""
-        self.dead_man.release_all()
+        self.dead_man_switch.release_all()
         self.message = f"the gamepad {path} is gone: the robot has stopped; the keys still work"
         self._pump.call(lambda: self._log_gone(path))
 
@@ -130,7 +130,7 @@ class Operating:
 
     def _direct(self, name: str, time_s: float) -> None:
         if self.operator.drive_mode is DriveMode.MANUAL:
-            self.dead_man.press(name, time_s)
+            self.dead_man_switch.press(name, time_s)
         else:
             self.message = "press d first for manual driving"
 
@@ -151,9 +151,9 @@ class Operating:
             case "m":
                 self.mark()
             case "+" | "=":
-                self.dead_man.faster()
+                self.dead_man_switch.faster()
             case "-":
-                self.dead_man.slower()
+                self.dead_man_switch.slower()
             case _:
                 pass
 
@@ -262,9 +262,9 @@ class Operating:
     def help(self, width: int) -> str:
         """Return the keys as a line of at most ``width`` characters, if possible."""
         if self.operator.drive_mode is DriveMode.MANUAL:
-            held = "hold" if self.dead_man.releases else "tap"
-            each = "" if self.dead_man.releases else " (0.7 s each)"
-            speed = f"{self.dead_man.key_m_s:.2f} m/s"
+            held = "hold" if self.dead_man_switch.releases else "tap"
+            each = "" if self.dead_man_switch.releases else f" ({PRESS_S:g} s each)"
+            speed = f"{self.dead_man_switch.key_m_s:.2f} m/s"
             lines = [
                 f"arrows: {held}{each} to drive, {speed}   +/-: speed   {_DRIVE_KEYS}",
                 f"arrows: {held}{each}  {speed} +/-  space STOP  m mark  d leave  ^C end",

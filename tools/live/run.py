@@ -29,7 +29,7 @@ from bridge.record.policy import RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.sink import NullSink
 from bridge.run.build import build_run
-from bridge.run.dead_man import DeadMan
+from bridge.run.dead_man_switch import DeadManSwitch
 from bridge.run.ending import Ending, described
 from bridge.run.manual import Operator
 from bridge.run.notices import NoticeSink
@@ -280,7 +280,7 @@ def _operator(asked: LiveOptions) -> Operator:
     max_m_s = asked.model.max_speed_m_s
     return Operator(
         asked.model,
-        DeadMan(max_m_s, min(asked.speed_m_s, max_m_s)),
+        DeadManSwitch(max_m_s, min(asked.speed_m_s, max_m_s)),
         plan=make_plan() if asked.planner is not None else None,
         make_plan=None if asked.drive else make_plan,
         manual=asked.drive,
@@ -427,7 +427,7 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
             on_key = operating.on_key if is_drawable() else _answered(operating)
             # Without a dashboard the terminal gets no control sequences, so also no query.
             keyboard = stack.enter_context(Keyboard(on_key, releases=is_drawable()))
-            operating.dead_man.releases = keyboard.releases
+            operating.dead_man_switch.releases = keyboard.releases
             yield
     finally:
         for number in numbers:
@@ -448,7 +448,7 @@ def _answered(operating: Operating) -> Callable[[Key], None]:
 
 def _gamepad(path: str, operating: Operating) -> Gamepad:
     def sticks(now: Sticks) -> None:
-        operating.dead_man.stick(now.ahead, now.turn, clock.now() / 1e9, held=now.held)
+        operating.dead_man_switch.stick(now.ahead, now.turn, clock.now() / 1e9, held=now.held)
 
     return Gamepad(
         path,

@@ -22,7 +22,7 @@ from bridge.coverage.swept_map import SweptMap
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.run.dead_man import DIRECTIONS, TURN_RAD_S, DeadMan
+from bridge.run.dead_man_switch import DIRECTIONS, TURN_RAD_S, DeadManSwitch
 from bridge.run.manual import Operator
 from bridge.run.snapshot import snapshot
 from support.ends import Collector, Ends, HostEnd, Spinning, spinning_host, sweeper
@@ -74,7 +74,7 @@ def together(*works: Callable[[], object]) -> list[BaseException]:
 
 
 def test_the_dead_man_switch_between_keyboard_gamepad_and_loop() -> None:
-    switch = DeadMan(0.3, 0.2, releases=True)
+    switch = DeadManSwitch(0.3, 0.2, releases=True)
     keys, pad, times = random.Random(1), random.Random(2), random.Random(4)
     names = list(DIRECTIONS)
 
@@ -104,7 +104,7 @@ def test_the_dead_man_switch_between_keyboard_gamepad_and_loop() -> None:
 
 
 def test_the_speed_of_a_drive_by_hand_is_changed_by_one_at_a_time() -> None:
-    switch = DeadMan(1e9, 1.0)
+    switch = DeadManSwitch(1e9, 1.0)
 
     def faster() -> None:
         for _ in range(10_000):
@@ -140,7 +140,7 @@ def test_the_map_is_copied_whole_while_it_grows() -> None:
 
 def test_the_operators_decisions_reach_the_log_all_of_them() -> None:
     plan = PlanRunner(Spinning(MODEL), MODEL)
-    operator = Operator(MODEL, DeadMan(0.3, 0.15), plan=plan)
+    operator = Operator(MODEL, DeadManSwitch(0.3, 0.15), plan=plan)
     events: list[str] = []
     over = threading.Event()
 

@@ -47,7 +47,7 @@ def test_a_branch_that_no_test_takes_is_below_the_gate(
 def test_every_target_has_a_gate_and_its_tests_exist() -> None:
     modules = {target.module for target in TARGETS}
     assert {
-        "bridge.run.dead_man",
+        "bridge.run.dead_man_switch",
         "bridge.io.stopping",
         "bridge.run.host",
         "sim_device.device.latch",

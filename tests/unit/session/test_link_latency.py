@@ -11,7 +11,7 @@ from bridge.bringup.session import LINK_S
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
-from bridge.run.dead_man import DeadMan
+from bridge.run.dead_man_switch import DeadManSwitch
 from bridge.run.host import Host
 from bridge.run.manual import Operator
 from bridge.run.mission import Mission, Phase
@@ -83,7 +83,7 @@ def host_with(mission: Mission, sink: Collector | None = None) -> Host:
 
 def by_hand() -> Host:
     """Return the host of a manual drive whose operator holds the forward key permanently."""
-    hand = DeadMan(0.3, 0.15, releases=True)
+    hand = DeadManSwitch(0.3, 0.15, releases=True)
     operator = Operator(MODEL, hand, manual=True)
     host = host_with(Mission(operator))
     for tenths in range(600):

@@ -13,7 +13,7 @@ from bridge.coverage.swept_map import SweptMap
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.run.dead_man import DeadMan
+from bridge.run.dead_man_switch import DeadManSwitch
 from bridge.run.host import Host
 from bridge.run.manual import Operator
 from bridge.run.mission import Mission
@@ -80,7 +80,7 @@ def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
         host = found
         snapshot = found.snapshot()
 
-    operator = Operator(MODEL, DeadMan(0.3, 0.15))
+    operator = Operator(MODEL, DeadManSwitch(0.3, 0.15))
     operating = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # has all that is used
     operating.message = "mark 1 recorded"
     lines = drawn(
@@ -188,7 +188,7 @@ def test_keys_fit_their_line() -> None:
     class Loop:
         host = None
 
-    operator = Operator(MODEL, DeadMan(0.3, 0.15))
+    operator = Operator(MODEL, DeadManSwitch(0.3, 0.15))
     keys = Operating(Loop(), operator, on_resume=lambda: None)  # type: ignore[arg-type]  # only help is used
     for width in (58, 60, 80, 120):
         assert len(keys.help(width)) <= width

@@ -10,7 +10,7 @@ import pytest
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
-from bridge.run.dead_man import DeadMan
+from bridge.run.dead_man_switch import DeadManSwitch
 from bridge.run.host import Host
 from bridge.run.manual import DriveMode, Operator
 from bridge.run.mission import Mission
@@ -63,7 +63,7 @@ class KeysAtRest:
         self.host.state.take(Status(Mode.IDLE, cause, 0, 0, 0), 0, 0.0)
         self.loop = Loop(self.host)
         operator = Operator(
-            MODEL, DeadMan(0.3, 0.2), make_plan=lambda: PlanRunner(Straight(), MODEL)
+            MODEL, DeadManSwitch(0.3, 0.2), make_plan=lambda: PlanRunner(Straight(), MODEL)
         )
         self.gone_on = 0
         self.keys = Operating(self.loop, operator, on_resume=self._on_resume)  # type: ignore[arg-type]  # has all that is used
@@ -96,10 +96,10 @@ def test_motion_begins_with_the_second_press() -> None:
 def test_an_unplugged_gamepad_stops_the_robot_and_is_reported() -> None:
     bench = KeysAtRest()
     bench.press("d", "d")
-    bench.keys.dead_man.stick(1.0, 0.0, 5.0, held=True)
-    assert bench.keys.dead_man.wanted(5.0).v_m_s > 0.1
+    bench.keys.dead_man_switch.stick(1.0, 0.0, 5.0, held=True)
+    assert bench.keys.dead_man_switch.wanted(5.0).v_m_s > 0.1
     bench.keys.pad_gone("/dev/input/js0")
-    assert bench.keys.dead_man.wanted(5.0) == HALT
+    assert bench.keys.dead_man_switch.wanted(5.0) == HALT
     reported = bench.sink.events[-1]
     assert (reported.severity, reported.kind) == (Severity.WARNING, "gamepad_gone")
     assert "/dev/input/js0 is gone: the robot was stopped" in reported.text
@@ -138,7 +138,7 @@ def test_stop_is_one_press_always(key: str) -> None:
     bench = KeysAtRest()
     bench.press("d", "d", "up", key)
     assert [(e.exit_status, e.cause) for e in bench.loop.endings] == [(5, StopCause.OPERATOR)]
-    assert bench.keys.dead_man.wanted(0.0) == (0.0, 0.0)
+    assert bench.keys.dead_man_switch.wanted(0.0) == (0.0, 0.0)
 
 
 def test_a_mark_is_on_record_with_its_pose() -> None:

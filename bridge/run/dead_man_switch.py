@@ -48,7 +48,7 @@ DIRECTIONS: dict[str, tuple[float, float]] = {
 
 
 @dataclass(slots=True)
-class DeadMan:
+class DeadManSwitch:
     """Converts keys and sticks to the current velocity. All times are in s and from one clock."""
 
     max_speed_m_s: float

@@ -17,7 +17,7 @@ from bridge.errors import PortError
 from bridge.io.gamepad import Gamepad, PadLayout, PadState, Sticks
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
-from bridge.run.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
+from bridge.run.dead_man_switch import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadManSwitch
 from bridge.run.manual import DriveMode, Operator
 from support.observed import AT_REST
 from support.straight import Straight
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 MODEL = RobotModel()
 
 
-def dead_man(*, releases: bool) -> DeadMan:
-    return DeadMan(0.3, 0.2, releases)
+def dead_man_switch(*, releases: bool) -> DeadManSwitch:
+    return DeadManSwitch(0.3, 0.2, releases)
 
 
 # ---- a terminal without key releases ----------------------------------------------------
 
 
 def test_a_press_drives_for_seven_tenths_at_a_tenth() -> None:
-    drive_mode = dead_man(releases=False)
+    drive_mode = dead_man_switch(releases=False)
     drive_mode.press("up", 10.0)
     assert drive_mode.wanted(10.0) == VelocityCommand(0.1, 0.0)
     assert drive_mode.wanted(10.7) == VelocityCommand(0.1, 0.0)
@@ -45,14 +45,14 @@ def test_a_press_drives_for_seven_tenths_at_a_tenth() -> None:
 
 
 def test_any_other_key_stops() -> None:
-    drive_mode = dead_man(releases=False)
+    drive_mode = dead_man_switch(releases=False)
     drive_mode.press("up", 10.0)
     drive_mode.press("q", 10.1)
     assert drive_mode.wanted(10.1) == HALT
 
 
 def test_only_the_newest_press_counts() -> None:
-    drive_mode = dead_man(releases=False)
+    drive_mode = dead_man_switch(releases=False)
     drive_mode.press("up", 10.0)
     drive_mode.press("left", 10.3)
     found = drive_mode.wanted(10.4)
@@ -64,7 +64,7 @@ def test_only_the_newest_press_counts() -> None:
 
 
 def test_a_held_key_drives_until_it_comes_up() -> None:
-    drive_mode = dead_man(releases=True)
+    drive_mode = dead_man_switch(releases=True)
     drive_mode.press("up", 0.0)
     for i in range(1, 50):
         drive_mode.press("up", 0.1 * i)
@@ -74,7 +74,7 @@ def test_a_held_key_drives_until_it_comes_up() -> None:
 
 
 def test_two_held_keys_make_a_curve_and_one_continues_alone() -> None:
-    drive_mode = dead_man(releases=True)
+    drive_mode = dead_man_switch(releases=True)
     drive_mode.press("up", 0.0)
     drive_mode.press("left", 0.1)
     assert drive_mode.wanted(0.2) == VelocityCommand(0.2, 1.0)
@@ -83,21 +83,21 @@ def test_two_held_keys_make_a_curve_and_one_continues_alone() -> None:
 
 
 def test_a_hung_terminal_releases_the_keys() -> None:
-    drive_mode = dead_man(releases=True)
+    drive_mode = dead_man_switch(releases=True)
     drive_mode.press("down", 0.0)
     assert drive_mode.wanted(HELD_S).v_m_s == pytest.approx(-0.2)
     assert drive_mode.wanted(HELD_S + 0.01) == HALT
 
 
 def test_the_opposite_direction_wins_at_once() -> None:
-    drive_mode = dead_man(releases=True)
+    drive_mode = dead_man_switch(releases=True)
     drive_mode.press("up", 0.0)
     drive_mode.press("down", 0.1)
     assert drive_mode.wanted(0.1).v_m_s == pytest.approx(-0.2)
 
 
 def test_the_speed_stays_within_the_robots() -> None:
-    drive_mode = dead_man(releases=True)
+    drive_mode = dead_man_switch(releases=True)
     for _ in range(20):
         drive_mode.faster()
     assert drive_mode.speed_m_s == 0.3
@@ -124,7 +124,7 @@ def test_with_any_keys_it_never_drives_long_without_an_event(
     events: list[tuple[str, str, float, float, bool]], *, releases: bool
 ) -> None:
     """The command stays within the limits, and becomes a halt if no further event follows."""
-    drive_mode, now_s = dead_man(releases=releases), 0.0
+    drive_mode, now_s = dead_man_switch(releases=releases), 0.0
     for what, key, wait_s, share, held in events:
         now_s += wait_s
         match what:
@@ -210,7 +210,7 @@ def observed(time_s: float, *, bumped: bool = False) -> Observation:
 
 def operator(*, manual: bool = False, plan: bool = True) -> Operator:
     runner = PlanRunner(Straight(), MODEL) if plan else None
-    return Operator(MODEL, DeadMan(0.3, 0.2, releases=True), plan=runner, manual=manual)
+    return Operator(MODEL, DeadManSwitch(0.3, 0.2, releases=True), plan=runner, manual=manual)
 
 
 def run(person: Operator, start_s: float, steps: int) -> VelocityCommand:
@@ -228,7 +228,7 @@ def test_a_plan_is_paused_taken_over_and_resumed() -> None:
     assert run(person, 1.0, 5) == HALT
     assert person.state.state == "held"
     person.take_over()
-    person.dead_man.press("left", 2.0)
+    person.dead_man_switch.press("left", 2.0)
     turning = run(person, 2.0, 20)
     assert turning.v_m_s == 0.0
     assert turning.yaw_rate_rad_s > 0.5
@@ -245,16 +245,16 @@ def test_by_hand_from_the_beginning_nothing_moves_alone() -> None:
     person = operator(manual=True, plan=False)
     assert run(person, 0.0, 100) == HALT
     assert not person.finished
-    person.dead_man.press("up", 2.0)
+    person.dead_man_switch.press("up", 2.0)
     first = person.step(observed(2.0))
     assert 0.0 < first.v_m_s <= MODEL.max_accel_m_s2 * 0.02 + 1e-9, "acceleration is limited"
 
 
 def test_no_motion_ahead_into_a_contact() -> None:
     person = operator(manual=True, plan=False)
-    person.dead_man.press("up", 0.0)
+    person.dead_man_switch.press("up", 0.0)
     assert person.step(observed(0.0, bumped=True)).v_m_s == 0.0
-    person.dead_man.press("down", 0.1)
+    person.dead_man_switch.press("down", 0.1)
     backwards = [person.step(observed(0.1 + 0.02 * i, bumped=True)).v_m_s for i in range(10)]
     assert backwards[-1] < 0.0, "the robot may reverse out of a contact"
     assert not math.isnan(sum(backwards))

@@ -7,15 +7,15 @@ import inspect
 import pytest
 
 from bridge.motion.observation import HALT, VelocityCommand
-from bridge.run.dead_man import DIRECTIONS, DeadMan
+from bridge.run.dead_man_switch import DIRECTIONS, DeadManSwitch
 
 AHEAD = {"up": 1.0, "i": 1.0, "down": -1.0, "k": -1.0}
 TURN = {"left": 1.0, "j": 1.0, "right": -1.0, "l": -1.0}
 """Sign of each turn key; counter-clockwise is positive, as in the robot's frame."""
 
 
-def hand(*, releases: bool) -> DeadMan:
-    return DeadMan(0.3, 0.2, releases)
+def hand(*, releases: bool) -> DeadManSwitch:
+    return DeadManSwitch(0.3, 0.2, releases)
 
 
 @pytest.mark.parametrize("key", DIRECTIONS)
@@ -29,7 +29,7 @@ def test_each_key_has_its_velocity(key: str) -> None:
 
 
 def test_a_terminal_reports_no_key_release_unless_asked() -> None:
-    assert DeadMan(0.3, 0.2).key_m_s == 0.1
+    assert DeadManSwitch(0.3, 0.2).key_m_s == 0.1
 
 
 def test_two_keys_add_up_whichever_comes_first() -> None:
@@ -137,4 +137,4 @@ def test_speed_changes_by_quarters_between_its_limits() -> None:
 def test_two_of_equal_state_are_equal_and_the_lock_is_nobody_s_argument() -> None:
     assert hand(releases=True) == hand(releases=True)
     assert "lock" not in repr(hand(releases=True))
-    assert "_lock" not in inspect.signature(DeadMan).parameters
+    assert "_lock" not in inspect.signature(DeadManSwitch).parameters
