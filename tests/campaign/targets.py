@@ -25,7 +25,7 @@ from sim_device.core.core_sweeper import CoreSweeper
 from sim_device.sweeper import VirtualSweeper
 from support.root import ROOT
 from tools.cli.rooms import load_room, shipped_rooms
-from tools.experiment.versions import difference
+from tools.experiment.paired_differences import difference
 from tools.virtual.run import run_virtual
 
 if TYPE_CHECKING:

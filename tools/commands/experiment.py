@@ -206,7 +206,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.experiment.sensitivity import sensitivity_trials
     from tools.experiment.store import Store, code_version
     from tools.experiment.trials import generated_rooms, with_robots
-    from tools.experiment.versions import read_rows
+    from tools.experiment.version_comparison import read_rows
 
     figures.check()
     _check_use(ctx, what, planners, zimablue=zimablue, robots=robots)

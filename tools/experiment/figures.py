@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
+    from tools.experiment.paired_differences import Pair
     from tools.experiment.store import Row
-    from tools.experiment.versions import Pair
 
 _COLOURS = {"recovery": "#1f4e79", "paper": "#c0504d", "u-shape": "#6b9e46", "random": "#8a8f98"}
 _OTHER = "#444444"

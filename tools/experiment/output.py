@@ -9,11 +9,12 @@ from rich.table import Table as RichTable
 from tools.cli.console import plain_console, write_json
 from tools.experiment import report
 from tools.experiment.curves import MULTIPLES
+from tools.experiment.paired_differences import matched
 from tools.experiment.store import write_csv
 from tools.experiment.tables import room_file
 from tools.experiment.trials import TrialKind, room_of
 from tools.experiment.unswept_causes import CAUSES
-from tools.experiment.versions import matched, version_of, versions_tables
+from tools.experiment.version_comparison import version_of, versions_tables
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 from bridge.view.report.page import Tile, document, gallery, section, table
 from tools.cli.planners import DEFAULT_PLANNER
 from tools.experiment import compare_tables, figures, layout_tables, paper_tables, tables
-from tools.experiment.paired import paired_table
+from tools.experiment.planner_pairs import planner_pairs_table
 from tools.experiment.sensitivity import sensitivity_table
 from tools.experiment.trials import TrialKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tools.experiment.paired_differences import Pair
     from tools.experiment.store import Row
     from tools.experiment.tables import Table
-    from tools.experiment.versions import Pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,8 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
         made += [tables.curve_table(ours, curve) for curve in ("coverage", "by_energy")]
         swept = ours + results.of(TrialKind.ZIMABLUE)
         paired = [
-            paired_table(swept, curve, DEFAULT_PLANNER) for curve in ("coverage", "by_energy")
+            planner_pairs_table(swept, curve, DEFAULT_PLANNER)
+            for curve in ("coverage", "by_energy")
         ]
         made += [table for table in (tables.robot_table(ours), *paired) if table.rows]
     if results.of(TrialKind.SENSITIVITY):

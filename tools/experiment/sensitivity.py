@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
+from tools.experiment.paired_differences import Pair, difference
 from tools.experiment.settings import constants, scaled
 from tools.experiment.tables import Table
 from tools.experiment.trials import TrialKind
-from tools.experiment.versions import Pair, difference
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

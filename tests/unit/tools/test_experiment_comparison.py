@@ -8,7 +8,7 @@ import numpy as np
 
 from tools.experiment import figures, report
 from tools.experiment.curves import MULTIPLES
-from tools.experiment.paired import paired_table
+from tools.experiment.planner_pairs import planner_pairs_table
 from tools.experiment.tables import curve_table, energy_table
 from tools.experiment.trials import TrialKind
 
@@ -98,7 +98,7 @@ def test_run_by_run_by_hand() -> None:
         row("random", share(rest=0.50, x8=0.995)),
         row("random", share(rest=0.30, x8=None), seed=1),
     ]
-    table = paired_table(rows, "coverage", "recovery")
+    table = planner_pairs_table(rows, "coverage", "recovery")
     assert table.head == (
         *("recovery against", "noise", "pairs"),
         *("1.5x", "2x", "2.5x", "3x", "3.5x", "4x", "5x", "6x", "8x"),
@@ -117,9 +117,9 @@ def test_run_by_run_at_equal_energy_is_another_table() -> None:
         row("zimablue bsa", share(rest=0.5), kind=TrialKind.ZIMABLUE, noise="its own"),
     ]
     del rows[2]["curve"]["by_energy"]
-    (line,) = paired_table(rows, "by_energy", "recovery").rows
+    (line,) = planner_pairs_table(rows, "by_energy", "recovery").rows
     assert line == ("u-shape", "typical", "1", *["1 (-10.0)"] * 9)
-    assert [line[3] for line in paired_table(rows, "coverage", "recovery").rows] == [
+    assert [line[3] for line in planner_pairs_table(rows, "coverage", "recovery").rows] == [
         "0 (+40.0)",
         "0 (+40.0)",
     ]
@@ -132,7 +132,7 @@ def test_without_noise_one_run_stands_for_every_seed() -> None:
         *(row("random", share(rest=0.1 * n), noise="none", seed=n) for n in range(3)),
         *(row("random", share(rest=0.1 * n), noise="typical", seed=n) for n in range(3)),
     ]
-    lines = paired_table(rows, "coverage", "recovery").rows
+    lines = planner_pairs_table(rows, "coverage", "recovery").rows
     assert [line[:4] for line in lines] == [
         ("random", "none", "3", "0 (+70.0)"),
         ("random", "typical", "1", "0 (+90.0)"),
@@ -145,7 +145,7 @@ def test_zimablues_runs_stand_beside_ours_of_each_level() -> None:
         row("recovery", share(rest=0.7), noise="harsh"),
         row("zimablue bsa", share(rest=0.8), kind=TrialKind.ZIMABLUE, noise="its own"),
     ]
-    table = paired_table(rows, "coverage", "recovery")
+    table = planner_pairs_table(rows, "coverage", "recovery")
     assert [line[:4] for line in table.rows] == [
         ("BSA (zimablue)", "typical", "1", "0 (+10.0)"),
         ("BSA (zimablue)", "harsh", "1", "1 (-10.0)"),
@@ -154,8 +154,8 @@ def test_zimablues_runs_stand_beside_ours_of_each_level() -> None:
 
 
 def test_nothing_to_pair_gives_no_table() -> None:
-    alone = paired_table([row("recovery", share(rest=0.9))], "coverage", "recovery")
-    other = paired_table([row("paper", share(rest=0.9))], "coverage", "recovery")
+    alone = planner_pairs_table([row("recovery", share(rest=0.9))], "coverage", "recovery")
+    other = planner_pairs_table([row("paper", share(rest=0.9))], "coverage", "recovery")
     assert alone.rows == other.rows == []
 
 

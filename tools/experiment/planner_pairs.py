@@ -25,7 +25,7 @@ _COLUMNS = tuple(k for k, multiple in enumerate(MULTIPLES) if multiple >= FROM)
 _UNITS = {"coverage": "time", "by_energy": "energy"}
 
 
-def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
+def planner_pairs_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
     """Return a table of the pairs in which the leader swept less, and of the leader's worst margin.
 
     A row is another planner. The margin is the leader's coverage minus the other planner's.

@@ -9,14 +9,13 @@ import pytest
 
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.estimation.drift_model import DriftModel
+from tools.experiment.paired_differences import difference, matched
 from tools.experiment.sensitivity import sensitivity_table, sensitivity_trials
 from tools.experiment.settings import Settings, constants, scaled, settings_of
 from tools.experiment.store import LINES, ExperimentFolderError
 from tools.experiment.trials import Trial, TrialKind
-from tools.experiment.versions import (
-    difference,
+from tools.experiment.version_comparison import (
     losses_table,
-    matched,
     read_rows,
     version_of,
     versions_tables,
